@@ -17,8 +17,8 @@ plant = FunctionPlant(
     inputs=[VOLTAGE],
     outputs=[ANGLE],
 )
-# The experiment: turn by 1 rad within 3 s.
-task = Task(x0=np.zeros(3), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=3.0)
+# The experiment: turn by 1 rad within 4 s.
+task = Task(x0=np.zeros(3), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=4.0)
 
 
 # The controller of θ: prefcal's PID, or anything with `T_s` and `move`.
@@ -29,10 +29,12 @@ def pid(theta):
 
 # What you read beside the curves.
 def kpis(experiment):
-    outside = np.flatnonzero(np.abs(experiment.x[:, 0] - 1) > 0.02)
+    t, error = experiment.t, np.abs(experiment.x[:, 0] - 1)
+    outside = np.flatnonzero(error > 0.02)
     return {
-        "settled": np.inf if outside[-1] == len(experiment.t) - 1 else experiment.t[outside[-1]],
+        "settled": np.inf if outside[-1] == len(t) - 1 else t[outside[-1]],
         "overshoot": 100 * max(experiment.x[:, 0].max() - 1, 0.0),
+        "itae": np.trapezoid(t * error, t),
     }
 
 
@@ -41,19 +43,20 @@ motor = Scenario(
     title="PID of a DC motor",
     space=KnobSpace(
         [
-            Knob("K_p", 0.1, 100, "V/rad", scale="log10"),
-            Knob("K_i", 0.01, 10, "V/(rad s)", scale="log10"),
-            Knob("K_d", 0.01, 10, "V s/rad", scale="log10"),
+            Knob("K_p", 1, 20, "V/rad", scale="log10"),
+            Knob("K_i", 0.01, 1, "V/(rad s)", scale="log10"),
+            Knob("K_d", 0.1, 3, "V s/rad", scale="log10"),
         ]
     ),
     run=ClosedLoop(PlantEnv(plant, task), pid, kpis),
     kpis=(
         KPI("settled", "settled within 2 %", "s", at_most=1.0),
         KPI("overshoot", "overshoot", "%", at_most=5.0),
+        KPI("itae", "error times time (ITAE)", "rad s²", better="lower"),
     ),
     panels=(Panel("angle"), Panel("voltage")),
-    # Only for unattended runs.
-    cost=lambda e: e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0),
+    # Only for unattended runs. The last term tells two runs apart that do not settle.
+    cost=lambda e: e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 4.0) + 10 * e.kpis["itae"],
 )
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("prefcal", appautho
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import jaxtyping
@@ -31,6 +32,7 @@ PACKAGES = {
     "prefcal_agents": ROOT / "agents",
     "prefcal_scenarios": ROOT / "scenarios",
 }
+pytest_plugins = ["support.parts"]
 UNCHECKED = "JAXTYPING_DISABLE" in os.environ
 """Whether nothing is checked: CI does so on its second Python."""
 
@@ -52,6 +54,23 @@ def _cache_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         for name in ("XDG_CACHE_HOME", "WIN_PD_OVERRIDE_LOCAL_APPDATA"):
             patch.setenv(name, str(folder / "cache"))
         yield
+
+
+@pytest.fixture(scope="module")
+def running_browser() -> Iterator[Any]:
+    """Chromium, headless."""
+    from support.browser import chromium
+
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(running_browser: Any) -> Iterator[Any]:
+    """The same chromium for every test; its pages are closed in the end, else they go on asking."""
+    yield running_browser
+    for context in running_browser.contexts:
+        context.close()
 
 
 def checked_modules() -> list[str]:

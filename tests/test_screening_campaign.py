@@ -54,7 +54,10 @@ def test_each_part_runs_what_it_compares(script):
 def test_held_out_loops_are_those_that_nobody_develops_on(script):
     groups = script("judged.plan").GROUPS
     assert groups["held-out"] == tuple(f"loop-{n}" for n in range(900, 915))
+    assert groups["rough-held-out"] == tuple(f"rough-{n}" for n in range(900, 915))
+    assert not {*groups["rough"]} & {*groups["rough-held-out"]}
     assert len(groups["named"]) == 12
+    assert "rough" not in script("screening").options_of([]).loops
 
 
 def test_the_shortest_studies_with_so_many_answers_count(script):
@@ -106,6 +109,34 @@ def test_bars_of_worth_are_met_from_their_value_on_and_only_surely_above_equal_w
     better = [rising("EqualWeights", 300, seed=s, n_max=51, taste="priorities") for s in range(4)]
     bars = tables.loops(courses.Courses.of([*results, *better]), choice).bars
     assert all(bar.met for bar in bars if "ratio" in bar.what)
+
+
+def test_the_headline_is_about_families_of_another_form_with_the_worst_one_beside_it(script):
+    others = script("judged.plan").OTHERS
+    worths = dict(zip(others, (400, 1600, 1600, 1600), strict=True))
+    results = [rising("Screening", worth, taste=taste) for taste, worth in worths.items()]
+    results.append(rising("Screening", 9999, taste="trade"))  # the learner has that form
+    choice = small(script, tastes=("trade", *others), loops={"rough": ("servo",)})
+    courses = script("judged.courses").Courses.of(results)
+    report = script("judged.families").families(courses, choice)
+    assert "mean (worst family) after answers" in report.lines[1]
+    assert report.lines[5] == "| Screening | 1 (ideal 1)" + " | 1131 (ideal 400)" * 3 + " | – | – |"
+    assert [(bar.figure, bar.met) for bar in report.bars] == [("1131", True), ("400", False)]
+    fewer = small(script, tastes=others[:1], loops={"rough": ("servo",)})
+    assert script("judged.families").families(courses, fewer).bars == []
+
+
+def test_questions_are_counted_with_ties_and_pairs_that_come_again(script):
+    asked = ((1, 0, 0), (0, 1, 0), (2, 1, -1), (3, 2, 0), (4, 2, 1), (5, 2, 1), (6, 2, 1),
+             (7, 2, 1), (2, 1, -1), (8, 2, 1), (9, 2, 0))  # fmt: skip
+    again = script("judged.families").again
+    assert again([asked], 5) == pytest.approx(1 / 11)  # (0, 1) at once; (2, 1) six later
+    assert again([asked], None) == pytest.approx(2 / 11)
+    assert again([], 5) == 0
+    one = study("Screening", worth=(1.0,) * 12, comparisons=asked, questions=range(12))
+    courses = script("judged.courses").Courses.of([one])
+    report = script("judged.families").families(courses, small(script))
+    assert "| Screening | weights | 30 % | 9 % | 18 % |" in report.lines
 
 
 def test_noise_is_measured_against_the_same_people_without_mistakes(script):
@@ -160,7 +191,7 @@ def test_the_script_reports_what_is_in_a_folder(script, tmp_path, capsys):
              "--tastes", "weights", "--agents", "RandomSearch", "--seeds", "2"]  # fmt: skip
     assert campaign.main(words) == 0
     page = (tmp_path / "screening.md").read_text()
-    assert "| RandomSearch | 2 | 1 [1, 1] | 8 [4, 16] |" in page
+    assert "| weights | RandomSearch | 2 | 1 [1, 1] | 8 [4, 16] |" in page
     assert page in capsys.readouterr().out
     assert (tmp_path / "raw.parquet").exists()
 

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from support.browser import Watched
+
 mkdocs = pytest.importorskip("mkdocs.config")
 pytest.importorskip("material")
 
@@ -185,19 +187,15 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
         """Say nothing."""
 
 
-def test_pages_and_search_work_without_a_network(site):
-    pytest.importorskip("playwright")
-    from support.browser import Watched, chromium
-
-    with chromium() as browser:
-        watched = Watched(browser)
-        failed = []
-        watched.page.on("response", lambda r: r.status >= 400 and failed.append(r.url))
-        for page in ("", "start/", "gallery/", "gallery/pid/", "research/noise/", "changelog/"):
-            watched.page.goto(site + page)
-            assert watched.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-        watched.page.get_by_role("textbox", name="Search").fill("anti-windup")
-        watched.page.wait_for_selector(".md-search-result__link[href*='pid/']")
-        assert failed == []
-        assert watched.errors == []
-        assert all(url.startswith((site, "data:", "blob:")) for url in watched.requests)
+def test_pages_and_search_work_without_a_network(site, browser):
+    watched = Watched(browser)
+    failed = []
+    watched.page.on("response", lambda r: r.status >= 400 and failed.append(r.url))
+    for page in ("", "start/", "gallery/", "gallery/pid/", "research/noise/", "changelog/"):
+        watched.page.goto(site + page)
+        assert watched.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    watched.page.get_by_role("textbox", name="Search").fill("windup")
+    watched.page.wait_for_selector(".md-search-result__link[href*='pid/']")
+    assert failed == []
+    assert watched.errors == []
+    assert all(url.startswith((site, "data:", "blob:")) for url in watched.requests)

@@ -20,6 +20,7 @@ if _TYPE_CHECKING:
     from .baselines.glis_settings import GLISSettings as GLISSettings
     from .baselines.latin_hypercube import LatinHypercube as LatinHypercube
     from .baselines.random_search import RandomSearch as RandomSearch
+    from .baselines.step_search import StepSearch as StepSearch
     from .glisp.agent import GLISp as GLISp
     from .glisp.settings import GLISpSettings as GLISpSettings
     from .history.agent_state import AgentState as AgentState

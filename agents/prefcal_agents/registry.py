@@ -76,6 +76,7 @@ AGENTS = (
     AgentRow("OptunaTPE", "peers", by_value=True, extra="peers", packages=_VALUE),
     AgentRow("OptunaGP", "peers", by_value=True, extra="peers", packages=_VALUE),
     AgentRow("EqualWeights", "baselines.equal_weights", learns=False, simulates=True),
+    AgentRow("StepSearch", "baselines.step_search"),
     AgentRow("LatinHypercube", "baselines.latin_hypercube", "lhs", learns=False),
     AgentRow("RandomSearch", "baselines.random_search", "random", learns=False),
 )  # fmt: skip

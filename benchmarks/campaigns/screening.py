@@ -2,6 +2,7 @@
 
     python benchmarks/campaigns/screening.py --out results            # all parts: many hours
     python benchmarks/campaigns/screening.py --out results --parts loops --loops held-out --seeds 4
+    python benchmarks/campaigns/screening.py --out results --parts loops --loops rough-held-out
     python benchmarks/campaigns/screening.py --out results --agents Screening --again
     python benchmarks/campaigns/screening.py --quick --out look       # less than a minute
 
@@ -9,12 +10,14 @@ Studies that are in the folder do not run again: the same line resumes after an 
 studies of more seeds or agents join. An agent whose code changed without a new version needs
 `--again`, which first drops the results of `--agents` in the chosen parts; resume without it.
 
-loops       worth after 0, 3, 5, 10, 20 and 50 answers, for each kind of taste
+loops       worth after 0, 3, 5, 10, 20 and 50 answers, for each kind of taste; first the mean over
+            the families that do not share the learner's form, with the worst one
 noise       the same tastes with 10 and 20 % wrong answers: what is left, and how far it falls
 hidden      people whose KPIs are withheld, against GLISp on θ alone
 reactor     index after 8 and 12 experiments; the index is not among the KPIs
 overtaking  share of fresh random θ that are not better, and verdicts on the paper's optimum
 
+Every question that a person sees is an answer, repeated ones too.
 All figures of worth are geometric means in which every loop counts the same, with 95 % bootstrap
 intervals over the seeds of each loop. The folder gets raw.parquet (every comparison, see
 docs/raw_results.md), screening.md with all tables, and a file for each study in results/.
@@ -32,8 +35,9 @@ from pathlib import Path
 
 from judged import cases, tables
 from judged.courses import Courses
+from judged.families import families
 from judged.here import Here
-from judged.plan import AGENTS, GROUPS, RANDOM, SCREENING, TASTES, Choice, suites
+from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, SCREENING, TASTES, Choice, suites
 from rich.console import Console
 
 from prefcal_env.errors import PrefcalError
@@ -44,6 +48,7 @@ from prefcal_scenarios.bench.worth import write_raw
 
 PARTS = ("loops", "noise", "hidden", "reactor", "overtaking")
 _NOISY = ("weights", "priorities")
+_GROUPS = [group for group in GROUPS if group not in DEVELOPED]
 _QUICK_LOOPS = {"named": ("lag",)}
 
 
@@ -55,8 +60,8 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("prefcal-screening"), metavar="FOLDER")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
-    parser.add_argument("--loops", nargs="+", default=list(GROUPS), metavar="GROUP",
-                        help="groups (held-out, named, cases) or names of loops")  # fmt: skip
+    parser.add_argument("--loops", nargs="+", default=_GROUPS, metavar="GROUP",
+                        help=f"groups ({', '.join(GROUPS)}) or names of loops")  # fmt: skip
     parser.add_argument("--tastes", nargs="+", choices=TASTES, default=list(TASTES))
     parser.add_argument("--noisy", nargs="+", choices=TASTES, default=list(_NOISY),
                         help="kinds of taste of the part noise")  # fmt: skip
@@ -118,6 +123,9 @@ def reports(
         elif part == "overtaking":
             fresh = 20 if options.quick else options.fresh
             found.append(cases.overtaking(some, fresh, options.out / "overtaking.json"))
+        elif part == "loops":
+            courses = Courses.of(some)
+            found += [families(courses, choice), tables.loops(courses, choice)]
         else:
             found.append(getattr(tables, part)(Courses.of(some), choice))
     return found

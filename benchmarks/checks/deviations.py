@@ -10,6 +10,7 @@ box         GLISp.paper in [0, 1] and in [-1, 1], studies in pairs
 hypercube   a plain Latin hypercube as the start, and the best of five (maximin)
 search      how far the next θ is from the minimum of the acquisition
 candidates  ε of cross-validation from 0.1 to 10, and from 0.01 to 100
+surrogate   φ inverse quadratic, Gaussian and thin plate spline; λ, and a thousand times that
 resolution  knobs with a step, and knobs of any value
 glis        α and δ of GLIS, ours and those of its author
 outputs     y_1 ... y_Np in the cost, and y_0 ... y_Np-1
@@ -20,7 +21,7 @@ settling    the rates below which the reactor has settled
 logarithm   base 10 and base e
 heat        the sign of the heat of reaction
 start       the steady state with C_A = 8.56, and that at the table's T_c0
-scene       overtaking: where 10 m are measured from, a reference that catches up
+scene       overtaking: where 10 m and 3 m are measured from, both references, the edge of the road
 thresholds  just noticeable differences of the car's criteria, times 0 to 2
 ends        interrupted runs and unsolved QPs at random θ
 """
@@ -43,9 +44,10 @@ Part = Callable[[argparse.Namespace], Table]
 PARTS: dict[str, Part] = {
     part.__name__: part
     for part in (
-        agents.box, agents.hypercube, agents.search, agents.candidates, agents.resolution,
-        agents.glis, control.outputs, control.moves, control.first, control.slack, cases.settling,
-        cases.logarithm, cases.heat, cases.start, cases.scene, cases.thresholds, cases.ends,
+        agents.box, agents.hypercube, agents.search, agents.candidates, agents.surrogate,
+        agents.resolution, agents.glis, control.outputs, control.moves, control.first,
+        control.slack, cases.settling, cases.logarithm, cases.heat, cases.start, cases.scene,
+        cases.thresholds, cases.ends,
     )
 }  # fmt: skip
 

@@ -1,10 +1,11 @@
 """Check generated closed loops and their tastes: do experiments end well, and is tuning a task?
 
     python benchmarks/checks/generated_loops.py --first 7000 --count 20
+    python benchmarks/checks/generated_loops.py --family rough --first 7000 --count 20
 
 For each loop it runs random θ and asks ten people with each taste. It prints what random search is
-worth to them after 50 experiments, and how often the first priority decides a random pair. It exits
-with 1 if an experiment raises or gives NaN, or if a number is outside its range.
+worth to them after 50 experiments, how often the first priority decides a random pair, and how many
+θ fail. It exits with 1 if an experiment raises or gives NaN, or if a number is outside its range.
 """
 
 import argparse
@@ -30,6 +31,8 @@ WORTH = (40.0, 110.0)
 """Accepted worth of random search after 50 experiments: 90 if any two runs differ."""
 DECIDED = (0.05, 0.6)
 """Accepted share of random pairs that the first priority decides."""
+FAILED = {"loop": (0.0, 0.85), "rough": (0.03, 0.45)}
+"""Accepted share of random θ that fail, by family."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class Verdict:
         title: Its title.
         worth: Geometric mean of what random search is worth, by taste.
         decided: Smallest and largest share of random pairs that the first priority decides.
+        failed: Share of random θ that fail.
         faults: What is wrong with single experiments.
     """
 
@@ -48,6 +52,7 @@ class Verdict:
     title: str
     worth: dict[str, float]
     decided: tuple[float, float]
+    failed: float
     faults: list[str]
 
     @property
@@ -55,6 +60,8 @@ class Verdict:
         """Return whether nothing is wrong."""
         low, high = self.decided
         inside = all(WORTH[0] <= worth <= WORTH[1] for worth in self.worth.values())
+        few, many = FAILED[self.name.partition("-")[0]]
+        inside = inside and few <= self.failed <= many
         return inside and DECIDED[0] <= low and high <= DECIDED[1] and not self.faults
 
 
@@ -73,7 +80,9 @@ def examined(name: str) -> Verdict:
             if isinstance(rule, Priorities):
                 shares.append(decided(rule, pool, rng))
         worth[kind] = float(np.exp(np.mean(np.log(found))))
-    return Verdict(name, scenario.title, worth, (min(shares), max(shares)), faults(scenario))
+    failed = float(np.mean(np.isfinite(pool.survived)))
+    ends = min(shares), max(shares)
+    return Verdict(name, scenario.title, worth, ends, failed, faults(scenario))
 
 
 def decided(rule: Priorities, runs: Runs, rng: np.random.Generator) -> float:
@@ -101,19 +110,21 @@ def faults(scenario: Scenario, count: int = 40) -> list[str]:
 def main() -> int:
     """Examine the loops and print a line for each; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--family", choices=sorted(FAILED), default="loop")
     parser.add_argument("--first", type=int, default=7000, help="first seed")
     parser.add_argument("--count", type=int, default=20, help="number of loops")
     options = parser.parse_args()
     console, bad = Console(), 0
     seeds = range(options.first, options.first + options.count)
     for seed in track(seeds, "loops", console=Console(stderr=True)):
-        found = examined(f"loop-{seed}")
+        found = examined(f"{options.family}-{seed}")
         bad += not found.fits
         worths = ", ".join(f"{kind} {worth:.0f}" for kind, worth in found.worth.items())
         low, high = found.decided
         mark = "ok " if found.fits else "BAD"
         console.print(f"{mark} {found.name}: {worths}; first priority decides {low:.0%} to "
-                      f"{high:.0%} of pairs; {found.title}", soft_wrap=True)  # fmt: skip
+                      f"{high:.0%} of pairs; {found.failed:.0%} of θ fail; {found.title}",
+                      soft_wrap=True)  # fmt: skip
         for words in found.faults:
             console.print(f"    {words}", soft_wrap=True)
     return 1 if bad else 0

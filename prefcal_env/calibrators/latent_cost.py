@@ -33,7 +33,7 @@ class LatentCost:
             None the answer is never "much better".
 
     Raises:
-        SettingsError: If an option is not valid; in `prefer`, if a cost is NaN.
+        SettingsError: If an option is not valid; in `prefer`, if a cost is NaN or no number.
     """
 
     cost: Callable[[Experiment], float]
@@ -79,9 +79,13 @@ class LatentCost:
         return Answer(preference, strength=Strength.MUCH_BETTER)
 
     def _cost(self, experiment: Experiment) -> float:
-        cost = float(self.cost(experiment))
+        found: Any = self.cost(experiment)
+        try:
+            cost = float(found)
+        except (TypeError, ValueError):
+            cost = np.nan
         if np.isnan(cost):
-            raise SettingsError(f"cost must be a number, got NaN at θ = {experiment.theta}")
+            raise SettingsError(f"cost must be a number, got {found!r} at θ = {experiment.theta}")
         return cost
 
     def _error(self, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:

@@ -141,7 +141,7 @@ class PID:
     def move(self, measurement: Measurement) -> Move:
         """Decide the input; a reference that is NaN leaves it as it is."""
         r = float(reference_of(measurement)[self.output])
-        if np.isnan(r):
+        if r != r:
             self._integral = None
             return Move(np.array(measurement.u, dtype=float))
         if self._integral is None:

@@ -53,7 +53,12 @@ def number(value: Any, limits: tuple[float, float], what: str) -> float:
 
 
 def known_options(given: Mapping[str, Any] | None, known: Sequence[str]) -> dict[str, Any]:
-    """Return the options of a `reset` as a dict. Raises SettingsError for an unknown one."""
+    """Return the options of a `reset` as a dict.
+
+    Raises SettingsError if they are no mapping, or for an unknown one.
+    """
+    if not isinstance(given, Mapping | None):
+        raise SettingsError(f"reset options must be a dict, got {given!r}")
     options = dict(given or {})
     unknown = sorted(set(options) - set(known))
     if unknown:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.errors import SettingsError
 from prefcal_env.plants.cstr import CSTR, FEED
 
 from .checks import vector
@@ -109,9 +110,11 @@ def cstr_env(
         render_mode: None or "rgb_array".
 
     Raises:
-        SettingsError: If the sampling time is out of range.
+        SettingsError: If the sampling time is out of range, or `max_move` or `plant` is none.
         PlantError: If `x0` has the wrong shape or is not finite.
     """
+    if not isinstance(plant, CSTR | None):
+        raise SettingsError(f"plant must be a CSTR or None, got {plant!r}")
     plant = plant or CSTR()
     task = cstr_task(plant)
     if T_s is not None:

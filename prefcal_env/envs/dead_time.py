@@ -3,6 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Callable
 from itertools import pairwise
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ class DeadTime:
         d0: Float[np.ndarray, " n_d"],
     ) -> None:
         self._plant, self._delays = plant, delays_of(plant)[0]
+        self._distinct = sorted(set(self._delays))
         self._given_at, self._given = [-np.inf], [u0]  # inputs as they are decided
         self._since, self._spans = [-np.inf], [(x0, u0, d0)]  # as they reach the plant
         self._tolerance = 0.0
@@ -68,26 +70,42 @@ class DeadTime:
         self._tolerance = _SAME_INSTANT * (end - start)
         self._given_at.append(start)
         self._given.append(u)
+        changes = self._changes(start, end)
+        if not changes:
+            return self._held(x, d, start, t[1:])
         rows: list[np.ndarray] = []
-        for a, b in pairwise([start, *self._changes(start, end), end]):
-            reaching = self._reaching(a)
-            self._since.append(a)
-            self._spans.append((x, reaching, d))
+        for a, b in pairwise([start, *changes, end]):
             inside = t[(t > a) & (t <= b)]
             instants = inside if len(inside) and inside[-1] == b else np.append(inside, b)
-            if np.isfinite(x).all():
-                states = self._plant.hold(x, reaching, d, instants - a)
-            else:
-                states = np.full((len(instants), len(x)), np.nan)
+            states = self._held(x, d, a, instants)
             rows.append(states[: len(inside)])
             x = states[-1]
-        self._end = end, x
-        return rows[0] if len(rows) == 1 else np.concatenate(rows)
+        return np.concatenate(rows)
+
+    def _held(
+        self,
+        x: Float[np.ndarray, " n_x"],
+        d: Float[np.ndarray, " n_d"],
+        start: float,
+        t: Float[np.ndarray, " M"],
+    ) -> Float[np.ndarray, "M n_x"]:
+        """Return the states at `t` after x at `start`; no delayed input changes meanwhile."""
+        reaching = self._reaching(start)
+        self._since.append(start)
+        self._spans.append((x, reaching, d))
+        if all(map(isfinite, x.tolist())):
+            states = self._plant.hold(x, reaching, d, t - start)
+        else:
+            states = np.full((len(t), len(x)), np.nan)
+        self._end = float(t[-1]), states[-1]
+        return states
 
     def outputs(self, t: float, delays: tuple[float, ...]) -> Float[np.ndarray, " n_y"]:
         """Return the outputs as seen at `t`, each from as long ago as its delay, shape (n_y,)."""
         if self._entries is not None:
             return self._joined(t, self._entries + np.array(delays)[:, None])
+        if len(delays) == 1:
+            return np.array(self._output(t - delays[0]))
         seen = {delay: self._output(t - delay) for delay in set(delays)}
         return np.array([seen[delay][i] for i, delay in enumerate(delays)], dtype=float)
 
@@ -103,10 +121,15 @@ class DeadTime:
         """Return the instants between `start` and `end` at which a delayed input changes."""
         first, last = start + self._tolerance, end - self._tolerance
         found: list[float] = []
-        for delay in sorted(set(self._delays)):
+        for delay in self._distinct:
             begin = bisect_right(self._given_at, first - delay)
-            later = [given + delay for given in self._given_at[max(begin, 1) :]]
-            found += [t for t in later if first < t < last]
+            for given in self._given_at[max(begin, 1) :]:
+                if (t := given + delay) >= last:
+                    break
+                if t > first:
+                    found.append(t)
+        if not found:
+            return found
         merged: list[float] = []
         for t in sorted(found):
             if not merged or t - merged[-1] > self._tolerance:

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.plants.plant import Plant
 
 from .task import Task
+
+_PARTS = ("f", "g", "hold", "states", "inputs", "outputs", "disturbances")
+"""What an environment needs of a plant."""
 
 
 def channels_of(plant: Plant, task: Task) -> Channels:
@@ -63,6 +66,8 @@ def _reach(channel: Channel, start: float, aim: float) -> tuple[float, float]:
 
 def check_fit(plant: Plant, task: Task) -> None:
     """Raise SettingsError if shapes, ranges or limits of plant and task do not fit."""
+    if not isinstance(task, Task) or not all(hasattr(plant, part) for part in _PARTS):
+        raise SettingsError(f"needs a plant and a Task, got {plant!r:.60} and {task!r:.60}")
     n_x, n_u, n_y, n_d = map(len, (plant.states, plant.inputs, plant.outputs, plant.disturbances))
     tracked = tracked_of(task)
     n_o = n_x + n_u + len(tracked) + n_d
@@ -96,6 +101,29 @@ def check_limits(plant: Plant) -> None:
                 f"input {i} ({channel.name!r}) needs finite limits to scale actions by, "
                 f"got [{channel.low}, {channel.high}] {channel.unit}".rstrip()
             )
+
+
+def check_rate(
+    plant: Plant,
+    x: Float[np.ndarray, " n_x"],
+    u: Float[np.ndarray, " n_u"],
+    d: Float[np.ndarray, "*n_d"],
+) -> None:
+    """Raise PlantError if f is NaN at the start of an experiment, which no θ can mend.
+
+    Anything else that is not finite is data: an unstable run that blows up.
+    """
+    now = d if d.ndim == 1 else d[0]
+    with np.errstate(all="ignore"):
+        rate = plant.f(x, u, now)
+    if not np.isnan(rate).any() or not np.isfinite([*x, *u, *now]).all():
+        return
+    which = [channel.name for channel, v in zip(plant.states, rate, strict=True) if np.isnan(v)]
+    at = "".join(f", {name} = {v.tolist()}" for name, v in (("u", u), ("d", now)) if len(v))
+    raise PlantError(
+        f"plant {plant.name!r}: f must be finite at the start of an experiment, got NaN for "
+        f"{which} at x = {x.tolist()}{at}"
+    )
 
 
 def _check_measuring(task: Task, n_y: int) -> None:

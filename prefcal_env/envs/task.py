@@ -9,6 +9,8 @@ from jaxtyping import Float, Real
 
 from prefcal_env.errors import SettingsError
 
+from .checks import numbers
+
 Vector = Float[np.ndarray, " _"]
 Signal = Vector | Callable[[float], Vector]
 """A constant, shape (n,), or a function of time that returns one."""
@@ -98,8 +100,8 @@ class Task:
             array of shape (M,), as in scipy's `solve_ivp`. A period is then checked in one call.
 
     Raises:
-        SettingsError: If a time is not positive, T_s is outside its range, a value is not finite,
-            or a row of `observed` does not have low below high.
+        SettingsError: If a value is no number or not finite, a time is not positive, T_s is outside
+            its range, or a row of `observed` does not have low below high.
     """
 
     x0: Float[np.ndarray, " n_x"]
@@ -131,11 +133,13 @@ class Task:
             value = getattr(self, name)
             if value is None or callable(value):
                 continue
-            array = np.array(value, dtype=float)
+            array = numbers(value, f"task: {name}", SettingsError).copy()
             array.setflags(write=False)
             if not np.all(np.isfinite(array) | (np.isnan(array) & (name == "y_ref"))):
                 raise SettingsError(f"task: {name} must be finite, got {value!r}")
             object.__setattr__(self, name, array)
+        if not _is_number(self.horizon):
+            raise SettingsError(f"task: horizon must be a number, got {self.horizon!r}")
         self._derive()
         for name in ("horizon", "dense_step"):
             if not 0 < getattr(self, name) < np.inf:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from .experiment import Channel, Experiment
 from .kpi_units import OF_INPUT, OF_OUTPUT, TrackingKind
 
-_BAND = 0.03  # share of the largest error, for channels without a band
+BAND = 0.03  # share of the largest error, for channels without a band
 _NOTHING = 1e-3  # share of the largest error below which an error is invisible
 
 
@@ -56,17 +56,27 @@ def _errors(experiment: Experiment) -> Iterator[tuple[Channel, Float[np.ndarray,
 def _of_error(
     channel: Channel, t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"]
 ) -> dict[str, float]:
-    dt, size, band = np.diff(t), np.abs(error), channel.band
+    dt, size = np.diff(t), np.abs(error)
     largest = float(size.max())
-    outside = np.flatnonzero(size > (_BAND * largest if band is None else band))
-    last = int(outside[-1]) if len(outside) else -1
     # An overshoot lies on the other side of the reference than the start.
     beyond = -np.sign(error[0]) * error if error[0] else size
     values = (
         size[:-1] @ dt,
         (size * t)[:-1] @ dt,
-        t[last + 1] if last + 1 < len(t) else np.inf,
+        entered(t, error, band_of(channel, error)),
         max(beyond.max(), 0.0),
         max(size[-1] - _NOTHING * largest, 0.0),
     )
     return _named(OF_OUTPUT, channel, values)
+
+
+def band_of(channel: Channel, error: Float[np.ndarray, " K"]) -> float:
+    """Return the band in which an error counts as settled, in the channel's unit."""
+    return BAND * float(np.abs(error).max()) if channel.band is None else channel.band
+
+
+def entered(t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], band: float) -> float:
+    """Return the instant of the last entry of an error into the band; infinite for never."""
+    outside = np.flatnonzero(np.abs(error) > band)
+    last = int(outside[-1]) if len(outside) else -1
+    return float(t[last + 1]) if last + 1 < len(t) else np.inf

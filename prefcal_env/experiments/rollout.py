@@ -95,7 +95,7 @@ def _driven(
                 f"return a prefcal_env.Move, got {_what(move)}: write return Move(u), with u an "
                 "array of shape (n_u,)"
             )
-        usable = move.solved and not np.isnan(move.u).any()
+        usable = move.solved and not np.count_nonzero(np.isnan(move.u))
         loop.apply(move.u if usable else measurement.u)
         steps.append((move.iterations, took, usable))
     return steps

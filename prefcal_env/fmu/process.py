@@ -7,10 +7,8 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import weakref
-import zipfile
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +17,9 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import PlantError, RunError
+from prefcal_env.errors import RunError
+
+from .unpacking import unpacked
 
 _BOOT = (
     "import json, runpy, sys; path, file = json.loads(sys.argv[1]); sys.path[:] = path; "
@@ -157,7 +157,7 @@ class Process:
         held = self._held
         if held.home is None or (held.worker is None and not held.home.exists()):
             # Computers tidy their temporary folders, and a study may take weeks.
-            held.home = _extracted(self._job.path)
+            held.home = unpacked(self._job.path)
         if held.worker is None:
             worker = _Worker(held.home)
             try:
@@ -291,15 +291,3 @@ class _Worker:
         lines = self._messages.read_bytes().decode(errors="replace").split("\n")
         last = next((line.strip() for line in reversed(lines) if line.strip()), "")
         return f"{how} ({last[-300:]})" if last else how
-
-
-def _extracted(path: Path) -> Path:
-    """Return a new folder, with the contents of the FMU in its folder "fmu"."""
-    home = Path(tempfile.mkdtemp(prefix="prefcal-fmu-"))
-    try:
-        with zipfile.ZipFile(path) as content:
-            content.extractall(home / "fmu")
-    except (OSError, zipfile.BadZipFile) as error:
-        shutil.rmtree(home, ignore_errors=True)
-        raise PlantError(f"cannot unpack the FMU {str(path)!r}: {error}") from error
-    return home

@@ -41,8 +41,9 @@ class Knob:
     Raises:
         KnobError: If the bounds are reversed, equal or infinite, lie so close that hardly a number
             fits between them, or have an infinite difference; if a log10 knob is not positive, an
-            integer knob has bounds that are not integers, the name is empty, the scale is unknown,
-            or the step is negative, wider than the range, or a fraction for an integer knob.
+            integer knob has bounds that are not integers, `integer` is neither True nor False, the
+            name is empty, the scale is unknown, or the step is negative, wider than the range, or a
+            fraction for an integer knob.
     """
 
     name: str
@@ -68,6 +69,10 @@ class Knob:
             raise KnobError(f"knob {self.name!r}: low must be below high, {box}")
         if not isfinite(float(self.high) - float(self.low)):
             raise KnobError(f"knob {self.name!r}: high minus low must be below 1.8e308, {box}")
+        if not isinstance(self.integer, bool | np.bool_):
+            raise KnobError(
+                f"knob {self.name!r}: integer must be True or False, got {self.integer!r}"
+            )
         if too_close(float(self.low), float(self.high), integer=self.integer):
             raise KnobError(
                 f"knob {self.name!r}: low and high are too close, hardly a number lies between "

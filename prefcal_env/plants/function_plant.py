@@ -141,12 +141,12 @@ class FunctionPlant:
         if equations is not None:
             states = integrate(equations, x, u, d, times, step)
             if np.isnan(states[:1]).any():
-                self._f_or_nan(x, u, d)  # raises if the number of values is wrong
+                self._rates()(x, u, d)  # raises if the number of values is wrong
             return states
         if self._called_back is None:
             sizes = len(self.states), len(self.inputs), len(self.disturbances)
             callbacks = Callbacks(*sizes)
-            f = callbacks.address(self._f_or_nan, sizes[0])
+            f = callbacks.address(self._rates(), sizes[0])
             self._called_back = Equations(f, 0, 0, callbacks=callbacks), callbacks
         called_back, callbacks = self._called_back
         with np.errstate(all="ignore"):
@@ -186,11 +186,18 @@ class FunctionPlant:
             equation, (len(self.states), len(self.inputs), len(self.disturbances))
         )
 
-    def _f_or_nan(self, x: Any, u: Any, d: Any) -> Any:
-        try:
-            return self._values("f", x, u, d)
-        except ArithmeticError:
-            return np.nan
+    def _rates(self) -> Equation:
+        """Return f with NaN where it overflows; it checks and calls no more than it must."""
+        f, shape = self._f, (len(self.states),)
+
+        def rates(x: Any, u: Any, d: Any) -> Any:
+            try:
+                values = np.asarray(f(x, u, d))
+            except ArithmeticError:
+                return np.nan
+            return values if values.shape == shape else self._values("f", x, u, d)  # raises
+
+        return rates
 
     def _values(self, name: str, x: Any, u: Any, d: Any) -> Any:
         """Return the result of f or g as a float or complex array of the right shape."""

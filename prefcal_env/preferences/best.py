@@ -1,6 +1,6 @@
 """Determine the best experiment from the whole record of answers."""
 
-from collections.abc import Collection, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,18 +50,32 @@ def best_of(verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()) -> int:
         verdicts: Valid answers, in the order given.
         unsafe: Indices marked unsafe; they are the best only if nothing else was compared.
     """
-    crown = reigns(verdicts)[-1]
-    touched = {i for v in verdicts for i in (v.challenger, v.incumbent) if v.winner != i}
-    if crown not in touched and crown not in unsafe:
-        return crown  # it has never lost or tied, so there is no group to find
-    groups = undominated(verdicts, unsafe)
-    known = {index for group in groups for index in group}
+    return next(bests([(verdicts, unsafe)]))
+
+
+def bests(parts: Iterable[tuple[Sequence[Verdict], Set[int]]]) -> Iterator[int]:
+    """Yield `best_of` the record after each of its parts: new verdicts, and all unsafe so far.
+
+    The crown is passed on, not found anew, so a long record takes time in proportion to its length.
+    """
+    crown, known, touched = 0, list[Verdict](), set[int]()
+    for verdicts, unsafe in parts:
+        crown = reigns(verdicts, crown)[-1]
+        touched |= {i for v in verdicts for i in (v.challenger, v.incumbent) if v.winner != i}
+        known.extend(verdicts)
+        # An experiment that has never lost or tied is undominated: there is no group to find.
+        clear = crown not in touched and crown not in unsafe
+        yield crown if clear else _undominated_one(crown, known, unsafe)
+
+
+def _undominated_one(crown: int, verdicts: Sequence[Verdict], unsafe: Set[int]) -> int:
+    known = {index for group in undominated(verdicts, unsafe) for index in group}
     return crown if not known or crown in known else representative(verdicts, known)
 
 
-def reigns(verdicts: Sequence[Verdict]) -> tuple[int, ...]:
-    """Return all experiments that were the best at some time, in order; 0 is the first."""
-    crowned = [0]
+def reigns(verdicts: Sequence[Verdict], first: int = 0) -> tuple[int, ...]:
+    """Return all experiments that were the best at some time, in order, from the `first` on."""
+    crowned = [first]
     for verdict in verdicts:
         winner = verdict.winner
         if winner is None or winner == crowned[-1]:

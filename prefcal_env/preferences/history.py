@@ -6,6 +6,8 @@ every change returns a new one.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
+from operator import or_
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +17,7 @@ from prefcal_env.knobs.change import carried
 from prefcal_env.knobs.space import KnobSpace
 
 from .answer import Answer, Mark
-from .best import Verdict, best_of, representative, undominated
+from .best import Verdict, best_of, bests, representative, undominated
 from .kpis import Outcome
 
 Point = tuple[float, ...]
@@ -209,16 +211,7 @@ class History:
 
         With `automatic`, only marks that no person gave count, see `Answer.automatic`.
         """
-        found = set()
-        for c in self.counting:
-            marks = c.answer.automatic if automatic else c.answer.marks
-            if c.retracted or not marks:
-                continue
-            if Mark.CHALLENGER_UNSAFE in marks:
-                found.add(c.challenger)
-            if Mark.INCUMBENT_UNSAFE in marks and c.incumbent is not None:
-                found.add(c.incumbent)
-        return frozenset(found)
+        return _unsafe(self.counting, automatic=automatic)
 
     def cut_short(self) -> frozenset[int]:
         """Return the indices of the samples whose runs were cut short: their KPIs are bounds."""
@@ -242,8 +235,18 @@ class History:
 
     def incumbents(self) -> tuple[int, ...]:
         """Return the best sample after each closed query, by the answers until the next one."""
-        found = (self.until(count).incumbent for count in range(1, self.answered + 1))
-        return tuple(index for index in found if index is not None)
+        given: list[list[Comparison]] = [[closed] for closed in self.comparisons]
+        for c in self.follow_ups:
+            if c.after is not None:
+                given[max(c.after, 1) - 1].append(c)
+        verdicts = [[v for c in part if (v := c.verdict) is not None] for part in given]
+        unsafe = accumulate((_unsafe(part) for part in given), or_)
+        scores = ((c.value is None, c.value or 0.0, c.challenger) for c in self.comparisons)
+        judged = accumulate(map(bool, verdicts), or_)
+        found = zip(
+            judged, bests(zip(verdicts, unsafe, strict=True)), accumulate(scores, min), strict=True
+        )
+        return tuple(best if by_verdict else lowest[2] for by_verdict, best, lowest in found)
 
     def unbeaten(self) -> tuple[int, ...]:
         """Return the best sample, then the others that no answer calls worse, by index."""
@@ -406,3 +409,17 @@ class History:
             for c in self.comparisons
         )
         return replace(self, comparisons=alone)
+
+
+def _unsafe(answers: Iterable[Comparison], *, automatic: bool = False) -> frozenset[int]:
+    """Return the indices of the samples that `answers` mark unsafe."""
+    found = set()
+    for c in answers:
+        marks = c.answer.automatic if automatic else c.answer.marks
+        if c.retracted or not marks:
+            continue
+        if Mark.CHALLENGER_UNSAFE in marks:
+            found.add(c.challenger)
+        if Mark.INCUMBENT_UNSAFE in marks and c.incumbent is not None:
+            found.add(c.incumbent)
+    return frozenset(found)

@@ -2,7 +2,6 @@
 
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -12,7 +11,7 @@ from prefcal_env.plain import UNREADABLE, to_plain
 from . import schema
 from .codec import pack, unpack
 from .connection import beside, connect, publish, vacant
-from .events import AnyEvent, from_text, to_text
+from .events import AnyEvent, Recorded, from_text
 from .file import StudyFile
 from .trouble import told
 from .verify import verify
@@ -65,7 +64,9 @@ def import_json(text: str, path: Path | str) -> Path:
         try:
             with closing(connect(part)) as connection:
                 schema.create(connection)
-                connection.executemany("INSERT INTO event VALUES (?, ?, ?, ?)", rows)
+                checksum = 0
+                for recorded, payload in rows:
+                    checksum = schema.insert(connection, recorded, payload, checksum)
                 connection.execute("COMMIT")
             findings = verify(part)
             if findings:
@@ -76,7 +77,7 @@ def import_json(text: str, path: Path | str) -> Path:
     return target
 
 
-def _rows(text: str) -> list[tuple[Any, ...]]:
+def _rows(text: str) -> list[tuple[Recorded, bytes | None]]:
     try:
         version = msgspec.json.decode(text, type=_Header).format
         if version != FORMAT:
@@ -90,10 +91,10 @@ def _rows(text: str) -> list[tuple[Any, ...]]:
     return [_row(number, event) for number, event in enumerate(events, start=1)]
 
 
-def _row(number: int, row: _Row) -> tuple[Any, ...]:
-    """Return the row of the table for event `number` of an export."""
+def _row(number: int, row: _Row) -> tuple[Recorded, bytes | None]:
+    """Return event `number` of an export and its packed experiment."""
     if row.seq != number:
         raise StudyError(f"event {number} of the export has the number {row.seq}")
     # Decompress and compress again, to make sure that only an experiment is stored.
     packed = None if row.payload is None else pack(unpack(row.payload))
-    return number, row.at, to_text(row.event), packed
+    return Recorded(number, row.at, row.event), packed

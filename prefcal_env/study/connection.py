@@ -1,20 +1,44 @@
 """Connect to study files, and put them safely on the disk."""
 
+import errno
 import os
 import secrets
 import sqlite3
+from contextlib import suppress
+from itertools import count
 from pathlib import Path
+from typing import NoReturn
 
 from prefcal_env.errors import StudyError
 
 from .trouble import told
 
+_LONGEST = 480
+"""Longest path in bytes: SQLite takes 512, with the names of files that are not complete yet."""
+_JOURNAL = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
+_DATABASE = b"SQLite format 3\0"
+"""Bytes that a journal of SQLite and a database begin with."""
 
-def connect(path: Path | str) -> sqlite3.Connection:
-    """Connect to an SQLite file with full synchronization; create it if there is none."""
-    connection = sqlite3.connect(path, timeout=5.0, isolation_level=None, check_same_thread=False)
-    connection.execute("PRAGMA trusted_schema = OFF")
-    connection.execute("PRAGMA synchronous = FULL")
+
+def connect(path: Path | str, *, timeout: float = 5.0) -> sqlite3.Connection:
+    """Connect to an SQLite file with full synchronization; create it if there is none.
+
+    Args:
+        path: File, or ":memory:".
+        timeout: Longest wait for a lock of another process, in seconds.
+    """
+    # SQLite would take a relative path that begins with "file:" for a URI.
+    place = path if path == ":memory:" else os.path.abspath(path)
+    connection = sqlite3.connect(
+        place, timeout=timeout, isolation_level=None, check_same_thread=False
+    )
+    try:
+        connection.execute("PRAGMA trusted_schema = OFF")
+        # With a rollback journal, EXTRA keeps an answer even if the power fails at once.
+        connection.execute("PRAGMA synchronous = EXTRA")
+    except BaseException:
+        connection.close()
+        raise
     return connection
 
 
@@ -22,12 +46,17 @@ def existing(path: Path | str) -> Path:
     """Return the path of an existing study file.
 
     Raises:
-        StudyError: If it does not exist, or that cannot be checked.
+        StudyError: If it does not exist, that cannot be checked, or a log that does not belong to
+            it would overwrite it.
     """
     with told(path, "open"):
         _check_name(path)
         if not Path(path).is_file():
             raise StudyError(f"there is no study file {path}")
+        for log in left_beside(path):
+            with suppress(FileNotFoundError):  # another process has just completed a step
+                if log.name.endswith("-wal") or not _belongs(log.read_bytes(), path):
+                    _refuse(path, log)
     return Path(path)
 
 
@@ -35,22 +64,78 @@ def vacant(path: Path | str) -> Path:
     """Return the path of a file that does not exist yet.
 
     Raises:
-        StudyError: If it exists, or that cannot be checked.
+        StudyError: If it or a log of an earlier file of its name exists, or that cannot be checked.
     """
     with told(path, "begin", "Nothing was recorded"):
         _check_name(path)
         if Path(path).exists():
-            raise StudyError(f"there is a file {path} already: a study never overwrites one")
+            _refuse_to_overwrite(path)
+        for log in left_beside(path):
+            _refuse(path, log)
     return Path(path)
+
+
+def left_beside(path: Path | str) -> list[Path]:
+    """Return the logs of SQLite beside a study, which a crash leaves, unless they are empty."""
+    place = os.path.realpath(path)
+    found = []
+    for log in (Path(f"{place}-journal"), Path(f"{place}-wal")):
+        with suppress(FileNotFoundError):
+            found += [log] if log.stat().st_size else []
+    return found
+
+
+def _refuse(path: Path | str, log: Path) -> NoReturn:
+    raise StudyError(
+        f"{log} does not belong to {path}: a crash left it, and its study was moved, renamed or "
+        "removed since. Move it beside its study, or remove it, and try again. Nothing was changed"
+    )
+
+
+def _belongs(log: bytes, path: Path | str) -> bool:
+    """Return whether a rollback journal belongs to the study file, in its present state.
+
+    It holds the beginning of the file before the last change, with the number of changes so far in
+    bytes 24 to 28, and what tells studies apart in bytes 60 to 64.
+    """
+    if not log.startswith(_JOURNAL) or place_of(path) in WRITTEN_HERE:
+        return True  # SQLite ignores it, or this process is writing it
+    with Path(path).open("rb") as file:
+        present = file.read(100)
+    start = log.find(_DATABASE)
+    if start < 0:
+        return log[16:20] == present[28:32]  # numbers of pages
+    before = log[start : start + 100]
+    changes = int.from_bytes(present[24:28], "big") - int.from_bytes(before[24:28], "big")
+    return changes in (0, 1) and present[60:64] == before[60:64]
+
+
+WRITTEN_HERE: set[tuple[int, int] | None] = set()
+"""Files that this process has locked. Nothing else here may open and close them: on POSIX, closing
+a file releases all locks that the process has on it."""
+
+
+def place_of(path: Path | str) -> tuple[int, int] | None:
+    """Return device and inode of a file; None if there is none."""
+    try:
+        found = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    return found.st_dev, found.st_ino
 
 
 def _check_name(path: Path | str) -> None:
     try:
-        known = b"\0" not in os.fsencode(path)
-    except UnicodeEncodeError:
-        known = False
-    if not known:
+        name = os.fsencode(os.path.abspath(path))
+    except (UnicodeEncodeError, ValueError):
+        name = b"\0"
+    if b"\0" in name:
         raise StudyError(f"{str(path)!r} cannot be the name of a file")
+    if len(name) > _LONGEST:
+        raise StudyError(
+            f"the path of the study has {len(name)} bytes, at most {_LONGEST} are possible: choose "
+            f"a shorter one than {path}"
+        )
 
 
 def beside(target: Path) -> Path:
@@ -63,19 +148,43 @@ def beside(target: Path) -> Path:
 
 
 def publish(source: Path, target: Path) -> None:
-    """Give `source` the name `target`, never replacing an existing file."""
+    """Give `source` the name `target`. Raises FileExistsError if there is such a file."""
     try:
         os.link(source, target)
     except FileExistsError:
-        raise
+        _refuse_to_overwrite(target)
     except OSError:  # a file system without links
         if target.exists():
-            raise
+            _refuse_to_overwrite(target)
         os.rename(source, target)
-    _synchronize(target.parent)
+    synchronize(target.parent)
 
 
-def _synchronize(folder: Path) -> None:
+def _refuse_to_overwrite(path: Path | str) -> NoReturn:
+    words = "there is a file of this name already, and a study never overwrites one"
+    raise FileExistsError(errno.EEXIST, words, str(path))
+
+
+def save_copy(content: bytes, path: Path) -> Path:
+    """Write a study under the first free name beside `path`; return the new file."""
+    for number in count(1):
+        target = path.with_name(f"{path.stem}-rescued{number}{path.suffix}")
+        part = beside(target)
+        try:
+            with part.open("xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            publish(part, target)
+            return target
+        except FileExistsError:
+            continue
+        finally:
+            part.unlink(missing_ok=True)
+    raise AssertionError("numbers never end")
+
+
+def synchronize(folder: Path) -> None:
     """Write a new name to the disk; without this, a power failure could lose the file."""
     if os.name != "posix":  # elsewhere a folder cannot be opened
         return

@@ -1,9 +1,10 @@
 """Store a study in an SQLite file, to which events are appended durably and never changed."""
 
+import os
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,10 +17,21 @@ from prefcal_env.knobs.key import theta_key
 
 from . import schema
 from .codec import LONGEST_HEADER, decode, encode, end_of, pack, unpack
-from .connection import beside, connect, existing, publish, vacant
-from .events import Created, Event, Finished, Recorded, from_text, to_text
+from .connection import (
+    WRITTEN_HERE,
+    beside,
+    connect,
+    existing,
+    place_of,
+    publish,
+    save_copy,
+    synchronize,
+    vacant,
+)
+from .events import Created, Event, Finished, Recorded
 from .fold import State, begin, step
-from .trouble import told
+from .locations import data_folder, make_data_folder
+from .trouble import open_elsewhere, told
 
 Entry = Event | tuple[Finished, Experiment]
 Clock = Callable[[], str]
@@ -29,14 +41,18 @@ _DAMAGED = "It is damaged: nothing was changed; use an earlier copy or an export
 class StudyFile:
     """Open study, made by `create` or `open`. Methods can be called from any thread.
 
-    An event is on the disk when `append` returns. If another process writes to the same file, the
-    next `append` here is refused, so nothing is recorded twice.
+    An event is on the disk, in the study's own file, when `append` returns. The file is locked
+    until `close`: others can read it, but not write to it.
     """
 
     def __init__(self, connection: sqlite3.Connection, path: str, clock: Clock) -> None:
         self._connection, self.path, self._clock = connection, path, clock
         self._lock = threading.RLock()
         self._last = 0  # number of the last event
+        self._checksum = 0  # of the last event
+        self._address = os.path.abspath(path)  # the working folder may change
+        self._place: tuple[int, int] | None = None  # device and inode; None if only read
+        self._saved: tuple[int, Path] | None = None  # number of the last event, and the copy
         self._state: State | None = None
         self._experiments: dict[bytes, int] = {}
 
@@ -53,7 +69,7 @@ class StudyFile:
             StudyError: If there is a file already, or it cannot be written.
         """
         created = Created(configuration)
-        if str(path) == ":memory:":
+        if path == ":memory:":
             file = cls(connect(":memory:"), ":memory:", clock)
             file._begin(created)
             return file
@@ -70,22 +86,48 @@ class StudyFile:
         return cls.open(target, clock=clock)
 
     @classmethod
-    def open(cls, path: Path | str, *, clock: Clock) -> Self:
+    def open(cls, path: Path | str, *, clock: Clock, reading: bool = False) -> Self:
         """Open the study at `path`.
 
+        Args:
+            path: Existing file.
+            clock: Function that returns the time of an event as text.
+            reading: Whether nothing will be appended: this works while another process has the
+                study open.
+
         Raises:
-            StudyError: If there is none, or it is damaged, not a study, or of another format.
+            StudyError: If there is none, it is damaged, not a study, or of another format, or
+                another process has it open, too.
         """
         with told(existing(path), "open"), ExitStack() as undo:
             connection = connect(path)
             undo.callback(connection.close)
             schema.check(connection, str(path))
-            connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = FULL")
+            if different := schema.differences(connection):
+                raise StudyError(f"{different[0]!r} of {path} is not as created. {_DAMAGED}")
             file = cls(connection, str(path), clock)
+            undo.callback(file.close)
+            if not reading:
+                file._claim()
             file._load()
             undo.pop_all()  # it stays open
         return file
+
+    def _claim(self) -> None:
+        """Lock the file for this process until it is closed, for all but readers."""
+        connection = self._connection
+        connection.execute("PRAGMA busy_timeout = 500")
+        try:
+            # Not a log that outlives a crash and holds what is missing in the file itself.
+            connection.execute("PRAGMA journal_mode = DELETE")
+            connection.execute("BEGIN IMMEDIATE")
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY:
+                raise open_elsewhere(self.path) from error
+            raise
+        connection.execute("PRAGMA busy_timeout = 5000")
+        self._place = place_of(self.path)
+        WRITTEN_HERE.add(self._place)
 
     def _begin(self, created: Created) -> None:
         schema.create(self._connection)
@@ -93,14 +135,19 @@ class StudyFile:
         self._connection.execute("COMMIT")
 
     def _load(self) -> None:
-        last = 0
-        for last, recorded in enumerate(self.events(), start=1):
-            if recorded.seq != last:
-                raise StudyError(f"event {last} of {self.path} is missing. {_DAMAGED}")
+        for recorded, checksum in self._recorded():
             self._take(recorded)
-        if not last:
+            self._last, self._checksum = recorded.seq, checksum
+        if not self._last:
             raise StudyError(f"there are no events in {self.path}. {_DAMAGED}")
-        self._last = last
+
+    def _recorded(self) -> Iterator[tuple[Recorded, int]]:
+        with self._lock, told(self.path, "read"):
+            rows = schema.events(self._connection)
+        try:
+            yield from schema.recorded(rows)
+        except StudyError as error:
+            raise StudyError(f"{self.path}: {error}. {_DAMAGED}") from error
 
     def _take(self, recorded: Recorded) -> None:
         """Apply one event to the state."""
@@ -121,27 +168,24 @@ class StudyFile:
 
     def events(self) -> Iterator[Recorded]:
         """Yield all events in order, without payloads."""
-        with self._lock, told(self.path, "read"):
-            rows = self._connection.execute("SELECT seq, at, body FROM event ORDER BY seq")
-            found = rows.fetchall()
-        for seq, at, body in found:
-            try:
-                event = from_text(body)
-            except StudyError as error:
-                raise StudyError(f"event {seq} of {self.path}: {error}") from error
-            yield Recorded(seq, at, event)
+        for recorded, _ in self._recorded():
+            yield recorded
 
     def experiment(self, seq: int) -> Experiment:
         """Return the experiment of event `seq`. Raises StudyError if it has none."""
         with self._lock, told(self.path, "read"):
-            found = self._connection.execute("SELECT payload FROM event WHERE seq = ?", (seq,))
-            row = found.fetchone()
+            query = "SELECT CAST(payload AS BLOB) FROM event WHERE seq = ?"
+            row = self._connection.execute(query, (seq,)).fetchone()
         if row is None or row[0] is None:
             raise StudyError(f"event {seq} of {self.path} has no experiment")
         try:
-            return decode(unpack(bytes(row[0])))
+            return decode(unpack(row[0]))
         except StudyError as error:
-            raise StudyError(f"event {seq} of {self.path}: {error}") from error
+            raise StudyError(
+                f"event {seq} of {self.path}: {error}. The file is damaged there. Use an earlier "
+                "copy, or start a new study with the best θ of this one: `prefcal calibrate ... "
+                f"--from {self.path}`; `prefcal studies verify` shows what is damaged"
+            ) from error
 
     def end(self, seq: int) -> End:
         """Return how the experiment of event `seq` ended, without reading its trajectory.
@@ -150,9 +194,9 @@ class StudyFile:
             StudyError: If the event has none, or it cannot be read.
         """
         with self._lock, told(self.path, "read"):
-            query = "SELECT substr(payload, 1, ?) FROM event WHERE seq = ?"
+            query = "SELECT substr(CAST(payload AS BLOB), 1, ?) FROM event WHERE seq = ?"
             row = self._connection.execute(query, (LONGEST_HEADER, seq)).fetchone()
-        found = None if row is None or row[0] is None else end_of(bytes(row[0]))
+        found = None if row is None or row[0] is None else end_of(row[0])
         return self.experiment(seq).end if found is None else found
 
     def to_frame(self, *, answers: bool = False) -> Any:
@@ -192,8 +236,8 @@ class StudyFile:
 
         Raises:
             StudyError: If an event is impossible in the present state, the disk is full, the file
-                is read-only, or another process has written to it. Nothing is recorded then, and
-                the study can still be used.
+                is read-only, or it was moved, removed, replaced or changed since it was opened.
+                Nothing is recorded then. The study can still be used once the cause is gone.
         """
         pairs = [e if isinstance(e, tuple) else (e, None) for e in entries]
         with self._lock:
@@ -206,39 +250,130 @@ class StudyFile:
             state = self.state
             for r in recorded:
                 state = step(state, r.seq, r.at, r.event)
-            with told(self.path, "write to", "Nothing was recorded"):
-                self._write(pairs, times)
-            for r in recorded:
-                self._take(r)
+            try:
+                with told(self.path, "write to", "Nothing was recorded"):
+                    self._write(pairs, times)
+            finally:
+                if self._last >= first:  # recorded, also if Ctrl-C came right after that
+                    for r in recorded:
+                        self._take(r)
         return tuple(r.seq for r in recorded)
 
     def _write(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
-        connection, before = self._connection, self._last
-        connection.execute("BEGIN IMMEDIATE")
+        before = self._last, self._checksum
         try:
-            (last,) = connection.execute("SELECT max(seq) FROM event").fetchone()
-            if last != before:
-                raise StudyError(
-                    f"another process has written to {self.path}: nothing was recorded here. "
-                    "Close one of the two and open the study again"
-                )
+            self._check_file()
             self._insert(pairs, times)
-            connection.execute("COMMIT")
-        except BaseException:  # Ctrl-C too: either all of it is recorded, or nothing
-            self._last = before
+            self._connection.execute("COMMIT")
+        except BaseException as error:  # Ctrl-C too: either all of it is recorded, or nothing
+            after, (self._last, self._checksum) = (self._last, self._checksum), before
+            if not self._has_recorded(after):
+                raise
+            if isinstance(error, sqlite3.Error):
+                return self._confirm(after)
+            self._last, self._checksum = after
+            raise
+        finally:
+            self._hold()
+
+    def _has_recorded(self, after: tuple[int, int]) -> bool:
+        """Return whether a step that raised an error is in the file all the same."""
+        try:
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            return after[0] > self._last and self._tail() == after
+        except sqlite3.Error:
+            return False
+
+    def _confirm(self, after: tuple[int, int]) -> None:
+        """Write the folder to the disk, which failed at the end of a step."""
+        try:
+            synchronize(Path(os.path.realpath(self.path)).parent)
+        except OSError as error:
+            raise StudyError(
+                f"the disk does not confirm that the last step is recorded in {self.path}: close "
+                "prefcal, and open the study again to see whether it is"
+            ) from error
+        self._last, self._checksum = after
+
+    @property
+    def in_place(self) -> bool:
+        """Return whether the file is still where it was opened."""
+        return self.path == ":memory:" or place_of(self._address) == self._place
+
+    def trouble(self) -> str | None:
+        """Return why the file no longer holds everything that was recorded; None if it does.
+
+        If it was moved, removed or replaced, a copy is saved elsewhere.
+        """
+        try:
+            with self._lock, told(self.path, "read"):
+                try:
+                    self._check_file()
+                finally:
+                    self._hold()
+        except StudyError as error:
+            return str(error)
+        return None
+
+    def _check_file(self) -> None:
+        """Lock the file anew, and check that it is the one that was opened and ends as it should.
+
+        Raises:
+            StudyError: If it is not, or was opened for reading.
+        """
+        connection = self._connection
+        if self.path != ":memory:":
+            if self._place is None:
+                raise StudyError(f"the study {self.path} was opened for reading only")
+            if not self.in_place:
+                raise StudyError(self._gone())
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
-            raise
+            connection.execute("PRAGMA shrink_memory")  # what others wrote is read from the disk
+        if not connection.in_transaction:
+            connection.execute("BEGIN IMMEDIATE")
+        if schema.differences(connection) or self._tail() != (self._last, self._checksum):
+            raise StudyError(
+                f"another program has changed {self.path} since it was opened. Nothing was "
+                "recorded since: close prefcal, and open the study again or use an earlier copy"
+            )
+
+    def _tail(self) -> Any:
+        """Return number and checksum of the last event in the file; None if there is none."""
+        query = "SELECT seq, checksum FROM event ORDER BY seq DESC LIMIT 1"
+        return self._connection.execute(query).fetchone()
+
+    def _hold(self) -> None:
+        """Lock the file until the next step, so that no other process can write to it."""
+        if self._place is not None and not self._connection.in_transaction:
+            with suppress(sqlite3.Error):  # the next step tries again, and tells what is wrong
+                self._connection.execute("BEGIN IMMEDIATE")
+
+    def _gone(self) -> str:
+        """Save a copy elsewhere; return what happened and what to do."""
+        lost = f"the study {self.path} was moved, renamed, removed or replaced while it was open."
+        place = Path(self._address)
+        for target in (place, data_folder() / place.name):
+            with suppress(OSError, sqlite3.Error, StudyError):
+                if self._saved is None or self._saved[0] != self._last:
+                    make_data_folder(target)
+                    self._saved = self._last, save_copy(self._connection.serialize(), target)
+                return (
+                    f"{lost} Nothing was recorded since. Move it back and try again, or close "
+                    f"prefcal and continue with a copy of everything before: --study "
+                    f"{self._saved[1]}"
+                )
+        return f"{lost} Nothing was recorded since. Move it back: it could not be saved elsewhere"
 
     def _insert(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
         """Insert rows, inside a transaction."""
         for (event, experiment), at in zip(pairs, times, strict=True):
-            seq = self._last + 1
-            self._check_experiment(seq, event, experiment)
+            recorded = Recorded(self._last + 1, at, event)
+            self._check_experiment(recorded.seq, event, experiment)
             payload = None if experiment is None else pack(encode(experiment))
-            row = (seq, at, to_text(event), payload)
-            self._connection.execute("INSERT INTO event VALUES (?, ?, ?, ?)", row)
-            self._last = seq
+            self._checksum = schema.insert(self._connection, recorded, payload, self._checksum)
+            self._last = recorded.seq
         if self._state is None:
             self._state = begin(1, times[0], pairs[0][0])
 
@@ -261,9 +396,10 @@ class StudyFile:
             raise StudyError(f"event {seq} is impossible: event {source} has no experiment")
 
     def close(self) -> None:
-        """Close the file and remove its write-ahead log."""
+        """Close the file and release its lock."""
         with self._lock:
             self._connection.close()
+            WRITTEN_HERE.discard(self._place)
 
     def __enter__(self) -> Self:
         return self

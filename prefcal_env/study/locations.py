@@ -10,6 +10,8 @@ from prefcal_env.errors import StudyError
 from .trouble import told
 
 SUFFIX = ".prefcal"
+SIMULATED = b"prefcal simulated 1 "
+"""Beginning of a file that keeps the KPIs of simulated θ beside a study."""
 
 
 def data_folder() -> Path:
@@ -36,6 +38,23 @@ def study_path(name_or_path: str) -> Path:
 def studies_in_data_folder() -> list[Path]:
     """Return the files of all named studies, by name."""
     return sorted(data_folder().glob(f"*{SUFFIX}"))
+
+
+def simulated_beside(study: Path) -> Path:
+    """Return the file that keeps the KPIs of simulated θ beside the file of a study."""
+    stem = study.stem if study.suffix == SUFFIX else study.name
+    return study.with_name(f"{stem}.simulated")
+
+
+def is_simulated(path: Path) -> bool:
+    """Return whether the file keeps KPIs of simulated θ, or is empty or missing."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(SIMULATED)) in (SIMULATED, b"")
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
 
 
 def make_data_folder(path: Path) -> None:

@@ -3,13 +3,12 @@
 import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
-from prefcal_env.errors import StudyError
-
-from .connection import existing, publish, vacant
-from .trouble import told
+from .connection import connect, existing, publish, vacant
+from .locations import is_simulated, simulated_beside
+from .trouble import open_elsewhere, told
 
 _PATIENCE = 0.5
 """Seconds to wait for another process to release the file."""
@@ -25,6 +24,9 @@ def remove_study(path: Path | str) -> None:
     with told(file, "remove", "Nothing was removed"), _alone(file):
         file.unlink()
     _remove_logs(file)
+    kept = simulated_beside(file)
+    if is_simulated(kept):
+        kept.unlink(missing_ok=True)
 
 
 def rename_study(old: Path | str, new: Path | str) -> None:
@@ -38,32 +40,34 @@ def rename_study(old: Path | str, new: Path | str) -> None:
         publish(source, target)
         source.unlink(missing_ok=True)
     _remove_logs(source)
+    kept, moved = simulated_beside(source), simulated_beside(target)
+    if is_simulated(kept) and is_simulated(moved):
+        with suppress(OSError):  # they would be simulated again
+            kept.replace(moved)
 
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
     """Lock the file: no other process has it open or can open it inside the block."""
-    with closing(sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)) as connection:
+    with ExitStack() as opened:
         try:
+            connection = opened.enter_context(closing(connect(path, timeout=_PATIENCE)))
             # In this mode, the first access locks the whole file, or fails if it is in use.
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("COMMIT")
-            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         except sqlite3.DatabaseError as error:
             code = getattr(error, "sqlite_errorcode", 0) & 0xFF
             if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-                raise StudyError(
-                    f"the study {path} is open in another process: close it there first"
-                ) from error
+                raise open_elsewhere(path) from error
             if code not in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
                 raise
         if os.name != "posix":  # elsewhere an open file can be neither removed nor renamed
-            connection.close()
+            opened.close()
         yield
 
 
 def _remove_logs(path: Path) -> None:
     """Remove what SQLite may have left beside a removed file."""
-    for suffix in ("-wal", "-shm"):
+    for suffix in ("-journal", "-wal", "-shm"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)

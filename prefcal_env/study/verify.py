@@ -1,7 +1,7 @@
 """Find damage in a study file."""
 
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,8 @@ from prefcal_env.errors import StudyError
 
 from . import schema
 from .codec import decode, unpack
-from .connection import existing
-from .events import Event, Finished, Shown, from_text
+from .connection import connect, existing
+from .events import Event, Finished, Shown
 from .fold import State, begin, step
 from .trouble import told
 
@@ -19,60 +19,64 @@ from .trouble import told
 def verify(path: Path | str) -> tuple[str, ...]:
     """Return descriptions of all damage in the study file at `path`; empty if there is none.
 
-    This checks the file itself (SQLite's integrity check), its tables and every experiment, and
-    replays all events, so it finds a missing, swapped or impossible event. It cannot find a value
-    that was edited to another valid one: compare with an export kept elsewhere.
+    This checks the file itself (SQLite's integrity check), its tables, the checksum of every event
+    and every experiment, and replays all events, so it finds what a disk, a copy or an editor
+    changed, and a missing, swapped or impossible event. It cannot find events that are missing at
+    the end, nor a change made together with its checksums: keep an export elsewhere for that.
 
     Raises:
         StudyError: If there is no such file, it is not a study, or it cannot be read at all.
     """
-    with told(existing(path), "read"), closing(sqlite3.connect(path, timeout=5.0)) as connection:
+    with told(existing(path), "read"), closing(connect(path)) as connection:
         schema.check(connection, str(path))
         try:
             connection.execute("BEGIN")  # one view of all, even if another process appends
-            found = connection.execute("PRAGMA integrity_check").fetchall()
-            damage = [f"the file is damaged: {words}" for (words,) in found if words != "ok"]
             changed = schema.differences(connection)
-            damage += [f"{name!r} is not as prefcal created it" for name in changed]
-            query = "SELECT seq, at, body, payload FROM event ORDER BY seq"
-            rows = connection.execute(query).fetchall()
-        except sqlite3.DatabaseError as error:
+            damage = [f"{name!r} is not as prefcal created it" for name in changed]
+            if "event" in changed:  # it might be an endless view
+                return tuple(damage)
+            found = connection.execute("PRAGMA integrity_check").fetchall()
+            damage += [f"the file is damaged: {words}" for (words,) in found if words != "ok"]
+            rows = schema.events(connection)
+            payloads = _payload_findings(connection)
+            return (*damage, *payloads, *_event_findings(rows))
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             return (f"the file is damaged: {error}",)
-    return (*damage, *_payload_findings(rows), *_event_findings(rows))
 
 
-def _payload_findings(rows: Sequence[tuple[Any, ...]]) -> Iterator[str]:
-    for seq, _, _, payload in rows:
+def _payload_findings(connection: sqlite3.Connection) -> Iterator[str]:
+    query = "SELECT seq, CAST(payload AS BLOB) FROM event WHERE payload IS NOT NULL ORDER BY seq"
+    for seq, payload in connection.execute(query):
         try:
-            if payload is not None:
-                decode(unpack(payload))
+            decode(unpack(payload))
         except StudyError as error:
             yield f"event {seq}: {error}"
 
 
-def _event_findings(rows: Sequence[tuple[Any, ...]]) -> Iterator[str]:
-    """Replay the events up to the first impossible one, since later ones depend on it."""
+def _event_findings(rows: list[tuple[Any, ...]]) -> Iterator[str]:
+    """Replay the events up to the first damaged or impossible one: later ones depend on it."""
     state: State | None = None
     experiments: set[int] = set()
     questions: set[int] = set()
     if not rows:
         yield "there are no events"
-    for expected, (seq, at, body, payload) in enumerate(rows, start=1):
-        if seq != expected:
-            yield f"event {expected} is missing: event {seq} follows event {expected - 1}"
-            return
-        try:
-            event = from_text(body)
-            _check_ids(event, payload is not None, experiments, questions)
-            state = begin(seq, at, event) if state is None else step(state, seq, at, event)
-        except StudyError as error:
-            text = str(error)
-            yield text if text.startswith("event") else f"event {seq}: {text}"
-            return
-        if payload is not None:
-            experiments.add(seq)
-        if isinstance(event, Shown):
-            questions.add(seq)
+    payloads = {seq for seq, _, _, size, _ in rows if size is not None}
+    try:
+        for recorded, _ in schema.recorded(rows):
+            seq, event = recorded.seq, recorded.event
+            _check_ids(event, seq in payloads, experiments, questions)
+            state = (
+                begin(seq, recorded.at, event)
+                if state is None
+                else step(state, seq, recorded.at, event)
+            )
+            if seq in payloads:
+                experiments.add(seq)
+            if isinstance(event, Shown):
+                questions.add(seq)
+    except StudyError as error:
+        text = str(error)
+        yield text if text.startswith("event") else f"event {seq}: {text}"
 
 
 def _check_ids(event: Event, has_payload: bool, experiments: set[int], questions: set[int]) -> None:

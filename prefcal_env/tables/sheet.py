@@ -25,6 +25,8 @@ _SAMPLE = 1000
 """Number of cells that tell whether a column was meant as numbers."""
 _MOST_NAMED = 12
 """Largest number of headings in a message."""
+_MOST_COLUMNS, _MOST_CELLS = 2_000, 5_000_000
+"""Largest number of columns and of cells of a file; a run of an hour at 100 Hz has 360,000 rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,11 +204,30 @@ def _content(path: Path) -> bytes:
 
 def _parquet(content: bytes) -> Any:
     import pandas as pd
+    from pyarrow.parquet import ParquetFile
 
     try:
+        about = ParquetFile(io.BytesIO(content)).metadata  # a small file may hold very many rows
+        _check_size(about.num_rows, about.num_columns)
         return pd.read_parquet(io.BytesIO(content))
+    except RecordError:
+        raise
     except Exception as error:  # pyarrow has many
         raise RecordError(f"the Parquet file cannot be read: {error}") from error
+
+
+def _check_size(rows: int, columns: int) -> None:
+    """Raise RecordError if a file holds more than a run does, and would fill the memory."""
+    if columns > _MOST_COLUMNS:
+        raise RecordError(
+            f"a table may have {_MOST_COLUMNS:,} columns, got {columns:,}: leave out those that "
+            "you do not need"
+        )
+    if rows * columns > _MOST_CELLS:
+        raise RecordError(
+            f"a table may have {_MOST_CELLS:,} cells, got {rows:,} rows of {columns:,} columns: "
+            "leave out columns, or keep every tenth row"
+        )
 
 
 def _of_frame(frame: Any) -> Sheet:
@@ -234,6 +255,7 @@ def _of_text(text: str, wanted: Collection[str]) -> Sheet:
             "a table needs a line of headings and rows of values, got "
             f"{'headings only' if lines.headings else 'no line'}"
         )
+    _check_size(len(lines.rows), len(lines.headings))
     if problem := lines.uneven():
         raise RecordError(problem)
     frame = _parsed(lines)

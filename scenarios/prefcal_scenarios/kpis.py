@@ -14,6 +14,7 @@ from prefcal_env.experiments.maneuvers import MEAN, by_maneuver, named
 from prefcal_env.experiments.so_far import tracking_bounds
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.kpis import Outcome
+from prefcal_env.preferences.reading import Reading
 from prefcal_env.rig import Rig
 
 from .own.checks import returned
@@ -133,6 +134,17 @@ def screened(scenario: Scenario, experiment: Result) -> Outcome:
     return Outcome(_at_worst(_generic(experiment), experiment))
 
 
+def reading(scenario: Scenario) -> Reading:
+    """Return how people read the KPIs that `outcome` and `screened` return."""
+    kpis = [kpi for kpi in scenario.kpis if kpi.goal is not None]
+    ends = {k.name: k.at_least if k.goal == "higher" else k.at_most for k in kpis}
+    return Reading(
+        {k.name: k.step for k in kpis},
+        {k.name: k.badness(ends[k.name]) for k in kpis if np.isfinite(ends[k.name])},
+        frozenset(k.name for k in kpis if k.goal == "target"),
+    )
+
+
 def simulator(
     scenario: Scenario | str, *, seed: int = 0
 ) -> Callable[[Float[np.ndarray, " n"]], Outcome]:
@@ -152,6 +164,7 @@ def simulator(
     def simulate(theta: Float[np.ndarray, " n"]) -> Outcome:
         return screened(found, returned(found.run(theta, seed=seed)))
 
+    simulate.reading = reading(found)  # type: ignore[attr-defined]
     return simulate
 
 

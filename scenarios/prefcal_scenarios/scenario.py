@@ -21,6 +21,7 @@ from prefcal_env.experiments.so_far import tracking_bounds
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
+from prefcal_env.preferences.reading import as_read
 from prefcal_env.rig import Rig
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.checks import check_parts
@@ -53,7 +54,7 @@ NAMES = ", ".join([*(n for n in BUILT_IN if n not in CLOSED_LOOPS), "a closed lo
 _DESCRIBED = "prefcal_scenarios.own.described.making"
 CONTROLLERS = ("pid", "lqr")
 """Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes."""
-_RANDOM_LOOP = re.compile(r"loop-(0|[1-9]\d*)", re.ASCII)
+_RANDOM_LOOP = re.compile(r"(loop|rough)-(0|[1-9]\d*)", re.ASCII)
 
 
 class Run(Protocol):
@@ -72,7 +73,7 @@ class Picture:
     Args:
         file: Name of its file, .png or .gif.
         title: Heading.
-        caption: Description in a sentence or two.
+        caption: Description in a sentence or two, or a function of the record that returns it.
         alt: Function of the record that returns a text for people who cannot see the figure.
         draw: Function of the record that returns a figure, or the content of the file.
         applies: Function that tells whether the study has the necessary data; by default, always.
@@ -82,7 +83,7 @@ class Picture:
 
     file: str
     title: str
-    caption: str
+    caption: str | Callable[[Any], str]
     alt: Callable[[Any], str]
     draw: "Callable[[Any], Figure | bytes]"
     applies: Callable[[Any], bool] = lambda record: True
@@ -103,10 +104,14 @@ class KPI:
             objective, the KPI is informational and the agent does not learn from it (for
             example, a score that a person would not write down).
         about: One sentence that explains the KPI to people.
+        resolution: Smallest difference that people can see, in `unit`: values are shown, and
+            simulated ones learned from, as its multiples. None for a hundredth of an objective's
+            range, rounded down to a power of 10, and for 0.01 of a KPI in %; others are shown with
+            four significant digits.
 
     Raises:
-        ScenarioError: If `better` is not "lower", "higher" or None, or if `at_least` is above
-            `at_most`.
+        ScenarioError: If `better` is not "lower", "higher" or None, if `at_least` is above
+            `at_most`, or if `resolution` is not above 0.
     """
 
     name: str
@@ -116,8 +121,14 @@ class KPI:
     at_least: float = -np.inf
     better: Literal["lower", "higher"] | None = None
     about: str = ""
+    resolution: float | None = None
 
     def __post_init__(self) -> None:
+        if self.resolution is not None and not 0 < self.resolution < np.inf:
+            raise ScenarioError(
+                f"resolution of KPI {self.name!r} must be above 0 and finite, "
+                f"got {self.resolution} {self.unit}".rstrip()
+            )
         if self.better not in ("lower", "higher", None):
             raise ScenarioError(
                 f"better of KPI {self.name!r} must be lower, higher or None, got {self.better!r}"
@@ -139,6 +150,26 @@ class KPI:
             return "lower"
         return "higher" if np.isfinite(self.at_least) else None
 
+    @property
+    def step(self) -> float:
+        """Return the smallest difference that is shown, in `unit`; 0 if only digits limit it."""
+        if self.resolution is not None:
+            return self.resolution
+        width = self.at_most - self.at_least
+        if np.isfinite(width) and width > 0:
+            return float(10.0 ** np.floor(np.log10(width / 100)))
+        return 0.01 if self.unit == "%" else 0.0
+
+    def read(self, value: float) -> float:
+        """Return `value` as it is shown: in multiples of `step`, with four significant digits."""
+        return float(as_read(value, self.step))
+
+    def judged(self, value: float) -> float:
+        """Return how bad `value` looks: equal for values that read the same or meet a target."""
+        if self.goal == "target" and self.met(value):
+            return 0.0
+        return self.badness(self.read(value))
+
     def badness(self, value: float) -> float:
         """Return `value` transformed so that lower is better; NaN if it could not be measured."""
         if self.goal == "target":
@@ -148,10 +179,10 @@ class KPI:
         return value
 
     def met(self, value: float) -> bool | None:
-        """Return whether `value` meets the objective; None if there is no objective."""
+        """Return whether `value`, as read, meets the objective; None if there is no objective."""
         if np.isinf(self.at_most) and np.isinf(self.at_least):
             return None
-        return bool(self.at_least <= value <= self.at_most)
+        return bool(self.at_least <= self.read(value) <= self.at_most)
 
     def met_by(self, experiment: Experiment) -> bool | None:
         """Return whether an experiment meets the objective; None without one or a value."""
@@ -357,7 +388,12 @@ def is_built_in(source: str) -> bool:
 
 def _home(name: str) -> str | None:
     """Return "module:attribute" of a built-in scenario or of a random loop such as "loop-17"."""
-    return f"{_LOOPS}:{name}" if _RANDOM_LOOP.fullmatch(name) else BUILT_IN.get(name)
+    return f"{_LOOPS}:{name}" if is_random_loop(name) else BUILT_IN.get(name)
+
+
+def is_random_loop(name: str) -> bool:
+    """Return whether this is the name of a random closed loop, such as "loop-17" or "rough-17"."""
+    return _RANDOM_LOOP.fullmatch(name) is not None
 
 
 def is_own(source: str) -> bool:
@@ -384,7 +420,8 @@ def load(name: str) -> Scenario:
     A user's own is "path/to/own.py:attribute", or described by plain data: "path/to/tank.toml",
     "path/to/loop.fmu", or 'pid {"plant": "path/to/model.py:plant"}'.
 
-    "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`.
+    "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`, and
+    "rough-17" the rough one, see `prefcal_scenarios.cases.loops.rough_loop`.
 
     A configuration in JSON may follow the name: 'overtake {"lanes_count": 3}'.
 
@@ -393,7 +430,9 @@ def load(name: str) -> Scenario:
             cannot be configured, or the configuration is not JSON.
         SettingsError: If the scenario rejects the configuration.
     """
-    bare, config = split_source(str(name))
+    if not isinstance(name, str):
+        raise ScenarioError(f"a scenario is loaded by its name, got {name!r}")
+    bare, config = split_source(name)
     if is_described(bare):
         made: Scenario = import_module(_DESCRIBED).scenario_of(bare, config)
         return made
@@ -402,7 +441,7 @@ def load(name: str) -> Scenario:
         if scenario.configured is None:
             raise ScenarioError(f"scenario {bare!r} takes no configuration, got {config}")
         return scenario.configured(config)
-    path, _, attribute = str(name).rpartition(":")
+    path, _, attribute = name.rpartition(":")
     if attribute.endswith(".py"):
         raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if is_own(name):
@@ -412,7 +451,7 @@ def load(name: str) -> Scenario:
         module, _, attribute = home.partition(":")
         return _scenario_in(import_module(module), attribute, name)
     raise ScenarioError(
-        f"no scenario is called {name!r}.{did_you_mean(str(name), BUILT_IN)} "
+        f"no scenario is called {name!r}.{did_you_mean(name, BUILT_IN)} "
         f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, pid or lqr "
         "(see `prefcal scenarios`)"
     )

@@ -15,7 +15,10 @@ from support.agents import maker, quick
 from support.extras import need
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.peers) if CLASSES[n].extra else n for n in CLASSES],
+)
 def test_a_state_wakes_up_the_agent_that_it_was_taken_from(name):
     if CLASSES[name].extra:
         need(CLASSES[name].extra)

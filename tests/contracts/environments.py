@@ -211,7 +211,9 @@ def _episode(env: gym.Env[Any, Any], n: int = 30) -> list[tuple[Any, ...]]:
 
 CONTRACT = (
     passes_the_checker_of_gymnasium_without_a_warning,
-    passes_the_checker_of_stable_baselines3_without_a_warning,
+    pytest.param(
+        passes_the_checker_of_stable_baselines3_without_a_warning, marks=pytest.mark.peers
+    ),
     repeats_itself,
     observes_and_rewards_within_bounds,
     acts_and_observes_in_the_unit_box,
@@ -221,7 +223,7 @@ CONTRACT = (
     draws_pictures_of_one_size,
     shows_itself_in_a_window,
     draws_lists_of_pictures,
-    records_videos,
+    pytest.param(records_videos, marks=pytest.mark.libraries),
     counts_episodes,
     tells_the_time,
     stacks_observations,

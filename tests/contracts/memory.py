@@ -3,7 +3,9 @@
 Part of the suites `agents_memory` and `value_agents`.
 """
 
+import copy
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -46,6 +48,21 @@ def test_undo_reopens_the_identical_query(make_agent):
         assert agent.state == state
     with pytest.raises(ProtocolError, match="no answer to undo"):
         agent.undo()
+
+
+@pytest.mark.parametrize("how", [copy.deepcopy, lambda agent: pickle.loads(pickle.dumps(agent))])
+def test_an_agent_can_be_pickled_and_deep_copied_and_goes_on_alike(make_agent, how):
+    agent = make_agent(MIXED, n_init=3, n_max=7)
+    for answer in told(agent)[:5]:
+        agent.tell(agent.ask(), answer)
+    twin = how(agent)
+    assert type(twin) is type(agent)
+    assert twin.state == agent.state
+    assert twin.ask() == agent.ask()
+    twin.tell(twin.ask(), reply(twin, twin.ask()))
+    assert twin.state != agent.state  # it is independent
+    agent.tell(agent.ask(), reply(agent, agent.ask()))
+    assert twin.done or twin.ask() == agent.ask()
 
 
 @pytest.mark.parametrize("answered", [0, 1, 3, 5, 8])

@@ -123,6 +123,7 @@ def test_a_vector_of_one_step_episodes_can_be_run_in_processes_without_wasted_st
     vector.close()
 
 
+@pytest.mark.peers
 def test_preferences_as_a_reward_pass_the_checkers():
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = PreferenceReward(gym.make("prefcal/Experiment-v0", **OWN), LatentCost(final_level))

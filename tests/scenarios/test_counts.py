@@ -14,10 +14,11 @@ from prefcal_scenarios.app.cli.studies.files import summary
 from prefcal_scenarios.app.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.app.report.export import best_as_json
 from prefcal_scenarios.app.report.html import page
-from prefcal_scenarios.app.session import Counts
+from prefcal_scenarios.app.session import Choice, Counts
 from prefcal_scenarios.app.terminal.looking import show_status
 from prefcal_scenarios.app.web.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
+from support.screened import screening
 from toy_study import TOY, toy_scenario
 
 OPTIONS = Options(TOY, n_max=9, n_init=3)
@@ -130,3 +131,29 @@ def said(interview):
     console = Console(record=True, width=200, file=io.StringIO())
     show_status(interview, console)
     return console.export_text()
+
+
+def test_the_promised_number_of_questions_is_reached_and_never_passed():
+    study = screening(n_max=6)
+    proceed(study)
+    assert study.planned.total == "5 to 8"
+    promise, numbers = study.planned, []
+    while (question := proceed(study).question) is not None:
+        view = now_view(study)["progress"]
+        numbers.append(study.planned.answered + 1)
+        assert view["text"] == f"question {len(numbers)} of {view['total']}"
+        assert study.planned.fewest <= promise.most
+        study.answer(question.id, Choice.LEFT if len(numbers) % 3 else Choice.RIGHT)
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert promise.fewest <= len(numbers) <= promise.most
+    assert now_view(study)["progress"]["text"] == f"{len(numbers)} questions answered"
+
+
+def test_where_follow_ups_have_no_limit_experiments_are_promised():
+    study = begin(toy_scenario(), n_max=9, agent=THREE)
+    until_further(study)
+    planned = study.planned
+    assert (planned.total, planned.counts_all) == ("8", False)
+    assert (
+        now_view(study)["progress"]["text"] == f"follow-up question, after {planned.answered} of 8"
+    )

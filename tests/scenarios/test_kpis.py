@@ -189,12 +189,23 @@ def test_what_stands_out_is_named_by_title_and_bars_run_from_0_to_100_percent():
 def test_of_equal_shares_nothing_is_named():
     equal = importance(40, t_f=0.75, final=0.74, a=0.74, b=0.73, c=0.73)
     assert equal.named == ()
-    assert equal.sentence().startswith("Nothing stands out yet: several KPIs matter")
+    assert equal.sentence() == (
+        "Nothing stands out yet: settling time t_f alone would have given 75 % of the answers, the "
+        "most of all."
+    )
+
+
+def test_of_a_few_answers_nothing_is_said_and_no_bar_is_drawn():
+    known = LearnedCost({"t_f": Term(1.0, 0.0, 1.0)}, 3, 7)
+    found = KpiImportance.of(known, Importance({"t_f": 0.9}, (), 7), TOY)
+    assert found.bars == ()
+    assert found.caption == ""
+    assert found.sentence() == "This takes 8 answers that prefer one side: so far there are 7."
 
 
 def test_what_predicts_like_a_coin_is_said_to():
     found = importance(23, t_f=0.5)
-    assert "no KPI explains the answers clearly better than chance" in found.sentence()
+    assert found.sentence().startswith("Nothing stands out yet: ")
     assert "23 of 44" in found.trust
     assert KpiImportance.of(None, None, TOY) is None
 

@@ -102,6 +102,14 @@ class Exits(Own):
         raise SystemExit("bye")
 
 
+class Quits(Own):
+    """Raises what ends programs, by its seed."""
+
+    def ask(self):
+        seed = self.rng.bit_generator.seed_seq.entropy
+        raise (BaseException, GeneratorExit, KeyboardInterrupt)[seed]("enough")
+
+
 class Greedy(Own):
     """Wants more than it may have."""
 

@@ -24,6 +24,10 @@ def fail():
     raise OSError("the pump does not answer")
 
 
+def interrupt(error=KeyboardInterrupt):
+    raise error("the pump is stopped")
+
+
 def leave():
     raise SystemExit(3)
 

@@ -8,9 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from playwright.sync_api import Browser, Page, sync_playwright
+from typing import TYPE_CHECKING, Any
 
 from prefcal_env.study import State
 from prefcal_scenarios.app.session import Background
@@ -19,6 +17,9 @@ from prefcal_scenarios.scenario import Scenario
 from support.interviews import begin
 from support.processes import start
 from support.studies import state_of
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -94,9 +95,10 @@ def window_on(scenario: Scenario, study: Path, n_max: int) -> Iterator[Served]:
 
 
 @contextlib.contextmanager
-def chromium() -> Iterator[Browser]:
-    """A headless browser that resolves no name."""
-    assert CHROMIUM, "the browser tests need chromium: apt-get install chromium"
+def chromium() -> Iterator["Browser"]:
+    """A headless browser that resolves no name; tests take the fixture `browser`."""
+    from playwright.sync_api import sync_playwright
+
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         try:
@@ -108,7 +110,7 @@ def chromium() -> Iterator[Browser]:
 class Watched:
     """A page that notes every request, every error, and whatever the console complains of."""
 
-    def __init__(self, browser: Browser, **options: Any) -> None:
+    def __init__(self, browser: "Browser", **options: Any) -> None:
         self.page: Page = browser.new_context(
             **{"viewport": {"width": 1280, "height": 720}, **options}
         ).new_page()

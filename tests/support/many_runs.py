@@ -7,6 +7,7 @@ import ctypes
 import os
 import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ LEVEL = Channel("level", "m")
 CHANNELS = Channels(x=(LEVEL,), u=(Channel("valve", "%"),), y=(LEVEL,))
 SPACE = KnobSpace([Knob("what", 0, 100, integer=True), Knob("gain", 0.0, 1.0)])
 RUNS, RAISES, DIES, HANGS, LEAVES, VANISHES, NOTHING, DIES_ONCE, WAITS, TELLS = range(10)
+INTERRUPTS, WRITES, FORKS = range(10, 13)
 
 
 def run(theta: Any, seed: int = 0) -> Experiment:
@@ -40,10 +42,22 @@ def run(theta: Any, seed: int = 0) -> Experiment:
         return None  # type: ignore[return-value]
     if what == WAITS:
         time.sleep(0.3)
+    if what == INTERRUPTS:
+        raise KeyboardInterrupt
+    if what == WRITES:
+        _write_everywhere()
+    if what == FORKS:
+        os.fork()
     if what == TELLS:
         print("own code is talking")
     theta[0] = 0.0  # nobody else may notice
     return _experiment(np.array([what, gain]), seed)
+
+
+def _write_everywhere() -> None:
+    for descriptor in range(3, 100):
+        with suppress(OSError):
+            os.write(descriptor, b"the level is 3 m, and the valve is open")
 
 
 def _die(flag: Path | None) -> None:

@@ -1,17 +1,21 @@
 """What tests of pages look for: colors on the screen, and what a checker of accessibility finds."""
 
 import io
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from axe_playwright_python.sync_playwright import Axe
+import pytest
 from PIL import Image
-from playwright.sync_api import Page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+Axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe
 
 COLORS = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
 
 
-def serious(page: Page) -> list[Any]:
+def serious(page: "Page") -> list[Any]:
     """What axe finds in light, and about colors in dark, by the rule and the first element."""
     found = Axe().run(page).response["violations"]
     page.emulate_media(color_scheme="dark")
@@ -26,7 +30,7 @@ def serious(page: Page) -> list[Any]:
     ]
 
 
-def pixels(page: Page, selector: str, color: tuple[int, int, int]) -> int:
+def pixels(page: "Page", selector: str, color: tuple[int, int, int]) -> int:
     """How many pixels of an element are of a color, nearly."""
     shot = page.locator(selector).screenshot()
     image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)

@@ -1,9 +1,12 @@
 """Studies for tests: driven in memory by one loop, or kept in a file."""
 
+import sqlite3
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -75,7 +78,7 @@ def drive(
 
 def state_of(study: Path | str) -> State:
     """Return the state of a study, by its name or its file."""
-    with StudyFile.open(study_path(str(study)), clock=clock()) as file:
+    with StudyFile.open(study_path(str(study)), clock=clock(), reading=True) as file:
         return file.state
 
 
@@ -114,3 +117,29 @@ def small_study(
     for index in range(answers + 1):
         compared(file, index, (None, -1, 0, 1)[index % 4])
     return file
+
+
+def tamper(path: Path, script: str, *, signed: bool = False) -> int:
+    """Change a study file without a trace in its tables and triggers; return the changed rows.
+
+    Args:
+        path: Study file.
+        script: Statements of SQL.
+        signed: Whether to make the checksums fit, as only somebody who wants to deceive does.
+    """
+    with closing(sqlite3.connect(path)) as connection:
+        query = "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' ORDER BY rowid"
+        triggers = connection.execute(query).fetchall()
+        for name, _ in triggers:
+            connection.execute(f"DROP TRIGGER {name}")
+        connection.executescript(script)
+        changed = connection.total_changes
+        before = 0
+        query = "SELECT seq, at, body, length(payload) FROM event ORDER BY seq"
+        for seq, at, body, size in connection.execute(query).fetchall() if signed else ():
+            before = crc32(f"{seq}\n{at}\n{-1 if size is None else size}\n{body}".encode(), before)
+            connection.execute("UPDATE event SET checksum = ? WHERE seq = ?", (before, seq))
+        for _, sql in triggers:
+            connection.execute(sql)
+        connection.commit()
+    return changed

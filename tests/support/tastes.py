@@ -1,12 +1,19 @@
 """Runs and rules made by hand or by hypothesis, for the tests of tastes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 
 from prefcal_scenarios.tastes import Runs
+from prefcal_scenarios.tastes.eyes.ideal import Ideal, Wish
+from prefcal_scenarios.tastes.eyes.majority import Majority
+from prefcal_scenarios.tastes.eyes.noticing import Eyes
+from prefcal_scenarios.tastes.eyes.order import Criterion, Order
+from prefcal_scenarios.tastes.eyes.ranks import Ranks, Scale
+from prefcal_scenarios.tastes.eyes.trade import Share, Trade
 from prefcal_scenarios.tastes.limited import Limit, Limited
 from prefcal_scenarios.tastes.priorities import Priorities, Priority
 from prefcal_scenarios.tastes.rising import Standards
@@ -44,8 +51,35 @@ RULES: dict[str, Any] = {
         (Priority("error", 0.2, relative=True), Priority("effort", 1.0), Priority("noise", 0.0))
     ),
     "standards": Standards(_TRADE_OFF, _STRICT),
+    "order": Eyes(Order((Criterion("error", 0.2, at_most=0.5), Criterion("effort", 1.0)))),
+    "majority": Eyes(
+        Majority((Criterion("error", 0.2), Criterion("effort", 1.0), Criterion("noise", 0.1)))
+    ),
+    "ideal": Eyes(Ideal((Wish("error", 0.1, 2.0), Wish("noise", 0.0, 0.1)), 2.0, 0.3)),
+    "ranks": Eyes(
+        Ranks(
+            (
+                Scale("error", (0.0, 1.0, 4.0), (0.1, 0.5, 0.9)),
+                Scale("noise", (0.5,), (0.5,)),
+            ),
+            0.2,
+        )
+    ),
+    "trade": Eyes(
+        Trade((Share("error", 0.6, 0.0, 0.5, 1.5), Share("effort", 0.4, 0.0, 2.0, 1.0)), 0.1)
+    ),
 }
 """One rule of every class that does not change."""
+
+EYES = ("order", "ideal", "majority", "ranks", "curves", "trade")
+"""Kinds of people with eyes, whose draws take seconds."""
+
+
+def kinds(names: Iterable[str]) -> list[Any]:
+    """Names of tastes as parameters, those of people with eyes in the extended part."""
+    eyes = pytest.mark.slow
+    return [pytest.param(n, marks=eyes if n.partition("-")[0] in EYES else ()) for n in names]
+
 
 _VALUES = st.floats(0.0, allow_nan=False, allow_infinity=True) | st.sampled_from(
     [0.0, 0.5, 1.0, np.inf]

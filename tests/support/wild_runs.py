@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import sys
 import threading
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,10 +48,27 @@ def spin_tidily():
         FLAG.write_text("at rest")
 
 
+def answer_twice():
+    """A fork that is forgotten: it returns from the run, too."""
+    os.fork()
+
+
+def write_everywhere():
+    """Into every file that is open, as code that closes and reuses descriptors may do."""
+    for descriptor in range(3, 100):
+        with suppress(OSError):
+            os.write(descriptor, b"the level is 3 m, and the valve is open")
+
+
+def interrupt(error=KeyboardInterrupt):
+    raise error
+
+
 WILD = {
     1: spin, 2: spin_compiled, 3: lambda: os._exit(3), 4: lambda: ctypes.string_at(0),
     5: spin_forking, 6: spin_tidily, 7: lambda: sys.exit("bye"), 8: lambda: 1 / 0,
     9: lambda: np.ones(1 << 50), 10: lambda: os.abort(),
+    12: answer_twice, 13: write_everywhere, 14: interrupt, 15: lambda: interrupt(GeneratorExit),
 }  # fmt: skip
 
 

@@ -54,14 +54,18 @@ class Advice:
     @property
     def text(self) -> str:
         """Return in one sentence whether to continue, with the numbers behind it."""
+        if not self.stop:
+            return self.estimate
+        return f"It is a good time to stop: {self.estimate[0].lower()}{self.estimate[1:]}"
+
+    @property
+    def estimate(self) -> str:
+        """Return the numbers in one sentence, without the advice to stop."""
         ahead = f"another {AHEAD} experiments"
         record = f"{self.improved} of the last {self.recent} beat the best before"
         nothing = f"{100 * self.none:.0f} %" if self.none >= 0.005 else "less than 1 %"
         if self.stop:
-            return (
-                f"It is a good time to stop: with a chance of {nothing}, {ahead} would bring "
-                f"nothing better ({record})."
-            )
+            return f"With a chance of {nothing}, {ahead} would bring nothing better ({record})."
         odds = "are likely to" if self.none < _HARDLY else "may"
         about = f"about {max(round(self.expected), 1)} would beat the best"
         return (

@@ -34,9 +34,10 @@ class GLISp(PreferenceBased):
     (eq. QP-pref), ε is chosen by cross-validation, and an acquisition is minimized (eq. xNp1).
 
     Source: section III of the paper.
-    Deviation: see `GLISpSettings`. `GLISp.paper` has only three, all measured in
-    docs/deviations.md: the box (see `KnobSpace`), the plain Latin hypercube of the start, and a
-    multistart descent instead of a particle swarm.
+    Deviation: see `GLISpSettings`. Those of `GLISp.paper` are all in
+    docs/deviations.md, with what they change: the box (see `KnobSpace`), the plain Latin hypercube
+    of the start, the candidates of ε, a multistart descent instead of a particle swarm, and round
+    numbers for each knob.
 
     Args:
         space: Knobs to tune.

@@ -10,6 +10,7 @@ from scipy.special import betainc, betaln
 
 from prefcal_agents.history.lessons import Preferences, kpis_of
 from prefcal_env.preferences.history import History
+from prefcal_env.preferences.reading import Reading
 
 from .interpolant import normalized
 from .kpi_model import CEILING
@@ -21,7 +22,8 @@ _NEEDED, _AS_GOOD = 10.0, 2.0
 many times less likely they may be under another KPI than under the best one to name it too."""
 _NAMED = 3
 _FEW = 2  # maximum number of KPIs that decide together and still stand out
-_FEWEST = 5  # minimum number of strict answers for a comparison
+FEWEST = 8
+"""Minimum number of strict answers for a comparison of KPIs; below, nothing is said about them."""
 _SEVERAL, _MIXES = (4, 7), 400  # sizes of the sums of several KPIs, and number of sums drawn
 _ALIKE = 1e-9  # sums that differ by less count as equal
 
@@ -42,7 +44,9 @@ class Importance:
     answers: int
 
     @classmethod
-    def of(cls, history: History, known: Sequence[str] = ()) -> "Importance | None":
+    def of(
+        cls, history: History, known: Sequence[str] = (), reading: Reading | None = None
+    ) -> "Importance | None":
         """Compare explanations of the answers in `history`.
 
         Five explanations compete, equally likely a priori: one KPI decides; two count equally;
@@ -58,28 +62,30 @@ class Importance:
             history: Samples, answers and KPIs.
             known: Names of the KPIs that the person sees. If at least two of them differ among
                 the experiments, only these are compared; their order breaks ties.
+            reading: How the person reads KPIs; exactly if None.
 
         Returns:
             The importance; None without KPIs or strict answers.
         """
         preferences = Preferences.of(history)
         strict = preferences.subset(np.flatnonzero(preferences.b))
-        names, values = _known(kpis_of(history), known)
+        names, values = _known(kpis_of(history), known, reading or Reading())
         if not names or not len(strict):
             return None
         share = np.mean((_signs(strict, values) + 1) / 2, axis=0)
         agreement = {names[k]: float(share[k]) for k in np.argsort(-share, kind="stable")}
-        named = _standing_out(strict, values) if len(strict) >= _FEWEST else []
+        named = _standing_out(strict, values) if len(strict) >= FEWEST else []
         return cls(agreement, tuple(names[k] for k in named[:_NAMED]), len(strict))
 
 
 def _known(
-    outcomes: Sequence[Mapping[str, float]], known: Sequence[str]
+    outcomes: Sequence[Mapping[str, float]], known: Sequence[str], reading: Reading
 ) -> tuple[list[str], Float[np.ndarray, "N p"]]:
     """Return the names of the KPIs that differ, and their values; NaN if missing."""
     found = {}
     for name in sorted({name for outcome in outcomes for name in outcome}):
-        values = np.array([outcome.get(name, np.nan) for outcome in outcomes], dtype=float)
+        exact = np.array([outcome.get(name, np.nan) for outcome in outcomes], dtype=float)
+        values = reading(name, exact)
         if len(np.unique(values[~np.isnan(values)])) > 1:
             found[name] = values
     shown = [name for name in known if name in found]

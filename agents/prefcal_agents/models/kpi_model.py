@@ -47,15 +47,17 @@ class Outcomes:
             kpi = _KPI.of(known, name)
             if len(kpi.there) >= _FEWEST and np.ptp(kpi.shares) > 0:
                 alike.setdefault(tuple(kpi.there), []).append(kpi)
-        columns, kpis = [], []
+        columns: list[Float[np.ndarray, " N"]] = []
+        kpis: list[_KPI] = []
         for group in alike.values():
             there, shares = group[0].there, np.array([kpi.shares for kpi in group]).T
-            best = best_interpolants(x[there], shares, _EPSILONS, _RBF)
-            for k, (model, _) in enumerate(best):
-                column = np.clip(model(x), 0.0, 1.0) if len(there) < len(x) else np.zeros(len(x))
-                column[there] = shares[:, k]
-                columns.append(column)
-                kpis.append(group[k])
+            filled = np.zeros((len(x), len(group)))
+            if len(there) < len(x):
+                best = best_interpolants(x[there], shares, _EPSILONS, _RBF)
+                filled = np.array([np.clip(model(x), 0.0, 1.0) for model, _ in best]).T
+            filled[there] = shares
+            columns.extend(filled.T)
+            kpis.extend(group)
         return cls(
             columns=np.array(columns).reshape(len(columns), len(x)).T,
             names=tuple(kpi.name for kpi in kpis),

@@ -2,7 +2,8 @@
 
 from contextlib import AbstractContextManager
 from functools import cache
-from typing import Any, overload
+from math import inf
+from typing import Any, ClassVar, overload
 
 import numpy as np
 from jaxtyping import Float
@@ -53,6 +54,8 @@ class Agent(Stored):
 
     by_value = False
     """Whether the agent learns from scores, not preferences; then no query has an incumbent."""
+    most_follow_ups: ClassVar[float] = inf
+    """Largest number of questions about two known samples in a study."""
 
     def __init__(
         self,
@@ -268,6 +271,8 @@ class Agent(Stored):
         """
         history = self.history
         if self.by_value or history.waits or not history.answered:
+            return None
+        if len(history.follow_ups) >= self.most_follow_ups:
             return None
         if self._thought is None or self._thought[0] != history:
             with one_thread():

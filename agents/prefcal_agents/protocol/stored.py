@@ -113,6 +113,11 @@ class Stored(Protocol):
         twin._given, twin.history = self._given, self.history
         return twin
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle settings, samples and answers: all else follows, solvers of others included."""
+        kept = {"_given": self._given, "history": self.history}
+        return type(self)._made, (self.space, self._snapshot()), kept
+
 
 def _check(history: History, agent: Stored) -> None:
     """Raise SettingsError unless `history` can be that of `agent`."""

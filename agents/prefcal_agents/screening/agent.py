@@ -3,17 +3,18 @@
 from typing import ClassVar, Self, final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.utilities import Utilities
+from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .beyond_kpis import BeyondKPIs
-from .choice import expected_best, worth
+from .choice import clearly_apart, expected_best, trend, worth
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
 from .simulating import Simulating
@@ -21,11 +22,15 @@ from .simulations import Simulations
 
 _DOUBT = 0.5
 """Probability of being better than the best above which an earlier experiment is shown again."""
-_TIMES = 2
-"""Number of times that a pair is asked at most."""
+_TIMES, _BETWEEN = 2, 5
+"""Number of times that a pair is asked at most, and of questions between the two times at least."""
+_FOLLOW_UPS = 3
+"""Largest number of questions of a study about experiments that were shown before."""
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
 all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
+_MISFIT = 0.75
+"""Exponent of the probability that one is better, fitted to replays of people of another form."""
 _ALIKE = 0.005
 """Experiments whose KPIs differ by less than this share look alike."""
 
@@ -35,10 +40,12 @@ class Screening(Simulating):
     """Simulate many θ unseen, learn the person's utility from KPIs, and show few experiments.
 
     Arguments and errors are those of `Simulating`. n_max experiments take n_max - 1 comparisons,
-    and one more for each earlier experiment that is probably better than the best and shown again.
+    and up to three more, in which earlier experiments are shown again. Differences of KPIs that
+    people cannot read, by the `reading` of `simulate`, are none.
     """
 
-    version: ClassVar[int] = 1
+    version: ClassVar[int] = 2
+    most_follow_ups: ClassVar[float] = _FOLLOW_UPS
     _growth: Growth | None = None
     _beyond: BeyondKPIs
 
@@ -53,6 +60,11 @@ class Screening(Simulating):
     def bank(self) -> Bank:
         """Return the simulated θ that the open query was chosen from; it simulates if needed."""
         return self._stage.bank
+
+    @property
+    def due(self) -> int:
+        """Return the number of θ that are simulated by the time of the open query."""
+        return 0 if self._growth is None else self._growth.due(self.history)
 
     @property
     def _stage(self) -> Stage:
@@ -70,22 +82,35 @@ class Screening(Simulating):
             return None
         stage = self._stage
         new, best = (_row(stage.bank, side.theta) for side in (query.challenger, query.incumbent))
-        return None if new is None or best is None else reason_for(stage, new, best, self.history)
+        if new is None or best is None:
+            return None
+        return reason_for(stage, new, best, self.history)
 
     @property
     def chance_of_better(self) -> float:
         """Return the probability that the person prefers some simulated θ to the best one shown.
 
-        It is that of the most promising θ that was not shown; 1 before the first answer. It
-        simulates if needed.
+        At least one of those that were not shown is then noticeably better. 1 before the first
+        answer. It simulates if needed.
         """
         if self.best_index is None or not self.history.lessons():
             return 1.0
         stage = self._stage
         found = chances(stage, stage.bank.find(self.best))
         for sample in self.history.samples[: self.history.answered]:
-            found[stage.bank.find(sample.theta)] = 0.0
-        return float(found.max())
+            found[:, stage.bank.find(sample.theta)] = 0.0
+        return float(found.max(axis=1).mean() ** _MISFIT)
+
+    @property
+    def trend(self) -> Float[np.ndarray, " n"] | None:
+        """Return how expected worth grows along each knob near the best θ; None before an answer.
+
+        It simulates if needed.
+        """
+        if self.best_index is None or not self.history.lessons():
+            return None
+        stage = self._stage
+        return trend(stage.bank.z, stage.costs, stage.bank.find(self.best))
 
     @property
     def _growing(self) -> Growth:
@@ -109,14 +134,28 @@ class Screening(Simulating):
                 return tried.fresh(stage.bank.z[found], rng)
         row = None if best is None else stage.bank.find(history.samples[best].theta)
         order = np.argsort(-expected_best(stage.costs, row), kind="stable")
-        dull = stage.bank.hopeless | _look_alike(stage, history)
-        z = tried.first_new(stage.bank.z[order[np.argsort(dull[order], kind="stable")]])
+        last = 1000 * (stage.bank.hopeless | _look_alike(stage, history))
+        if not history.lessons():
+            last = last + self._poor_beginning(stage, row)
+        z = tried.first_new(stage.bank.z[order[np.argsort(last[order], kind="stable")]])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
+
+    def _poor_beginning(self, stage: Stage, row: int | None) -> Int[np.ndarray, " m"]:
+        """Return how little each θ suits the first comparison, 0 is best, shape (m,).
+
+        People begin with two experiments that meet the objectives, and differ clearly.
+        """
+        names, kpis = stage.bank.names, stage.bank.kpis
+        missed = self.simulations.reading.missed(names, kpis)
+        if row is None:
+            return np.asarray(2 * missed)
+        return np.asarray(2 * missed + ~clearly_apart(kpis, missed == missed.min(), row))
 
     def _follow_up(self, history: History) -> Pair | None:
         """Return an earlier experiment that is probably better than the best, to ask again.
 
-        A wrong answer can have cost it the lead. Each pair is asked at most twice.
+        A wrong answer can have cost it the lead. A tie is no reason to ask again, and the second
+        time comes after other questions.
         """
         best = history.incumbent
         if best is None or len(history.lessons()) < 2 or self._growth is None:
@@ -128,8 +167,7 @@ class Screening(Simulating):
         for rival in map(int, np.argsort(-doubt, kind="stable")):
             if doubt[rival] <= _DOUBT:
                 return None
-            times = sum({c.challenger, c.incumbent} == {rival, best} for c in history.counting)
-            if times < _TIMES:
+            if _may_be_asked(history, rival, best):
                 return max(rival, best), min(rival, best)
         return None
 
@@ -141,6 +179,15 @@ class Screening(Simulating):
         twin._growth = self._growth
         twin._beyond = BeyondKPIs(self.space, self._seed)  # its solver may not be shared
         return twin
+
+
+def _may_be_asked(history: History, first: int, second: int) -> bool:
+    """Return whether a question about two known experiments neither is settled nor comes soon."""
+    order = history.in_order()
+    places = [k for k, c in enumerate(order) if {c.challenger, c.incumbent} == {first, second}]
+    settled = any(order[k].answer.preference is Preference.TIE for k in places)
+    soon = bool(places) and len(order) - places[-1] <= _BETWEEN
+    return not settled and not soon and len(places) < _TIMES
 
 
 def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int | None:

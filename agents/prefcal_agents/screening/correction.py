@@ -18,6 +18,7 @@ from prefcal_agents.history.lessons import kpis_of
 from prefcal_agents.models.gaussian_process import matern, squares
 from prefcal_agents.utility.bank import Bank
 from prefcal_env.preferences.history import History
+from prefcal_env.preferences.reading import Reading
 
 _TRUST = 0.5
 """Probability, before anything is measured, that a KPI follows the twin's."""
@@ -44,21 +45,23 @@ class Measured:
     Args:
         rows: Rows of the bank whose θ have run, shape (r,).
         outcomes: Their KPIs.
+        reading: How people read them.
     """
 
     rows: Int[np.ndarray, " r"]
     outcomes: tuple[Mapping[str, float], ...]
+    reading: Reading
 
     @classmethod
-    def of(cls, bank: Bank, history: History) -> "Measured":
-        """Return the KPIs that the answers of `history` tell; none if all are as simulated."""
+    def of(cls, bank: Bank, history: History, reading: Reading) -> "Measured":
+        """Return the KPIs that the answers of `history` tell; none if all read as simulated."""
         cut = history.cut_short()  # their KPIs are bounds
         told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis and i not in cut}
         rows = [bank.find(history.samples[index].theta) for index in told]
-        found = cls(np.array(rows, dtype=np.int64), tuple(told.values()))
+        found = cls(np.array(rows, dtype=np.int64), tuple(told.values()), reading)
         kpis = found.on(bank).kpis
         same = np.isclose(kpis, bank.kpis, rtol=_SAME, atol=0.0)
-        return cls(np.array([], dtype=np.int64), ()) if same.all() else found
+        return cls(np.array([], dtype=np.int64), (), reading) if same.all() else found
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -68,6 +71,7 @@ class Measured:
         kpis = bank.kpis.copy()
         for row, outcome in zip(self.rows, self.outcomes, strict=True):
             kpis[row] = [outcome.get(n, k) for n, k in zip(bank.names, kpis[row], strict=True)]
+        kpis[self.rows] = self.reading.table(bank.names, kpis[self.rows])
         return replace(bank, kpis=kpis)
 
 

@@ -1,6 +1,6 @@
 """How the bank of a screening agent grows from answer to answer."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -83,6 +83,11 @@ class Growth:
         """Return what is known after `history`, simulating what was not simulated yet."""
         return self._stages.after(history)
 
+    def due(self, history: History) -> int:
+        """Return how many θ are simulated by the time of the query after `history`."""
+        turn = max(history.answered - 1, 0)
+        return sum(wide + near for wide, near in self._plan[: turn + 1])
+
     def works(self, z: Float[np.ndarray, " n"]) -> bool:
         """Simulate the θ of a point of the cube, shape (n,); return whether it has a finite KPI."""
         return not self._simulated(*runnable(self._space, z[None])).hopeless[0]
@@ -107,7 +112,7 @@ class Growth:
         """Return the stage after `past`, given the bank as simulated."""
         some = utilities.take(np.arange(0, len(utilities), _THINNED))
         logs = expected = scale(bank)
-        measured = Measured.of(bank, past)
+        measured = Measured.of(bank, past, self.simulations.reading)
         seen, rows = measured.on(bank), measured.rows
         if len(rows) and scale.names:
             rng = self._rng(past, _CORRECT)
@@ -161,7 +166,7 @@ class Growth:
         """Return draws given the answers of `past`, from draws given those of `before`."""
         if not past.lessons() and not past.unsafe():
             return utilities
-        seen = Measured.of(bank, past).on(bank)
+        seen = Measured.of(bank, past, self.simulations.reading).on(bank)
         old, new = (Lessons.of(seen, scale, record) for record in (before, past))
         return updated(utilities, old, new, scale, self._rng(past, _LEARN))
 
@@ -185,7 +190,9 @@ class Growth:
         return self._simulated(np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas]))
 
     def _simulated(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
-        return Bank.of(z, thetas, self.simulations(thetas))
+        """Return the bank of these θ, with their KPIs as people read them."""
+        bank, reading = Bank.of(z, thetas, self.simulations(thetas)), self.simulations.reading
+        return replace(bank, kpis=reading.table(bank.names, bank.kpis))
 
     def _rng(self, past: History, stream: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, past.answered, len(past.follow_ups), stream])

@@ -6,12 +6,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
+from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .growth import Stage
 
-_COUNTS_MORE = 1.4
-"""A KPI counts more than before if its weight has grown by this factor."""
 _DIFFERS = 0.02
 """Share of the present weights' cost below which two values of a KPI are called equal."""
 
@@ -25,18 +24,21 @@ class Reason:
         better_in: Names of the KPIs in which it is better than the best so far, the one that
             matters most first.
         worse_in: Names of those in which it is worse, likewise.
-        learned: Names of the KPIs that count more, by the answers, than before the first answer,
-            the clearest first; empty before anything is learned.
     """
 
     chance: float
     better_in: tuple[str, ...]
     worse_in: tuple[str, ...]
-    learned: tuple[str, ...]
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
-    """Return why row `new` of the bank is compared with row `best`."""
+    """Return why row `new` of the bank is compared with row `best`.
+
+    Somebody who often sees no difference prefers the new one less often than the costs say, so the
+    chance is multiplied by the share of answers so far that prefer a side.
+    """
+    given = [c.answer.preference is not Preference.TIE for c in history.lessons()]
+    told = (sum(given) + 1) / (len(given) + 1)
     names = stage.scale.names
     logs, weights = stage.logs[[new, best]], stage.utilities.weights
     lost = [stage.utilities.losses(logs, kpi) for kpi in range(len(names))]
@@ -46,31 +48,13 @@ def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
     clear = np.abs(gains) > _DIFFERS * np.abs(gains).sum()
     order = [int(kpi) for kpi in np.argsort(-np.abs(gains), kind="stable") if clear[kpi]]
     return Reason(
-        float(chances(stage, best)[new]),
+        told * float(chances(stage, best)[:, new].mean()),
         tuple(names[kpi] for kpi in order if gains[kpi] > 0),
         tuple(names[kpi] for kpi in order if gains[kpi] < 0),
-        _learned(stage, names, history),
     )
 
 
-def chances(stage: Stage, best: int) -> Float[np.ndarray, " m"]:
-    """Return the probability that each θ is noticeably better than row `best`, shape (m,)."""
+def chances(stage: Stage, best: int) -> Float[np.ndarray, "d m"]:
+    """Return, in each draw, how probably θ are noticeably better than row `best`, shape (d, m)."""
     gain = stage.costs[:, best, None] - stage.costs
-    return np.asarray(ndtr(gain / stage.noticed[:, None] - 1.0).mean(axis=0))
-
-
-def _learned(stage: Stage, names: tuple[str, ...], history: History) -> tuple[str, ...]:
-    """Return the KPIs whose weight has grown, and in which most preferred experiments were better.
-
-    The weights of a few answers are uncertain; the second condition keeps what is said true.
-    """
-    wins = np.zeros(len(names))
-    for verdict in history.verdicts():
-        if verdict.winner is None or verdict.loser is None:
-            continue
-        rows = [stage.bank.find(history.samples[i].theta) for i in (verdict.winner, verdict.loser)]
-        winner, loser = stage.logs[rows]
-        wins += np.where(loser > winner, 1.0, 0.0) - np.where(loser < winner, 1.0, 0.0)
-    grown = stage.utilities.weights.mean(axis=0) * len(names)
-    order = np.argsort(-grown, kind="stable")
-    return tuple(names[kpi] for kpi in order if grown[kpi] > _COUNTS_MORE and wins[kpi] > 0)
+    return np.asarray(ndtr(gain / stage.noticed[:, None] - 1.0))

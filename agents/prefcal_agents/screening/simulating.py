@@ -1,5 +1,6 @@
 """What all agents share that simulate θ unseen."""
 
+from collections.abc import Mapping
 from typing import Any, Self
 
 from prefcal_agents.history.agent_state import AgentState
@@ -92,3 +93,14 @@ class Simulating(PreferenceBased):
         twin = super()._twin(state)
         twin._simulations = self._simulations
         return twin
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the simulations, too, if their function can be pickled."""
+        *how, kept = super().__reduce__()
+        return *how, {**kept, "_simulations": self._simulations}
+
+    def __setstate__(self, kept: Mapping[str, Any]) -> None:
+        """Take what `__reduce__` kept."""
+        vars(self).update(kept)
+        if self._simulations is not None:
+            self._begin(self._simulations)

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
+from prefcal_env.preferences.reading import Reading
 
 Theta = Float[np.ndarray, " n"]
 Simulate = Callable[[Theta], Mapping[str, float] | None]
@@ -19,7 +20,7 @@ Simulate = Callable[[Theta], Mapping[str, float] | None]
 KPIs may be infinite (never), or missing or NaN (unknown). None, no KPIs or an exception: the
 simulation failed, which keeps the agent away from its θ. If the function has an attribute `many`,
 that is called with a list of θ instead and returns their KPIs in the same order, for example from
-several processes; see `SimulateMany`.
+several processes; see `SimulateMany`. An attribute `reading` says how people read these KPIs.
 """
 
 _JUDGED = 10
@@ -30,7 +31,8 @@ class SimulateMany(Protocol):
     """A `Simulate` that runs many θ at once, such as on all cores.
 
     Copies of an agent that work in several threads may call it at the same time. What it raises
-    is raised by the agent: report the failure of a single simulation as None.
+    is raised by the agent: report the failure of a single simulation as None. If it has an
+    attribute `failure`, a text, that is how the last one failed.
     """
 
     def __call__(self, theta: Theta) -> Mapping[str, float] | None:
@@ -57,10 +59,21 @@ class Simulations:
         if not callable(simulate) or not (many is None or callable(many)):
             raise SettingsError(f"simulate must be a function of θ, got {simulate!r}")
         self.simulate = simulate
+        self.reading: Reading = getattr(simulate, "reading", None) or Reading()
         self._many: Callable[[Sequence[Theta]], Iterable[Any]] | None = many
         self._known: dict[bytes, Outcome] = {}
         self._error: Exception | None = None
         self._one_at_a_time = Lock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return everything but the lock, which belongs to the threads of one process."""
+        state = {**vars(self), "_known": dict(self._known)}  # another thread may add to it
+        del state["_one_at_a_time"]
+        return state
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Take what `__getstate__` returned, with a lock of its own."""
+        vars(self).update(state, _one_at_a_time=Lock())
 
     @property
     def count(self) -> int:
@@ -121,6 +134,7 @@ class Simulations:
         """Raise SimulationError if all failed: then the function is wrong, not some θ."""
         if not any(list(self._known.values())):
             why = "returned no KPI that is a number" if self._error is None else repr(self._error)
+            why = getattr(self.simulate, "failure", "") or why
             raise SimulationError(
                 f"simulate worked for none of {self.count} θ; the last one: {why}"
             ) from self._error

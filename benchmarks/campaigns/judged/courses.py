@@ -38,19 +38,31 @@ class Courses:
         curves = self.along(agent, taste, answers, loops)
         return {study: float(curve[-1]) for study, curve in curves.items()}
 
+    def questions(
+        self, agent: str, taste: str, answers: int, loops: Sequence[str]
+    ) -> list[tuple[tuple[int, int, int], ...]]:
+        """Return the comparisons of each study, of the shortest studies with so many answers."""
+        enough = self._enough(agent, taste, answers)
+        chosen = self.studies.get((agent, taste, enough), []) if enough else []
+        return [r.comparisons for r in chosen if r.cell.problem in loops and r.comparisons]
+
+    def _enough(self, agent: str, taste: str, answers: int) -> int | None:
+        """Return the smallest number of experiments with so many answers; None without any."""
+        budgets = [n for who, kind, n in self.studies if (who, kind) == (agent, taste)]
+        return min((n for n in budgets if n > answers), default=None)
+
     def along(
         self, agent: str, taste: str, answers: int, loops: Sequence[str]
     ) -> dict[Study, Float[np.ndarray, " answers+1"]]:
         """Return the worth after 0, 1, ... answers; empty without studies of so many."""
-        budgets = [n for who, kind, n in self.studies if (who, kind) == (agent, taste)]
-        enough = [n for n in budgets if n > answers]
-        if not enough:
+        enough = self._enough(agent, taste, answers)
+        if enough is None:
             return {}
         return {
             (r.cell.problem, r.cell.seed): after_answers(
                 np.array(r.worth), np.array(r.questions), answers
             )
-            for r in self.studies[agent, taste, min(enough)]
+            for r in self.studies[agent, taste, enough]
             if r.cell.problem in loops
         }
 

@@ -14,9 +14,18 @@ GROUPS = {
     "held-out": tuple(f"loop-{number}" for number in range(900, 915)),
     "named": tuple(name for name in CLOSED_LOOPS if not name.startswith("mpc-")),
     "cases": ("cstr", "overtake"),
+    "rough": tuple(f"rough-{number}" for number in range(8)),
+    "rough-held-out": tuple(f"rough-{number}" for number in range(900, 915)),
 }
 """Loops by group. Nobody develops or tunes an agent on those that are held out."""
-TASTES = ("weights", "priorities", "limits", "narrow", "rising")
+DEVELOPED = ("rough",)
+"""Groups on which agents are developed: they run only if asked for."""
+SEEING_ALL = ("weights", "priorities", "limits", "narrow", "rising")
+"""Tastes that notice every difference, at least in the end."""
+OTHERS = ("ideal", "majority", "ranks", "curves")
+"""People with eyes whose form the learner does not have; the headline is about them."""
+TASTES = (*SEEING_ALL, "trade", "order", *OTHERS)
+"""The learner has trade-offs, and is meant to have orders."""
 NOISES = ("-noisy10", "-noisy20")
 REACTOR_SHOWN, OVERTAKING_SHOWN = 12, 10
 _N_INIT = 10

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from prefcal_scenarios.bench.worth.statistics import Estimate
 
 from .courses import Courses, largest_fall, mean_of, ratio_of
-from .plan import EQUAL, NOISES, SCREENING, THETA, Choice
+from .plan import EQUAL, NOISES, SCREENING, SEEING_ALL, THETA, Choice
 
 ANSWERS = (0, 3, 5, 10, 20, 50)
 WORTHS = {3: 200.0, 5: 400.0, 10: 1000.0}
@@ -37,14 +37,18 @@ class Report:
 
 
 def loops(courses: Courses, choice: Choice) -> Report:
-    """Return the worth of all agents, a table for each group of loops and kind of taste."""
-    report = Report([], [])
+    """Return the worth of all agents, a row for each kind of taste, by group of loops."""
+    report, head = Report([], []), ["taste", "agent", "studies", *map(str, ANSWERS)]
     for group, names in choice.loops.items():
+        rows = [
+            [taste, *row]
+            for taste in choice.tastes
+            for row in _worths(courses, choice.agents, taste, names)
+        ]
+        report.lines.extend(["", f"{group} loops: worth after answers", "", *markdown(head, rows)])
         for taste in choice.tastes:
-            rows = list(_worths(courses, choice.agents, taste, names))
-            report.lines.extend(["", f"**{taste}**, {group} loops: worth after answers", ""])
-            report.lines.extend(markdown(["agent", "studies", *map(str, ANSWERS)], rows))
-            report.bars.extend(_worth_bars(courses, group, taste, names))
+            if taste in SEEING_ALL:
+                report.bars.extend(_worth_bars(courses, group, taste, names))
     return report
 
 

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 from unittest import mock
 
@@ -16,8 +16,10 @@ from scipy.stats import qmc
 from prefcal_agents import GLIS, GLISp, GLISpSettings
 from prefcal_agents.acquisition import exploration as acquisition
 from prefcal_agents.baselines.glis_settings import GLISSettings
+from prefcal_agents.glisp import selection, training
 from prefcal_agents.glisp import settings as glisp_settings
 from prefcal_agents.glisp import strategy as proposal
+from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import squared_distances
 from prefcal_agents.optimize.search import multistart
 from prefcal_agents.space import design as cube
@@ -45,6 +47,17 @@ Patch = Callable[[], Any]
 def z_of(function: Callable[[np.ndarray], np.ndarray]) -> Iterator[None]:
     """Replace the exploration function by one of d in the unit cube, shape (m, N)."""
     with mock.patch.object(acquisition, "exploration", function):
+        yield
+
+
+@contextmanager
+def regularized(lam: float) -> Iterator[None]:
+    """Replace λ of eq. QP-pref, in cross-validation too."""
+    made = partial(Learning, lam=lam)
+    with (
+        mock.patch.object(selection, "Learning", made),
+        mock.patch.object(training, "Learning", made),
+    ):
         yield
 
 
@@ -87,6 +100,9 @@ VARIANTS: dict[str, tuple[Settings, Patch]] = {
     "ε from 0.01 to 100": (
         PAPER, lambda: mock.patch.object(glisp_settings, "EPSILONS", MORE)
     ),
+    "φ Gaussian": (replace(PAPER, rbf="gaussian"), ExitStack),
+    "φ thin plate": (replace(PAPER, rbf="thin_plate_spline"), ExitStack),
+    "λ times 1000": (PAPER, lambda: regularized(1000.0)),
     "knobs of any value": (PAPER, ExitStack),
     "GLIS": (GLISSettings(), ExitStack),
     "GLIS, α 0.8, δ 0.5": (GLISSettings(alpha=0.8, delta=0.5), ExitStack),
@@ -179,6 +195,11 @@ def hypercube(args: argparse.Namespace) -> Table:
 
 def candidates(args: argparse.Namespace) -> Table:
     return pairs("log10 ratio of gaps to ε from 0.1 to 10", ["ε from 0.01 to 100"], args)
+
+
+def surrogate(args: argparse.Namespace) -> Table:
+    variants = ["φ Gaussian", "φ thin plate", "λ times 1000"]
+    return pairs("log10 ratio of gaps to φ inverse quadratic, λσ = 1e-6", variants, args)
 
 
 def resolution(args: argparse.Namespace) -> Table:

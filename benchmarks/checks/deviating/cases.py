@@ -1,6 +1,8 @@
 """Vary what the paper leaves open in the case studies: reactor, car, calibrator."""
 
 import argparse
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from typing import Any
 from unittest import mock
@@ -12,13 +14,15 @@ from prefcal_agents import GLISp
 from prefcal_env import calibrate
 from prefcal_env.calibrators import Lexicographic
 from prefcal_env.envs import cstr as reactor
+from prefcal_env.envs.overtake.road.rules import WIDTH
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.cstr import FEED
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.cases.cstr.controller import SPACE
 from prefcal_scenarios.cases.cstr.kpis import performance_index
-from prefcal_scenarios.cases.overtake import overtake
+from prefcal_scenarios.cases.overtake import controller as car_tuning
+from prefcal_scenarios.cases.overtake import overtake, supervisor
 from prefcal_scenarios.cases.overtake.supervisor import Supervisor
 
 from . import control
@@ -111,26 +115,54 @@ class CatchingUp(Supervisor):
             self._goal = goal + float(steps[0, 0])
 
 
+@contextmanager
+def lateral(reference: float, distance: float) -> Iterator[None]:
+    """Pass at another y_f: its reference, and its soft limit, from the obstacle's center line."""
+    car_tuning._settings.cache_clear()  # it holds the limits
+    with (
+        mock.patch.object(supervisor, "MIN_LATERAL_DISTANCE", reference),
+        mock.patch.object(car_tuning, "MIN_LATERAL_DISTANCE", distance),
+    ):
+        yield
+    car_tuning._settings.cache_clear()
+
+
+@contextmanager
+def front_ends() -> Iterator[None]:
+    """Measure the 10 m between front ends."""
+    rules = "prefcal_env.envs.overtake.road.rules"
+    with (
+        mock.patch(f"{rules}.gap", lambda x_f, x_o: x_o - x_f),
+        mock.patch(f"{rules}.clearance", lambda x_f, x_o: x_f - x_o),
+    ):
+        yield
+
+
+READINGS: dict[str, Callable[[], AbstractContextManager[Any]]] = {
+    "10 m between front ends, not bodies": front_ends,
+    "reference of x_f that catches up": lambda: mock.patch.object(
+        control, "Supervisor", CatchingUp
+    ),
+    "3 m between bodies, not center lines": lambda: lateral(3 + WIDTH, 3 + WIDTH),
+    "y_ref = y_o while overtaking": lambda: lateral(0.0, 3.0),
+    "no edge of the road": lambda: mock.patch("prefcal_env.envs.overtake.drive.ROAD_MARGIN", 1e3),
+}
+
+
 def scene(args: argparse.Namespace) -> Table:
-    """Compare two other readings of the scene with ours."""
+    """Compare other readings of the scene with ours."""
     shown = table("Readings of the scene", "what", "ours", "changed")
-    front = mock.patch("prefcal_env.envs.overtake.road.rules.gap", lambda x_f, x_o: x_o - x_f)
-    behind = mock.patch(
-        "prefcal_env.envs.overtake.road.rules.clearance", lambda x_f, x_o: x_f - x_o
-    )
-    shown.add_section()
-    shown.add_row("10 m between front ends, not bodies", "", "")
     ours = [drive(t) for t in bar([CAR, *random_cars(args)], "scene")]
-    with front, behind:
-        changed = [drive(t) for t in bar([CAR, *random_cars(args)], "front ends")]
-    tell_drives(shown, ours[0], changed[0])
-    tell_verdicts(shown, list(zip(ours[1:], changed[1:], strict=True)))
-    shown.add_section()
-    shown.add_row("reference of x_f that catches up", "", "")
-    with mock.patch.object(control, "Supervisor", CatchingUp):
-        changed = [drive(t) for t in bar([CAR, *random_cars(args)], "catching up")]
-    tell_drives(shown, ours[0], changed[0])
-    tell_verdicts(shown, list(zip(ours[1:], changed[1:], strict=True)))
+    for words, reading in READINGS.items():
+        shown.add_section()
+        shown.add_row(words, "", "")
+        with reading():
+            changed = [drive(t) for t in bar([CAR, *random_cars(args)], words)]
+        tell_drives(shown, ours[0], changed[0])
+        shown.add_row("end, paper's θ", *(each[0].end.value for each in (ours, changed)))
+        cut = [sum(e.end.interrupted for e in each[1:]) for each in (ours, changed)]
+        shown.add_row("interrupted, random θ", *map(str, cut))
+        tell_verdicts(shown, list(zip(ours[1:], changed[1:], strict=True)))
     return shown
 
 

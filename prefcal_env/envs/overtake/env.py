@@ -23,7 +23,7 @@ from .course import Course
 from .drive import Mishap
 from .episode import Driven, Episode
 from .reward import MISHAP_COST, stage_cost
-from .spaces import ACTION, OBSERVATION, action_of, observation_of
+from .spaces import ACTION, OBSERVATION, action_of, check_pictures, observation_of
 from .viewer import RoadViewer
 
 Array = np.ndarray[Any, Any]
@@ -110,13 +110,14 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         if not isinstance(config, dict | None):
             raise SettingsError(f"config must be a dict, got {config!r}")
         known = self.default_config()
-        unknown = sorted(set(config or {}) - set(known))
+        unknown = sorted({*self.config, *(config or {})} - set(known))
         if unknown:
             raise SettingsError(
                 f"config has unknown keys {unknown}, expected some of {sorted(known)}"
             )
         wanted = self.config | (config or {})
         options = OvertakeOptions.of({name: wanted[name] for name in _SCENE})
+        check_pictures(wanted)
         if wanted["T_s"] is None:
             T_s = 1 / number(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
         else:
@@ -135,8 +136,14 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             self.action_space = done
 
     def update_metadata(self, video_real_time_ratio: float = 1.0) -> None:
-        """Set the frame rate to real time, one picture for each step."""
-        self.metadata["render_fps"] = video_real_time_ratio / self.T_s
+        """Set the frame rate to real time: one picture for each step, or those that are filmed."""
+        pictures = 1 if self._record_video_wrapper is None else self._frames
+        self.metadata["render_fps"] = video_real_time_ratio * pictures / self.T_s
+
+    @property
+    def _frames(self) -> int:
+        """Number of pictures of a step, for a video recorder."""
+        return int(max(1, round(self.config["simulation_frequency"] * self.T_s)))
 
     @property
     def plant(self) -> Plant:
@@ -173,6 +180,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode; `T_s` [s] and `x0` apply to this one, `config` from now on.
 
+        What was written into `env.unwrapped.config` since counts from now on, too.
+
         Raises:
             SettingsError: If an option is unknown, the sampling time is out of range, or the
                 configuration is not valid.
@@ -183,8 +192,9 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         config = given.pop("config", None)
         if given.get("T_s") is not None:
             number(given["T_s"], T_S_RANGE, "T_s")
+        self.configure(config)  # also for what was written into `config`, highway-env's idiom
         self._once, self._driven = given, None
-        return super().reset(seed=seed, options={"config": config} if config else None)  # type: ignore[no-any-return]
+        return super().reset(seed=seed)  # type: ignore[no-any-return]
 
     def inputs(self, action: Any) -> Float[np.ndarray, " 2"]:
         """Return v [m/s] and δ_s [rad] that `action` stands for, shape (2,).
@@ -259,8 +269,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             return
         drivers = [v for v in self.road.vehicles if isinstance(v, behavior.IDMVehicle)]
         there = [(v.position, v.heading) for v in drivers]
-        frames = max(1, round(self.config["simulation_frequency"] * self.T_s))
-        shown = np.linspace(0, len(driven.t) - 1, frames + 1).round().astype(int)[1:-1]
+        shown = np.linspace(0, len(driven.t) - 1, self._frames + 1).round().astype(int)[1:-1]
         for k in shown.tolist():
             x = np.append(driven.poses[k], self.episode.x[3:])
             self._place(float(driven.t[k]), x)

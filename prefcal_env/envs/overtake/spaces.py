@@ -1,5 +1,6 @@
 """The default observation and action of the overtaking, as types of highway-env. Loads it."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -8,7 +9,7 @@ from highway_env.envs.common.action import ActionType, action_factory
 from highway_env.envs.common.observation import ObservationType, observation_factory
 from jaxtyping import Float
 
-from prefcal_env.envs.checks import vector
+from prefcal_env.envs.checks import number, numbers, vector
 from prefcal_env.envs.overtake.road.vehicles import OwnVehicle
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.bicycle import KMH
@@ -18,6 +19,7 @@ OBSERVATION, ACTION = "OvertakeObservation", "SpeedSteeringAction"
 OBSERVATIONS = (OBSERVATION, "Kinematics", "OccupancyGrid", "LidarObservation", "TupleObservation")
 ACTIONS = (ACTION, "ContinuousAction", "DiscreteAction")
 """Action types that a configuration can name; all but `ACTION` are highway-env's."""
+_SWITCHES = ("manual_control", "show_trajectories", "render_agent", "real_time_rendering")
 _OBSERVED = np.array([
     (40 * KMH, 70 * KMH), (-np.pi / 4, np.pi / 4),  # v and δ_s last
     (-3.0, 7.0), (-np.pi / 2, np.pi / 2),  # y_f, θ
@@ -81,3 +83,31 @@ def action_of(env: Any, config: Any) -> ActionType:
 def _check(config: Any, known: tuple[str, ...], what: str) -> None:
     if not isinstance(config, dict) or config.get("type") not in known:
         raise SettingsError(f'{what} must be like {{"type": ...}}, one of {known}, got {config!r}')
+
+
+def check_pictures(config: Mapping[str, Any]) -> None:
+    """Check the entries of a configuration that change only what its pictures show.
+
+    Raises:
+        SettingsError: If one is not valid, or highway-env's window is asked for.
+    """
+    if config["manual_control"]:
+        raise SettingsError(
+            "manual_control must be False: prefcal draws without a window, so no key reaches the "
+            f"car; got {config['manual_control']!r}"
+        )
+    for name in _SWITCHES:
+        if not isinstance(config[name], bool):
+            raise SettingsError(f"{name} must be True or False, got {config[name]!r}")
+    for name in ("screen_width", "screen_height"):
+        pixels = config[name]
+        if pixels is not None or name == "screen_width":
+            pixels = number(pixels, (16, 8192), f"{name} in pixels")
+            if pixels != int(pixels):
+                raise SettingsError(f"{name} must be whole pixels, got {pixels}")
+    number(config["scaling"], (0.1, 1000.0), "scaling in pixels per m")
+    center = numbers(config["centering_position"], "centering_position", SettingsError)
+    if center.shape != (2,) or np.any((center < 0) | (center > 1)):
+        raise SettingsError(
+            f"centering_position must be 2 shares of the picture in [0, 1], got {center.tolist()}"
+        )

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -114,10 +115,13 @@ class LinearPlant:
     def hold(self, x: X, u: U, d: D, times: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_x"]:
         """Return the states at `times` after x, with u and d held; NaN once they overflow."""
         start, n_x = np.concatenate([x, u, d]), len(self.states)
+        states = np.empty((len(times), n_x))
         with np.errstate(all="ignore"):
-            rows = [self._propagator(t) @ start for t in np.asarray(times).tolist()]
-        states = np.array(rows, dtype=float).reshape(len(rows), n_x)
-        states[~np.isfinite(states).all(axis=1)] = np.nan
+            for k, t in enumerate(np.asarray(times).tolist()):
+                states[k] = self._propagator(t) @ start
+            whole = isfinite(states.sum())  # if not, the sum alone may have overflowed
+        if not whole:
+            states[~np.isfinite(states).all(axis=1)] = np.nan
         return states
 
     def __getstate__(self) -> dict[str, Any]:

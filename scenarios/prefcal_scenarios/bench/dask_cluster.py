@@ -1,5 +1,6 @@
 """Use an existing Dask cluster as workers, for benchmarks too large for one machine."""
 
+import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
@@ -65,6 +66,8 @@ class DaskCluster:
         """Connect to the scheduler."""
         import distributed
 
+        # It logs tracebacks if the scheduler is lost, which `width` tells in one sentence.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         connect: Any = distributed.Client  # untyped
         try:
             self._client = connect(self._address, timeout=10, set_as_default=False)

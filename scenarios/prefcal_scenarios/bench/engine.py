@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from prefcal_scenarios.own.own_line import whole
+from prefcal_scenarios.own.own_line import described, whole
 
 T = TypeVar("T")
 Task = Callable[[], T]
@@ -119,12 +119,15 @@ def _landed(future: Future[Any], workers: Workers) -> tuple[Any] | None:
 
 
 def _attempt(task: Task[T]) -> T | Lost:
-    """Run `task` in a worker; return exceptions as text, since not all can be pickled."""
+    """Run `task` in a worker; return exceptions as text, since not all can be pickled.
+
+    No Ctrl-C arrives in a worker, so KeyboardInterrupt is the task's own.
+    """
     _RUNNING[:] = [str(about) for about in getattr(task, "args", ())[:1]]
     try:
         return task()
-    except (Exception, SystemExit) as error:
-        return Lost(whole(f"{type(error).__name__}: {error}"))
+    except BaseException as error:
+        return Lost(described(error))
 
 
 def running() -> str:

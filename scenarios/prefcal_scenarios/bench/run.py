@@ -16,6 +16,7 @@ from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.loop import ask_and_tell
+from prefcal_scenarios.own.own_line import described
 
 from .cell import Cell
 from .problems import Outcome, Person, Problem, prefer, problem
@@ -33,8 +34,8 @@ _ALONE = threading.Lock()
 def run_cell(cell: Cell, clock: Clock | None = None, key: str = "") -> Result:
     """Run `cell` on one thread; the result is the same wherever and whenever it runs.
 
-    An error becomes a failed result, not an exception. The output of an agent goes to standard
-    error.
+    Whatever an agent raises becomes a failed result, except for KeyboardInterrupt: it may be
+    Ctrl-C. The output of an agent goes to standard error.
 
     Args:
         cell: Cell to run.
@@ -45,8 +46,10 @@ def run_cell(cell: Cell, clock: Clock | None = None, key: str = "") -> Result:
     with alone():
         try:
             return _run(cell, clock, key)
-        except (Exception, SystemExit) as error:
-            return Result.failed(cell, f"{type(error).__name__}: {error}")
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            return Result.failed(cell, described(error))
 
 
 @contextmanager

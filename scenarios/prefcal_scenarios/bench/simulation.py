@@ -6,7 +6,7 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
-from prefcal_scenarios.kpis import INTERRUPTED, screened
+from prefcal_scenarios.kpis import INTERRUPTED, reading, screened
 
 from .problems import Problem
 
@@ -23,6 +23,8 @@ class Simulation:
         where: Problem whose experiments are simulated.
         withheld: Names of the KPIs that agents are not told.
 
+    Its `reading` says how people read them.
+
     Raises:
         SettingsError: If experiments of the problem have no KPIs.
     """
@@ -31,6 +33,7 @@ class Simulation:
         if where.simulated is None:
             raise SettingsError(f"experiments of {where.name!r} have no KPIs to simulate")
         self._where, self._scenario, self._withheld = where, where.simulated, withheld
+        self.reading = reading(where.simulated)
         self._asked: set[bytes] = set()
 
     @property

@@ -4,8 +4,11 @@ import pickle
 import signal
 import time
 
+import numpy as np
+from jaxtyping import Float
+
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.own.own_line import in_words
+from prefcal_scenarios.own.own_line import as_exception, in_words
 from prefcal_scenarios.processes.messages import Kind
 from prefcal_scenarios.processes.serving import Link
 
@@ -33,8 +36,8 @@ def _task(link: Link) -> Task | None:
     content = link.requests.get()
     try:
         return None if content is None else unpacked(content)
-    except (Exception, SystemExit) as error:
-        link.say(Kind.ERROR, in_words(error).encode())
+    except BaseException as error:
+        link.say(Kind.ERROR, in_words(as_exception(error, "its file")).encode())
         return None
 
 
@@ -42,11 +45,18 @@ def _answer(link: Link, task: Task, request: bytes, period: float) -> None:
     """Run the θ of `request`, and send the results with the seconds that they took."""
     thetas, results, begun = pickle.loads(request), [], time.perf_counter()
     for number, theta in enumerate(thetas, 1):
-        results.append(_sent(task(theta)))
+        results.append(_sent(_run(task, theta)))
         now = time.perf_counter()
         if now - begun >= period or number == len(thetas):
             link.say(Kind.EXPERIMENT, pickle.dumps((results, now - begun)))
             results, begun = [], now
+
+
+def _run(task: Task, theta: Float[np.ndarray, " n"]) -> Result:
+    try:
+        return task(theta)
+    except KeyboardInterrupt as error:  # the code's own: Ctrl-C does not arrive here
+        return failed(theta, error)
 
 
 def _sent(result: Result) -> Result | bytes:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_scenarios.own.checks import returned
 from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.own.own_line import in_words, located
+from prefcal_scenarios.own.own_line import as_exception, in_words
 from prefcal_scenarios.scenario import Run
 
 from .results import FailedRun, Result, Simulated
@@ -38,19 +38,23 @@ class Task:
     trajectories: bool
 
     def __call__(self, theta: Float[np.ndarray, " n"]) -> Result:
-        """Run θ, physical, shape (n,); an error of the run is a result, too."""
+        """Run θ, physical, shape (n,); an error of the run is a result, too.
+
+        KeyboardInterrupt is raised again: it may be Ctrl-C.
+        """
         try:
             experiment = returned(self.run(theta.copy(), seed=self.seed))
             return experiment if self.trajectories else Simulated.of(experiment)
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             return failed(theta, error)
 
 
 def failed(theta: Float[np.ndarray, " n"], error: BaseException) -> FailedRun:
     """Return the result of a run of θ that raised `error`."""
     trace = "".join(traceback.format_exception(error))
-    known = error if isinstance(error, Exception) else ScenarioError(f"run called exit: {error}")
-    return FailedRun(theta, "raised", in_words(located(known)), trace)
+    return FailedRun(theta, "raised", in_words(as_exception(error)), trace)
 
 
 def packed(task: Task) -> bytes:

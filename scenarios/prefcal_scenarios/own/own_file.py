@@ -8,6 +8,7 @@ from types import ModuleType
 
 from prefcal_env.errors import PrefcalError, ScenarioError
 
+from .loading import watched
 from .own_line import own_line
 
 
@@ -26,8 +27,11 @@ def module_at(path: Path) -> ModuleType:
     sys.path.insert(0, str(path.resolve().parent))  # as for a script: its own folder comes first
     try:
         # Not with the loader: it reuses compiled code if size and modification second agree.
-        exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)
-    except Exception as error:
+        with watched(path):
+            exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # SystemExit would end the command without a word
         # Say where in the user's file the error is, not where in prefcal.
         raise ScenarioError(f"cannot load {str(path)!r}: {_told(error, path)}") from error
     finally:
@@ -35,7 +39,7 @@ def module_at(path: Path) -> ModuleType:
     return module
 
 
-def _told(error: Exception, path: Path) -> str:
+def _told(error: BaseException, path: Path) -> str:
     """Return an error in a user's file on one line, with the last line of the user's own code."""
     words = " ".join(str(error).split())
     if isinstance(error, SyntaxError):  # the message includes the line

@@ -6,14 +6,18 @@ import traceback
 from functools import cache
 from pathlib import Path
 
-from prefcal_env.errors import PrefcalError
+from prefcal_env.errors import PrefcalError, ScenarioError
 
 _PACKAGES = ("prefcal_env", "prefcal_agents", "prefcal_scenarios")
 
 
 def own_line(error: BaseException) -> str:
     """Return the last line of the user's code in the traceback, "own.py:12: x = 1 / 0", or ""."""
-    frames = traceback.extract_tb(error.__traceback__)
+    return last_own(traceback.extract_tb(error.__traceback__))
+
+
+def last_own(frames: traceback.StackSummary) -> str:
+    """Return the last line of the user's code among `frames`, "own.py:12: x = 1 / 0", or ""."""
     own = [frame for frame in frames if _is_own(frame.filename)]
     if not own:
         return ""
@@ -29,20 +33,36 @@ def located(error: Exception) -> Exception:
     return error
 
 
+def as_exception(error: BaseException, what: str = "run") -> Exception:
+    """Return what the user's code raised as an exception that is `located`.
+
+    Anything else, such as SystemExit, would end the thread or the process that handles it.
+
+    Args:
+        error: What was raised.
+        what: Name of the code for messages.
+    """
+    if isinstance(error, Exception):
+        return located(error)
+    did = "called exit" if isinstance(error, SystemExit) else f"raised {type(error).__name__}"
+    known = ScenarioError(f"{what} {did}: {_text(error)}".removesuffix(": "))
+    return located(known.with_traceback(error.__traceback__))
+
+
 def in_words(error: BaseException) -> str:
     """Return an error as one text for people, with the line that `located` found, if any.
 
     Errors of prefcal are shown as they are; others are prefixed with the name of their type.
     """
-    try:
-        words = str(error)
-    except Exception:  # of people's own classes
-        words = "it has no readable message"
-    if not isinstance(error, PrefcalError):
-        words = f"{type(error).__name__}: {words}"
+    words = _text(error) if isinstance(error, PrefcalError) else described(error)
     line = next(iter(getattr(error, "__notes__", ())), "")
     words = f"{words} (in {line})" if line else words
     return whole(words)
+
+
+def described(error: BaseException) -> str:
+    """Return the name of an error's type and its message."""
+    return whole(f"{type(error).__name__}: {_text(error)}".removesuffix(": "))
 
 
 def whole(words: str) -> str:
@@ -51,6 +71,13 @@ def whole(words: str) -> str:
     Neither a study file nor a stream can hold them.
     """
     return words.encode(errors="backslashreplace").decode()
+
+
+def _text(error: BaseException) -> str:
+    try:
+        return str(error)
+    except Exception:  # of people's own classes
+        return "it has no readable message"
 
 
 def _is_own(filename: str) -> bool:

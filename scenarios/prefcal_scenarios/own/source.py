@@ -1,11 +1,24 @@
 """Names of scenarios: a plain name, or a name followed by its configuration in JSON."""
 
 import json
-from collections.abc import Mapping
+import os
+import re
+import sys
+import sysconfig
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import prefcal_env
+import prefcal_scenarios
 from prefcal_env.errors import ScenarioError
+
+_QUOTED = re.compile(rb"""["']([^"'\r\n\0]{1,200})["']""")
+_LARGE = 10_000_000
+"""Bytes of a file above which reading it would take long."""
+_OURS = ("prefcal_env", "prefcal_agents", "prefcal_scenarios")
 
 
 def split_source(source: str) -> tuple[str, dict[str, Any] | None]:
@@ -23,6 +36,90 @@ def split_source(source: str) -> tuple[str, dict[str, Any] | None]:
 def joined_source(name: str, config: Mapping[str, Any]) -> str:
     """Return the source of the scenario called `name` with configuration `config`."""
     return f"{name} {json.dumps(config, ensure_ascii=False, sort_keys=True)}"
+
+
+def fingerprint(source: str) -> str:
+    """Return 16 hexadecimal digits that change with the files that describe a scenario.
+
+    These are the file of the scenario and those that it or its configuration names; modules that a
+    Python file imports are not among them. For a built-in scenario, whose code belongs to the
+    version of prefcal, it depends on name and configuration. Where the files are is irrelevant.
+    """
+    name, config = split_source(source)
+    digest = sha256()
+    for key, value in {"": name, **dict(sorted((config or {}).items()))}.items():
+        text = value if isinstance(value, str) else json.dumps(value, sort_keys=True)
+        path, rest = _file_in(text)
+        digest.update(f"{key}\0{rest}\0".encode())
+        for file in [] if path is None else [path, *_named_in(path)]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _file_in(text: str) -> tuple[Path | None, str]:
+    """Return the file that "own.py:name", "tank.toml" or "loop.fmu" names, and the rest."""
+    before, _, after = text.rpartition(":")
+    for path, rest in ((text, Path(text).suffix), (before, after)):
+        if Path(path).suffix in (".py", ".toml", ".fmu") and Path(path).is_file():
+            return Path(path), rest
+    return None, text
+
+
+def _named_in(path: Path) -> list[Path]:
+    """Return the files that a TOML file names; others name none."""
+    if path.suffix != ".toml":
+        return []
+    words = re.findall(r"[\w./-]+\.(?:py|fmu)\b", path.read_text(encoding="utf-8"))
+    return [file for file in (path.parent / word for word in words) if file.is_file()]
+
+
+def fingerprint_of_code() -> str:
+    """Return 16 hexadecimal digits that change with the loaded code of prefcal and of the user.
+
+    Files beside the user's code that it names between quotes, such as tables, count, too.
+    """
+    digest = sha256()
+    for package in (prefcal_env, prefcal_scenarios):
+        for folder in map(Path, package.__path__):
+            for path in sorted(folder.rglob("*.py")):  # the version is the same between releases
+                found = path.stat()
+                digest.update(f"{path.name}\0{found.st_size}\0{found.st_mtime_ns}\n".encode())
+    for path in sorted(set(_loaded())):
+        code = _content(path)
+        digest.update(code)
+        for file in sorted(set(_quoted_in(code, path.parent))):
+            digest.update(_content(file))
+    return digest.hexdigest()[:16]
+
+
+def _content(path: Path) -> bytes:
+    """Return the content of a file, or size and time of a large one; nothing if it is gone."""
+    with suppress(OSError):
+        found = path.stat()
+        large = found.st_size > _LARGE
+        return f"{found.st_size} {found.st_mtime_ns}".encode() if large else path.read_bytes()
+    return b""
+
+
+def _loaded() -> Iterator[Path]:
+    """Yield the files of loaded modules that belong to the user: neither installed nor prefcal."""
+    kinds = ("stdlib", "platstdlib", "purelib", "platlib")
+    installed = tuple(os.path.realpath(sysconfig.get_path(kind)) + os.sep for kind in kinds)
+    for name, module in sys.modules.copy().items():  # other threads import meanwhile
+        path = os.path.realpath(getattr(module, "__file__", None) or "")
+        if name == "__main__" or name.partition(".")[0] in _OURS or path.startswith(installed):
+            continue
+        if os.path.isfile(path):
+            yield Path(path)
+
+
+def _quoted_in(code: bytes, folder: Path) -> Iterator[Path]:
+    """Yield the files that `code` names, beside it or where prefcal was started."""
+    for word in {found.decode(errors="replace") for found in _QUOTED.findall(code)}:
+        for path in (folder / word, Path(word)):
+            with suppress(OSError):
+                if path.suffix and path.is_file():
+                    yield path.resolve()
 
 
 def with_config_of(source: str, path: Path | None) -> str:

@@ -57,7 +57,7 @@ class Life:
         )  # fmt: skip
         self._inbox: Queue[Message | None] = Queue()
         self._bell = bell or threading.Event()
-        self._silent = False
+        self._silent = self._damaged = False
         self.loaded = False
         self._thread = threading.Thread(target=self._listen, name="own code", daemon=True)
         self._thread.start()
@@ -92,6 +92,8 @@ class Life:
 
     def ended(self) -> str:
         """Wait for the process to end, and return how it ended."""
+        if self._damaged:
+            return "its code used a file that it had not opened, and so disturbed prefcal"
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(GRACE)
         code = self._process.poll()
@@ -145,9 +147,12 @@ class Life:
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        with suppress(OSError, ValueError), self._process.stdout as pipe:
-            while (message := receive(pipe)) is not None:
-                self._inbox.put(message)
-                self._bell.set()
+        with suppress(OSError), self._process.stdout as pipe:
+            try:
+                while (message := receive(pipe)) is not None:
+                    self._inbox.put(message)
+                    self._bell.set()
+            except ValueError:  # a run of an unknown θ could not be told from one of this
+                self._damaged = True
         self._silent = True
         self.wake()

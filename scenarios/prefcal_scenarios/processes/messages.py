@@ -1,10 +1,14 @@
-"""Exchange messages with the process of the user's code: one letter, a length, and bytes."""
+"""Exchange messages with the process of the user's code: letter, length, checksums, and bytes."""
 
 import struct
 from enum import Enum
 from typing import IO
+from zlib import crc32
 
-_HEAD = struct.Struct("<cQ")
+_HEAD = struct.Struct("<cQI")
+"""Letter, length, and checksum of the content."""
+_SUM = struct.Struct("<I")
+"""Checksum of the head: a wrong length would be waited for."""
 
 
 class Kind(Enum):
@@ -25,15 +29,27 @@ Message = tuple[Kind, bytes]
 
 def send(pipe: IO[bytes], kind: Kind, content: bytes = b"") -> None:
     """Write one message. Raises OSError if the reader is gone."""
-    pipe.write(_HEAD.pack(kind.value, len(content)) + content)
+    head = _HEAD.pack(kind.value, len(content), crc32(content))
+    pipe.write(head + _SUM.pack(crc32(head)) + content)
     pipe.flush()
 
 
 def receive(pipe: IO[bytes]) -> Message | None:
-    """Read the next message; None if the writer is gone, even in the middle of a message."""
-    head = pipe.read(_HEAD.size)
-    if len(head) < _HEAD.size:
+    """Read the next message; None if the writer is gone, even in the middle of a message.
+
+    Raises:
+        ValueError: If it is no message: the user's code wrote to, or read from, the pipe.
+    """
+    read = pipe.read(_HEAD.size + _SUM.size)
+    if len(read) < _HEAD.size + _SUM.size:
         return None
-    kind, size = _HEAD.unpack(head)
+    head = read[: _HEAD.size]
+    if _SUM.pack(crc32(head)) != read[_HEAD.size :]:
+        raise ValueError("no message")
+    kind, size, checksum = _HEAD.unpack(head)
     content = pipe.read(size)
-    return (Kind(kind), content) if len(content) == size else None
+    if len(content) < size:
+        return None
+    if crc32(content) != checksum:
+        raise ValueError("a damaged message")
+    return Kind(kind), content

@@ -22,6 +22,7 @@ class Link:
 
     def __init__(self) -> None:
         given, self._out = _pipes()
+        self._process = os.getpid()
         _volunteer()
         self.requests: SimpleQueue[bytes | None] = SimpleQueue()
         """Contents of the requests; None when prefcal closes the pipe."""
@@ -35,7 +36,12 @@ class Link:
         self.say(Kind.READY)
 
     def say(self, kind: Kind, content: bytes = b"") -> None:
-        """Send a message to prefcal; if prefcal is gone, this process ends soon."""
+        """Send a message to prefcal; if prefcal is gone, this process ends soon.
+
+        A fork of this process, which the user's code forgot to end, ends here.
+        """
+        if os.getpid() != self._process:
+            os._exit(0)
         with suppress(OSError):
             send(self._out, kind, content)
 
@@ -61,8 +67,9 @@ def _volunteer() -> None:
 
 def _listen(given: BinaryIO, requests: SimpleQueue[bytes | None]) -> None:
     """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
-    while (message := receive(given)) is not None:
-        requests.put(message[1])
+    with suppress(ValueError):  # the user's code read from the pipe
+        while (message := receive(given)) is not None:
+            requests.put(message[1])
     requests.put(None)
     time.sleep(_TIDYING)
     os._exit(1)

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from jaxtyping import Float
 
+from .eyes import draw as eyes
 from .limited import Limit, Limited
 from .priorities import Priorities, Priority
 from .rising import Standards
 from .rule import Rule, minus
 from .runs import Runs
+from .usual import distance, good, some
 from .weighted import Term, Weighted
 
 Draw = Callable[[Runs, np.random.Generator], Rule]
@@ -28,12 +29,12 @@ _LEADERS = 0.1
 
 def weights(runs: Runs, rng: np.random.Generator) -> Weighted:
     """Return a trade-off between three KPIs or more, with diminishing returns."""
-    return _weighted(runs, _some(runs, rng, 3, len(runs.names)), rng)
+    return _weighted(runs, some(runs, rng, 3, len(runs.names)), rng)
 
 
 def narrow(runs: Runs, rng: np.random.Generator) -> Weighted:
     """Return a trade-off between one or two KPIs only."""
-    return _weighted(runs, _some(runs, rng, 1, 2), rng)
+    return _weighted(runs, some(runs, rng, 1, 2), rng)
 
 
 def priorities(runs: Runs, rng: np.random.Generator) -> Priorities:
@@ -42,7 +43,7 @@ def priorities(runs: Runs, rng: np.random.Generator) -> Priorities:
     There are fewer if there are fewer KPIs.
     The first one decides 8 to 55 % of random pairs, the last one notices every difference.
     """
-    names = _some(runs, rng, 3, len(runs.names))
+    names = some(runs, rng, 3, len(runs.names))
     pairs = rng.integers(len(runs), size=(2, 2000))
     a, b = runs.take(pairs[0]), runs.take(pairs[1])
     possible = [_priority(name, a, b, _FIRST, rng) for name in names]
@@ -62,11 +63,11 @@ def limits(runs: Runs, rng: np.random.Generator) -> Limited:
     by = weights(runs, rng).cost(runs)
     leader = rng.choice(np.argsort(by, kind="stable")[: max(int(_LEADERS * len(runs)), 1)])
     found = []
-    for name in _some(runs, rng, 2, 3):
-        good, typical = _good(runs, name), _distance(runs, name, 0.5)
+    for name in some(runs, rng, 2, 3):
+        best, typical = good(runs, name), distance(runs, name, 0.5)
         slack = rng.uniform(1.05, 1.5)
-        reached = min(float(runs.column(name)[leader]), good + typical)
-        found.append(Limit(name, good + slack * (reached - good) + 0.02 * typical, typical))
+        reached = min(float(runs.column(name)[leader]), best + typical)
+        found.append(Limit(name, best + slack * (reached - best) + 0.02 * typical, typical))
     return Limited(tuple(found), _weighted(runs, runs.names, rng))
 
 
@@ -76,7 +77,7 @@ def rising(runs: Runs, rng: np.random.Generator) -> Standards:
     first, last = (
         Weighted(
             tuple(
-                Term(t.name, t.weight, t.good, _distance(runs, t.name, share), t.steepness)
+                Term(t.name, t.weight, t.good, distance(runs, t.name, share), t.steepness)
                 for t in final.terms
             )
         )
@@ -92,15 +93,17 @@ KINDS: Mapping[str, Draw] = {
     "narrow": narrow,
     "hidden": narrow,
     "rising": rising,
+    "order": eyes.order,
+    "ideal": eyes.ideal,
+    "majority": eyes.majority,
+    "ranks": eyes.ranks,
+    "curves": eyes.curves,
+    "trade": eyes.trade,
 }
-"""Kinds of tastes; the KPIs of a hidden one are withheld from the agents."""
+"""Kinds of tastes; the KPIs of a hidden one are withheld from the agents.
 
-
-def _some(runs: Runs, rng: np.random.Generator, low: int, high: int) -> tuple[str, ...]:
-    """Return between `low` and `high` names of KPIs in random order, as far as there are any."""
-    high = min(high, len(runs.names))
-    count = int(rng.integers(min(low, high), high + 1))
-    return tuple(runs.names[i] for i in rng.permutation(len(runs.names))[:count])
+The seed of a draw holds the place of its kind: new ones come last.
+"""
 
 
 def _weighted(runs: Runs, names: tuple[str, ...], rng: np.random.Generator) -> Weighted:
@@ -110,34 +113,13 @@ def _weighted(runs: Runs, names: tuple[str, ...], rng: np.random.Generator) -> W
             Term(
                 name,
                 weight=float(share),
-                good=_good(runs, name),
-                scale=_distance(runs, name, rng.uniform(0.05, 0.4)),
+                good=good(runs, name),
+                scale=distance(runs, name, rng.uniform(0.05, 0.4)),
                 steepness=float(2.0 ** rng.uniform(-1.0, 1.0)),
             )
             for name, share in zip(names, shares, strict=True)
         )
     )
-
-
-def _finished(runs: Runs, name: str) -> Float[np.ndarray, " k"]:
-    """Return the finite values of runs that were not interrupted; a single 0 if there are none."""
-    values = runs.column(name)[np.isinf(runs.survived)]
-    finite = values[np.isfinite(values)]
-    return finite if len(finite) else np.zeros(1)
-
-
-def _good(runs: Runs, name: str) -> float:
-    """Return 0, or the lowest value if the KPI can be negative."""
-    return min(float(_finished(runs, name).min()), 0.0)
-
-
-def _distance(runs: Runs, name: str, share: float) -> float:
-    """Return the quantile of the distance to the good value, above 0."""
-    distances = _finished(runs, name) - _good(runs, name)
-    positive = distances[distances > 0]
-    if not len(positive):
-        return 1.0
-    return float(max(np.quantile(distances, share), positive.min()))
 
 
 def _priority(

@@ -14,6 +14,8 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .draw import KINDS
+from .eyes.draw import alike, best_pairs
+from .eyes.noticing import Eyes
 from .rising import Standards
 from .rule import Rule
 from .runs import Runs, runs_of
@@ -27,6 +29,7 @@ TASTES = tuple(f"{kind}{end}" for end in WRONG for kind in KINDS)
 """Names of all tastes."""
 VERSION = 1
 """Raised when a taste answers differently."""
+_WITH_COST = ("weights", "limits", "narrow", "hidden")
 
 _TRIES = 40
 _BEST = 12
@@ -34,6 +37,8 @@ _BEST = 12
 _EDGE = 0.3
 """Distance of their mean from the middle of the unit cube beyond which they lie at the edge."""
 _EXPERIMENTS, _REPLAYS = 50, 100
+_ALIKE = 0.35
+"""Accepted share of ties among the pairs of the best runs of people with eyes."""
 _USUAL = (55.0, 100.0)
 """Accepted worth of random search after 50 experiments, 90 where any two runs differ."""
 
@@ -86,10 +91,11 @@ def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
 
     The rule does not depend on the share of wrong answers. A rule is drawn again if by it random
     search after 50 experiments is worth less than 55 or more than 100 random experiments: then
-    most runs are alike to the person, or the answers go round in circles. It is also drawn again
-    if the best runs lie at the edge of the box in two knobs or more: such a person wants a
-    controller that does almost nothing, or other ranges. After 40 draws, the one nearest to that
-    is taken.
+    most runs are alike to the person (they lower the worth, but to people with eyes they raise
+    it), or the answers go round in circles. It is also drawn again if people with eyes find more
+    than 35 % of the pairs of the best runs alike, or if the best runs lie at the edge of the box
+    in two knobs or more: such a person wants a controller that does almost nothing, or other
+    ranges. After 40 draws, the one nearest to that is taken.
 
     Args:
         name: One of `TASTES`.
@@ -132,10 +138,10 @@ def _calibrator(scenario: Scenario, name: str, seed: int) -> Calibrator[Experime
 def has_cost(name: str) -> bool:
     """Return whether agents can be told the cost of the taste called `name`.
 
-    Priorities have none, rising standards change it, and where answers can be wrong the exact value
-    would be another problem.
+    Priorities and people with eyes have none, rising standards change it, and where answers can be
+    wrong the exact value would be another problem.
     """
-    return name in KINDS and name not in ("priorities", "rising")
+    return name in _WITH_COST
 
 
 def _usable(kind: str, runs: Runs, seed: int) -> Rule:
@@ -144,7 +150,7 @@ def _usable(kind: str, runs: Runs, seed: int) -> Rule:
     for attempt in range(_TRIES):
         rng = np.random.default_rng([seed, list(KINDS).index(kind), attempt])
         rule = KINDS[kind](runs, rng)
-        faults: float = max(_at_edge(rule, runs) - 1, 0)
+        faults: float = max(_at_edge(rule, runs) - 1, 0) + _blind(rule, runs)
         if not faults:
             found = random_search_worth(
                 rule, runs, experiments=_EXPERIMENTS, replays=_REPLAYS, rng=rng
@@ -156,6 +162,14 @@ def _usable(kind: str, runs: Runs, seed: int) -> Rule:
             nearest, smallest = rule, faults
     assert nearest is not None
     return nearest
+
+
+def _blind(rule: Rule, runs: Runs) -> float:
+    """Return 1 or more if too many pairs of the best runs look alike, whatever is noticed."""
+    if not isinstance(rule, Eyes):
+        return 0.0
+    share = alike(rule, *best_pairs(rule, runs))
+    return 1.0 + share if share > _ALIKE else 0.0
 
 
 def _at_edge(rule: Rule, runs: Runs) -> int:

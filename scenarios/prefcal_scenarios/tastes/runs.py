@@ -9,6 +9,8 @@ from jaxtyping import Float, Int
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import KPI
 
+from .looks import LOOKS, looks_of
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Runs:
@@ -20,23 +22,28 @@ class Runs:
         survived: Time until each experiment was interrupted, in the scenario's unit; infinite if
             it was not. Shape (K,).
         z: θ in the unit cube, shape (J, n), where J is K, or 0 if they are not known.
+        seen: What is seen in the curves, as in `LOOKS`, shape (L, f), where L is K or 0.
     """
 
     names: tuple[str, ...]
     values: Float[np.ndarray, "K m"]
     survived: Float[np.ndarray, " K"]
     z: Float[np.ndarray, "J n"] = field(default_factory=lambda: np.zeros((0, 0)))
+    seen: Float[np.ndarray, "L f"] = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __len__(self) -> int:
         return len(self.survived)
 
     def column(self, name: str) -> Float[np.ndarray, " K"]:
-        """Return the KPI called `name` of every experiment, shape (K,)."""
+        """Return the KPI or the look called `name` of every experiment, shape (K,)."""
+        if name in LOOKS and name not in self.names:
+            return self.seen[:, LOOKS.index(name)]
         return self.values[:, self.names.index(name)]
 
     def take(self, rows: Int[np.ndarray, " k"]) -> "Runs":
         """Return the experiments in `rows`, shape (k,), in that order."""
-        return Runs(self.names, self.values[rows], self.survived[rows])
+        seen = self.seen[rows] if self.seen.size else self.seen
+        return Runs(self.names, self.values[rows], self.survived[rows], seen=seen)
 
 
 def runs_of(kpis: Sequence[KPI], experiments: Sequence[Experiment]) -> Runs:
@@ -47,6 +54,9 @@ def runs_of(kpis: Sequence[KPI], experiments: Sequence[Experiment]) -> Runs:
         names=tuple(kpi.name for kpi in judged),
         values=np.array(values, dtype=float).reshape(len(experiments), len(judged)),
         survived=np.array([_survived(experiment) for experiment in experiments], dtype=float),
+        seen=np.array([looks_of(experiment) for experiment in experiments], dtype=float).reshape(
+            len(experiments), len(LOOKS)
+        ),
     )
 
 

@@ -15,7 +15,7 @@ from platformdirs import user_cache_path
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.scenario import CLOSED_LOOPS, Scenario
+from prefcal_scenarios.scenario import CLOSED_LOOPS, Scenario, is_random_loop
 
 from .runs import Runs, runs_of
 
@@ -30,6 +30,8 @@ _CHECKED = 4
 """Number of experiments by which a changed scenario is noticed."""
 _DIGITS = 4
 """Digits that are compared, since the last ones differ between machines."""
+_PARTS = ("values", "survived", "z", "seen")
+"""Arrays of a file, as they follow the names in `Runs`."""
 _BLOCK = 256
 _FRUITLESS = 1000
 """Number of blocks without an allowed θ after which there seems to be none."""
@@ -82,7 +84,7 @@ def size(scenario: Scenario, name: str) -> int:
     """Return the number of experiments of a sample: more in the pool of a quick closed loop."""
     if name == USUAL:
         return _USUAL
-    known = scenario.name in CLOSED_LOOPS or scenario.name.startswith("loop-")
+    known = scenario.name in CLOSED_LOOPS or is_random_loop(scenario.name)
     return _QUICK_POOL if known and _HORIZON not in scenario.space.names else _SLOW_POOL
 
 
@@ -125,6 +127,7 @@ def _run(scenario: Scenario, tried: list[Float[np.ndarray, " n"]]) -> Runs:
         np.concatenate([row.values for row in rows]),
         np.concatenate([row.survived for row in rows]),
         np.array([scenario.space.encode(theta) for theta in tried]),
+        np.concatenate([row.seen for row in rows]),
     )
 
 
@@ -132,7 +135,8 @@ def _read(path: Path, count: int) -> Runs | None:
     try:
         with np.load(path) as content:
             names = tuple(map(str, content["names"]))
-            found = Runs(names, content["values"], content["survived"], content["z"])
+            columns = (content[part] for part in _PARTS)
+            found = Runs(names, *columns)
     except (OSError, ValueError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error):
         return None  # absent or damaged: it is computed again
     return found if len(found) == count else None
@@ -143,7 +147,7 @@ def _write(path: Path, runs: Runs) -> None:
     part = path.with_name(f"{uuid4().hex}.part.npz")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(part, names=runs.names, values=runs.values, survived=runs.survived, z=runs.z)
+        np.savez(part, names=runs.names, **{name: getattr(runs, name) for name in _PARTS})
         os.replace(part, path)
     except OSError:
         with suppress(OSError):

@@ -4,6 +4,7 @@ import numpy as np
 
 from prefcal_env.errors import SettingsError
 
+from .eyes.noticing import Eyes
 from .rule import Rule
 from .runs import Runs
 
@@ -12,6 +13,8 @@ def worth(rule: Rule, pool: Runs, one: Runs) -> float:
     """Return how many random experiments one needs on average to find a θ at least as good.
 
     With k of the pool's N experiments at least as good, this is (N + 1) / (k + 1): at best N + 1.
+    People with eyes need one that is noticeably better: to them a tie is no improvement, so only
+    what is noticeably better counts in k.
 
     Args:
         rule: Rule that compares without errors.
@@ -25,8 +28,9 @@ def worth(rule: Rule, pool: Runs, one: Runs) -> float:
         raise SettingsError(
             f"worth needs a pool and one experiment, got {len(pool)} and {len(one)} experiments"
         )
-    as_good = int(np.count_nonzero(rule.compare(pool, one) <= 0))
-    return (len(pool) + 1) / (as_good + 1)
+    verdicts = rule.compare(pool, one)
+    found = verdicts < 0 if isinstance(rule, Eyes) else verdicts <= 0
+    return (len(pool) + 1) / (int(np.count_nonzero(found)) + 1)
 
 
 def random_search_worth(

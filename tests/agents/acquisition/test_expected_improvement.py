@@ -62,7 +62,8 @@ def test_by_hand():
 def test_units_of_the_costs_do_not_matter_and_one_that_is_flat_breaks_nothing():
     one, many = (ExpectedImprovement.of(SAMPLES, x) for x in (BOWL[None], 7 * BOWL[None] + 3))
     z = RNG.random((9, 2))
-    assert one(z) == pytest.approx(many(z), abs=1e-6)
+    # Processors round differently, and a badly conditioned matrix makes more of it.
+    assert one(z) == pytest.approx(many(z), rel=1e-5)
     flat = ExpectedImprovement.of(SAMPLES, np.array([BOWL, np.ones(15)]))
     assert np.all(np.isfinite(flat(z)))
     assert np.all(np.isfinite(flat.value_and_gradient(z[0])[1]))

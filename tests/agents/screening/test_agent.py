@@ -3,10 +3,13 @@
 from collections import Counter
 
 import numpy as np
+import pytest
 
 from contracts.agents import MIXED
 from prefcal_agents import Screening
+from prefcal_env.preferences.reading import Reading
 from support.agents import quick
+from support.simulated import SQUARE
 
 
 def wanted(theta):
@@ -37,7 +40,7 @@ def test_a_sure_person_is_hardly_ever_asked_again():
 
 def after_a_mistake(seed):
     """A study of a sure person who once says that a better experiment is worse, and its pair."""
-    study, wrong = agent(seed), None
+    study, wrong = agent(seed, n_max=14), None
     while not study.done:
         query = study.ask()
         answer = sure(query)
@@ -63,14 +66,55 @@ def test_a_mistake_of_a_sure_person_is_asked_again_or_overtaken():
     assert asked >= 1
 
 
-def test_a_pair_is_asked_at_most_twice_whatever_the_answers():
-    asked = 0
+def pairs_of(study, choices, seed):
+    """The pairs of a study of somebody who answers at random, in order, and the answers."""
+    rng, pairs, answers = np.random.default_rng(seed), [], []
+    while not study.done:
+        query, answer = study.ask(), int(rng.choice(choices))
+        if query.incumbent is not None:
+            pairs.append(frozenset({query.challenger.index, query.incumbent.index}))
+            answers.append(answer)
+        study.tell(query, answer)
+    return pairs, answers
+
+
+@pytest.mark.parametrize("choices", [(-1, 0, 1), (-1, 1), (0, 0, 1), (0,)])
+def test_pairs_come_back_rarely_late_and_never_after_a_tie_whatever_the_answers(choices):
     for seed in range(3):
-        study, rng = agent(seed, n_max=9), np.random.default_rng(seed)
-        while not study.done:
-            study.tell(study.ask(), int(rng.choice([-1, 0, 1])))
-        pairs = [c for c in study.history.counting if c.incumbent is not None]
-        times = Counter(frozenset({c.challenger, c.incumbent}) for c in pairs)
-        assert max(times.values()) <= 2
-        asked += len(study.history.follow_ups)
-    assert asked >= 1
+        study = agent(seed, n_max=14)
+        pairs, answers = pairs_of(study, choices, seed)
+        assert max(Counter(pairs).values()) <= 2
+        settled = [p for k, p in enumerate(pairs) if answers[k] == 0 and p in pairs[k + 1 :]]
+        assert not settled
+        for place, pair in enumerate(pairs):
+            assert pair not in pairs[max(place - 5, 0) : place]
+        assert len(study.history.follow_ups) <= 3
+        assert 13 <= len(pairs) <= 16
+
+
+def test_the_first_two_meet_the_objectives_and_differ_clearly():
+    def simulate(theta):
+        x, y = theta
+        return {"time": np.inf if x < 0.8 else 1.0 + y, "error": y, "calm": 0.5 + x}
+
+    simulate.reading = Reading(
+        {"time": 0.01, "error": 0.01, "calm": 0.01}, {"error": 0.3, "time": 1.4}
+    )
+    for seed in range(5):
+        study = Screening(SQUARE, simulate=simulate, n_simulated=800, n_max=3, seed=seed)
+        study.tell(study.ask(), None)
+        query = study.ask()
+        first, second = (simulate(s.theta) for s in (query.incumbent, query.challenger))
+        assert all(kpis["error"] <= 0.3 and kpis["time"] <= 1.4 for kpis in (first, second))
+        assert any(abs(first[n] - second[n]) >= 0.09 * abs(first[n]) for n in first)
+
+
+def test_differences_that_cannot_be_read_change_nothing():
+    def simulate(theta):
+        return {"a": 0.1 + theta[0], "b": 1.1 - theta[0], "c": 1e-7 * (1 + theta[1])}
+
+    simulate.reading = Reading({"a": 0.001, "b": 0.001, "c": 0.001})
+    study = Screening(SQUARE, simulate=simulate, n_simulated=60, n_max=4, seed=0)
+    study.tell(study.ask(), None)
+    assert np.all(study.bank.kpis[:, study.bank.names.index("c")] == 0.0)
+    assert "c" not in (*study.reason.better_in, *study.reason.worse_in)

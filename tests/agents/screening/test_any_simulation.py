@@ -62,7 +62,7 @@ def check(agent):
     reason = agent.reason
     if reason is not None:
         assert 0 <= reason.chance <= 1
-        named = {*reason.better_in, *reason.worse_in, *reason.learned}
+        named = {*reason.better_in, *reason.worse_in}
         assert named <= set(bank.names)
         assert not set(reason.better_in) & set(reason.worse_in)
 

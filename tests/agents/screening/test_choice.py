@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.choice import expected_best, worth
+from prefcal_agents.screening.choice import clearly_apart, expected_best, trend, worth
 
 COSTS = np.array([[0.1, 0.2, 0.3], [0.9, 0.0, 0.5]])  # ranks 1 2 3 and 3 1 2
 LOG4, LOG5, LOG6 = np.log([4.0, 5.0, 6.0])
@@ -36,3 +36,18 @@ def test_the_best_so_far_gains_nothing_and_nothing_is_below_it():
         found = expected_best(costs, best)
         assert found[best] == found.min()
         assert found[best] == pytest.approx(worth(costs)[:, best].mean())
+
+
+def test_the_trend_points_to_where_worth_grows():
+    z = np.random.default_rng(0).random((300, 2))
+    costs = np.array([z[:, 0] + 0.01 * z[:, 1], 2 * z[:, 0]])
+    slopes = trend(z, costs, int(np.argmin(z[:, 0])))
+    assert slopes[0] < 0
+    assert abs(slopes[1]) < 0.3 * abs(slopes[0])
+
+
+def test_a_clear_difference_is_a_share_of_the_value_and_of_what_is_usual():
+    kpis = np.array([[1.0, 5.0], [1.05, 5.0], [1.5, 5.0], [np.inf, 5.0], [3.0, 5.0]])
+    apart = clearly_apart(kpis, np.array([True, True, True, False, True]), 0)
+    assert apart.tolist() == [False, False, True, True, True]
+    assert not clearly_apart(kpis, np.ones(5, dtype=bool), 3).any()  # nothing to measure from

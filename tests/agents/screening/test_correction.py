@@ -12,8 +12,10 @@ from prefcal_agents.screening.correction import Measured, corrected
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
+from prefcal_env.preferences.reading import Reading
 from support.simulated import SQUARE, bank_of, in_chain, random_bank
 
+EXACT = Reading()
 POINTS = np.random.default_rng(2).random((120, 2))
 ROWS = np.arange(0, 120, 15)
 TREND = np.log(0.1 + POINTS[:, :1] ** 2)
@@ -71,14 +73,14 @@ def test_a_study_whose_kpis_are_as_simulated_measures_nothing():
     bank = random_bank()
     told = [dict(zip(bank.names, bank.kpis[row], strict=True)) for row in (0, 1)]
     answers = [Answer(1, outcomes=(told[1], told[0]))]
-    assert not len(Measured.of(bank, in_chain(bank, [0, 1], answers)))
-    assert not len(Measured.of(bank, History()))
+    assert not len(Measured.of(bank, in_chain(bank, [0, 1], answers), EXACT))
+    assert not len(Measured.of(bank, History(), EXACT))
 
 
 def test_a_kpi_that_was_not_measured_keeps_its_simulated_value():
     bank = bank_of([[1.0, 2.0], [3.0, 4.0]])
     record = in_chain(bank, [0, 1], [Answer(1, outcomes=({"a": 9.0, "other": 1.0}, None))])
-    measured = Measured.of(bank, record)
+    measured = Measured.of(bank, record, EXACT)
     assert measured.on(bank).kpis.tolist() == [[1.0, 2.0], [9.0, 4.0]]
     assert bank.kpis.tolist() == [[1.0, 2.0], [3.0, 4.0]]
 
@@ -86,13 +88,13 @@ def test_a_kpi_that_was_not_measured_keeps_its_simulated_value():
 def test_bounds_of_a_run_cut_short_are_not_taken_for_measured_kpis():
     bank, marks = bank_of([[1.0, 2.0], [3.0, 4.0]]), (Mark.CHALLENGER_CUT_SHORT,)
     answer = Answer(1, outcomes=({"a": 9.0}, None), marks=marks)
-    assert not len(Measured.of(bank, in_chain(bank, [0, 1], [answer])))
+    assert not len(Measured.of(bank, in_chain(bank, [0, 1], [answer]), EXACT))
 
 
 def test_of_an_experiment_with_other_kpis_nothing_is_learned():
     bank = bank_of([[1.0, 2.0], [3.0, 4.0]])
     record = in_chain(bank, [0, 1], [Answer(1, outcomes=({"speed": 9.0}, None))])
-    assert not len(Measured.of(bank, record))
+    assert not len(Measured.of(bank, record, EXACT))
 
 
 def test_a_twin_with_other_names_is_refused_with_both():

@@ -1,5 +1,7 @@
 """A latent cost with a tie band and noise."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -93,9 +95,10 @@ def test_noise_without_a_positive_scale_is_refused(value):
         BradleyTerry(value)
 
 
-def test_a_cost_that_is_nan_is_refused():
-    with pytest.raises(SettingsError, match="NaN at θ"):
-        LatentCost(lambda e: np.nan).prefer(LOW, HIGH)
+@pytest.mark.parametrize("value", [np.nan, None, "low", [1, 2]])
+def test_a_cost_that_is_no_number_is_refused(value):
+    with pytest.raises(SettingsError, match=re.escape(f"got {value!r} at θ")):
+        LatentCost(lambda e: value).prefer(LOW, HIGH)
 
 
 def test_a_difference_above_the_threshold_is_much_better():

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from prefcal_env.envs.cstr import cstr_env, settled, stage_cost, unsafe
 from prefcal_env.envs.task import Step
+from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plants import CSTR
 
@@ -126,6 +127,12 @@ def test_the_total_reward_does_not_depend_on_the_sampling_time():
             total += env.step(scaled(309.0 if k * T_s < 3 else 300.0))[1]
         totals.append(total)
     assert totals == pytest.approx([totals[0]] * 3, rel=1e-3)
+
+
+@pytest.mark.parametrize("option", [{"plant": 5}, {"max_move": "a"}])
+def test_options_that_are_none_are_refused_by_name(option):
+    with pytest.raises(SettingsError, match=f"{next(iter(option))} must be"):
+        cstr_env(**option)
 
 
 def test_ending_an_episode_unsafely_never_pays():

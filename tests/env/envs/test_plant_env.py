@@ -120,7 +120,7 @@ def test_a_vectorized_rule_ends_the_episode_at_the_same_state(T_s):
 def test_a_vectorized_rule_must_judge_each_state():
     env = tank_env(unsafe=lambda x: bool(np.any(x > 6.0)), vectorized=True)
     env.reset()
-    with pytest.raises(SettingsError, match=r"one value for each state, shape \(6,\), got \(\)"):
+    with pytest.raises(SettingsError, match=r"one value for each state, shape \(5,\), got \(\)"):
         env.apply(np.zeros(1))
 
 
@@ -153,13 +153,21 @@ def test_a_state_that_is_not_finite_is_unsafe_and_not_recorded(T_s):
     assert np.all(np.diff(record.t) > 0)
 
 
+def _env_of(rate):
+    channels = {"states": [LEVEL], "inputs": [INFLOW], "disturbances": [RAIN]}
+    return PlantEnv(FunctionPlant(lambda x, u, d: [rate], **channels, name="pond"), tank_task())
+
+
+def test_a_plant_whose_f_is_nan_at_the_start_is_refused_with_its_state():
+    env = _env_of(np.nan)
+    env.reset()
+    words = r"'pond'.* got NaN for \['level'\] at x = \[0.0\], u = \[2.0\], d = \[0.0\]"
+    with pytest.raises(PlantError, match=words):
+        env.step(np.zeros(1))
+
+
 def test_a_first_step_that_fails_at_once_leaves_one_instant():
-    env = PlantEnv(
-        FunctionPlant(
-            lambda x, u, d: [np.nan], states=[LEVEL], inputs=[INFLOW], disturbances=[RAIN]
-        ),
-        tank_task(),
-    )
+    env = _env_of(1e308)
     env.reset()
     assert env.step(np.zeros(1))[2] is True
     assert env.record().t.tolist() == [0.0]
@@ -222,6 +230,7 @@ def test_float64_actions_are_not_rounded(actions):
         ({"T_s": np.nan}, SettingsError, "got nan"),
         ({"T_s": "fast"}, SettingsError, "got 'fast'"),
         ({"T_s": True}, SettingsError, "got True"),
+        (5, SettingsError, "reset options must be a dict, got 5"),
         ({"dt": 0.5}, SettingsError, r"must be among .*got \['dt'\]"),
         ({"x0": [1.0, 2.0]}, PlantError, r"x0 must have shape \(1,\), got \(2,\)"),
         ({"x0": [np.inf]}, PlantError, "x0 must be finite"),
@@ -317,6 +326,20 @@ def test_x0_u0_y_ref_and_horizon_are_enough_of_a_task():
     # The level reaches ten times 2 m either way; the input its limits; its reference ten times 2.
     assert observation == pytest.approx([0.0, -1.0, 0.0])
     assert env.step(np.ones(1))[0] == pytest.approx([env.record().x[-1, 0] / 20, 1.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("max_move", "a"), ("x0", [None]), ("horizon", "long"), ("noise", 1j)]
+)
+def test_what_is_no_number_in_a_task_is_refused_by_name(name, value):
+    with pytest.raises(SettingsError, match=f"task: {name} must be "):
+        tank_task(**{name: value})
+
+
+def test_an_environment_needs_a_plant_and_a_task():
+    for parts in ((5, tank_task()), (TANK, 5)):
+        with pytest.raises(SettingsError, match="needs a plant and a Task, got"):
+            PlantEnv(*parts)
 
 
 def test_all_outputs_with_a_reference_are_tracked():

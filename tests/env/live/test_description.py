@@ -105,6 +105,7 @@ def test_a_wrong_description_is_refused_with_its_place(change, words):
         made(FULL | change)
 
 
+@pytest.mark.servers
 def test_an_address_or_a_time_limit_that_opc_ua_cannot_have_is_refused():
     pytest.importorskip("asyncua")
     with pytest.raises(LiveError, match=r"begins with opc\.tcp://, got 'http://plant'"):

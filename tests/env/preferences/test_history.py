@@ -34,6 +34,10 @@ def after(steps):
         if kind == "tell":
             history = history.with_pending(in_cube([count / 50, 0.5]))
             history = history.with_answer(Answer((-1, 0, 1, None)[number % 4]), history.incumbent)
+        elif kind == "unsafe":
+            history = history.with_pending(in_cube([count / 50, 0.5]))
+            mark = (UNSAFE, Mark.INCUMBENT_UNSAFE)[number % 2]
+            history = history.with_answer(Answer(1, marks=(mark,)), history.incumbent)
         elif kind == "follow up" and count > 1:
             first = 1 + number % (count - 1)
             history = history.with_follow_up(Answer((-1, 0, 1)[number % 3]), first, first - 1)
@@ -48,7 +52,8 @@ def after(steps):
 
 STEPS = st.lists(
     st.tuples(
-        st.sampled_from(["tell", "follow up", "propose", "undo", "retract"]), st.integers(0, 99)
+        st.sampled_from(["tell", "unsafe", "follow up", "propose", "undo", "retract"]),
+        st.integers(0, 99),
     ),
     max_size=25,
 )
@@ -79,7 +84,8 @@ def test_the_best_after_each_answer_is_the_best_of_the_record_until_then(steps):
     *_, history = after(steps)
     assert len(history.incumbents()) == history.answered
     assert history.incumbents()[-1] == history.incumbent == history.unbeaten()[0]
-    assert history.until(history.answered).incumbent == history.incumbent
+    until = [history.until(count).incumbent for count in range(1, history.answered + 1)]
+    assert history.incumbents() == tuple(until)
 
 
 @given(STEPS)
@@ -124,7 +130,9 @@ def test_an_answer_is_retracted_once():
 def test_the_lowest_score_is_the_best_where_nothing_was_compared():
     history = told(*(Answer(None, value=v) for v in (3.0, 1.0, 1.0, 2.0))).scores_alone()
     assert history.incumbent == 1
+    assert history.incumbents() == (0, 1, 1, 1)
     assert history.retracted(1).incumbent == 2
+    assert history.retracted(1).incumbents() == (0, 0, 2, 2)
 
 
 def test_an_answer_goes_where_it_belongs():

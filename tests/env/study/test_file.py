@@ -82,12 +82,16 @@ def test_an_existing_file_is_never_overwritten(tmp_path):
     assert path.read_text() == "precious"
 
 
-def test_two_processes_cannot_both_record(tmp_path):
+def test_an_open_study_can_be_read_but_not_be_opened_for_writing(tmp_path):
     path = tmp_path / "a.prefcal"
-    with small_study(path) as first, reopen(path) as second:
+    with small_study(path) as first:
+        with pytest.raises(StudyError, match="open in another process"):
+            reopen(path)
         first.append(Noted("first"))
-        with pytest.raises(StudyError, match="another process has written"):
-            second.append(Noted("second"))
+        with StudyFile.open(path, clock=clock(), reading=True) as second:
+            assert second.state == first.state
+            with pytest.raises(StudyError, match="for reading only"):
+                second.append(Noted("second"))
         first.append(Noted("third"))
     with reopen(path) as file:
         assert [text for _, text in file.state.notes] == ["first", "third"]
@@ -176,20 +180,6 @@ def test_a_disk_that_takes_no_more_bytes_is_told(tmp_path):
     assert verify(path) == ()
     with reopen(path) as file:
         assert file.state.history.answered >= 4 + len(safe)
-
-
-def test_a_file_that_may_not_be_written_is_told(tmp_path):
-    path = tmp_path / "a.prefcal"
-    small_study(path).close()
-    before = path.read_bytes()
-    uri = f"file:{path}?mode=ro&immutable=1"
-    connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
-    file = StudyFile(connection, str(path), clock())
-    file._load()
-    with pytest.raises(StudyError, match=r"is read-only.*Nothing was recorded"):
-        file.append(Noted("never"))
-    file.close()
-    assert path.read_bytes() == before
 
 
 def test_a_folder_that_is_not_there_is_told(tmp_path):

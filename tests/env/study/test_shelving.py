@@ -7,6 +7,7 @@ import pytest
 
 from prefcal_env.errors import StudyError
 from prefcal_env.study import Noted, StudyFile, remove_study, rename_study, verify
+from prefcal_env.study.locations import SIMULATED, simulated_beside
 
 ELSEWHERE = """
 import sys
@@ -76,3 +77,27 @@ def test_a_damaged_study_can_be_removed(tmp_path):
 def test_what_is_not_there_is_named(tmp_path):
     with pytest.raises(StudyError, match=r"no study file .*a\.prefcal"):
         remove_study(tmp_path / "a.prefcal")
+
+
+def test_simulations_go_with_their_study(tmp_path):
+    made(tmp_path / "a.prefcal").close()
+    kept = tmp_path / "a.simulated"
+    kept.write_bytes(SIMULATED + b"key\n")
+    rename_study(tmp_path / "a.prefcal", tmp_path / "b.prefcal")
+    assert {path.name for path in tmp_path.iterdir()} == {"b.prefcal", "b.simulated"}
+    remove_study(tmp_path / "b.prefcal")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_of_that_name_that_is_something_else_stays(tmp_path):
+    made(tmp_path / "a.prefcal").close()
+    made(tmp_path / "b.simulated").close()
+    (tmp_path / "a.simulated").write_bytes(SIMULATED)
+    rename_study(tmp_path / "a.prefcal", tmp_path / "b.prefcal")
+    remove_study(tmp_path / "b.prefcal")
+    assert not verify(tmp_path / "b.simulated")
+
+
+def test_a_study_is_never_its_own_simulations(tmp_path):
+    for name in ("a.prefcal", "a.simulated", "a.db", "a"):
+        assert simulated_beside(tmp_path / name).name != name

@@ -7,7 +7,7 @@ import pytest
 from prefcal_env.errors import StudyError
 from prefcal_env.study import StudyFile, export_csv, export_json, import_json, verify
 from support.interviews import clock
-from support.studies import small_study
+from support.studies import small_study, tamper
 
 TAMPERING = {
     "no JSON": "UPDATE event SET body = 'so' WHERE seq = 3",
@@ -19,7 +19,7 @@ TAMPERING = {
     "a payload that is none": "UPDATE event SET payload = x'00' WHERE seq = 3",
     "a payload too many": "UPDATE event SET payload = (SELECT payload FROM event WHERE seq = 3) "
     "WHERE seq = 4",
-    "an answer given twice": "INSERT INTO event SELECT seq + 1, at, body, payload FROM event "
+    "an answer given twice": "INSERT INTO event SELECT seq + 1, at, body, payload, 0 FROM event "
     "WHERE seq = (SELECT max(seq) FROM event)",
     "two swapped": "UPDATE event SET seq = 1000 - seq WHERE seq IN (2, 3); "
     "UPDATE event SET seq = CASE seq WHEN 998 THEN 3 ELSE 2 END WHERE seq > 900",
@@ -27,36 +27,21 @@ TAMPERING = {
     "body = replace(body, '\"challenger\":1', '\"challenger\":0') "
     "WHERE body LIKE '%\"shown\"%'",
     "a repeated question that never was": "INSERT INTO event SELECT seq + 1, at, "
-    """'{"kind":"shown","challenger":1,"incumbent":0,"challenger_left":true,"repeats":2}', NULL """
-    "FROM event WHERE seq = (SELECT max(seq) FROM event)",
+    """'{"kind":"shown","challenger":1,"incumbent":0,"challenger_left":true,"repeats":2}', NULL, """
+    "0 FROM event WHERE seq = (SELECT max(seq) FROM event)",
     "an experiment of an event that has none": "INSERT INTO event SELECT seq + 1, at, "
-    """'{"kind":"finished","index":1,"same_as":2}', NULL """
+    """'{"kind":"finished","index":1,"same_as":2}', NULL, 0 """
     "FROM event WHERE seq = (SELECT max(seq) FROM event)",
 }
 
 
-def tamper(path, script):
-    """Change a study file without leaving a trace in its tables and triggers."""
-    connection = sqlite3.connect(path)
-    query = "SELECT name, sql FROM sqlite_master WHERE type = 'trigger'"
-    triggers = connection.execute(query).fetchall()
-    for name, _ in triggers:
-        connection.execute(f"DROP TRIGGER {name}")
-    connection.executescript(script)
-    changed = connection.total_changes
-    for _, sql in triggers:
-        connection.execute(sql)
-    connection.commit()
-    connection.close()
-    return changed
-
-
+@pytest.mark.parametrize("signed", [False, True], ids=["by accident", "with checksums"])
 @pytest.mark.parametrize("script", TAMPERING.values(), ids=TAMPERING)
-def test_damage_is_found(tmp_path, script):
+def test_damage_is_found(tmp_path, script, signed):
     path = tmp_path / "a.prefcal"
     small_study(path, answers=4).close()
     assert verify(path) == ()
-    assert tamper(path, script)
+    assert tamper(path, script, signed=signed)
     assert verify(path) != ()
 
 

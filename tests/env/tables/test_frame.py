@@ -360,3 +360,19 @@ def test_a_rig_reads_frames_files_and_other_headings(tmp_path):
         rig.read(3, theta)
     with pytest.raises(SettingsError, match="headings must name some of"):
         Rig(rig.channels, (), headings={"flow": "F"})
+
+
+def test_a_small_file_of_very_many_rows_is_refused_before_they_are_read(tmp_path):
+    rows = 2_500_001
+    path = tmp_path / "zeros.parquet"
+    pd.DataFrame({"time": np.zeros(rows), "level": np.zeros(rows)}).to_parquet(path)
+    assert path.stat().st_size < 1e6
+    with pytest.raises(RecordError, match=r"5,000,000 cells, got 2,500,001 rows of 2 columns"):
+        TableColumns(outputs=["level"]).read(path, [0.0])
+
+
+def test_a_table_of_very_many_columns_is_refused():
+    headings = ["time [s]", *(f"c{k}" for k in range(2_000))]
+    text = ",".join(headings) + "\n" + "\n".join(",".join("1" * 2_001) for _ in range(2))
+    with pytest.raises(RecordError, match="may have 2,000 columns, got 2,001"):
+        TableColumns(outputs=["c1"]).read(text, [0.0])

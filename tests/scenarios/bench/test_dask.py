@@ -10,9 +10,7 @@ from prefcal_env.errors import BenchmarkError, MissingExtraError
 from prefcal_scenarios.bench import DaskCluster, Processes, Store, Suite, run_suite
 from support.bench_watcher import Seen
 
-distributed = pytest.importorskip(
-    "distributed", reason="Dask's distributed is not installed: pip install 'prefcal[dask]'"
-)
+distributed = pytest.importorskip("distributed")
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 LOOP = OWN.with_name("bench_loop.py")
 SLOW = Suite(

@@ -44,6 +44,13 @@ def test_a_task_that_raises_is_lost_with_its_words_and_the_others_are_not():
     assert two == 2
 
 
+def test_a_task_that_raises_what_ends_programs_is_lost_with_its_words():
+    errors = (KeyboardInterrupt, GeneratorExit, BaseException)
+    *lost, two = run([*(partial(tasks.interrupt, e) for e in errors), partial(tasks.double, 1)])
+    assert lost == [Lost(f"{error.__name__}: the pump is stopped") for error in errors]
+    assert two == 2
+
+
 def test_a_task_that_takes_too_long_is_lost_and_what_ran_beside_it_is_not():
     todo = [partial(tasks.double, k) for k in range(6)]
     todo[1] = tasks.spin

@@ -187,6 +187,7 @@ def test_what_an_agent_prints_does_not_reach_standard_output(capsys):
     [
         ("Raises", "OSError: the pump does not answer"),
         ("Exits", "SystemExit: bye"),
+        ("Quits", "GeneratorExit: enough"),
         ("Greedy", "ProtocolError: the agent wanted more than 5 experiments"),
         ("Endless", "ProtocolError: the agent is not done after 25 answers"),
         ("Forgetful", "ProtocolError: experiment 0 had another θ before"),

@@ -8,7 +8,7 @@ from prefcal_scenarios import FailedRun, Simulated
 from prefcal_scenarios.many import pool as pool_module
 from prefcal_scenarios.many.pool import Pool
 from prefcal_scenarios.many.task import Task
-from support.many_runs import DIES, DIES_ONCE, HANGS, RUNS, run
+from support.many_runs import DIES, DIES_ONCE, FORKS, HANGS, INTERRUPTS, RUNS, WRITES, run
 
 
 @pytest.fixture
@@ -57,6 +57,31 @@ def test_a_run_whose_process_died_once_runs_again(opened, tmp_path, monkeypatch)
     assert (tmp_path / "died").exists()
 
 
+def test_own_code_that_raises_keyboard_interrupt_keeps_its_worker(opened, capfd):
+    pool = opened()
+    assert isinstance(results(pool, RUNS)[0], Simulated)
+    workers = list(pool._workers)
+    interrupted, after = results(pool, INTERRUPTS, RUNS)
+    assert isinstance(interrupted, FailedRun)
+    assert interrupted.why == "raised"
+    assert "run raised KeyboardInterrupt (in many_runs.py:" in interrupted.words
+    assert isinstance(after, Simulated)
+    assert pool._workers == workers
+    assert capfd.readouterr().err == ""
+
+
+def test_a_run_that_writes_to_every_open_file_has_failed(opened):
+    wrote, after = results(opened(), WRITES, RUNS)
+    assert isinstance(wrote, FailedRun)
+    assert "used a file that it had not opened" in wrote.words
+    assert isinstance(after, Simulated)
+
+
+def test_a_run_that_forks_and_forgets_it_has_one_result(opened):
+    found = results(opened(), FORKS, RUNS, FORKS, RUNS)
+    assert [r.kpis["mean"] for r in found] == sorted(r.kpis["mean"] for r in found)
+
+
 def test_a_run_that_hangs_is_ended_after_its_time(opened):
     before, hung, after = results(opened(longest=0.5), RUNS, HANGS, RUNS)
     assert isinstance(before, Simulated)
@@ -68,7 +93,8 @@ def test_a_run_that_hangs_is_ended_after_its_time(opened):
 def test_the_time_limit_follows_the_usual_time(opened, monkeypatch):
     pool = opened()
     assert pool.limit == pool_module._UNKNOWN
-    results(pool, *[RUNS] * 6)
+    for _ in range(5):  # one by one: results that arrive together are timed together
+        results(pool, RUNS)
     assert pool.limit == pool_module._SHORTEST
     monkeypatch.setattr(pool_module, "_SHORTEST", 0.0)
     assert pool.limit < 1.0

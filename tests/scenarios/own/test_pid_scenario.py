@@ -52,6 +52,22 @@ def test_the_ranges_hold_the_tunings_of_known_rules(name):
         assert np.all((inside > 0) & (inside < 1))
 
 
+def test_a_sensitivity_peak_above_2_misses_an_objective():
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    peak = scenario.kpis[-1]
+    assert (peak.name, peak.at_most, peak.goal) == ("M_s", 2.0, "lower")
+    middle = scenario.references["robust"]
+    assert peak.met_by(scenario.run(middle))
+    assert peak.met_by(scenario.run(middle * [2, 1, 1, 1])) is False
+
+
+def test_a_plant_that_allows_no_robust_tuning_has_no_such_objective():
+    hard = pid_scenario(Plant.of(([1.0], [5, -1]), delay=2.0))
+    peak = hard.kpis[-1]
+    assert hard.run(hard.references["robust"]).kpis["M_s"] > 2
+    assert (peak.name, peak.at_most) == ("M_s", np.inf)
+
+
 def test_the_total_move_counts_the_first_move_away_from_rest():
     scenario = pid_scenario(PLANTS["lag with dead time"])
     theta = scenario.space.decode(np.full(len(scenario.space), 0.5))

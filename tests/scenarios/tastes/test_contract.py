@@ -11,10 +11,10 @@ from prefcal_scenarios.scenario import load
 from prefcal_scenarios.tastes import TASTES, USUAL, Runs, has_cost, runs_of, taste
 from prefcal_scenarios.tastes.named import WRONG, _usable
 from prefcal_scenarios.tastes.sample import _run, thetas
-from support.tastes import only
+from support.tastes import EYES, kinds, only
 
 LOOPS = ("servo", "building", "loop-6")
-every = pytest.mark.parametrize("name", TASTES)
+every = pytest.mark.parametrize("name", kinds(TASTES))
 everywhere = pytest.mark.parametrize("loop", LOOPS)
 COUNT = 24
 """Number of experiments that are compared with each other."""
@@ -86,7 +86,7 @@ def test_an_interrupted_run_loses_and_of_two_the_longer_wins(loop, name):
 def test_the_order_of_a_cost_is_that_of_the_comparisons(loop, name):
     rule, runs = made(loop, name).rule, usual(loop).take(np.arange(COUNT))
     cost = rule.cost(runs)
-    assert (cost is None) == (name.partition("-")[0] == "priorities")
+    assert (cost is None) == (name.partition("-")[0] in ("priorities", *EYES))
     assert has_cost(name) == (name in ("weights", "limits", "narrow", "hidden"))
     if cost is not None:
         assert np.isfinite(cost).all()
@@ -108,7 +108,7 @@ def test_the_same_person_answers_the_same_in_every_study(loop, name):
     assert set(first) <= {-1, 0, 1}
 
 
-@pytest.mark.parametrize("kind", [name for name in TASTES if "-" not in name])
+@pytest.mark.parametrize("kind", kinds(name for name in TASTES if "-" not in name))
 def test_noisy_people_flip_the_stated_share_of_answers_and_never_the_referee(kind):
     them, pairs = experiments("servo"), list(combinations(range(COUNT), 2))
     sure = np.array(answers(made("servo", kind).calibrator(), them, pairs))

@@ -10,11 +10,11 @@ from prefcal_scenarios.tastes import Runs
 from prefcal_scenarios.tastes.draw import KINDS, _decided, limits, narrow, priorities, weights
 from prefcal_scenarios.tastes.draw import rising as rising_one
 from prefcal_scenarios.tastes.sample import _run, thetas
-from support.tastes import NAMES, runs
+from support.tastes import NAMES, kinds, runs
 
 SEEDS = range(25)
 pytestmark = pytest.mark.filterwarnings("error")
-every = pytest.mark.parametrize("kind", KINDS)
+every = pytest.mark.parametrize("kind", kinds(KINDS))
 
 
 @cache

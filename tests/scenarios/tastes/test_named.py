@@ -16,8 +16,11 @@ from prefcal_scenarios.tastes import (
     taste,
 )
 from prefcal_scenarios.tastes.draw import KINDS
+from prefcal_scenarios.tastes.eyes.noticing import Eyes
+from prefcal_scenarios.tastes.eyes.order import Criterion, Order
 from prefcal_scenarios.tastes.sample import _run, thetas
 from prefcal_scenarios.tastes.weighted import Term, Weighted
+from support.tastes import kinds
 
 KPIS = tuple(KPI(name, name, better="lower") for name in ("corner", "middle", "other"))
 
@@ -62,9 +65,9 @@ def scripted(monkeypatch, rules, worths=()):
         )
 
 
-def test_there_are_eighteen_tastes_and_some_of_those_without_errors_have_a_cost_to_tell():
-    assert len(TASTES) == len(set(TASTES)) == 18
-    # Priorities have none, and by rising standards it changes.
+def test_there_are_36_tastes_and_some_of_those_without_errors_have_a_cost_to_tell():
+    assert len(TASTES) == len(set(TASTES)) == 36
+    # Priorities and people with eyes have none, and by rising standards it changes.
     assert {name for name in TASTES if has_cost(name)} == {"weights", "limits", "narrow", "hidden"}
 
 
@@ -98,17 +101,28 @@ def test_if_all_lie_at_the_edge_there_is_a_taste_all_the_same(monkeypatch):
     assert taste("weights", KPIS, RUNS, 0).rule == by("corner")
 
 
+def test_a_person_with_eyes_to_whom_the_best_runs_look_alike_is_drawn_again(monkeypatch):
+    sharp, blunt = (
+        Eyes(Order((Criterion("middle", noticed), Criterion("other", noticed))))
+        for noticed in (0.002, 0.3)
+    )
+    assert named._blind(sharp, RUNS) == 0 < 1 < named._blind(blunt, RUNS)
+    assert named._blind(by("middle"), RUNS) == 0  # no just noticeable difference
+    scripted(monkeypatch, [blunt, sharp], [80.0])
+    assert taste("weights", KPIS, RUNS, 0).rule == sharp
+
+
 def test_without_theta_nothing_is_known_to_lie_at_the_edge():
     unknown = RUNS.take(np.arange(len(RUNS)))
     assert unknown.z.size == 0
     assert taste("narrow", KPIS, unknown, 0).rule.terms
 
 
-@pytest.mark.parametrize(
-    ("loop", "kind"),
-    [*(("servo", kind) for kind in KINDS), *(("tank", k) for k in KINDS if k != "priorities")],
-)
+@pytest.mark.parametrize("kind", kinds(KINDS))
+@pytest.mark.parametrize("loop", ["servo", "tank"])
 def test_on_closed_loops_the_promise_holds(loop, kind):
+    if (loop, kind) == ("tank", "priorities"):
+        return  # all draws are off by a little
     scenario, runs = load(loop), usual(loop)
     for seed in range(1 if kind == "priorities" else 3):
         rule = taste(kind, scenario.kpis, runs, seed).rule
@@ -118,11 +132,11 @@ def test_on_closed_loops_the_promise_holds(loop, kind):
         assert 40 <= found <= 115  # 55 to 100 with the 100 replays that it was chosen by
 
 
-def test_the_same_person_sure_and_with_errors_has_the_same_rule():
-    for kind in KINDS:
-        rules = [taste(f"{kind}{end}", KPIS, RUNS, 3).rule for end in ("", "-noisy10", "-noisy20")]
-        assert rules[0] == rules[1] == rules[2]
-        assert taste(kind, KPIS, RUNS, 4).rule != rules[0]
+@pytest.mark.parametrize("kind", kinds(KINDS))
+def test_the_same_person_sure_and_with_errors_has_the_same_rule(kind):
+    rules = [taste(f"{kind}{end}", KPIS, RUNS, 3).rule for end in ("", "-noisy10", "-noisy20")]
+    assert rules[0] == rules[1] == rules[2]
+    assert any(taste(kind, KPIS, RUNS, seed).rule != rules[0] for seed in (4, 5, 6))
 
 
 def test_agents_are_not_told_the_kpis_of_a_hidden_taste():
@@ -130,7 +144,7 @@ def test_agents_are_not_told_the_kpis_of_a_hidden_taste():
         hidden = taste(f"hidden{end}", KPIS, RUNS, 1)
         assert hidden.withheld == tuple(term.name for term in hidden.rule.terms)
         assert 1 <= len(hidden.withheld) <= 2
-    assert all(taste(k, KPIS, RUNS, 1).withheld == () for k in KINDS if k != "hidden")
+    assert all(taste(k, KPIS, RUNS, 1).withheld == () for k in ("weights", "narrow", "rising"))
 
 
 def test_a_scenario_offers_every_taste_as_a_calibrator(monkeypatch):

@@ -3,6 +3,8 @@ import pytest
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.tastes import random_search_worth, worth
+from prefcal_scenarios.tastes.eyes.noticing import Eyes
+from prefcal_scenarios.tastes.eyes.order import Criterion, Order
 from prefcal_scenarios.tastes.priorities import Priorities, Priority
 from support.tastes import runs
 
@@ -21,6 +23,12 @@ def test_worth_by_hand(value, expected):
 def test_ties_are_at_least_as_good():
     blunt = Priorities((Priority("error", 2.0),))
     assert worth(blunt, POOL, runs([0.0])) == 10 / 4
+
+
+def test_to_people_with_eyes_only_what_is_noticeably_better_counts():
+    eyes = Eyes(Order((Criterion("error", 2.0),)))
+    assert worth(eyes, POOL, runs([0.0])) == worth(eyes, POOL, runs([2.0])) == 10 / 1
+    assert worth(eyes, POOL, runs([5.0])) == 10 / 4  # 0, 1 and 2 are noticeably better
 
 
 def test_an_interrupted_run_is_worth_least():

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from prefcal_scenarios import own
 from prefcal_scenarios.app.cli.benchmark.command import app as bench
 from prefcal_scenarios.app.cli.studies.commands import REPORT_EPILOG, report
 from prefcal_scenarios.app.cli.studies.commands import app as studies
@@ -100,6 +101,7 @@ def scenarios(
 def main() -> None:
     """Run the command line; an error of the caller becomes one line and exit code 2."""
     try:
+        own.say = _complain
         code = app(standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         _complain("interrupted")
@@ -109,7 +111,8 @@ def main() -> None:
         # the parser's differ between versions. What is unknown is raised again.
         from prefcal_env.errors import PrefcalError
 
-        wrong = (str(error), 2) if isinstance(error, PrefcalError) else _wrong_call(error)
+        known = isinstance(error, PrefcalError)
+        wrong = (str(error), 2) if known else _wrong_call(error) or _own(error)
         if wrong is None:
             raise
         if wrong[0]:
@@ -118,9 +121,19 @@ def main() -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
+def _own(error: Exception) -> tuple[str, int] | None:
+    """Return the message and exit code for an error of the user's own code; None for others."""
+    from prefcal_scenarios.own.own_line import in_words, located, own_line
+
+    return (in_words(located(error)), 1) if own_line(error) else None
+
+
 def _complain(words: str) -> None:
     """Print an error message on standard error."""
-    print(f"prefcal: {words}", file=sys.stderr)
+    # Imported here to keep --help fast.
+    from prefcal_scenarios.app.presentation.wording import printable_lines
+
+    print(f"prefcal: {printable_lines(words)}", file=sys.stderr, flush=True)
 
 
 _MISSING = {

@@ -1,5 +1,6 @@
 """`prefcal calibrate`: run one study and write its report."""
 
+import sys
 from typing import Any
 
 import typer
@@ -27,7 +28,7 @@ EPILOG = """\
   Unattended, with answers that are sometimes wrong.
 
 [cyan]prefcal calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"[/cyan]
-  Start from your present tuning: the first experiment runs it.
+  Start from your current tuning: the first experiment runs it.
 
 [cyan]prefcal calibrate cstr --from mine --study second[/cyan]
   For another person or a similar plant: try the best θ of the study mine early.
@@ -77,7 +78,11 @@ def calibrate(**typed: Any) -> None:
     calibrator can answer instead. Every answer is saved before the next question. Ctrl-C stops and
     writes a report of the comparisons so far; the same --study resumes.
     """
+    found = given(Options, typed)
+    if sys.stderr.isatty():  # the next imports take a second
+        name = str(found["scenario"]).partition("{")[0].strip()
+        print(f"Loading {name} ...", file=sys.stderr, flush=True)
     # Imported here to keep --help fast.
     from .calibrate_run import run
 
-    raise typer.Exit(run(given(Options, typed)))
+    raise typer.Exit(run(found))

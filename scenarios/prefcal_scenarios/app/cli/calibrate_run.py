@@ -22,11 +22,18 @@ from rich.progress import (
 from rich.text import Text
 
 from prefcal_env.compiling import Compiling
-from prefcal_env.errors import RunError
+from prefcal_env.errors import RunError, SimulationError, StudyError
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Preference
+from prefcal_env.study.locations import simulated_beside
 from prefcal_scenarios.app.isolated import isolation
-from prefcal_scenarios.app.presentation.wording import earlier_text, theta_text
+from prefcal_scenarios.app.presentation.wording import (
+    earlier_text,
+    printable,
+    printable_lines,
+    theta_text,
+)
+from prefcal_scenarios.app.report.export import versions
 from prefcal_scenarios.app.report.record import VERDICTS
 from prefcal_scenarios.app.session import (
     Background,
@@ -36,7 +43,7 @@ from prefcal_scenarios.app.session import (
     unattended,
 )
 from prefcal_scenarios.app.session.memory import as_studied, is_simulating
-from prefcal_scenarios.app.simulating import Simulator, twin_of
+from prefcal_scenarios.app.simulating import Kept, Simulator, key_of, twin_of
 from prefcal_scenarios.app.summary.counts import Counts
 from prefcal_scenarios.own.described.options import words_to_resume
 from prefcal_scenarios.scenario import Scenario, is_own, load
@@ -74,7 +81,8 @@ def run(given: Mapping[str, Any]) -> int:
         ctrl_c.on_press = lambda: messages.print("Stopping ...", highlight=False)
         at_once = Options.of(given).at_once
         with isolation(source, given["run_timeout"], at_once=at_once) as isolated:
-            scenario = isolated(with_cost(load(source), given["cost"]))
+            with ctrl_c.allowed():  # nothing is open yet
+                scenario = isolated(with_cost(load(source), given["cost"]))
             _check_address(Options.of(given))
 
             def say(text: str) -> None:
@@ -87,7 +95,7 @@ def run(given: Mapping[str, Any]) -> int:
 
 
 def _say(messages: Console, text: str) -> None:
-    messages.print(text, soft_wrap=True, highlight=False, markup=False)
+    messages.print(printable_lines(text), soft_wrap=True, highlight=False, markup=False)
 
 
 def _check_address(options: Options) -> None:
@@ -117,16 +125,24 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
     except KeyboardInterrupt:
         has_report = name and file.state.history.answered
         later = f"; its report: prefcal report {name}" if has_report else ""
-        _say(messages, f"Stopped at once. Every answer is saved{later}" if name else
-             "Stopped at once.")  # fmt: skip
+        saved = file.trouble() or (f"Every answer is saved{later}" if name else "")
+        _say(messages, f"Stopped at once. {saved}".strip())
         raise
     finally:
         claim.release()
 
 
 @contextmanager
-def simulator_of(opened: Opened, scenario: Scenario) -> Iterator[Simulator | None]:
-    """Yield what the study's agent simulates with, for the knobs of the study; None if nothing."""
+def simulator_of(
+    opened: Opened, scenario: Scenario, *, keep: bool = True
+) -> Iterator[Simulator | None]:
+    """Yield what the study's agent simulates with, for the knobs of the study; None if nothing.
+
+    Args:
+        opened: Study.
+        scenario: Scenario of the study.
+        keep: Whether to keep the results beside the study: only if its options name all code.
+    """
     state = opened.file.state
     if not is_simulating(state):
         yield None
@@ -137,8 +153,18 @@ def simulator_of(opened: Opened, scenario: Scenario) -> Iterator[Simulator | Non
         if options.twin is not None:
             isolated = open_until_the_end.enter_context(isolation(options.twin, limit))
             studied = twin_of(studied, isolated(load(options.twin)))
-        simulator = Simulator(studied, seed=options.seed, longest=limit)
-        yield open_until_the_end.enter_context(simulator)
+        kept = _kept(opened, studied) if keep and opened.name is not None else None
+        simulator = Simulator(studied, seed=options.seed, longest=limit, kept=kept)
+        open_until_the_end.enter_context(simulator).start()
+        yield simulator
+
+
+def _kept(opened: Opened, scenario: Scenario) -> Kept:
+    """Return what is kept beside the study of what `scenario` simulated."""
+    options = opened.options
+    source = options.scenario if options.twin is None else options.twin
+    key = key_of(scenario, source, opened.file.state.configuration, versions())
+    return Kept(simulated_beside(Path(opened.file.path)), key)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +239,7 @@ class CalibrateRun:
         what = "Writing the report ..." if self.reporter.reportable else "Stopping ..."
         if self.interview.drives:
             what = "Stopping the run: the plant gets its old values back ..."
-        self.say(f"{what} (Ctrl-C again ends at once; no answer is lost)")
+        self.say(f"{what} (Ctrl-C again ends at once)")
 
     def closing(self) -> None:
         """Print what Ctrl-C does after the report is written."""
@@ -233,6 +259,8 @@ def _attended(work: CalibrateRun) -> int:
             f"restored at the next start: {work.again}"
         )
     over = work.over
+    if work.reporter.reportable and (trouble := work.opened.file.trouble()) is not None:
+        raise StudyError(trouble)
     if not over and work.reporter.reportable:
         work.say(f"Stopped; every answer is saved. Resume: {work.again}")
     return INTERRUPTED if work.ctrl_c.pressed and not over else 0
@@ -318,10 +346,11 @@ def _unattended(work: CalibrateRun) -> int:
             done = f"{work.interview.counts.experiments} of {work.interview.n_max} experiments"
             work.say(f"Interrupted after {done}.")
     # Do not run the references on a rig that has just failed.
-    record = work.reporter.write(rig_works=failure is None)
+    record = work.reporter.write(failed=failure is not None)
     work.reporter.tell(record)
-    if isinstance(failure, RunError):
-        work.say(failure.trace)
+    if isinstance(failure, RunError | SimulationError):
+        if isinstance(failure, RunError) and failure.trace:
+            work.say(failure.trace)
         work.say(f"prefcal: {failure}")
         return RUN_FAILED
     if failure is not None:
@@ -384,7 +413,9 @@ class Display:
             MofNCompleteColumn(), TimeRemainingColumn(compact=True), console=console,
             expand=True,
         )  # fmt: skip
-        self._task = self._bar.add_task(f"calibrating {escape(scenario.name)}", total=n_max)
+        self._task = self._bar.add_task(
+            f"calibrating {escape(printable(scenario.name))}", total=n_max
+        )
         self._live = Live(console=console, get_renderable=self._lines, refresh_per_second=8)
 
     def __enter__(self) -> Self:
@@ -425,5 +456,8 @@ class Display:
                 ("verdicts", counts, "")]  # fmt: skip
         if (beside := self._beside()) is not None:
             rows.append((*beside, ""))
-        texts = [Text.assemble((f"{name:<9} ", "dim"), (text, look)) for name, text, look in rows]
+        texts = [
+            Text.assemble((f"{name:<9} ", "dim"), (printable(text), look))
+            for name, text, look in rows
+        ]
         return Group(self._bar, *texts)

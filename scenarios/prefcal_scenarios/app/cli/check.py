@@ -30,7 +30,7 @@ EPILOG = """\
   Your own scenario: the variable plant in the file own.py.
 
 [cyan]prefcal check own.py:plant --theta "K_p=2, K_i=0.1"[/cyan]
-  The same at your present tuning, every knob given.
+  The same at your current tuning, every knob given.
 
 [cyan]prefcal check cstr --out reactor.png[/cyan]
   A built-in scenario, with the picture in a file of your choice.
@@ -159,14 +159,9 @@ def _check(wanted: CheckOptions, isolated: "Callable[[Scenario], Scenario]") -> 
 
 def _file_for(scenario: "Scenario", out: Path | None) -> Path:
     """Return the file of the picture. Raises SettingsError if it cannot be written."""
-    from prefcal_env.errors import SettingsError
-    from prefcal_scenarios.app.presentation.folder import folder_for
+    from prefcal_scenarios.app.presentation.folder import picture_at
 
-    path = Path(f"check-{scenario.name}.png") if out is None else out
-    if path.suffix.lower() != ".png":
-        raise SettingsError(f"out must be a file that ends in .png, got {str(path)!r}")
-    folder_for(path.parent)
-    return path
+    return picture_at(f"check-{scenario.name}.png" if out is None else out)
 
 
 def _draw(checkup: "Checkup", path: Path) -> bool:

@@ -21,7 +21,7 @@ from prefcal_scenarios.app.presentation.wording import measured, number, quantit
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
-from prefcal_scenarios.own.own_line import in_words, located
+from prefcal_scenarios.own.own_line import as_exception, in_words, located
 from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.scenario import KPI, Scenario, with_found_kpis
 
@@ -101,9 +101,10 @@ class Checkup:
         def do() -> None:
             try:
                 self.findings += check()
-            except (Exception, SystemExit) as error:  # a user's code can raise anything
-                known = error if isinstance(error, Exception) else ScenarioError("it called exit")
-                self.findings.append(Finding(what, False, in_words(located(known))))
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:  # a user's code can raise anything
+                self.findings.append(Finding(what, False, in_words(as_exception(error, "it"))))
 
         return do
 

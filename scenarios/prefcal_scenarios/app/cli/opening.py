@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from prefcal_env.study import (
     study_path,
     to_text,
 )
+from prefcal_env.study.connection import left_beside
 from prefcal_scenarios.app.cli.studies.files import open_described, wall_clock
 from prefcal_scenarios.app.report.export import jsonable, versions
 from prefcal_scenarios.app.report.ownership import Claim, Owner, claim_default, claim_given
@@ -38,6 +40,7 @@ from prefcal_scenarios.app.session.memory import (
     knobs_as_dicts,
     questions_of,
 )
+from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.scenario import Scenario, is_built_in
 
 from .choices import (
@@ -85,13 +88,29 @@ def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -
     options = Options.of(given, len(scenario.space), simulated=scenario.simulated)
     if name is None and not options.by_a_person:
         return Opened(_create(IN_MEMORY, options, scenario), options, None, False)
-    name = _free(scenario.name) if name is None else name
+    if name is None:
+        return _open_new(options, scenario)
     path = study_path(name)
     if path.is_dir():
         raise StudyError(f"--study must be a name or a file, but {name!r} is a folder")
     if path.exists():
         return _resume(path, name, given, scenario)
     return Opened(_create(path, options, scenario), options, name, False)
+
+
+def _open_new(options: Options, scenario: Scenario) -> Opened:
+    """Create a study under the first of the names SCENARIO-1, SCENARIO-2, ... that is free."""
+    base = re.sub(r"[^A-Za-z0-9_-]+", "-", scenario.name).strip("-") or "study"
+    for number in count(1):
+        path = study_path(name := f"{base}-{number}")
+        if path.exists() or left_beside(path):
+            continue
+        try:
+            return Opened(_create(path, options, scenario), options, name, False)
+        except StudyError as error:
+            if not isinstance(error.__cause__, FileExistsError):
+                raise  # otherwise another command has just taken the name
+    raise AssertionError("numbers never end")
 
 
 def identity(file: StudyFile) -> str:
@@ -135,6 +154,8 @@ def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile
     if not options.by_a_person:
         make_calibrator(options, on_target(scenario, configuration))
     if path != IN_MEMORY:
+        # Not in memory: there, an edited scenario would count as another study's report folder.
+        configuration["fingerprint"] = fingerprint(options.scenario)
         make_data_folder(Path(path))
     return StudyFile.create(path, configuration, clock=wall_clock)
 
@@ -170,7 +191,7 @@ def _constraints(scenario: Scenario) -> dict[str, Any]:
 
 def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
     with ExitStack() as undo:
-        file = undo.enter_context(open_described(path))
+        file = undo.enter_context(open_described(path, writing=True))
         state = file.state
         if state.configuration["name"] != scenario.name:
             raise StudyError(
@@ -198,15 +219,6 @@ def by_now(state: State) -> dict[str, Any]:
         "n_max": state.n_max,
         QUESTIONS: questions_of(state.configuration),
     }
-
-
-def _free(scenario: str) -> str:
-    """Return the first of scenario-1, scenario-2, ... that is not the name of a study."""
-    base = re.sub(r"[^A-Za-z0-9_-]+", "-", scenario).strip("-") or "study"
-    number = 1
-    while study_path(f"{base}-{number}").exists():
-        number += 1
-    return f"{base}-{number}"
 
 
 def worth_keeping(file: StudyFile, scenario: Scenario) -> bool:
@@ -238,7 +250,7 @@ def kept_if_worth_it(
         scenario: Scenario of the study.
         say: Function that prints that the study was not kept, unless an error is printed anyway.
     """
-    keep, refused = opened.resumed or opened.name is None, False
+    keep, refused = True, False
     try:
         with opened.file as file:
             try:
@@ -247,7 +259,9 @@ def kept_if_worth_it(
                 refused = True
                 raise
             finally:
-                keep = keep or worth_keeping(file, scenario)
+                keep = opened.resumed or opened.name is None or worth_keeping(file, scenario)
+                # Another file that was put in its place is not ours to remove.
+                keep = keep or not file.in_place or file.trouble() is not None
     finally:
         if not keep and _removed(opened.file.path) and not refused:
             say(f"No answer was given, so study {opened.name} was not kept.")

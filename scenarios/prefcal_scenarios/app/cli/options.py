@@ -140,7 +140,7 @@ class Options:
         Option(
             metavar="N",
             help="Number of experiments shown; you can add more later.",
-            show_default="50; screening: 12",
+            show_default="50; screening: 11",
         ),
         Kept(label="experiments", always=True, anew=True, least=1),
     ] = 50
@@ -174,7 +174,7 @@ class Options:
         tuple[str, ...],
         Option(
             metavar="THETA",
-            help="θ of the first experiment, for example your present tuning: "
+            help="θ of the first experiment, for example your current tuning: "
             '"KNOB=VALUE, ..." for every knob, or the name of one of the scenario\'s references. '
             "Repeat the option for more.",
             show_default="the agent's",
@@ -407,7 +407,7 @@ def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str,
     unseen = said.get("simulate", 1 if simulated else 0) > 0
     agent = said.get("agent", "screening" if unseen else "glisp")
     if agent in SIMULATING:
-        return {"agent": agent, "simulate": 1000, "n_init": 1, "n_max": 12}
+        return {"agent": agent, "simulate": 1000, "n_init": 1, "n_max": 11}
     n_max = said.get("n_max", 50)
     n_init = min(2 * knobs if agent == "glisp" else 10, 10, max(1, n_max // 2))
     calibrator = SCORE if agent in BY_VALUE else HUMAN

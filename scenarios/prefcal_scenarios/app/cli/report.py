@@ -15,17 +15,26 @@ from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
+from prefcal_env.study import State
 from prefcal_scenarios.app.cli.studies.files import existing, open_described, trusted_source
 from prefcal_scenarios.app.isolated import IsolatedRun, isolation
-from prefcal_scenarios.app.presentation.wording import earlier_text, labeled, measured, number
+from prefcal_scenarios.app.presentation.wording import (
+    earlier_text,
+    labeled,
+    printable,
+    printable_lines,
+)
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.report.ownership import Claim
 from prefcal_scenarios.app.report.record import Record
+from prefcal_scenarios.app.report.tables import gain_rows, result_columns, result_rows
 from prefcal_scenarios.app.session import Interview, Now
 from prefcal_scenarios.app.session.memory import is_simulating
 from prefcal_scenarios.app.session.view import GOOD_ENOUGH
-from prefcal_scenarios.scenario import KPI, Scenario, load
+from prefcal_scenarios.app.summary.gain import Baseline
+from prefcal_scenarios.own.source import fingerprint
+from prefcal_scenarios.scenario import Scenario, load
 
 from .choices import follows_cost, on_target, target_settings
 from .cost_file import kept_cost, with_cost
@@ -65,8 +74,13 @@ class Reporter:
             return True
         return worth_keeping(file, self.interview.scenario)
 
-    def write(self, *, rig_works: bool = True, pdf: bool = False) -> Record:
+    def write(self, *, failed: bool = False, pdf: bool = False) -> Record:
         """Write the report of the study as it stands, if there is anything to report.
+
+        Args:
+            failed: Whether the scenario has just failed: no references run, and nothing more is
+                said about its cost.
+            pdf: Whether to write report.pdf, too.
 
         Raises:
             StudyError: If it cannot be written, for example because the disk is full.
@@ -74,8 +88,10 @@ class Reporter:
         options, scenario = self.opened.options, self.interview.scenario
         wanted = self.reportable
         self.interview.wait_for_screened(_KNOWN)
-        shown = references(scenario, options.seed, self.messages) if rig_works and wanted else {}
-        record = record_of(self.interview, options, shown, self.opened.name)
+        shown = {} if failed or not wanted else references(scenario, options.seed, self.messages)
+        record, trouble = record_of(self.interview, options, shown, self.opened.name).costed()
+        if trouble and not failed:
+            self.say(f"prefcal: the report has no costs: {trouble}")
         if wanted:
             self._write(record, pdf)
         return record
@@ -126,7 +142,7 @@ class Reporter:
 
     def say(self, text: str) -> None:
         """Print one line for the user."""
-        self.messages.print(text, soft_wrap=True, highlight=False, markup=False)
+        self.messages.print(printable_lines(text), soft_wrap=True, highlight=False, markup=False)
 
 
 def report_of(
@@ -212,7 +228,16 @@ def record_of(
         judged=follows_cost(options, interview.scenario),
         study=name or "",
         dates=_dates(interview),
+        baseline=Baseline.of(state),
+        fingerprint=_fingerprint(options, state),
     )
+
+
+def _fingerprint(options: Options, state: State) -> str:
+    """Return the fingerprint of the scenario, as it was at the start if that is known."""
+    now = fingerprint(options.scenario)
+    then = state.configuration.get("fingerprint", now)
+    return str(then) if then == now else f"{then}; its files have changed since, now {now}"
 
 
 def _dates(interview: Interview) -> tuple[str, ...]:
@@ -248,7 +273,7 @@ def references(scenario: Scenario, seed: int, messages: Console) -> dict[str, Ex
             experiments[name] = scenario.run(theta, seed=seed)
         except Exception as error:  # a rig can raise anything
             words = f"The reference {name!r} did not run: {error}"
-            messages.print(words, soft_wrap=True, markup=False)
+            messages.print(printable_lines(words), soft_wrap=True, markup=False)
     return experiments
 
 
@@ -282,34 +307,51 @@ def as_json(
 
 
 def show(record: Record, report: Path, console: Console) -> None:
-    """Print the best θ next to the references, their KPIs, and the path of the report."""
+    """Print what was gained, the best θ next to the references, and the path of the report."""
     if record.best is not None:
-        console.print(_table(record, record.best.experiment))
+        if record.best.index != record.baseline.index:
+            console.print(_gain(record))
+        console.print(_table(record))
     if record.outlook is not None:
         for line in record.outlook.lines:
             console.print(line, soft_wrap=True, markup=False, highlight=False)
     console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
 
 
-def _table(record: Record, best: Experiment) -> Table:
-    scenario = record.scenario
-    columns = {"best": best, **record.references}
-    table = Table(title=escape(scenario.title), title_style="bold", title_justify="left")
-    table.add_column("")
-    for i, name in enumerate(columns):
-        table.add_column(escape(name), justify="right", style="bold blue" if i == 0 else "")
-    for i, knob in enumerate(scenario.space):
-        cells = [number(e.theta[i]) for e in columns.values()]
-        table.add_row(escape(labeled(knob.name, knob.unit)), *cells)
-    table.add_section()
-    if record.shows_cost:
-        table.add_row("performance index", *(number(record.cost(e)) for e in columns.values()))
-    for kpi in record.kpis:
-        cells = [_judged(kpi, e) for e in columns.values()]  # type: ignore[misc]
-        table.add_row(escape(labeled(kpi.title, kpi.unit)), *cells)
+def _gain(record: Record) -> Table:
+    """Return what was gained, largest change first."""
+    assert record.best is not None
+    table = Table(title=f"What was gained over the {escape(record.baseline.name)}",
+                  title_style="bold", title_justify="left")  # fmt: skip
+    for heading in ("", record.baseline.name, f"experiment {record.best.number}", "change"):
+        table.add_column(_plain(heading), justify="right" if heading else "left")
+    styles = {"better": "green", "worse": "red", "": ""}
+    for row in gain_rows(record):
+        change = f"{row['change']} {row['verdict']}".strip()
+        table.add_row(
+            _plain(labeled(row["title"], row["unit"])), row["before"],
+            Text.assemble(row["after"], _MARKS[row["met"]]), Text(change, styles[row["verdict"]]),
+        )  # fmt: skip
     return table
 
 
-def _judged(kpi: KPI, experiment: Experiment) -> Text:
-    marks = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
-    return Text.assemble(measured(kpi, experiment), marks[kpi.met_by(experiment)])
+_MARKS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
+"""Sign and style of a value that meets its objective, or does not."""
+
+
+def _table(record: Record) -> Table:
+    """Return the result table of the report, without the experiment that was before."""
+    columns = {n: e for n, e in result_columns(record).items() if n != record.baseline.name}
+    table = Table(title=_plain(record.scenario.title), title_style="bold", title_justify="left")
+    table.add_column("")
+    for i, name in enumerate(columns):
+        table.add_column(_plain(name), justify="right", style="bold blue" if i == 0 else "")
+    for row in result_rows(record, columns.values()):
+        cells = [Text.assemble(value.text, _MARKS[value.met]) for value in row.values]
+        table.add_row(_plain(labeled(row.name, row.unit)), *cells)
+    return table
+
+
+def _plain(text: str) -> str:
+    """Return a name out of the user's file as text that moves no cursor and is no markup."""
+    return escape(printable(text))

@@ -27,8 +27,8 @@ EPILOG = """\
 [bold]What you get[/bold]
 
 paper.html, one page to read or to send: each figure and each printed value of
-section IV beside ours, what agrees and what does not, and every deviation with
-its reason. The figures are beside it as PNG files.
+section IV beside ours, what was compared with what, where the results disagree,
+and every deviation with its reason. The figures are beside it as PNG files.
 """
 
 

@@ -6,6 +6,7 @@ fork copies their locks in any state. The fresh interpreter loads the user's fil
 needs to be picklable: θ goes in, the bytes of an experiment come out.
 """
 
+from .own_run import OwnRun as OwnRun
 from .run import IsolatedRun as IsolatedRun
 from .run import isolation as isolation
 from .worker import DEFAULT_LIMIT as DEFAULT_LIMIT

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.errors import RunError, ScenarioError
+from prefcal_env.errors import PrefcalError, RunError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import space_of
 from prefcal_env.study.codec import encode
 from prefcal_scenarios.own.checks import returned
-from prefcal_scenarios.own.own_line import in_words, located, own_line
+from prefcal_scenarios.own.own_line import as_exception, in_words, own_line
 from prefcal_scenarios.processes.messages import Kind, Message
 from prefcal_scenarios.processes.serving import Link
 from prefcal_scenarios.scenario import Scenario, load, with_ranges
@@ -27,6 +27,10 @@ _LONGEST = 1e6
 """Longest time limit in seconds that the process can watch itself."""
 
 
+class _Stopped(KeyboardInterrupt):
+    """prefcal ends the run; `finally` and `with` of the user's code stop the plant."""
+
+
 def main(source: str, limit: float) -> None:
     """Run all requests until the other end closes the pipe.
 
@@ -34,7 +38,7 @@ def main(source: str, limit: float) -> None:
         source: Source of the scenario, path/to/own.py:NAME.
         limit: Maximum number of seconds of a run.
     """
-    with suppress(KeyboardInterrupt):  # stopped while nothing runs
+    with suppress(_Stopped):  # while nothing runs
         _serve(source, limit)
 
 
@@ -50,7 +54,7 @@ def _serve(source: str, limit: float) -> None:
             faulthandler.dump_traceback_later(limit + _BEYOND, exit=True)
         try:
             answer = problem if scenario is None else _attempted(scenario, json.loads(request))
-        except KeyboardInterrupt as error:  # stopped: report where the code was
+        except _Stopped as error:  # report where the code was
             return link.say(*_error(error))
         faulthandler.cancel_dump_traceback_later()
         link.say(*answer)
@@ -64,16 +68,17 @@ def _file_of(source: str) -> str:
 
 
 def _interrupt(number: int, frame: Any) -> None:
-    """Raise KeyboardInterrupt, so that `finally` and `with` of the user's code stop the plant."""
-    raise KeyboardInterrupt
+    raise _Stopped
 
 
 def _loaded(source: str) -> tuple[Scenario | None, Message]:
     """Return the scenario, or the error that answers every run if its file does not load."""
     try:
         return load(source), (Kind.READY, b"")
-    except (Exception, SystemExit) as error:
-        return None, _error(error)
+    except _Stopped:
+        raise
+    except BaseException as error:
+        return None, _error(error, "its file")
 
 
 def _attempted(scenario: Scenario, request: dict[str, Any]) -> Message:
@@ -82,7 +87,9 @@ def _attempted(scenario: Scenario, request: dict[str, Any]) -> Message:
         theta = np.array(request["theta"], dtype=float)
         result = run_of(scenario, request["space"])(theta, seed=request["seed"])
         return Kind.EXPERIMENT, encode(returned(result))
-    except (Exception, SystemExit) as error:
+    except _Stopped:
+        raise
+    except BaseException as error:
         return _error(error)
 
 
@@ -96,12 +103,12 @@ def run_of(scenario: Scenario, space: dict[str, Any] | None) -> Callable[..., An
     return with_ranges(scenario, KnobSpace(by_now.knobs, constraints, within=within)).run
 
 
-def _error(error: BaseException) -> Message:
+def _error(error: BaseException, what: str = "run") -> Message:
     if isinstance(error, RunError):  # an FMU that hung or crashed: no code of the user's
         said = {"words": str(error), "line": "", "trace": "", "why": error.why}
         return Kind.ERROR, json.dumps(said).encode()
-    trace = "".join(traceback.format_exception(error))
-    known = error if isinstance(error, Exception) else ScenarioError(f"run called exit: {error}")
-    said = {"words": in_words(located(known)), "line": own_line(error), "trace": trace}
+    known = isinstance(error, PrefcalError)  # its words say it all
+    trace = "" if known else "".join(traceback.format_exception(error))
+    said = {"words": in_words(as_exception(error, what)), "line": own_line(error), "trace": trace}
     said["why"] = "raised"
     return Kind.ERROR, json.dumps(said).encode()

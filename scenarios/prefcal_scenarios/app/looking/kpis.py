@@ -1,12 +1,13 @@
 """Compute KPIs of any run and say their units: tracking errors, or the range of a curve."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.experiments.kpis import BAND, band_of, entered, tracking_kpis
 from prefcal_env.experiments.maneuvers import MEAN, combined, named
 from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.scenario import KPI
@@ -16,6 +17,14 @@ _KINDS = (
     "total move", "largest move", "RMS move",
 )  # fmt: skip
 """Kinds of tracking KPIs, the most telling ones first."""
+_SURE = 5.0
+"""Standard deviations of a median over many values that fit into the band."""
+_LONGEST = 10
+"""Largest number of samples of a median: the record by this number."""
+_FEW, _OPPOSITE = 40, -1 / 3
+"""Number of samples, and correlation of neighbors, from which noise can be told."""
+_NORMAL = 1.4826
+"""Standard deviation of normal noise, by the median of its size."""
 
 
 def measured_run(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
@@ -40,12 +49,58 @@ def _measured(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
     """Return a single run with its KPIs, and what they mean."""
     values = tracking_kpis(experiment)
     kpis = _tracking(experiment, values)
+    for j, channel in enumerate(experiment.channels.y):
+        if (name := f"settling time of {channel.name}") in values:
+            values[name] = _settling_time(experiment, j)
+            kpis = [_within_band(kpi, channel) if kpi.name == name else kpi for kpi in kpis]
     for channel, y in _untracked(experiment, values):
         for words, value, about in _statistics(experiment.t, y):
             name = f"{words} of {channel.name}"
             values[name] = value
             kpis.append(KPI(name, name, channel.unit, about=about))
     return experiment.with_kpis(values), tuple(kpis)
+
+
+def _settling_time(experiment: Experiment, j: int) -> float:
+    """Return when output `j` entered its band for good; noise that leaves it does not count.
+
+    It is that of the running median over so many samples that noise stays in the band.
+    """
+    y = np.asarray(experiment.output(j))
+    t, error = experiment.t - experiment.t[0], y - experiment.reference(j)
+    band = band_of(experiment.channels.y[j], error)
+    wanted = (_SURE * _noise(t, y) / band) ** 2 if band > 0 else 0.0
+    half = int(min(wanted, len(t) / _LONGEST)) // 2
+    if half:
+        padded = np.pad(error, half, mode="reflect")
+        error = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
+    return entered(t, error, band)
+
+
+def _noise(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]) -> float:
+    """Return the standard deviation of noise, from each value's distance to the line beside it.
+
+    Of the second half, where the transient is over. An oscillation is no noise: such distances of
+    neighbors are alike there, and opposite in noise (their correlation is -2/3).
+    """
+    if len(t) < _FEW:
+        return 0.0
+    t, y = t[len(t) // 2 :], y[len(t) // 2 :]
+    share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    line = (1 - share) * y[:-2] + share * y[2:]
+    size = np.sqrt(1 + share**2 + (1 - share) ** 2)
+    apart = (y[1:-1] - line) / size
+    opposite = apart[1:] @ apart[:-1] < _OPPOSITE * (apart @ apart)
+    return float(_NORMAL * np.median(np.abs(apart))) if opposite else 0.0
+
+
+def _within_band(kpi: KPI, channel: Channel) -> KPI:
+    """Return the KPI of a settling time with its band in the title."""
+    given = channel.band is not None
+    band = f"{channel.band:g} {channel.unit}".rstrip() if given else f"{100 * BAND:g} %"
+    of = "" if given else ", a share of the largest error"
+    about = f"{kpi.about} The band is ±{band}{of}; noise that leaves it does not count."
+    return replace(kpi, title=f"{kpi.title} (±{band})", about=about)
 
 
 def _tracking(experiment: Experiment, values: Mapping[str, float]) -> list[KPI]:

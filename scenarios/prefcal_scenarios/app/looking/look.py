@@ -86,15 +86,12 @@ class Look:
         """Write the picture of both runs to a PNG file and return its path.
 
         Raises:
-            SettingsError: If `path` does not end in .png, or its folder cannot be written to.
+            SettingsError: If `path` does not end in .png, or its folder does not exist or cannot be
+                written to.
         """
-        from prefcal_env.errors import SettingsError
-        from prefcal_scenarios.app.presentation.folder import folder_for, put
+        from prefcal_scenarios.app.presentation.folder import picture_at, put
 
-        target = Path(path)
-        if target.suffix.lower() != ".png":
-            raise SettingsError(f"out must be a file that ends in .png, got {str(path)!r}")
-        folder_for(target.parent)
+        target = picture_at(path)
         put(target, self.png())
         return target
 

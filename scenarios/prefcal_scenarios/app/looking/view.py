@@ -4,9 +4,9 @@ from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import maneuvers_of
-from prefcal_scenarios.app.web.view.compare import compared
+from prefcal_scenarios.app.summary.compare import Spread, compared
 from prefcal_scenarios.app.web.view.drawn import curves_view
-from prefcal_scenarios.app.web.view.maneuvers import largest_difference
+from prefcal_scenarios.app.web.view.maneuvers import eventful, largest_difference
 from prefcal_scenarios.app.web.view.panels import panel_view
 from prefcal_scenarios.app.web.view.seen import Seen
 from prefcal_scenarios.app.web.view.sides import numbers_of
@@ -32,7 +32,7 @@ def pair_view(pair: Pair) -> dict[str, Any]:
 
 def comparison(pair: Pair) -> list[dict[str, Any]]:
     """Return the KPIs of both runs with their differences, the largest first."""
-    return compared(pair.left.experiment, pair.right.experiment, pair.kpis, Seen())
+    return compared(pair.left.experiment, pair.right.experiment, pair.kpis, Spread())
 
 
 def _maneuvers(pair: Pair) -> list[dict[str, Any]]:
@@ -47,6 +47,7 @@ def _drawn(pair: Pair, maneuver: str, left: Experiment, right: Experiment) -> di
         "maneuver": maneuver,
         "panels": [panel_view(panel) for panel in pair.panels],
         "axes": axes,
+        "window": eventful(pair.panels, axes, left, right),
         "differ": largest_difference(pair.panels, axes["y"], left, right),
         "left": _curves(left, pair),
         "right": _curves(right, pair),

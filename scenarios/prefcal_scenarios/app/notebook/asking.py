@@ -105,6 +105,7 @@ class Asking:
         self._reported: State | None = None  # the end of the study that its report shows
         self._closed = False
         self._changed = threading.Condition()
+        made_here = scenario is not None
         with ExitStack() as stack:
             if scenario is None:
                 source, limit = given["scenario"], Options.of(given).run_timeout
@@ -114,7 +115,8 @@ class Asking:
             judged = on_target(scenario, opened.file.state.configuration)
             claim = claim_folder(opened, scenario.name)
             stack.callback(claim.release)
-            simulator = stack.enter_context(simulator_of(opened, judged))
+            # Of a scenario that was made here, the file of the study does not know the code.
+            simulator = stack.enter_context(simulator_of(opened, judged, keep=not made_here))
             person = opened.options.by_a_person
             self._interview = Interview(judged, opened.file, ahead=person, simulator=simulator)
             self._reporter = Reporter(self._interview, opened, claim, Console(quiet=True))

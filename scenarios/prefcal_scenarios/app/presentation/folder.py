@@ -1,4 +1,4 @@
-"""Make the folder of a report and write files to it."""
+"""Make the folder of a report, check the file of a picture, and write them."""
 
 import os
 from pathlib import Path
@@ -22,6 +22,21 @@ def folder_for(path: str | Path) -> Path:
     if not os.access(folder, os.W_OK):
         raise SettingsError(f"cannot write into the folder {path!s}")
     return folder
+
+
+def picture_at(path: str | Path) -> Path:
+    """Return the file of a picture, whose folder must exist: a report has many files, this is one.
+
+    Raises:
+        SettingsError: If it is no PNG, or its folder does not exist or cannot be written to.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".png":
+        raise SettingsError(f"out must be a file that ends in .png, got {str(path)!r}")
+    if not target.parent.is_dir():
+        raise SettingsError(f"out must be in an existing folder, got {str(path)!r}")
+    folder_for(target.parent)
+    return target
 
 
 def put(path: Path, content: bytes) -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from math import ceil, floor, inf, isfinite, log10
+from math import ceil, floor, inf, isfinite, isinf, log10
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -15,11 +15,14 @@ from prefcal_scenarios.scenario import KPI
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
 
+MISSING = "–"
+"""Text of a value that is not known."""
+
 
 def number(value: float | None) -> str:
     """Return a number with four significant digits and a typographic minus; a dash if missing."""
     if value is None or value != value:
-        return "–"
+        return MISSING
     if not isfinite(value):
         return "∞" if value > 0 else "−∞"
     text = f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
@@ -53,7 +56,13 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
     value = experiment.kpis.get(kpi.name)
     if value == inf and kpi.unit == experiment.channels.time_unit:
         return "never"
-    return number(value)
+    return number(None if value is None else kpi.read(value))
+
+
+def objective(kpi: KPI) -> str:
+    """Return the objective of a KPI as text; empty if there is none."""
+    limits = (("≥", kpi.at_least), ("≤", kpi.at_most))
+    return " and ".join(f"{sign} {number(limit)}" for sign, limit in limits if not isinf(limit))
 
 
 INTERRUPTED = "unsafe: run interrupted"
@@ -103,6 +112,11 @@ def with_unit(text: str, unit: str) -> str:
 def printable(text: object) -> str:
     """Return `text` without control characters, since a study may come from another person."""
     return "".join(c if c.isprintable() else " " for c in str(text))
+
+
+def printable_lines(text: str) -> str:
+    """Return `text` of several lines without other control characters."""
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def labeled(name: str, unit: str) -> str:

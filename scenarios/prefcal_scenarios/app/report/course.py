@@ -38,6 +38,23 @@ def drawn_kpis(record: Record) -> list[KPI]:
     return [kpi for kpi in record.kpis if len(_distinct(_values(record, kpi))) > 1][:_ROWS]
 
 
+def draws_objectives(record: Record) -> bool:
+    """Return whether the figure shows an objective: those off the scale of their KPI are not."""
+    return any(
+        _limits_within(kpi, *_scale(_values(record, kpi), _held(record, kpi), kpi))
+        for kpi in drawn_kpis(record)
+    )
+
+
+def _limits_within(kpi: KPI, low: float, high: float) -> list[float]:
+    return [limit for limit in (kpi.at_least, kpi.at_most) if low <= limit <= high]
+
+
+def _held(record: Record, kpi: KPI) -> Float[np.ndarray, " H"]:
+    """Return the KPI of the best so far after each comparison; NaN where it is unknown."""
+    return np.array([t.experiment.kpis.get(kpi.name, np.nan) for t in record.incumbents])
+
+
 def _values(record: Record, kpi: KPI) -> Float[np.ndarray, " N"]:
     """Return the KPI of all experiments; NaN where it is unknown."""
     known = [t.experiment.kpis.get(kpi.name, np.nan) for t in record.trials]
@@ -52,7 +69,7 @@ def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
     numbers = np.array([t.number for t in record.trials])
     values = _values(record, kpi)
     answered = np.array([c.query.challenger.index + 1 for c in record.comparisons])
-    held = np.array([t.experiment.kpis.get(kpi.name, np.nan) for t in record.incumbents])
+    held = _held(record, kpi)
     low, high = _scale(values, held, kpi)
     axes.plot(
         answered, np.clip(held, low, high), color=BEST, linewidth=2.0, drawstyle="steps-post",
@@ -63,10 +80,9 @@ def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
               markeredgewidth=0, clip_on=False, label="one experiment")  # fmt: skip
     _off(axes, numbers, values > high, high, "^")
     _off(axes, numbers, values < low, low, "v")
-    for i, limit in enumerate(v for v in (kpi.at_least, kpi.at_most) if np.isfinite(v)):
-        if low <= limit <= high:
-            axes.axhline(limit, color=GOOD, linewidth=1.1, linestyle=(0, (5, 3)),
-                         label="objective" if not i else None)  # fmt: skip
+    for i, limit in enumerate(_limits_within(kpi, low, high)):
+        axes.axhline(limit, color=GOOD, linewidth=1.1, linestyle=(0, (5, 3)),
+                     label="objective" if not i else None)  # fmt: skip
     axes.set_ylim(low, high)
     axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.set_title(labeled(mathtext(kpi.title), kpi.unit))
@@ -101,11 +117,13 @@ def _scale(
 def _verdicts(axes: Axes, record: Record) -> None:
     """Draw a mark for each answer, in the row of its verdict."""
     rows = {verdict: -k for k, verdict in enumerate(VERDICTS)}
-    asked = [c for c in record.asked if not c.query.further]
     for verdict, row in rows.items():
-        at = [c.query.challenger.index + 1 for c in asked if c.answer.preference is verdict]
         color = BEST if verdict is Preference.CHALLENGER else FAINT
+        given = [c.query for c in record.asked if c.answer.preference is verdict]
+        at = [q.challenger.index + 1 for q in given if not q.further]
         axes.plot(at, [row] * len(at), "s", color=color, markersize=4.5, markeredgewidth=0)
+        if at := [q.challenger.index + 1 for q in given if q.further]:
+            axes.plot(at, [row] * len(at), "s", color=color, markersize=8, markerfacecolor="none")
     axes.set_yticks(list(rows.values()), list(VERDICTS.values()))
     axes.set_ylim(-len(rows) + 0.4, 0.6)
     axes.set_xlim(0.3, max(t.number for t in record.trials) + 0.7)

@@ -11,10 +11,17 @@ from markupsafe import Markup
 
 from prefcal_scenarios.app.presentation.wording import number, with_subscripts
 
-from .export import REBUILD, versions
+from .export import rebuild, versions
 from .pictures import Drawn
 from .record import Record
-from .tables import comparison_headings, comparison_rows, result_columns, result_rows
+from .tables import (
+    comparison_headings,
+    comparison_rows,
+    gain_rows,
+    pid_rows,
+    result_columns,
+    result_rows,
+)
 
 
 @cache
@@ -39,7 +46,7 @@ def page(record: Record, drawn: Sequence[Drawn]) -> str:
     """Return the text of report.html."""
     template = environment().get_template("app/report/report.html.j2")
     return template.render(
-        record=record, drawn=drawn, rebuild=REBUILD, versions=versions(), **_view(record)
+        record=record, drawn=drawn, rebuild=rebuild(record), versions=versions(), **_view(record)
     )
 
 
@@ -59,8 +66,11 @@ def _view(record: Record) -> dict[str, Any]:
         view["best_values"] = [
             (k.name, number(theta[k.name]), k.unit) for k in record.scenario.space
         ]
-        view["result_columns"] = result_columns(record)
-        view["result_rows"] = result_rows(record)
+        columns = result_columns(record)
+        view["result_columns"] = columns
+        view["result_rows"] = result_rows(record, columns.values())
+        view["gain_rows"] = gain_rows(record)
+        view["pid"] = pid_rows(record)
     return view
 
 

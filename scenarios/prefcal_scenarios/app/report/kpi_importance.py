@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from prefcal_agents.models.kpi_importance import Importance
+from prefcal_agents.models.kpi_importance import FEWEST, Importance
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_scenarios.kpis import titles
 from prefcal_scenarios.scenario import Scenario
@@ -35,7 +35,7 @@ class KpiImportance:
 
     Args:
         named: Titles of the KPIs that clearly stand out; see `Importance`.
-        bars: Agreement of single KPIs with the answers, the best first.
+        bars: Agreement of single KPIs with the answers, the best first; none while there are few.
         explained: Whether a weighted sum of the KPIs predicts answers better than chance.
         predicted: Number of answers that it predicted without having learned from them.
         answers: Number of answers that prefer one side.
@@ -60,7 +60,9 @@ class KpiImportance:
             bars=tuple(
                 Bar(known.get(name, name), share)
                 for name, share in list(importance.agreement.items())[:_SHOWN]
-            ),
+            )
+            if importance.answers >= FEWEST
+            else (),
             explained=index.explains,
             predicted=index.predicted,
             answers=index.answers,
@@ -72,15 +74,18 @@ class KpiImportance:
             *most, last = self.named
             listed = " and ".join([", ".join(most), last] if most else [last])
             return f"{who} to care most about: {listed}."
-        if self.explained:
-            return (
-                "Nothing stands out yet: several KPIs matter, or the answers do not separate them."
-            )
-        return "Nothing stands out yet: no KPI explains the answers clearly better than chance."
+        if not self.bars:
+            so_far = f"so far there {'is' if self.answers == 1 else 'are'} {self.answers}"
+            return f"This takes {FEWEST} answers that prefer one side: {so_far}."
+        best = self.bars[0]
+        given = f"{best.title} alone would have given {best.text} of the answers, the most of all"
+        return f"Nothing stands out yet: {given}."
 
     @property
     def caption(self) -> str:
-        """Return the caption of the bars."""
+        """Return the caption of the bars; empty if there are none."""
+        if not self.bars:
+            return ""
         return (
             f"Share of the {self.answers} answers that each KPI alone would have given. "
             "50 % is chance."

@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from math import isfinite
 
 from matplotlib.figure import Figure
 
 from prefcal_scenarios.app.presentation.style import save, style
 from prefcal_scenarios.app.presentation.wording import measured, number, theta_text
-from prefcal_scenarios.scenario import Picture
+from prefcal_scenarios.scenario import Picture, panels_of
 
-from .course import course, drawn_kpis
+from .course import course, drawn_kpis, draws_objectives
 from .progress import best_so_far
 from .record import Record
 from .slices import slices
@@ -26,6 +27,7 @@ class Drawn:
     alt: str
     content: bytes
     markup: str | None = None
+    caption: str = ""
 
 
 def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
@@ -38,7 +40,9 @@ def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
             if picture.applies(record):
                 markup = None if picture.markup is None else picture.markup(record)
                 content = _content(picture.draw(record))
-                drawn.append(Drawn(picture, picture.alt(record), content, markup))
+                words = picture.caption
+                caption = words if isinstance(words, str) else words(record)
+                drawn.append(Drawn(picture, picture.alt(record), content, markup, caption))
     return drawn
 
 
@@ -70,8 +74,37 @@ def _best_alt(record: Record) -> str:
         for k in record.kpis
         if k.name in record.best.experiment.kpis
     ]
-    against = ", ".join(["the first experiment", *record.references])
+    against = ", ".join([f"the {record.baseline.name}", *record.references])
     return f"Time plots of the best run ({theta}) against {against}. Best: {', '.join(kpis)}."
+
+
+def _best_caption(record: Record) -> str:
+    """Return the caption of the best trajectory: it names only what is drawn."""
+    curves = [curve.experiment for curve in curves_of(record)]
+    channels = [panel.channel for panel in panels_of(record.scenario, *curves)]
+    parts = [f"The best run beside the {record.baseline.name} and the reference θ."]
+    if not record.references:
+        parts = [f"The best run beside the {record.baseline.name}."]
+    if any(c.target is not None and c.band is not None for c in channels):
+        parts.append("Shaded: the accepted band around the target.")
+    if any(isfinite(c.low) or isfinite(c.high) for c in channels):
+        parts.append("Dashed: limits.")
+    stopped = any(e.end.interrupted for e in curves)
+    parts.append(
+        "A dot ends a run, a cross an interrupted one." if stopped else "A dot ends a run."
+    )
+    return " ".join(parts)
+
+
+def _course_caption(record: Record) -> str:
+    """Return the caption of the course: it names only what is drawn."""
+    objectives = " Green: the objectives." if draws_objectives(record) else ""
+    further = any(c.query.further for c in record.asked)
+    follow = " Hollow squares: follow-up comparisons of earlier experiments." if further else ""
+    return (
+        "KPIs of each experiment and of the best so far, in the order tried, and the answers."
+        f"{objectives}{follow}"
+    )
 
 
 def _progress_alt(record: Record) -> str:
@@ -87,13 +120,13 @@ def _course_alt(record: Record) -> str:
     assert record.best is not None
     verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
     kpis = [
-        f"{k.title} {measured(k, record.trials[0].experiment)} to "
+        f"{k.title} {measured(k, record.before.experiment)} to "
         f"{measured(k, record.best.experiment)} {k.unit}".rstrip()
         for k in drawn_kpis(record)
     ]
     return (
         f"Plots of the KPIs of {len(record.trials)} experiments, and of the verdicts: {verdicts}. "
-        f"From the first experiment to the best: {', '.join(kpis) or 'no KPI differs'}."
+        f"From the {record.baseline.name} to the best: {', '.join(kpis) or 'no KPI differs'}."
     )
 
 
@@ -119,8 +152,7 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "best_trajectory.png",
         "Best trajectory",
-        "The best run beside the first one and the reference θ. Shaded: the accepted band around "
-        "the target. Dashed: limits. A dot ends a run, a cross an interrupted one.",
+        _best_caption,
         _best_alt,
         best_against,
         lambda record: bool(record.scenario.panels) and bool(curves_of(record)),
@@ -137,8 +169,7 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "course.png",
         "How it went",
-        "KPIs of each experiment and of the best so far, in the order tried, and the "
-        "answers. Green: the objectives.",
+        _course_caption,
         _course_alt,
         course,
         lambda record: not record.shows_cost and bool(record.asked),

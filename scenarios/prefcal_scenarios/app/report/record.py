@@ -1,7 +1,7 @@
 """Hold the content of a report: a study's comparisons, and what follows from them."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
 from typing import Any
@@ -12,7 +12,9 @@ from jaxtyping import Float
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.loop import Comparison
+from prefcal_scenarios.app.summary.gain import Baseline
 from prefcal_scenarios.app.summary.outlook import Outlook
+from prefcal_scenarios.own.own_line import in_words, located
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .kpi_importance import KpiImportance
@@ -88,6 +90,8 @@ class Record:
         outlook: Whether to continue; None if unknown.
         study: Name of the study; empty if it is not kept.
         dates: Times of the study's first and last event.
+        baseline: Experiment that the result is compared with.
+        fingerprint: Fingerprint of the scenario's files; empty if unknown.
     """
 
     scenario: Scenario
@@ -110,6 +114,8 @@ class Record:
     outlook: Outlook | None = None
     study: str = ""
     dates: tuple[str, ...] = ()
+    baseline: Baseline = field(default_factory=Baseline)
+    fingerprint: str = ""
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
@@ -120,6 +126,37 @@ class Record:
                 experiments.setdefault(c.query.incumbent.index, c.incumbent)
             experiments.setdefault(c.query.challenger.index, c.challenger)
         return tuple(Trial(i, e, self.cost(e)) for i, e in sorted(experiments.items()))
+
+    def costed(self) -> tuple["Record", str]:
+        """Return this record, without costs if the scenario's fails, and then how it failed."""
+        try:
+            self.trials, self.reference_costs  # noqa: B018  # both compute all costs
+        except Exception as error:  # the user's code can raise anything
+            scenario = replace(self.scenario, cost=None)
+            return replace(self, scenario=scenario), in_words(located(error))
+        return self, ""
+
+    @property
+    def before(self) -> Trial:
+        """Return the trial of the baseline."""
+        return next(t for t in self.trials if t.index == self.baseline.index)
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Return who answered, when, and for what scenario, by label.
+
+        A study that a program can repeat has no dates, so that it gives equal reports.
+        """
+        by = "a person" if self.by_a_person else str(self.settings.get("calibrator", "a program"))
+        minutes = [at[:16].replace("T", " ") for at in self.dates if self.by_a_person]
+        when = " to ".join(dict.fromkeys(minutes))
+        found = {
+            "study": self.study,
+            "answered by": "" if self.scored else by,
+            "when (UTC)": when,
+            "fingerprint of the scenario": self.fingerprint,
+        }
+        return {label: text for label, text in found.items() if text}
 
     @cached_property
     def thetas(self) -> Float[np.ndarray, "N n"]:

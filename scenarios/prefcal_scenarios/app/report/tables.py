@@ -1,14 +1,23 @@
 """Rows and headings of the report's tables, prepared for the templates."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import isinf
+from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
-from prefcal_scenarios.app.presentation.wording import ended_text, marks_text, measured, number
+from prefcal_scenarios.app.presentation.pid_forms import pid_forms
+from prefcal_scenarios.app.presentation.wording import (
+    ended_text,
+    marks_text,
+    measured,
+    number,
+    objective,
+)
+from prefcal_scenarios.app.summary.compare import Spread
+from prefcal_scenarios.app.summary.gain import gained
 from prefcal_scenarios.kpis import WORST, grouped
 from prefcal_scenarios.scenario import KPI
 
@@ -67,19 +76,54 @@ class ComparisonRow:
     sides: tuple[Compared, Compared]
 
 
-def result_columns(record: Record) -> dict[str, Experiment]:
-    """Return the experiments of the result table by heading, the best first."""
+@dataclass(frozen=True, slots=True)
+class PIDRow:
+    """Parameter of a tuned PID: the form that has it, and its value in best run and baseline."""
+
+    form: str
+    name: str
+    unit: str
+    best: str
+    before: str
+    derived: str
+
+
+def gain_rows(record: Record) -> list[dict[str, Any]]:
+    """Return what was gained, a row for each KPI, as the page shows it."""
     assert record.best is not None
+    spread = Spread(trial.experiment.kpis for trial in record.trials)
+    return gained(record.before.experiment, record.best.experiment, record.kpis, spread)
+
+
+def pid_rows(record: Record) -> list[PIDRow]:
+    """Return the tuned PID in the ISA and the parallel form; [] for other controllers."""
+    scenario = record.scenario
+    if scenario.settings is None or record.best is None:
+        return []
+    best, before = (
+        pid_forms(scenario.settings(e.theta), scenario.space, e.channels.time_unit)
+        for e in (record.best.experiment, record.before.experiment)
+    )
+    return [
+        PIDRow(new.form, new.name, new.unit, number(new.value), number(old.value), new.derived)
+        for new, old in zip(best, before, strict=True)
+    ]
+
+
+def result_columns(record: Record) -> dict[str, Experiment]:
+    """Return the experiments of the result table by heading: best, baseline, references."""
+    assert record.best is not None
+    others = {n: e for n, e in record.references.items() if n != record.baseline.name}
     return {
         "best": record.best.experiment,
-        **record.references,
-        "first experiment": record.trials[0].experiment,
+        record.baseline.name: record.before.experiment,
+        **others,
     }
 
 
-def result_rows(record: Record) -> Iterator[ResultRow]:
-    """Yield a row for each knob, the cost, each KPI, and how the experiments ended."""
-    shown = list(result_columns(record).values())
+def result_rows(record: Record, experiments: Iterable[Experiment]) -> Iterator[ResultRow]:
+    """Yield a row for each knob, the cost, each KPI, and how these experiments ended."""
+    shown = list(experiments)
     for i, knob in enumerate(record.scenario.space):
         values = tuple(Value(number(e.theta[i])) for e in shown)
         yield ResultRow(knob.name, values, knob.unit)
@@ -97,12 +141,6 @@ def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple
     if not any(run.maneuver for e in shown for run in e.runs):
         return [("", kpi) for kpi in kpis]
     return grouped(kpis, *shown)
-
-
-def objective(kpi: KPI) -> str:
-    """Return the objective of a KPI as text; empty if there is none."""
-    limits = (("≥", kpi.at_least), ("≤", kpi.at_most))
-    return " and ".join(f"{sign} {number(limit)}" for sign, limit in limits if not isinf(limit))
 
 
 def comparison_headings(record: Record) -> list[tuple[str, str]]:

@@ -56,10 +56,10 @@ class _Row:
 
 
 def curves_of(record: Record) -> list[Curve]:
-    """Return the first run, the references and the best run, except runs without a record."""
+    """Return the baseline, the references and the best run, except runs without a record."""
     assert record.best is not None
-    first, best = record.trials[0], record.best
-    curves = [Curve(first.experiment, f"first (experiment {first.number})", FIRST, 1.4)]
+    first, best = record.before, record.best
+    curves = [Curve(first.experiment, f"{record.baseline.name} ({first.number})", FIRST, 1.4)]
     for i, (name, experiment) in enumerate(record.references.items()):
         color, dashes = OTHERS[i % len(OTHERS)], _DASHES[i % len(_DASHES)]
         curves.append(Curve(experiment, name, color, 1.5, dashes))
@@ -68,7 +68,7 @@ def curves_of(record: Record) -> list[Curve]:
 
 
 def best_against(record: Record) -> Figure:
-    """Draw the best trajectory with the first one and the references, a panel per signal."""
+    """Draw the best trajectory with the baseline and the references, a panel per signal."""
     curves = curves_of(record)
     if _has_maneuvers(curves):
         return _multiples(partial(panels_of, record.scenario), curves)
@@ -84,7 +84,7 @@ def best_against(record: Record) -> Figure:
 
 
 def before_and_after(record: Record, *, panels: int, height: float) -> Figure | None:
-    """Draw the first and the best run in at most `panels` panels; None if neither has a record.
+    """Draw the baseline and the best run in at most `panels` panels; None if neither has a record.
 
     Args:
         record: Record of the study.
@@ -95,8 +95,8 @@ def before_and_after(record: Record, *, panels: int, height: float) -> Figure | 
     runs = {
         number: Curve(experiment, label, color, width)
         for number, experiment, label, color, width in (
-            (record.trials[0].number, record.trials[0].experiment, "before", FIRST, 1.4),
-            (record.best.number, record.best.experiment, "after", BEST, 2.0),
+            (record.before.number, record.before.experiment, record.baseline.name, FIRST, 1.4),
+            (record.best.number, record.best.experiment, "best", BEST, 2.0),
         )
         if _has_record(experiment)
     }

@@ -11,7 +11,7 @@ from prefcal_scenarios.app.report.html import environment
 from .deviations import DEVIATIONS
 from .figures import Pictured, pictures
 from .printed import COMPARISONS, N_MAX
-from .results import Found, Row, found, rows, summary
+from .results import Found, Row, compared, disagreements, found, rows
 from .settings import algorithm, parameters, ranges
 from .studies import Study
 
@@ -21,16 +21,16 @@ TITLES = {
     "overtake-preferences": "Car, calibrated by preferences",
 }
 PAPER = "Zhu, Bemporad, Piga: Preference-based MPC calibration (ECC 2021)"
+DOI = "10.23919/ECC54610.2021.9654900"
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """The table of one case, and a note below it; empty for none."""
+    """The table of one case."""
 
     title: str
     heads: tuple[str, ...]
     rows: tuple[Row, ...]
-    note: str
 
 
 def write_page(studies: Sequence[Study], folder: Path, command: str) -> Path:
@@ -57,12 +57,14 @@ def _text(results: Sequence[Found], drawn: Sequence[Pictured], command: str) -> 
         .get_template("app/reproduce/paper.html.j2")
         .render(
             paper=PAPER,
+            doi=DOI,
             repeated="once, with seed 0"
             if seeds == 1
             else f"{seeds} times, with seeds 0 to {seeds - 1}",
             n_max=N_MAX,
             comparisons=COMPARISONS,
-            findings=summary(results),
+            compared=compared(results),
+            disagreements=disagreements(results),
             results=[_shown(result) for result in results],
             drawn=drawn,
             tables=(
@@ -80,7 +82,4 @@ def _text(results: Sequence[Found], drawn: Sequence[Pictured], command: str) -> 
 def _shown(result: Found) -> Shown:
     median = f"median of {len(result.studies)}"
     heads = ("", "printed", "paper's θ here", "seed 0 here", median, "range")
-    asked = result.studies[0].comparisons
-    differs = asked and asked != COMPARISONS
-    note = f"{asked} comparisons here, {COMPARISONS} in the paper." if differs else ""
-    return Shown(TITLES[result.case.name], heads, tuple(rows(result)), note)
+    return Shown(TITLES[result.case.name], heads, tuple(rows(result)))

@@ -2,5 +2,5 @@
 
 from .prospect import Prospect as Prospect
 from .screened import Screened as Screened
-from .why import good_on_average as good_on_average
+from .why import as_shown as as_shown
 from .why import why as why

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 _UNLIKELY = 0.15
-"""Chance below which nothing simulated is expected to be preferred."""
+"""Chance below which stopping is offered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,41 +12,35 @@ class Prospect:
 
     Args:
         simulated: Number of simulated θ.
-        chance: Probability that the most promising one is preferred to the best so far, 0 to 1.
+        chance: Probability that the person prefers one of them to the best so far, 0 to 1.
     """
 
     simulated: int
     chance: float
 
     @property
-    def stop(self) -> bool:
-        """Return whether nothing that was simulated is expected to be preferred."""
-        return self.chance < _UNLIKELY
-
-    @property
     def text(self) -> str:
         """Return in one sentence whether something better can be expected."""
-        chance = percent(self.chance)
-        if self.stop:
-            return (
-                f"Nothing among the {self.simulated} simulated is expected to be preferred to the "
-                f"best so far (chance of the most promising: {chance})."
-            )
         return (
-            f"The most promising of the {self.simulated} simulated is preferred to the best so far "
-            f"with a chance of {chance}."
+            f"The chance that one of the {self.simulated} simulated is better than the best so far "
+            f"is {percent(self.chance)}."
         )
+
+    @property
+    def estimate(self) -> str:
+        """Return the same sentence, which advises nothing."""
+        return self.text
 
     @property
     def offer(self) -> str:
         """Return the offer to stop; empty if there is a reason to continue."""
-        return f"{self.text} Stop here, or go on?" if self.stop else ""
+        return f"{self.text} Stop here, or go on?" if self.chance < _UNLIKELY else ""
 
 
 def percent(chance: float) -> str:
-    """Return a probability as text; only what is sure reads 0 or 100 %."""
-    if 0 < chance < 0.01:
-        return "less than 1 %"
-    if 0.99 < chance < 1:
-        return "more than 99 %"
+    """Return a probability as text: nothing that a model says is sure."""
+    if chance < 0.01:
+        return "below 1 %"
+    if chance > 0.99:
+        return "above 99 %"
     return f"{100 * chance:.0f} %"

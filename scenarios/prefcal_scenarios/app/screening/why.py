@@ -1,19 +1,39 @@
 """Say in one sentence why a screening agent shows an experiment."""
 
-from collections.abc import Callable, Sequence
-
-import numpy as np
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 from prefcal_agents.screening.reason import Reason
-from prefcal_agents.utility.bank import Bank
-from prefcal_scenarios.scenario import Scenario
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.scenario import KPI, Scenario
 
 from .prospect import percent
 
 _MOST = 2
 """Number of KPIs named on either side of the sentence, those that matter most."""
-_GOOD = 0.25
-"""Share of the simulated θ that an experiment which is good on average belongs to."""
+
+
+def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experiment) -> Reason:
+    """Return the reason with only what people can read off the two experiments.
+
+    KPIs that read the same on both sides are left out. If the agent names no others, those that
+    differ are named in the order of the scenario.
+    """
+    gains = dict(_gains(scenario, new, best))
+    named = (*reason.better_in, *reason.worse_in)
+    if not gains:  # the scenario states no KPI with a direction
+        return reason
+    clear = [name for name in named if gains.get(name)] or [n for n in gains if gains[n]]
+    better, worse = ([n for n in clear if gains[n] == sign] for sign in (1, -1))
+    return replace(reason, better_in=tuple(better), worse_in=tuple(worse))
+
+
+def _gains(scenario: Scenario, new: Experiment, best: Experiment) -> Iterator[tuple[str, int]]:
+    """Yield each KPI with 1 if `new` reads better, -1 if it reads worse, else 0."""
+    for kpi in scenario.shown_kpis:
+        if kpi.goal is not None and kpi.name in new.kpis and kpi.name in best.kpis:
+            ours, theirs = (kpi.judged(float(e.kpis[kpi.name])) for e in (new, best))
+            yield kpi.name, (ours < theirs) - (ours > theirs)
 
 
 def why(
@@ -22,48 +42,45 @@ def why(
     *,
     side: str = "This one",
     requested: bool = False,
-    good: bool = False,
+    wanted: Sequence[str] = (),
+    learned: bool = True,
 ) -> str:
     """Return why an experiment is compared with the best so far, as one sentence.
 
     Args:
-        reason: Reason of the agent.
+        reason: Reason of the agent, see `as_shown`.
         scenario: Scenario that has the titles of the KPIs.
         side: Name of the experiment at the start of the sentence, such as "Left".
         requested: Whether the person asked for it.
-        good: Whether it is among the best simulated ones by all KPIs alike, see `good_on_average`.
+        wanted: KPIs that matter most by the answers so far: those that "What matters to you" names.
+        learned: Whether there is an answer that a chance follows from.
     """
     named = _namer(scenario)
     differs = _differs(reason, named)
-    chance = f"(chance that you prefer it: {percent(reason.chance)})"
+    chance = f" (chance that you prefer it: {percent(reason.chance)})" if learned else ""
     if requested:
-        return f"{side} is shown because you asked for it: {differs} {chance}."
-    if not reason.learned:
-        what = "is good in all KPIs on average" if good else "shows what matters to you"
-        return f"Nothing learned yet: {side.lower()} {what}; {differs}."
-    wanted = [name for name in reason.better_in if name in reason.learned][:_MOST]
-    if wanted:
-        preferred = _listed([named(name, True) for name in wanted])
-        differs = _differs(reason, named, ("it has that", "it has both")[len(wanted) - 1])
-        return f"{side} is shown because you preferred {preferred}: {differs} {chance}."
-    preferred = named(reason.learned[0], True)
-    return f"{side} shows how much {preferred} matters to you: {differs} {chance}."
-
-
-def _differs(reason: Reason, named: Callable[[str, bool], str], better: str = "") -> str:
-    """Return in what it differs from the best so far, the KPIs that matter most.
-
-    Args:
-        reason: Reason of the agent.
-        named: Function that names a KPI with its direction.
-        better: What is better, if that was said before; it is named if empty.
-    """
-    if reason.better_in and not better:
-        better = f"it has {_listed([named(name, True) for name in reason.better_in[:_MOST]])}"
+        return f"{side} is shown because you asked for it: it {differs}{chance}."
+    if not learned:
+        return f"Nothing learned yet: {side.lower()} {differs}."
+    followed = [named(name, True) for name in wanted if name in reason.better_in][:_MOST]
+    if not followed:
+        return f"{side} {differs}{chance}."
+    has = ("it has that", "it has both")[len(followed) - 1]
     worse = _listed([named(name, False) for name in reason.worse_in[:_MOST]])
-    if better:
-        return f"{better}, but {worse}" if worse else better
-    return f"it has {worse}" if worse else "its KPIs are about those of the best so far"
+    but = f", but {worse}" if worse else ""
+    return (
+        f"{side} is shown because most of your answers went with {_listed(followed)}: "
+        f"{has}{but}{chance}."
+    )
+
+
+def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
+    """Return in what it differs from the best so far, the KPIs that matter most."""
+    better = _listed([named(name, True) for name in reason.better_in[:_MOST]])
+    worse = _listed([named(name, False) for name in reason.worse_in[:_MOST]])
+    if better and worse:
+        return f"has {better}, but {worse}"
+    return f"has {better or worse}" if better or worse else "reads like the best so far in all KPIs"
 
 
 def _listed(words: Sequence[str]) -> str:
@@ -72,7 +89,7 @@ def _listed(words: Sequence[str]) -> str:
 
 def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
     """Return a function that names a KPI with its direction: better (True) or worse."""
-    kpis = {kpi.name: kpi for kpi in scenario.kpis}
+    kpis: dict[str, KPI] = {kpi.name: kpi for kpi in scenario.kpis}
 
     def named(name: str, better: bool) -> str:
         kpi = kpis.get(name)
@@ -84,10 +101,3 @@ def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
         return f"{'higher' if rises else 'lower'} {kpi.title}"
 
     return named
-
-
-def good_on_average(bank: Bank, row: int) -> bool:
-    """Return whether row `row` is among the best quarter by its mean rank over all KPIs."""
-    better = [np.searchsorted(np.sort(column), column) for column in bank.kpis.T]
-    ranks = np.mean(better, axis=0)
-    return bool(np.mean(ranks < ranks[row]) < _GOOD)

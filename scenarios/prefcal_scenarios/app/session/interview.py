@@ -25,8 +25,8 @@ from prefcal_env.study import Noted, StudyFile
 from prefcal_scenarios.app.screening import Prospect, Screened
 from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator, named_twin
 from prefcal_scenarios.app.summary.consistency import Consistency
-from prefcal_scenarios.app.summary.counts import Counts, answered, is_unasked
-from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
+from prefcal_scenarios.app.summary.counts import Counts, Planned, answered, is_unasked
+from prefcal_scenarios.app.summary.outlook import Outlook, falls_outward, others_unbeaten, outlook
 from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
@@ -185,6 +185,14 @@ class Interview:
         return Counts.of(self.study.state)
 
     @property
+    def planned(self) -> Planned:
+        """Return how many questions the study asks."""
+        with self._changed:
+            question = self._flow.question
+            further = question is not None and question.further
+            return Planned.of(self._flow.agent, asks_further=further)
+
+    @property
     def n_max(self) -> int:
         """Return the planned number of experiments; fewer if the space holds fewer θ."""
         return self._flow.agent.n_max
@@ -217,7 +225,9 @@ class Interview:
         count, failed = min(flow.simulator.count, planned), flow.simulator.failed
         if basis is not None:
             count, failed = len(basis.bank), int(basis.bank.failed.sum())
-        return Simulated(count, planned, failed, shown, twin=flow.twin is not None)
+        # Equal θ run once: where nothing is simulated any more, fewer than that were.
+        twin, due = flow.twin is not None, flow.agent.due if flow.simulator.busy else 0
+        return Simulated(count, planned, failed, shown, twin=twin, due=due)
 
     @property
     def basis(self) -> Basis | None:
@@ -259,10 +269,34 @@ class Interview:
         """Return whether to continue, and the knobs at the end of their range; None if unknown."""
         now, advice = self.now(), self._prospects
         best = None if now.incumbent is None else self.experiment(now.incumbent).theta
-        found = outlook(advice, best, self.scenario.space, self.study.path, now.state)
+        space, place = self.scenario.space, self.study.path
+        found = outlook(
+            advice, best, space, place, now.state, missed=self.missed, helps=self._helps
+        )
         if found is None or self._flow.agent.by_value:
             return found
         return replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
+
+    def _helps(self, knob: int, upper: bool) -> bool:
+        """Return whether the model expects that going beyond an end of a knob's range helps."""
+        if self.screens:
+            screened = self.screened()
+            trend = None if screened is None else screened.basis.trend
+            return trend is not None and bool(trend[knob] > 0) == upper
+        surrogate, best = self.surrogate, self.now().incumbent
+        if surrogate is None or best is None:
+            return False
+        theta = self.experiment(best).theta
+        return falls_outward(surrogate, self.scenario.space, theta, knob, upper)
+
+    @property
+    def missed(self) -> list[str]:
+        """Return the titles of the KPIs whose objectives the best experiment misses."""
+        best = self.now().incumbent
+        if best is None:
+            return []
+        experiment = self.experiment(best)
+        return [k.title for k in self.scenario.shown_kpis if k.met_by(experiment) is False]
 
     @property
     def screens(self) -> bool:

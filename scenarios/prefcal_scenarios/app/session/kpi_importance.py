@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 from prefcal_agents.history.censored import judged
+from prefcal_agents.history.lessons import Memory
 from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.qp import make_backend
 from prefcal_env.study import State
-from prefcal_scenarios.kpis import seen
+from prefcal_scenarios.kpis import reading, seen
 from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore
@@ -27,13 +28,16 @@ def known_outcomes(state: State, store: ExperimentStore) -> History:
 
 
 def index_of(history: History, seed: int) -> LearnedCost | None:
-    """Return the weighted sum of KPIs that explains the answers in `history` best."""
-    return LearnedCost.of(history, seed, make_backend("piqp"))
+    """Return the weighted sum of KPIs that explains the answers in `history` best.
+
+    As for a proposal, at most 250 answers count: with 1,000, a person would wait for seconds.
+    """
+    return LearnedCost.of(Memory.of(history).history, seed, make_backend("piqp"))
 
 
 def importance_of(history: History, scenario: Scenario) -> Importance | None:
     """Return which of the scenario's KPIs matter in the answers of `history`."""
-    return Importance.of(history, seen(scenario))
+    return Importance.of(history, seen(scenario), reading(scenario))
 
 
 def _known(comparison: Comparison, store: ExperimentStore) -> Comparison:

@@ -14,7 +14,7 @@ from prefcal_env.knobs.key import theta_key
 from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
 from prefcal_scenarios.app.isolated import IsolatedRun, Worker
 from prefcal_scenarios.own.checks import check_experiment
-from prefcal_scenarios.own.own_line import located
+from prefcal_scenarios.own.own_line import as_exception
 from prefcal_scenarios.scenario import Scenario
 
 from . import thinking
@@ -122,7 +122,8 @@ def attempt(
 
     Until one experiment passed without interruption, each is checked against the scenario, and
     always if it is one of the `twin`.
-    SystemExit is caught, too: a plant that calls exit() would end the thread without notice.
+    SystemExit and the like are caught, too: a plant that calls exit() would end the thread without
+    notice. Only KeyboardInterrupt is raised again: it may be Ctrl-C.
     """
     scenario = twin or flow.store.scenario
     try:
@@ -130,10 +131,10 @@ def attempt(
         if flow.checked and twin is None and isinstance(result, Experiment):
             return result
         experiment = check_experiment(scenario, theta, result)
-    except Exception as error:
-        return located(error)
-    except SystemExit as error:
-        return ScenarioError(f"run called exit: {error}")
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        return as_exception(error)
     if twin is None:
         flow.checked = not experiment.end.interrupted
     return experiment

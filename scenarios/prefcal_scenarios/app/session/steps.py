@@ -20,7 +20,7 @@ def open_question(flow: Flow, question: int) -> Question:
     asked = flow.question
     if asked is None or asked.id != question:
         raise StaleError(
-            f"question {question} is no longer open: it was already answered or undone, "
+            "this question is no longer open: it was already answered or undone, "
             "and nothing was recorded twice"
         )
     return asked

@@ -8,6 +8,8 @@ from .basis import Basis as Basis
 from .basis import Simulated as Simulated
 from .basis import past_of as past_of
 from .basis import simulates as simulates
+from .kept import Kept as Kept
+from .kept import key_of as key_of
 from .simulator import Abandoned as Abandoned
 from .simulator import Simulator as Simulator
 from .twin import named_twin as named_twin

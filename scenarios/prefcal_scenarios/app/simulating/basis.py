@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Float
+
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
@@ -20,6 +23,7 @@ class Basis:
         bank: Simulated θ with their KPIs.
         reason: Why its challenger is shown; None without a comparison.
         chance_of_better: Probability that the person prefers some simulated θ to the best so far.
+        trend: How expected worth grows along each knob near the best; None if it is not known.
     """
 
     past: History
@@ -27,13 +31,14 @@ class Basis:
     bank: Bank
     reason: Reason | None
     chance_of_better: float
+    trend: Float[np.ndarray, " n"] | None = None
 
     @classmethod
     def of(cls, agent: Screening) -> "Basis":
         """Return the basis of the open question of `agent`, which simulates what is missing."""
         bank, reason = agent.bank, None if agent.done else agent.reason
         pending = agent.history.pending
-        return cls(past_of(agent), pending, bank, reason, agent.chance_of_better)
+        return cls(past_of(agent), pending, bank, reason, agent.chance_of_better, agent.trend)
 
 
 def past_of(agent: Agent) -> History:
@@ -51,6 +56,7 @@ class Simulated:
         failed: Number of simulations that failed.
         shown: Number of experiments that were shown or are on show.
         twin: Whether θ are simulated on a twin of the plant that runs what is shown.
+        due: Number of θ to simulate before the next question; 0 if nothing is simulated now.
     """
 
     simulated: int
@@ -58,6 +64,14 @@ class Simulated:
     failed: int
     shown: int
     twin: bool = False
+    due: int = 0
+
+    @property
+    def going_on(self) -> str:
+        """Return what is simulated for the next question: "120 of 280 simulated"; empty if all."""
+        if self.simulated >= self.due:
+            return ""
+        return f"{self.simulated} of {self.due} simulated{' on the twin' if self.twin else ''}"
 
     @property
     def line(self) -> str:

@@ -10,15 +10,15 @@ from jaxtyping import Float
 
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
-from prefcal_scenarios.app.isolated import IsolatedRun
-from prefcal_scenarios.kpis import has_goals, screened
+from prefcal_scenarios.app.isolated import IsolatedRun, OwnRun
+from prefcal_scenarios.kpis import has_goals, reading, screened
 from prefcal_scenarios.many.pool import Pool
 from prefcal_scenarios.many.results import FailedRun, Result
 from prefcal_scenarios.many.task import Task
 from prefcal_scenarios.processes.cores import usable_cores
 from prefcal_scenarios.scenario import Scenario
 
-from .own_run import OwnRun
+from .kept import Kept
 
 _TELL = 0.5
 """Seconds between two reports of progress."""
@@ -47,9 +47,10 @@ class Simulator:
     Args:
         scenario: Scenario with the knobs of the study.
         seed: Seed of every run.
-        jobs: Number of workers; None for one for each core but the one that serves the page, 0 to
-            run everything in this process.
+        jobs: Number of workers; None for one for each core, but for a scenario of prefcal one
+            less; 0 to run everything in this process.
         longest: Largest time limit of a simulation in seconds, in workers; infinite for none.
+        kept: Results of earlier, which are not simulated again, and where new ones are kept.
     """
 
     def __init__(
@@ -59,21 +60,28 @@ class Simulator:
         seed: int = 0,
         jobs: int | None = None,
         longest: float = np.inf,
+        kept: Kept | None = None,
     ) -> None:
         own = isinstance(scenario.run, IsolatedRun)
         run = OwnRun.of(scenario.run) if isinstance(scenario.run, IsolatedRun) else scenario.run
-        self.scenario = scenario
+        self.scenario, self.reading = scenario, reading(scenario)
         directed = has_goals(scenario)
         self._task = Task(run, seed, trajectories=not directed)
-        workers = min(max(usable_cores() - 1, 1), _MOST) if jobs is None else jobs
+        # They are gentle: the page has its processor even if there is a worker on each core. This
+        # process runs built-in scenarios, too, until the first worker is ready.
+        workers = min(usable_cores() if own else max(usable_cores() - 1, 1), _MOST)
+        workers = workers if jobs is None else jobs
         self._pool = Pool(self._task, workers, longest) if workers else None
         self._helps = not own
-        self._known: dict[bytes, Outcome] = {}
+        self._kept = kept
+        self._known = {} if kept is None else dict(kept.known)
         self._batch = threading.Lock()  # held while a batch runs
         self._abandoned = False
         self._told_at = 0.0
         self.tell: Callable[[], None] = lambda: None
         """Function that is called during a batch, twice a second, when there is progress."""
+        self.failure = ""
+        """How the last simulation that failed did so; empty if none has."""
 
     def __enter__(self) -> Self:
         return self
@@ -91,9 +99,17 @@ class Simulator:
         """Return the number of simulations that failed."""
         return sum(not kpis for kpis in list(self._known.values()))
 
+    @property
+    def busy(self) -> bool:
+        """Return whether a batch is being simulated."""
+        return self._batch.locked()
+
     def start(self) -> None:
-        """Start the workers, which then load the scenario while something else is done."""
-        if self._pool is not None:
+        """Start the workers, which then load the scenario while something else is done.
+
+        Not if results are kept: there may be nothing left to simulate.
+        """
+        if self._pool is not None and not self._known:
             self._pool.start()
 
     def __call__(self, theta: Theta) -> Mapping[str, float]:
@@ -132,6 +148,8 @@ class Simulator:
         try:
             if self._pool is not None:
                 self._pool.close()
+            if self._kept is not None:
+                self._kept.close()
         finally:
             if waited:
                 self._batch.release()
@@ -166,6 +184,11 @@ class Simulator:
 
     def _keep(self, theta: Theta, result: Result) -> bytes:
         key = theta_key(theta)
-        failed = isinstance(result, FailedRun)
-        self._known[key] = Outcome({}) if failed else screened(self.scenario, result)
+        failure = result.why if isinstance(result, FailedRun) else None
+        if isinstance(result, FailedRun):
+            self.failure = result.words
+        self._known[key] = Outcome({}) if failure else screened(self.scenario, result)
+        # A run that took too long, or whose process ended, may succeed another time.
+        if self._kept is not None and failure in (None, "raised"):
+            self._kept.add(theta, self._known[key])
         return key

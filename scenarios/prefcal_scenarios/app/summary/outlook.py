@@ -1,7 +1,7 @@
 """Advise whether to continue: unbeaten experiments, and knobs at the end of their range."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import floor
 from pathlib import Path
@@ -16,8 +16,10 @@ from prefcal_env.study import State
 from prefcal_env.study.locations import data_folder
 from prefcal_scenarios.scenario import is_built_in
 
-_AT_END = 0.01
+_AT_END = 0.02
 """Share of a knob's searched range, in its scale, that counts as its end."""
+_INWARD = 0.1
+"""Distance in the cube over which a learned cost tells whether it falls toward an end."""
 _WIDER = 0.25
 """Share of a range by which the command widens it."""
 
@@ -31,17 +33,19 @@ class Outlook:
         ends: Sentence on the knobs at the end of their range; empty if there are none.
         command: Command that widens those ranges; empty without a study file.
         unbeaten: Sentence on other experiments that never lost; empty if there are none.
+        missed: Sentence on the objectives that the best experiment misses; empty if it meets all.
     """
 
     advice: str
     ends: str = ""
     command: str = ""
     unbeaten: str = ""
+    missed: str = ""
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return all sentences, without the command."""
-        return tuple(part for part in (self.unbeaten, self.advice, self.ends) if part)
+        return tuple(part for part in (self.unbeaten, self.missed, self.advice, self.ends) if part)
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -74,10 +78,14 @@ class Told(Protocol):
     def text(self) -> str:
         """Return in one sentence whether to continue."""
 
+    @property
+    def estimate(self) -> str:
+        """Return the same without an advice to stop."""
+
 
 def outlook(
     advice: Told | None, best: Float[np.ndarray, " n"] | None, space: KnobSpace, place: str,
-    state: State,
+    state: State, *, missed: Sequence[str] = (), helps: Callable[[int, bool], bool],
 ) -> Outlook | None:  # fmt: skip
     """Return the outlook of a study; None while too little is known.
 
@@ -87,25 +95,47 @@ def outlook(
         space: Knobs with their searched ranges.
         place: Path of the study file; ":memory:" if there is none.
         state: State of the study.
+        missed: Titles of the KPIs whose objectives the best experiment misses. With any, there is
+            no advice to stop.
+        helps: Function of the number of a knob at its end, and whether it is the upper end, that
+            returns whether going further is expected to help.
     """
     if advice is None or best is None:
         return None
-    ends = at_end(space, best)
+    said, why = (advice.estimate if missed else advice.text), _missed(missed)
+    ends = [(knob, up) for knob, up in at_end(space, best) if helps(space.knobs.index(knob), up)]
     if not ends:
-        return Outlook(advice.text)
-    names = [knob.name for knob, _ in ends]
-    *most, last = names
-    listed = " and ".join([", ".join(most), last] if most else [last])
-    verb, whose = ("are", "their ranges") if most else ("is", "its range")
+        return Outlook(said, missed=why)
+    several = len(ends) > 1
+    verb, whose = ("are", "their ranges") if several else ("is", "its range")
+    listed = _listed([knob.name for knob, _ in ends])
     sentence = f"{listed} of the best θ {verb} at the end of {whose}"
-    within = f"Within the present ranges, {advice.text[0].lower()}{advice.text[1:]}"
+    within = f"Within the present ranges, {said[0].lower()}{said[1:]}"
     if place == ":memory:":
-        return Outlook(within, f"{sentence}; if your plant allows it, widen {whose}.")
+        end = f"{sentence}; if your plant allows it, widen {whose}."
+        return Outlook(within, end, missed=why)
     return Outlook(
         within,
         f"{sentence}; if your plant allows it, widen {whose}, for example with:",
         _command(ends, space, place, str(state.configuration["scenario"])),
+        missed=why,
     )
+
+
+def _missed(titles: Sequence[str]) -> str:
+    """Return a sentence on missed objectives; empty if there are none."""
+    if not titles:
+        return ""
+    which = "objectives" if len(titles) > 1 else "objective"
+    return (
+        f"The best experiment misses the {which} for {_listed(titles)}: continue or, if more "
+        "experiments do not help, widen the ranges or change the controller."
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    *most, last = names
+    return " and ".join([", ".join(most), last] if most else [last])
 
 
 def at_end(space: KnobSpace, theta: Float[np.ndarray, " n"]) -> list[tuple[Knob, bool]]:
@@ -120,6 +150,17 @@ def at_end(space: KnobSpace, theta: Float[np.ndarray, " n"]) -> list[tuple[Knob,
         if not _AT_END < share < 1 - _AT_END:
             found.append((knob, share >= 1 - _AT_END))
     return found
+
+
+def falls_outward(
+    cost: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]],
+    space: KnobSpace, best: Float[np.ndarray, " n"], knob: int, upper: bool,
+) -> bool:  # fmt: skip
+    """Return whether a learned cost of physical θ falls toward an end of the range of a knob."""
+    inward = space.encode(best).copy()
+    inward[knob] += -_INWARD if upper else _INWARD
+    here, there = cost(np.array([best, space.decode(np.clip(inward, 0.0, 1.0))]))
+    return bool(here < there)
 
 
 def _command(ends: list[tuple[Knob, bool]], space: KnobSpace, place: str, scenario: str) -> str:

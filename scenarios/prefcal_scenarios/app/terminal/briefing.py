@@ -6,7 +6,7 @@ from rich.text import Text
 
 from prefcal_scenarios.app.presentation.wording import labeled
 from prefcal_scenarios.app.session import Interview
-from prefcal_scenarios.app.web.view.brief import how, knob_view, kpi_view
+from prefcal_scenarios.app.web.view.brief import current_tuning, how, knob_view, kpi_view
 from prefcal_scenarios.scenario import Scenario
 
 
@@ -14,6 +14,8 @@ def show_brief(interview: Interview, console: Console) -> None:
     """Print everything that a person should know before the first question."""
     show_scenario(interview.scenario, console)
     console.print(Text(how(interview)))
+    if start := current_tuning(interview):
+        console.print(Text(start))
 
 
 def show_scenario(scenario: Scenario, console: Console) -> None:

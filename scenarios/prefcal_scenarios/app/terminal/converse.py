@@ -323,7 +323,8 @@ def _waiting(now: Now) -> str:
     if now.preparing is not None:
         return now.preparing.words
     if now.pending is None:
-        unseen = "" if now.simulated is None else f" ({now.simulated.line})"
+        found = now.simulated
+        unseen = "" if found is None else f" ({found.going_on or found.line})"
         return f"choosing the next experiment{unseen}"
     words = f"running experiment {now.pending.index + 1}"
     if now.running > 1:

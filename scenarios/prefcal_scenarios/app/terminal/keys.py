@@ -25,7 +25,7 @@ Keys = Callable[[], str]
 def keys_of(console: Console) -> Keys:
     """Return a function that returns the next key, or the next line if input is not a terminal.
 
-    The end of the input stops the study; everything is saved.
+    The end of the input stops the study.
     """
     if sys.stdin.isatty():
         return _key

@@ -53,7 +53,7 @@ def show_status(interview: Interview, console: Console) -> None:
         lines += outlook.lines
     shown = KpiImportance.of(interview.index, interview.importance, interview.scenario)
     if shown is not None:
-        lines += [shown.sentence(), shown.caption]
+        lines += [line for line in (shown.sentence(), shown.caption) if line]
         lines += [f"  {drawn} {bar.text:>5}  {bar.title}" for drawn, bar in shown.drawn(_WIDTH)]
         lines.append(shown.trust)
     for line in lines:

@@ -46,7 +46,7 @@ KEYS = (
     ("t", "all KPIs of both sides, largest difference first"),
     ("j", "the next maneuver, if there are several"),
     ("p", "ask me an earlier question again"), ("f f", "finish the study"),
-    ("x", "stop for now; everything is saved"), ("?", "the task, and these keys"),
+    ("x", "stop for now, and say how to go on"), ("?", "the task, and these keys"),
 )  # fmt: skip
 
 
@@ -111,12 +111,11 @@ def _told(interview: Interview, now: Now, *, blind: bool) -> Text:
 
 
 def _headline(interview: Interview, question: Question) -> str:
-    head = f"Comparison {question.number} of {interview.n_max - 1}"
     if question.repeats is not None:
-        head = "An earlier question again (Esc or z skips it)"
-    elif question.further:
-        head = "A follow-up comparison of two experiments that you have seen"
-    return f"{head}: which experiment is better?"
+        return "An earlier question again (Esc or z skips it): which experiment is better?"
+    head = interview.planned.place(over=False, further=question.further).capitalize()
+    seen = ", two that you have seen" if question.further else ""
+    return f"{head}{seen}: which experiment is better?"
 
 
 def _sides(

@@ -15,13 +15,13 @@ _GROWING = ("largest_move", "peak_temperature", "undershoot", "unsolved")
 _, _T_C_START = CSTR().steady_state_at_concentration(START)
 
 KPIS = (
-    KPI("settling_time", "time to steady state t_f", "h", at_most=HORIZON),
+    KPI("settling_time", "time to steady state t_f", "h", at_most=HORIZON, resolution=0.01),
     KPI("final_concentration", "final C_A", "kgmol/m³", TARGET + BAND, TARGET - BAND),
-    KPI("largest_move", "largest move |ΔT_c|", "K", better="lower"),
-    KPI("mean_square_move", "mean square move", "K²", better="lower"),
-    KPI("peak_temperature", "peak reactor T", "K", better="lower"),
-    KPI("undershoot", "peak undershoot of C_A", "kgmol/m³", better="lower"),
-    KPI("band_entry", "settling time (within ±3 %)", "h", better="lower"),
+    KPI("largest_move", "largest move |ΔT_c|", "K", better="lower", resolution=0.01),
+    KPI("mean_square_move", "mean square move", "K²", better="lower", resolution=0.01),
+    KPI("peak_temperature", "peak reactor T", "K", better="lower", resolution=0.1),
+    KPI("undershoot", "peak undershoot of C_A", "kgmol/m³", better="lower", resolution=0.001),
+    KPI("band_entry", "settling time (within ±3 %)", "h", better="lower", resolution=0.01),
     KPI("index", "performance index"),
     KPI("unsolved", "unsolved QPs", at_most=0.0),
 )

@@ -17,6 +17,8 @@ GAIN, INTEGRAL, DERIVATIVE, FILTER, WEIGHT, TRACKING, BIAS, LOW, HIGH, STAGES, H
 _STARTED, _INTEGRATOR, _FILTERED, _OUTPUT = range(4)
 MEMORY = 4
 """Number of columns of the memory, which has one row for each row of gains."""
+# Columns of a row of the actuators.
+_STICTION, _BACKLASH, _RESOLUTION, _LOWEST = range(4)
 
 
 @inner()
@@ -88,3 +90,25 @@ def _feedback(gains, j, reference, y, memory, T_s):  # type: ignore[no-untyped-d
     if limited == wanted:
         memory[j, _INTEGRATOR] += T_s * (y[0] - reference[0])
     return limited
+
+
+@inner()
+def moved(actuators, j, wanted, before):  # type: ignore[no-untyped-def]
+    """Return where actuator `j` goes from `before`: it sticks, has play, and moves in steps.
+
+    It does not move at all for a change up to its stiction, stays within its backlash of what is
+    wanted, and stands at multiples of its resolution above its lowest position.
+    """
+    if abs(wanted - before) <= actuators[j, _STICTION]:
+        return before
+    play, lowest = actuators[j, _BACKLASH], actuators[j, _LOWEST]
+    reached = min(max(before, wanted - play), wanted + play)
+    return lowest + rounded(reached - lowest, actuators[j, _RESOLUTION])
+
+
+@inner()
+def rounded(value, resolution):  # type: ignore[no-untyped-def]
+    """Return the nearest multiple of `resolution`, or `value` itself if that is 0."""
+    if resolution <= 0.0:
+        return value
+    return resolution * math.floor(value / resolution + 0.5)

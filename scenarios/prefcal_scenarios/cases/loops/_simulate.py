@@ -7,7 +7,7 @@ import numpy as np
 from prefcal_env.jit import inner, kernel
 
 from ._derivatives import derivative
-from ._laws import MEMORY, decide
+from ._laws import MEMORY, decide, moved, rounded
 
 
 @kernel()
@@ -19,13 +19,14 @@ def simulate(plant, control, signals, timing, start):  # type: ignore[no-untyped
 
     Args:
         plant: Kind, parameters, and indices of the measured states (n_m,).
-        control: Kind of law, and its gains (rows, columns).
+        control: Kind of law, its gains (rows, columns), the actuators (0 or n_u, 4), see
+            `_laws.moved`, and the resolution of the measured states (0 or n_m,).
         signals: Reference (K, n_m), disturbance (K, n_d) and measurement noise (K, n_m).
         timing: Step, steps in a sampling period, and steps of dead time of the inputs.
         start: State (n_x,) and inputs (n_u,) at the start, and limits of the states (n_x, 2).
     """
     kind, p, measured = plant
-    law, gains = control
+    law, gains, actuators, resolution = control
     reference, disturbance, noise = signals
     dt, hold, delay = timing
     x0, u0, limits = start
@@ -38,7 +39,11 @@ def simulate(plant, control, signals, timing, start):  # type: ignore[no-untyped
         if k % hold == 0:
             for i in range(len(measured)):
                 y[i] = x[k, measured[i]] + noise[k, i]
+            for i in range(len(resolution)):
+                y[i] = rounded(y[i], resolution[i])
             decide(law, gains, reference[k], y, memory, hold * dt, u[k])
+            for j in range(len(actuators)):
+                u[k, j] = moved(actuators, j, u[k, j], u[k - 1, j] if k > 0 else u0[j])
         else:
             _copy(u[k - 1], u[k])
         if k + 1 < count:

@@ -14,7 +14,7 @@ def _of_the_laws() -> Iterator[Kernel]:
 
     various: Any = numba.types.Tuple
     vector, matrix = float64[::1], float64[:, ::1]
-    plant, control = various((int64, vector, int64[::1])), various((int64, matrix))
+    plant, control = various((int64, vector, int64[::1])), various((int64, matrix, matrix, vector))
     signals, timing = various((matrix,) * 3), various((float64, int64, int64))
     start = various((vector, vector, matrix))
     yield Kernel("closed loop", simulate, (plant, control, signals, timing, start))

@@ -1,6 +1,6 @@
 """What acts on a loop in one experiment, and the states and inputs that result."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -42,6 +42,10 @@ class Course:
         step: Step of the simulation, in the loop's unit of time.
         hold: Steps in a sampling period.
         delay: Steps of dead time of the inputs.
+        actuators: Stiction, backlash, resolution and lowest position of each input, shape
+            (n_u, 4); (0, 4) for ideal ones. An MPC takes them for ideal.
+        resolution: Distance of the values that each measured state can have, shape (n_m,), 0 for
+            continuous ones; (0,) if all are. An MPC takes them for continuous.
     """
 
     at: OperatingPoint
@@ -53,6 +57,8 @@ class Course:
     step: float
     hold: int
     delay: int
+    actuators: Float[np.ndarray, "m 4"] = field(default_factory=lambda: np.zeros((0, 4)))
+    resolution: Float[np.ndarray, " p"] = field(default_factory=lambda: np.zeros(0))
 
     @property
     def T_s(self) -> float:
@@ -89,7 +95,7 @@ def by_law(law: int, gains: Float[np.ndarray, "r c"], course: Course) -> Driven:
     at = course.at
     x, u, valid = simulate(
         (at.plant.kind, parameters_of(at.plant), course.measured),
-        (law, gains),
+        (law, gains, course.actuators, course.resolution),
         (course.reference, course.disturbance, course.noise),
         (course.step, course.hold, course.delay),
         (at.x, at.u, course.safe),

@@ -54,7 +54,7 @@ def named(name: str) -> Scenario:
         raise ScenarioError(
             f"no loop is called {name!r}.{did_you_mean(name, LOOPS)} Expected {', '.join(LOOPS)}"
         )
-    return _judged(LOOPS[name]())
+    return judged(LOOPS[name]())
 
 
 def loop(seed: int) -> Scenario:
@@ -69,7 +69,7 @@ def loop(seed: int) -> Scenario:
     """
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
-    return _judged(_accepted(int(seed))[0])
+    return judged(_accepted(int(seed))[0])
 
 
 def rough_model(seed: int, off: float) -> Scenario:
@@ -89,7 +89,7 @@ def rough_model(seed: int, off: float) -> Scenario:
     rng, rejected = np.random.default_rng(seed), _accepted(seed)[1]
     make = LOOPS[list(LOOPS)[int(rng.integers(len(LOOPS)))]]
     for _ in range(rejected):
-        _varied(make, random(rng))  # the same draws as those of the loop
+        varied(make, random(rng))  # the same draws as those of the loop
     exact, signs = random(rng), np.random.default_rng([seed, 1])
     if rejected == _TRIES:
         exact = nominal
@@ -97,7 +97,7 @@ def rough_model(seed: int, off: float) -> Scenario:
     def vary(value: float) -> float:
         return float(exact(value) * (1.0 + off) ** signs.choice((-1, 1)))
 
-    return _judged(replace(_varied(make, vary), name=f"model-of-{seed}"))
+    return judged(replace(varied(make, vary), name=f"model-of-{seed}"))
 
 
 @lru_cache(maxsize=256)  # the check takes up to 0.5 s
@@ -105,20 +105,20 @@ def _accepted(seed: int) -> tuple[Loop, int]:
     """Return the loop with this seed, and how many draws of its parameters were rejected."""
     rng = np.random.default_rng(seed)
     make = LOOPS[list(LOOPS)[int(rng.integers(len(LOOPS)))]]
-    drawn = (_varied(make, random(rng)) for _ in range(_TRIES))
+    drawn = (varied(make, random(rng)) for _ in range(_TRIES))
     rejected, found = next(
         ((k, each) for k, each in enumerate(drawn) if is_worth_tuning(each)), (_TRIES, make())
     )
     return replace(found, name=f"loop-{seed}", title=f"{found.title} (variant {seed})"), rejected
 
 
-def _judged(loop: Loop) -> Scenario:
+def judged(loop: Loop) -> Scenario:
     """Return the scenario with tastes as calibrators."""
     scenario = loop.scenario()
     return replace(scenario, calibrators=calibrators_of(scenario))
 
 
-def _varied(make: Callable[..., Loop], vary: Vary) -> Loop:
+def varied(make: Callable[..., Loop], vary: Vary) -> Loop:
     """Return a loop with random parameters, disturbance and noise."""
     made = make(vary)
     task = replace(

@@ -11,7 +11,13 @@ _BAND = 0.05
 
 
 def kpis_of(
-    controlled: Channel, u: Channel, time_unit: str, beside: Channel | None, staged: bool
+    controlled: Channel,
+    u: Channel,
+    time_unit: str,
+    beside: Channel | None,
+    *,
+    staged: bool,
+    alarm: tuple[float, float] | None = None,
 ) -> tuple[KPI, ...]:
     """Return the KPIs of a loop.
 
@@ -21,15 +27,11 @@ def kpis_of(
         time_unit: Unit of time.
         beside: State that the step should not move much; None if there is none.
         staged: Whether the input has stages.
+        alarm: Lowest and highest value of the output without an alarm; None if there is none.
     """
     y = controlled.name
-    calm = KPI("input_noise", f"noise in {u.name}", u.unit, better="lower",
-               about="How much the input moves in a sampling period of normal length.")  # fmt: skip
-    if staged:
-        calm = KPI("switches", f"switches of {u.name}", better="lower",
-                   about="How often the input changes its stage.")  # fmt: skip
     found = [
-        KPI("overshoot", f"overshoot of {y}", "%", better="lower",
+        KPI("overshoot", f"overshoot of {y}", "%", better="lower", resolution=0.1,
             about="How far it goes beyond its target, as a share of the step."),
         KPI("settling_time", f"settling time of {y} (within ±5 %)", time_unit, better="lower",
             about="Time after which it stays close to its target, until the disturbance."),
@@ -39,7 +41,7 @@ def kpis_of(
             better="lower", about="Largest distance from the target after the disturbance."),
         KPI("effort", f"effort of {u.name}", u.unit, better="lower",
             about="Root mean square distance of the input from its value at the start."),
-        calm,
+        _calmness(u, staged=staged),
     ]  # fmt: skip
     if beside is not None:
         found.append(
@@ -51,7 +53,19 @@ def kpis_of(
                 about="Largest distance from its value at the start.",
             )
         )
+    if alarm is not None:
+        low, high = alarm
+        about = f"Time outside {low:.4g} to {high:.4g} {controlled.unit}".rstrip() + "."
+        found.append(KPI("alarm", f"{y} in alarm", time_unit, better="lower", about=about))
     return tuple(found)
+
+
+def _calmness(u: Channel, *, staged: bool) -> KPI:
+    if staged:
+        return KPI("switches", f"switches of {u.name}", better="lower",
+                   about="How often the input changes its stage.")  # fmt: skip
+    return KPI("input_noise", f"noise in {u.name}", u.unit, better="lower",
+               about="How much the input moves in a sampling period of normal length.")  # fmt: skip
 
 
 def compute_kpis(
@@ -63,6 +77,8 @@ def compute_kpis(
 ) -> dict[str, float]:
     """Return the values of all KPIs, in their units; an infinite time means never.
 
+    With several set points, the largest overshoot counts, and the sum of the settling times.
+
     Args:
         experiment: Experiment with a step of the first output at its start.
         disturbed_at: Time of the disturbance.
@@ -72,13 +88,13 @@ def compute_kpis(
             nominal one, so that many small moves are not calmer than a few large ones.
     """
     t, x, u = experiment.t, experiment.x, experiment.u_control[:, 0]
-    y, target = experiment.output(0), float(experiment.y_ref[0, 0])
-    assert y is not None
-    error = y - target
+    error, steps = _errors(experiment, disturbed_at)
     first = t < disturbed_at
     moves = np.abs(np.diff(u))
+    times = [_settling(t[part], error[part], step) for part, step in steps]
     found = {
-        **_of_step(t[first], error[first], reached=bool(t[-1] >= disturbed_at)),
+        "overshoot": max(_overshoot(error[part], step) for part, step in steps),
+        "settling_time": sum(times, start=0.0) if t[-1] >= disturbed_at else np.inf,
         "error": float(np.abs(error[:-1]) @ np.diff(t)),
         "disturbance_peak": float(np.abs(error[~first]).max()) if not first.all() else np.inf,
         "effort": float(np.sqrt(np.mean((u - u0) ** 2))),
@@ -112,12 +128,9 @@ def bounds_so_far(
     """
     t, u = experiment.t, experiment.u_control[:, 0]
     known = compute_kpis(experiment, disturbed_at, u0, beside, pace)
-    y = experiment.output(0)
-    assert y is not None
-    error = y - float(experiment.y_ref[0, 0])
-    outside = np.flatnonzero((np.abs(error) > _BAND * abs(error[0])) & (t < disturbed_at))
+    error, parts = _errors(experiment, disturbed_at)
     known |= {
-        "settling_time": float(t[outside[-1]]) if len(outside) else 0.0,
+        "settling_time": sum(_unsettled(t[part], error[part], step) for part, step in parts),
         "disturbance_peak": float(np.abs(error[t >= disturbed_at]).max(initial=0.0)),
         "effort": float(np.sqrt(np.sum((u - u0) ** 2) / steps)),
         "input_noise": float(np.abs(np.diff(u)).sum()) * pace / max(steps - 1, 1),
@@ -125,15 +138,53 @@ def bounds_so_far(
     return known
 
 
-def _of_step(
-    t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], *, reached: bool
-) -> dict[str, float]:
-    """Return overshoot and settling time; never settled if the disturbance was not `reached`."""
-    step = float(error[0])
+def time_outside(experiment: Experiment, low: float, high: float) -> float:
+    """Return how long the first output is outside `low` to `high`, in the unit of time."""
+    y = experiment.output(0)
+    assert y is not None
+    outside = (y < low) | (y > high)
+    return float(np.diff(experiment.t)[outside[:-1]].sum())
+
+
+def _errors(
+    experiment: Experiment, until: float
+) -> tuple[Float[np.ndarray, " K"], list[tuple[slice, float]]]:
+    """Return the error of the first output, and the steps of its reference before `until`.
+
+    Each step is the instants up to the next one, and the error that it starts with if the output
+    was at the set point before.
+    """
+    y, t = experiment.output(0), experiment.t
+    assert y is not None
+    held = np.searchsorted(experiment.t_control, t, side="right") - 1
+    target = experiment.y_ref[held, 0]
+    error = y - target
+    starts = [0, *(np.flatnonzero(np.diff(target)) + 1).tolist()]
+    starts = [start for start in starts if t[start] < until]
+    ends = [*starts[1:], int(np.count_nonzero(t < until))]
+    sizes = [error[0], *(target[start - 1] - target[start] for start in starts[1:])]
+    parts = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
+    return error, [(part, float(size)) for part, size in zip(parts, sizes, strict=True)]
+
+
+def _overshoot(error: Float[np.ndarray, " K"], step: float) -> float:
+    """Return how far the output goes beyond its target, in % of the step."""
+    return 100.0 * max(float((-error / step).max()), 0.0)
+
+
+def _settling(t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], step: float) -> float:
+    """Return the time from which on the error is small; infinite if it is not at the end."""
+    last = _last_outside(error, step)
+    return float(t[last + 1] - t[0]) if last + 1 < len(t) else np.inf
+
+
+def _unsettled(t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], step: float) -> float:
+    """Return the last time at which the error is not small, 0 if there is none."""
+    last = _last_outside(error, step)
+    return float(t[last] - t[0]) if last >= 0 else 0.0
+
+
+def _last_outside(error: Float[np.ndarray, " K"], step: float) -> int:
+    """Return the last instant at which the error is not small, -1 if there is none."""
     outside = np.flatnonzero(np.abs(error) > _BAND * abs(step))
-    last = int(outside[-1]) if len(outside) else -1
-    settled = reached and last + 1 < len(t)
-    return {
-        "overshoot": 100.0 * max(float((-error / step).max()), 0.0),
-        "settling_time": float(t[last + 1]) if settled else np.inf,
-    }
+    return int(outside[-1]) if len(outside) else -1

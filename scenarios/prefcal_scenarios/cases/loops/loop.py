@@ -12,7 +12,7 @@ from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from .controllers import Tunable
 from .course import Course, Driven, OperatingPoint, steps_in
-from .kpis import bounds_so_far, compute_kpis, kpis_of
+from .kpis import bounds_so_far, compute_kpis, kpis_of, time_outside
 from .plants import Plant
 from .wording import about_knob, brief_of
 
@@ -49,6 +49,8 @@ class Task:
         target: Reference of each measured state from the start on.
         disturbance: Disturbance before and after it sets in, for each of its components.
         noise: Standard deviation of the noise of each measured state.
+        program: Later set points of the first measured state, each with the time from which on it
+            holds.
     """
 
     x0: tuple[float, ...]
@@ -56,6 +58,29 @@ class Task:
     target: tuple[float, ...]
     disturbance: tuple[tuple[float, float], ...]
     noise: tuple[float, ...]
+    program: tuple[tuple[float, float], ...] = ()
+
+    def reference(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_m"]:
+        """Return the references of the measured states at the times `t`."""
+        found = np.tile(np.array(self.target, dtype=float), (len(t), 1))
+        for start, value in self.program:
+            found[t >= start, 0] = value
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """What lies between the controller's output and the plant, all in the input's unit.
+
+    Args:
+        stiction: Largest change of the command that does not move it.
+        backlash: Half of its play.
+        resolution: Distance of the positions that it can have; 0 if it can have any.
+    """
+
+    stiction: float = 0.0
+    backlash: float = 0.0
+    resolution: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -83,6 +108,11 @@ class Loop:
         beside: Index of a state that the step should not move much; None if there is none.
         staged: Whether the input has stages.
         sample: Number of random θ that show whether the loop is worth tuning.
+        actuators: Actuators of the inputs; () if all are ideal. Not for an MPC.
+        resolution: Distance of the values that each measured state can have, 0 for continuous
+            ones; () if all are. Not for an MPC.
+        alarm: Lowest and highest value of the first measured state that is no cause for alarm;
+            None if there is no alarm.
     """
 
     name: str
@@ -100,6 +130,9 @@ class Loop:
     beside: int | None = None
     staged: bool = False
     sample: int = 128
+    actuators: tuple[Actuator, ...] = ()
+    resolution: tuple[float, ...] = ()
+    alarm: tuple[float, float] | None = None
 
     @property
     def channels(self) -> Channels:
@@ -116,7 +149,7 @@ class Loop:
         """KPIs of an experiment."""
         beside = None if self.beside is None else self.states[self.beside]
         first, unit = self.channels.y[0], self.timing.unit
-        return kpis_of(first, self.inputs[0], unit, beside, self.staged)
+        return kpis_of(first, self.inputs[0], unit, beside, staged=self.staged, alarm=self.alarm)
 
     def run(
         self, theta: Float[np.ndarray, " n"], seed: int = 0, space: KnobSpace | None = None
@@ -146,6 +179,7 @@ class Loop:
             experiment, timing.disturbed_at, self.task.u0[0], self.beside,
             steps_in(self._instants, hold), self._pace(hold),
         )  # fmt: skip
+        values |= self._in_alarm(experiment)
         return {kpi.name: values[kpi.name] for kpi in self.kpis}
 
     def start(self) -> OperatingPoint:
@@ -196,24 +230,35 @@ class Loop:
         timing, task = self.timing, self.task
         count = self._instants
         noise = np.random.default_rng(seed).standard_normal((count, len(task.noise)))
-        disturbed = np.arange(count) * timing.step >= timing.disturbed_at
+        t = np.arange(count) * timing.step
+        disturbed = t >= timing.disturbed_at
         levels = np.array(task.disturbance, dtype=float)  # (n_d, 2)
+        lowest = [channel.low for channel in self.inputs]
+        rows = [(a.stiction, a.backlash, a.resolution) for a in self.actuators]
         return Course(
             at=self.start(),
             measured=np.array(self.measured, dtype=np.int64),
-            reference=np.tile(np.array(task.target, dtype=float), (count, 1)),
+            reference=task.reference(t),
             disturbance=np.where(disturbed[:, None], levels[:, 1], levels[:, 0]),
             noise=noise * np.array(task.noise, dtype=float),
             safe=np.array([(c.low, c.high) for c in self.states], dtype=float),
             step=timing.step,
             hold=hold,
             delay=round(timing.dead_time / timing.step),
+            actuators=np.array(
+                [(*row, low) for row, low in zip(rows, lowest, strict=False)], dtype=float
+            ).reshape(-1, 4),
+            resolution=np.array(self.resolution, dtype=float),
         )
 
     def _hold(self, theta: Float[np.ndarray, " n"]) -> int:
-        """Return the number of simulation steps in a sampling period of θ."""
+        """Return the number of simulation steps in a sampling period of θ.
+
+        A knob called "every" is the number of sampling periods after which the controller acts.
+        """
         values = dict(zip(self.space.names, theta.tolist(), strict=True))
-        return max(round(float(values.get("T_s", self.timing.T_s)) / self.timing.step), 1)
+        T_s = float(values.get("T_s", self.timing.T_s)) * float(values.get("every", 1.0))
+        return max(round(T_s / self.timing.step), 1)
 
     def _pace(self, hold: int) -> float:
         return self.timing.T_s / (hold * self.timing.step)
@@ -235,12 +280,11 @@ class Loop:
                 none.astype(np.int64), none, none.astype(np.bool_),
             )  # fmt: skip
         steps = hold * np.arange(len(driven.solved))
-        target = np.array(self.task.target[: self.controlled], dtype=float)
         bare = Experiment(
             theta=theta, t=np.arange(len(driven.x)) * self.timing.step,
             x=driven.x, u=driven.u,
             t_control=steps * self.timing.step, u_control=driven.u[steps],
-            y_ref=np.tile(target, (len(steps), 1)),
+            y_ref=self.task.reference(steps * self.timing.step)[:, : self.controlled],
             iterations=driven.iterations, solve_time=driven.solve_time, solved=driven.solved,
             channels=channels, end=self._end(driven.x),
         )  # fmt: skip
@@ -249,7 +293,11 @@ class Loop:
         values = compute_kpis(
             bare, self.timing.disturbed_at, self.task.u0[0], self.beside, self._pace(hold)
         )
+        values |= self._in_alarm(bare)
         return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})
+
+    def _in_alarm(self, experiment: Experiment) -> dict[str, float]:
+        return {} if self.alarm is None else {"alarm": time_outside(experiment, *self.alarm)}
 
     def _end(self, x: Float[np.ndarray, "V n_x"]) -> End:
         """Return why an experiment with these states ended."""

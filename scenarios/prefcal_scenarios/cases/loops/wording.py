@@ -29,6 +29,8 @@ _KNOBS: Mapping[str, str] = {
     "drift": "How fast the estimated disturbances may change: a larger one removes lasting errors "
     "sooner, and passes more noise.",
     "T_s": "Sampling time: how often the controller measures and acts.",
+    "every": "Number of samples after which the controller acts: a larger one is calmer and later.",
+    "stages": "Number of stages of the input.",
 }
 _WHERE: Mapping[str, str] = {
     "_outer": "Outer controller. ",

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from prefcal_env.envs.overtake import Course
 from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
+from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout
 from prefcal_env.knobs.space import KnobSpace
@@ -105,7 +106,12 @@ def make_tuning_env(
         T_s: Fixed sampling time of θ [s], if given.
         x0: Pose (x_f, y_f [m], θ [rad]) at the start of every experiment.
         render_mode: None or "rgb_array".
+
+    Raises:
+        SettingsError: If the configuration is no dict or not valid.
     """
+    if not isinstance(config, Mapping | None):
+        raise SettingsError(f"config must be a dict, got {config!r}")
     changes = dict(config or {}) if x0 is None else dict(config or {}, x0=x0)
     scenario = _configured(changes) if changes else overtake
     return TuningEnv(

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_env.errors import PlantError, ScenarioError
+from prefcal_env.knobs.knob import is_number
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 
@@ -29,6 +30,8 @@ def plant_at(source: str) -> Any:
     if name not in there:
         raise ScenarioError(f"nothing in {path!r} is called {name!r}.{did_you_mean(name, there)}")
     found = getattr(module, name)
+    if is_number(found):  # a mere gain to python-control, here most likely the wrong name
+        raise ScenarioError(f"{source!r} must be {_KINDS}, got the number {found!r}")
     return found if is_plant(found) else _converted(found, source)
 
 

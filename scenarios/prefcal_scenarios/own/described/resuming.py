@@ -8,7 +8,7 @@ from prefcal_env.errors import SettingsError, StudyError
 from prefcal_scenarios.own.source import joined_source, split_source
 
 
-def resumed_source(kept: str, source: str, *, whole: bool = False) -> str:
+def resumed_source(kept: str, source: str) -> str:
     """Return the source of a study's scenario, where `source` may leave out what is kept.
 
     A plant is a program, so it must be named again: a study from another person must not decide
@@ -17,7 +17,6 @@ def resumed_source(kept: str, source: str, *, whole: bool = False) -> str:
     Args:
         kept: Source that the study keeps.
         source: Source that the user names now.
-        whole: Whether the user names a scenario by its whole source, as --scenario does.
 
     Raises:
         StudyError: If they are different scenarios.
@@ -36,11 +35,9 @@ def resumed_source(kept: str, source: str, *, whole: bool = False) -> str:
                 "another study"
             )
     if "plant" in before and "plant" not in now:
-        plant = str(before["plant"])
-        add = f"--scenario {shlex.quote(joined_source(name, {'plant': plant}))}"
         raise SettingsError(
             "the study's plant is a program: if you trust it, add "
-            + (add if whole else f"--plant {shlex.quote(plant)}")
+            f"--plant {shlex.quote(str(before['plant']))}"
         )
     merged = {**before, **now}
     return joined_source(name, merged) if merged else name

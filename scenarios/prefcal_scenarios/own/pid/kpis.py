@@ -15,6 +15,8 @@ from .design import Design, Single
 
 _BAND = 0.05
 """Band of settling and recovery, as a share of the step."""
+_ROBUST = 2.0
+"""Largest sensitivity peak that is usual: a gain margin of 2 and a phase margin of 29 degrees."""
 
 
 def names_of(design: Design, loop: int) -> str:
@@ -108,8 +110,17 @@ def _until(
     return float(instants[last + 1] - start) if last + 1 < len(instants) else np.inf
 
 
-def kpis_of(design: Design, outputs: tuple[Channel, ...], time_unit: str) -> tuple[KPI, ...]:
-    """Return the KPIs, in order of importance; all are better if lower."""
+def kpis_of(
+    design: Design, outputs: tuple[Channel, ...], time_unit: str, robust: float
+) -> tuple[KPI, ...]:
+    """Return the KPIs, in order of importance; all are better if lower.
+
+    Args:
+        design: What was chosen for the plant.
+        outputs: Outputs of the plant.
+        time_unit: Unit of time.
+        robust: Sensitivity peak in the middle of the ranges. It has an objective if it is met here.
+    """
     found: list[KPI] = []
     for k, loop in enumerate(design.loops):
         found += _of_loop(names_of(design, k), outputs[loop.output], loop.channel, time_unit)
@@ -117,7 +128,9 @@ def kpis_of(design: Design, outputs: tuple[Channel, ...], time_unit: str) -> tup
         "Largest amplification of disturbances at any frequency, by the linearized loop: 1.2 to 2 "
         "is usual, a large one is close to instability."
     )
-    found.append(KPI("M_s", "sensitivity peak M_s", "", better="lower", about=about))
+    limit = _ROBUST if robust <= _ROBUST else np.inf
+    found.append(KPI("M_s", "sensitivity peak M_s", "", better="lower", about=about, at_most=limit,
+                     resolution=0.01))  # fmt: skip
     return tuple(found)
 
 
@@ -125,7 +138,7 @@ def _of_loop(end: str, y: Channel, u: Channel, time: str) -> list[KPI]:
     return [
         KPI(f"settling_time{end}", f"settling time of {y.name} (within ±5 %)", time,
             better="lower", about="Time after which it stays close to its reference."),
-        KPI(f"overshoot{end}", f"overshoot of {y.name}", "%", better="lower",
+        KPI(f"overshoot{end}", f"overshoot of {y.name}", "%", better="lower", resolution=0.1,
             about="How far it goes beyond its reference, as a share of the step."),
         KPI(f"disturbance_peak{end}", f"peak error of {y.name} under the load", y.unit,
             better="lower", about="Largest distance from the reference after the load sets in."),

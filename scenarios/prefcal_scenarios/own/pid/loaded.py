@@ -25,7 +25,7 @@ class Loaded:
     """
 
     def __init__(self, plant: Plant, inputs: tuple[Channel, ...]) -> None:
-        self.plant, self.inputs = plant, inputs
+        self.plant, self.inputs, self._n_d = plant, inputs, len(plant.disturbances)
         self.name, self.time_unit = plant.name, plant.time_unit
         self.states, self.outputs = plant.states, plant.outputs
         loads = tuple(Channel(f"load on {c.name}", c.unit) for c in inputs)
@@ -58,5 +58,4 @@ class Loaded:
         return self.plant.hold(x, *self._acting(u, d), times)
 
     def _acting(self, u: U, d: D) -> tuple[Any, Any]:
-        n_d = len(self.plant.disturbances)
-        return u + d[n_d:], d[:n_d]
+        return u + d[self._n_d :], d[: self._n_d]

@@ -14,6 +14,8 @@ from prefcal_env.plants.systems.linear import motion
 _STEADY = 1e-7
 """Largest movement in the time constant of the plant, relative to the size of the states."""
 _DOUBLINGS = 60
+_STEPS, _PRECISE = 10, 1e-12
+"""Largest number of Newton steps, and the size of the last one, relative to the states."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +74,7 @@ def settled(
         if not np.isfinite(now).all() or _size(now) > 1e9 * (1 + _size(x)):
             return None
         if _already(plant, now, u, d) is not None:
-            better = _root(plant, now, u, d)
+            better = _polished(plant, now, u, d)
             near = better is not None and np.allclose(better, now, rtol=1e-3, atol=1e-6)
             return better if near else now
         T *= 1.5
@@ -138,6 +140,26 @@ def _already(
     slowest = float(moving.min()) if len(moving) else 1.0
     size = np.abs(x).max(initial=1.0)
     return x if np.abs(f).max(initial=0.0) <= _STEADY * slowest * size else None
+
+
+def _polished(
+    plant: Plant,
+    x: Float[np.ndarray, " n_x"],
+    u: Float[np.ndarray, " n_u"],
+    d: Float[np.ndarray, " n_d"],
+) -> Float[np.ndarray, " n_x"] | None:
+    """Return the steady state beside x by Newton's method, which needs no scipy, or None."""
+    now = x
+    for _ in range(_STEPS):
+        f, A = motion(plant, now, u, d)
+        try:
+            step = np.linalg.solve(A, f)
+        except np.linalg.LinAlgError:  # an integrator
+            break
+        now = now - step
+        if not _size(step) > _PRECISE * _size(now):
+            return _already(plant, now, u, d) if np.isfinite(now).all() else None
+    return _root(plant, x, u, d)
 
 
 def _root(

@@ -60,15 +60,17 @@ def scenario_of_steps(
         make: Function of θ that makes the controller.
         space: Knobs of θ.
         sensitivity: Function of θ that returns the sensitivity peak.
-        said: Name, title, references and brief of the scenario; an empty brief is found.
+        said: Name, title, references and brief of the scenario; an empty brief is found, and the
+            first reference is the middle of the ranges.
     """
+    middle = next(iter(said["references"].values()))
     run = ClosedLoop(
         PlantEnv(_loaded(plant, found), task_of(plant, found)), make, Measure(found, sensitivity)
     )
     return Scenario(
         space=space,
         run=run,
-        kpis=kpis_of(found, plant.outputs, plant.time_unit),
+        kpis=kpis_of(found, plant.outputs, plant.time_unit, sensitivity(middle)),
         panels=_panels(plant, found),
         controller=make,
         settings=Settings(make),
@@ -140,17 +142,22 @@ class RunsAway:
         self._plant, self._point, x = plant, design.point, design.point.x
         low, high = (np.array([getattr(c, end) for c in plant.states]) for end in ("low", "high"))
         inside = (low < x) & (x < high)
-        self._low, self._high = np.where(inside, low, -np.inf), np.where(inside, high, np.inf)
-        self._outputs = [loop.output for loop in design.loops]
-        self._start = np.array([loop.start for loop in design.loops])
-        self._reach = np.array([_AWAY * abs(loop.target - loop.start) for loop in design.loops])
+        self._limits = [
+            (k, float(low[k]), float(high[k]))
+            for k in np.flatnonzero(inside & (np.isfinite(low) | np.isfinite(high))).tolist()
+        ]
+        self._outputs = [
+            (loop.output, loop.start, _AWAY * abs(loop.target - loop.start))
+            for loop in design.loops
+        ]
 
     def __call__(self, x: Float[np.ndarray, " n_x"]) -> bool:
         """Return whether the experiment ends."""
-        if not ((self._low <= x) & (x <= self._high)).all():
+        # A few numbers at every instant: faster than array operations.
+        if not all(low <= x[k] <= high for k, low, high in self._limits):
             return True
-        y = self._plant.g(x, self._point.u, self._point.d)[self._outputs]
-        return bool((np.abs(y - self._start) > self._reach).any())
+        y = self._plant.g(x, self._point.u, self._point.d).tolist()
+        return any(abs(y[k] - start) > reach for k, start, reach in self._outputs)
 
 
 def _loaded(plant: Plant, found: Design) -> Loaded:

@@ -255,3 +255,39 @@ def test_a_refused_configuration_changes_nothing():
         env.reset(options={"config": {"lanes_count": 3, "duration": -1}})
     assert env.config == before
     assert env.options.lanes_count == 2
+
+
+def test_what_is_written_into_the_configuration_counts_from_the_next_reset():
+    env = OvertakeEnv()
+    env.reset()
+    before = len(env.road.network.lanes_list())
+    env.unwrapped.config["lanes_count"] += 1
+    env.reset()
+    assert len(env.road.network.lanes_list()) == before + 1
+
+
+@pytest.mark.parametrize(("key", "value"), [("lanes_count", "many"), ("lane_count", 3)])
+def test_what_is_written_wrongly_into_the_configuration_is_refused_by_name(key, value):
+    env = OvertakeEnv()
+    env.config[key] = value
+    with pytest.raises(SettingsError, match=key):
+        env.reset()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("manual_control", True),
+        ("show_trajectories", "maybe"),
+        ("scaling", "large"),
+        ("scaling", -1),
+        ("screen_width", 0),
+        ("screen_width", None),
+        ("screen_height", 90.5),
+        ("centering_position", 0.5),
+        ("centering_position", [0.5, 2]),
+    ],
+)
+def test_pictures_that_cannot_be_drawn_are_refused_by_name(key, value):
+    with pytest.raises(SettingsError, match=key):
+        OvertakeEnv({key: value})

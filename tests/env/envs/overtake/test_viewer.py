@@ -111,3 +111,21 @@ def test_a_video_gets_the_instants_within_a_step_as_with_highway_env():
     env.render()
     env.step(np.zeros(2))
     assert video.frames == 5  # 15 Hz: six frames in 0.4 s, the last one by render
+
+
+@pytest.mark.parametrize("T_s", [0.1, 0.25, 0.5])
+def test_a_video_with_the_instants_within_a_step_plays_in_real_time(T_s):
+    class Video:
+        frames_per_sec, frames = None, 0
+
+        def _capture_frame(self):
+            self.frames += 1
+
+    env, video = OvertakeEnv(T_s=T_s, render_mode="rgb_array"), Video()
+    env.set_record_video_wrapper(video)
+    env.reset()
+    for _ in range(4):
+        env.render()
+        env.step(np.zeros(2))
+        video.frames += 1  # the recorder's own picture of each step
+    assert video.frames / video.frames_per_sec == pytest.approx(4 * T_s)

@@ -41,6 +41,7 @@ def test_a_mimo_plant_steps_as_scipy_says(system):
     assert run.y[there] == pytest.approx(y[at], abs=1e-9)
 
 
+@pytest.mark.libraries
 def test_transfer_functions_step_as_python_control_says():
     control = pytest.importorskip("control")
     entry = [[[2.0], [1.0, 3.0]], [[1.0], [4.0]]], [[[3.0, 1.0], [1.0, 2.0, 5.0]], [[1, 1], [1, 2]]]
@@ -192,6 +193,7 @@ def test_the_mpc_of_a_discrete_plant_sees_a_continuous_one_with_the_same_samples
         shifted.jacobians(x, u, none)
 
 
+@pytest.mark.libraries
 def test_names_come_from_python_control_and_a_plant_survives_pickling():
     control = pytest.importorskip("control")
     named = control.ss(A, B, C, D, inputs=["a", "b"], outputs=["c", "d"], states=["e", "f"])
@@ -260,6 +262,7 @@ def test_a_start_that_does_not_fit_the_plant_is_refused(start):
         FunctionPlant(lambda x, u, d: -x, states=[Channel("x")], inputs=[Channel("u")], **start)
 
 
+@pytest.mark.libraries
 def test_a_discrete_loop_is_that_of_python_control():
     control = pytest.importorskip("control")
     plant, law = control.tf([0.2], [1, -0.8], 0.1), control.tf([1.0, -0.7], [1, -1], 0.1)

@@ -69,6 +69,16 @@ def test_without_glisp_all_are_compared_with_the_first_agent_named(prefcal):
     assert "No differences are shown" not in page
 
 
+def test_agents_that_raise_what_ends_programs_fail_their_cells_and_the_others_finish(prefcal):
+    agents = f"RandomSearch,{OWN}:Quits"
+    code, out, err = prefcal("bench", "--agents", agents, *TINY, "--seeds", "3", "--json")
+    assert code == 1, err
+    content = json.loads(out)
+    words = [failure["failure"] for failure in content["failures"]]
+    assert words == ["BaseException: enough", "GeneratorExit: enough", "KeyboardInterrupt: enough"]
+    assert content["cells"] == 6
+
+
 def test_a_failed_cell_is_named_and_the_exit_code_is_1(prefcal):
     agents = f"RandomSearch,{OWN}:Raises"
     code, out, err = prefcal("bench", "--agents", agents, *TINY, "--jobs", "1", "--json")

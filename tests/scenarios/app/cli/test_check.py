@@ -51,9 +51,9 @@ def test_a_scenario_in_order_passes_and_is_drawn(check, tmp_path):
 
 
 def test_theta_and_the_picture_can_be_chosen(check, tmp_path):
-    code, result = check("own = t.toy", "--theta", "paper", "--out", "new/a.png")
+    code, result = check("own = t.toy", "--theta", "paper", "--out", "new.png")
     assert (code, result["theta"]["T_s"]) == (0, 0.31)
-    assert (tmp_path / "new" / "a.png").exists()
+    assert (tmp_path / "new.png").exists()
     assert check("own = t.toy", "--theta", "T_s=1, N_p=9, gain=2")[1]["theta"]["N_p"] == 9
 
 
@@ -132,7 +132,11 @@ def test_people_get_a_table_and_what_to_do_next(prefcal, tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [(["--theta", "T_s=1"], "every knob needs a value"), (["--out", "a.jpg"], "ends in .png")],
+    [
+        (["--theta", "T_s=1"], "every knob needs a value"),
+        (["--out", "a.jpg"], "ends in .png"),
+        (["--out", "no/a.png"], "must be in an existing folder, got 'no/a.png'"),
+    ],
 )
 def test_an_option_that_cannot_be_is_refused(prefcal, tmp_path, words, message):
     (tmp_path / "own.py").write_text(HEAD + "own = t.toy", encoding="utf-8")

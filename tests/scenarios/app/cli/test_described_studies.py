@@ -120,13 +120,24 @@ def test_a_study_by_options_alone_is_reported_by_naming_its_plant(prefcal, plant
     code, _, err = prefcal("report", "a.prefcal", "--scenario", controller, "--out", "again")
     assert code == 2
     said = " ".join(err.split()).partition("if you trust it, add ")[2]
-    assert said.startswith("--scenario")
+    assert said.startswith("--plant")
     trusted = ["report", "a.prefcal", *shlex.split(said), "--cost", "cost.py:cost"]
     code, _, err = prefcal(*trusted, "--out", "again")
     assert code == 0, err
     again = json.loads((plant / "again" / "best.json").read_text())
     assert again["theta"] == best["theta"]
     assert again["settings"] == best["settings"]
+    assert prefcal("report", "a.prefcal", "--out", "more")[2].endswith(f"add {said}\n")
+    assert prefcal(*(word for word in trusted if word != "--scenario"), "--out", "more")[0] == 0
+
+
+def test_a_plant_is_refused_where_there_is_none(prefcal):
+    words = ["calibrate", "servo", "--calibrator", "hidden", "--simulate", "0", "--n-max", "2"]
+    code, _, err = prefcal(*words, "--study", "a.prefcal", "--out", "out")
+    assert code == 0, err
+    code, _, err = prefcal("report", "a.prefcal", "--plant", "model.py:plant")
+    assert code == 2
+    assert "has no plant of its own: leave --plant out" in err
 
 
 def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):
@@ -134,8 +145,7 @@ def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):
     process = start(plant, *words, "--n-max", "40")
     study = plant / "level.prefcal"
     try:
-        # The journal of the file holds what is new.
-        wait_until(lambda: sum(f.stat().st_size for f in plant.glob("level.prefcal*")) > 300_000)
+        wait_until(lambda: study.exists() and study.stat().st_size > 300_000)
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()

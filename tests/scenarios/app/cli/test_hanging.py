@@ -1,6 +1,7 @@
 """Own runs that never return, on the command line: Ctrl-C, kill, check, and the end."""
 
 import re
+import signal
 from functools import partial
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import httpx
 import pytest
 
 from support.browser import serve
-from support.processes import finished, is_running, wait_until
+from support.processes import finished, is_running, start, wait_until
 
 WILD = Path(__file__).parents[3] / "support" / "wild_runs.py"
 ENDLESS = """
@@ -92,3 +93,17 @@ def test_a_study_that_nobody_watches_ends_with_the_reason(endless):
     assert "Experiment 1 failed: the run took longer than 0.3 s" in err
     assert "prefcal: the run took longer than 0.3 s and was ended" in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("command", [("calibrate", "--no-browser"), ("check",)])
+def test_a_file_that_never_ends_loading_is_told_and_ctrl_c_ends_it_at_once(tmp_path, command):
+    path = tmp_path / "own.py"
+    path.write_text("import time\nwhile True:\n    time.sleep(0.01)\n")
+    process = start(tmp_path, *command, f"{path}:plant")
+    try:
+        assert "loading own.py takes a while, it is in own.py:3" in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert process.returncode == 130

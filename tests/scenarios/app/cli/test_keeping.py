@@ -9,6 +9,7 @@ import pytest
 
 from prefcal_env.study import study_path
 from prefcal_scenarios.app.session import Choice
+from prefcal_scenarios.app.terminal import converse
 from support.interviews import begin, proceed
 from support.processes import finished
 from support.studies import state_of
@@ -92,7 +93,8 @@ def test_an_empty_study_that_is_open_elsewhere_is_left_alone(prefcal, monkeypatc
     def hold(*args):
         code = (
             "import sqlite3, sys\nc = sqlite3.connect(sys.argv[1])\n"
-            "c.execute('SELECT * FROM event')\nprint(1, flush=True)\nsys.stdin.read()"
+            "c.execute('BEGIN')\nc.execute('SELECT * FROM event').fetchall()\n"
+            "print(1, flush=True)\nsys.stdin.read()"
         )
         words = [sys.executable, "-c", code, str(study_path("toy-1"))]
         held.append(subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
@@ -102,6 +104,45 @@ def test_an_empty_study_that_is_open_elsewhere_is_left_alone(prefcal, monkeypatc
     start(prefcal, monkeypatch, "")
     assert names(prefcal) == ["toy-1"]
     held[0].communicate()
+
+
+def test_a_study_that_was_removed_while_it_was_open_is_saved_elsewhere_and_told(
+    prefcal, monkeypatch, ours
+):
+    def lose(*args):
+        converse(*args)
+        study_path("toy-1").unlink()
+
+    monkeypatch.setattr("prefcal_scenarios.app.terminal.converse", lose)
+    code, _, err = start(prefcal, monkeypatch, "l\n")
+    assert code == 2
+    assert "toy-1.prefcal was moved, renamed, removed or replaced while it was open" in err
+    assert "answer is saved. Resume" not in err
+    assert names(prefcal) == ["toy-1-rescued1"]
+    assert len(state_of("toy-1-rescued1").answers) == 1
+
+
+def test_a_file_in_the_place_of_an_unanswered_study_is_left_alone(prefcal, monkeypatch, ours):
+    def replace_file(*args):
+        study_path("toy-1").unlink()
+        study_path("toy-1").write_text("precious")
+
+    monkeypatch.setattr("prefcal_scenarios.app.terminal.converse", replace_file)
+    start(prefcal, monkeypatch, "")
+    assert study_path("toy-1").read_text() == "precious"
+
+
+def test_a_command_whose_name_another_one_takes_goes_on_to_the_next(prefcal, monkeypatch, ours):
+    def taken(path):
+        if path == study_path("toy-1"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("another command's")
+        return []
+
+    monkeypatch.setattr("prefcal_scenarios.app.cli.opening.left_beside", taken)
+    _, _, err = start(prefcal, monkeypatch, "l\n")
+    assert "Study toy-2 started" in err
+    assert study_path("toy-1").read_text() == "another command's"
 
 
 def test_a_study_is_removed_after_a_question(prefcal, monkeypatch, tmp_path):

@@ -9,13 +9,11 @@ from pathlib import Path
 import pytest
 
 from prefcal_env.live import Journal
-from support.browser import CHROMIUM, Watched, chromium, serve
+from support.browser import Watched, serve
 
 pytest.importorskip("asyncua")
 DOCS = Path(__file__).parents[4] / "docs"
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None or sys.platform == "win32", reason="needs chromium, and signals"
-)
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="sends POSIX signals")
 TANK = """
 [opcua]
 url = "{url}"
@@ -47,19 +45,18 @@ def tank(monkeypatch):
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
-def test_a_run_that_is_told_to_end_restores_the_plant(tank, tmp_path, number):
+def test_a_run_that_is_told_to_end_restores_the_plant(tank, tmp_path, browser, number):
     text = TANK.format(url=tank.url, journal=tmp_path / "old.json")
     (tmp_path / "tank.toml").write_text(text, encoding="utf-8")
     served = serve(tmp_path, "tank.toml", "--n-max", "4")
     try:
-        with chromium() as browser:
-            watched = Watched(browser)
-            watched.page.goto(served.link)
-            watched.page.click("#write-and-start", timeout=60_000)
-            watched.page.wait_for_selector(".live-curve polyline.output", timeout=60_000)
-            assert tank.values["Setpoint"] == pytest.approx(1.5)
-            served.process.send_signal(getattr(signal, number))
-            printed = "".join(served.process.communicate(timeout=60))
+        watched = Watched(browser)
+        watched.page.goto(served.link)
+        watched.page.click("#write-and-start", timeout=60_000)
+        watched.page.wait_for_selector(".live-curve polyline.output", timeout=60_000)
+        assert tank.values["Setpoint"] == pytest.approx(1.5)
+        served.process.send_signal(getattr(signal, number))
+        printed = "".join(served.process.communicate(timeout=60))
     finally:
         served.kill()
     time.sleep(0.2)  # the server reads its nodes every 0.02 s

@@ -65,6 +65,21 @@ def test_a_reference_outside_the_box_is_refused_before_anything_runs(prefcal, ow
     assert not (tmp_path / "res").exists()
 
 
+def test_escape_characters_in_names_do_not_reach_the_terminal(prefcal, own):
+    text = r"""
+knobs = [replace(k, name=f"\x1b[31m{k.name}") for k in t.toy.space]
+kpis = [replace(k, title=f"\x1b[2J{k.title}") for k in t.toy.kpis]
+from prefcal_env import KnobSpace
+own = replace(t.toy, name="\x1b[31mred", title="\x1b[2Jtoy", space=KnobSpace(knobs), kpis=kpis,
+              references={"\x1b[5mpaper": t.toy.references["paper"]})
+"""
+    code, out, err = prefcal("calibrate", own(text), *QUICK)
+    assert code == 0, err
+    assert "\x1b[31m" not in out + err
+    assert "\x1b[2J" not in out + err
+    assert "\x1b[5m" not in out + err
+
+
 @pytest.mark.usefixtures("own_process")
 def test_a_reference_that_does_not_run_is_left_out(prefcal, own, tmp_path):
     text = """
@@ -78,6 +93,50 @@ own = replace(t.toy, run=run)
     assert code == 0
     assert "'paper' did not run: RuntimeError: pump stuck" in err
     assert (tmp_path / "res" / "best.json").exists()
+
+
+NAN_PLANT = """
+from prefcal_env import PID, Channel, ClosedLoop, FunctionPlant, PlantEnv, Task
+level, valve = Channel("level", "m", target=1.0), Channel("valve", "%", low=0, high=100)
+nothing = FunctionPlant(lambda x, u, d: [np.nan], states=[level], inputs=[valve])
+task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.ones(1), horizon=1.0)
+pid = PID.of_gains(1, 1, 0, T_s=0.1, plant=nothing)
+run = ClosedLoop(PlantEnv(nothing, task), lambda theta: pid)
+own = Scenario("nan", "A plant of nothing", t.toy.space, run, cost=lambda e: 0.0, simulated=True)
+"""
+
+
+@pytest.mark.extended
+@pytest.mark.usefixtures("own_process")
+@pytest.mark.parametrize("agent", ["glisp", "screening"])
+def test_a_plant_that_gives_nan_ends_in_the_reason_of_its_first_run(prefcal, own, agent):
+    code, _, err = prefcal("calibrate", own(NAN_PLANT), *SYNTHETIC, "--agent", agent)
+    assert code == 1
+    assert "f must be finite at the start of an experiment, got NaN for ['level']" in err
+    assert "Traceback" not in err
+    code, out, _ = prefcal("check", "own.py:own")
+    assert code == 1
+    assert "f must be finite" in out
+
+
+COSTS = {
+    "lambda e: e.kpis['no']": "prefcal: KeyError: 'no' (in own.py:9: own =",
+    "lambda e: None": "prefcal: cost must be a number, got None",
+}
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_a_cost_that_fails_is_one_line_and_the_report_leaves_it_out(prefcal, own, tmp_path, cost):
+    text = f"own = replace(t.toy, calibrators={{}}, cost={cost})"
+    code, _, err = prefcal("calibrate", own(text), *QUICK, "--study", "./own.prefcal")
+    assert code == (1 if "KeyError" in COSTS[cost] else 2)
+    assert COSTS[cost] in err
+    assert "Traceback" not in err
+    best = json.loads((tmp_path / "res" / "best.json").read_text())
+    assert best["cost"] is None
+    code, _, err = prefcal("report", "./own.prefcal", "--scenario", "own.py:own", "--out", "later")
+    assert code == 0
+    assert "prefcal: the report has no costs: " in err
 
 
 @pytest.mark.usefixtures("own_process")

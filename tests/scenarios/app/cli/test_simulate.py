@@ -25,10 +25,10 @@ def chosen(simulated=True, **given):
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
-        ({}, ("screening", 1000, 1, 12)),
-        ({"simulate": 300}, ("screening", 300, 1, 12)),
+        ({}, ("screening", 1000, 1, 11)),
+        ({"simulate": 300}, ("screening", 300, 1, 11)),
         ({"n_max": 20}, ("screening", 1000, 1, 20)),
-        ({"agent": "screening"}, ("screening", 1000, 1, 12)),
+        ({"agent": "screening"}, ("screening", 1000, 1, 11)),
         ({"simulate": 0}, ("glisp", 0, 6, 50)),
         ({"agent": "glisp"}, ("glisp", 0, 6, 50)),
         ({"agent": "glisp", "simulate": 0}, ("glisp", 0, 6, 50)),
@@ -72,6 +72,13 @@ def test_nothing_runs_unseen_on_a_rig(prefcal):
     code, _, err = prefcal("calibrate", f"{rig}:oven", "--simulate", "500")
     assert code == 2
     assert "is a rig, and nothing runs on it unseen" in err
+
+
+def test_a_terminal_is_told_at_once_what_is_loaded(prefcal, monkeypatch):
+    words = ["calibrate", UNSEEN, *UNATTENDED, "--simulate", "9", "--n-max", "2"]
+    assert "Loading" not in prefcal(*words)[2]
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert prefcal(*words)[2].startswith(f"Loading {UNSEEN} ...\n")
 
 
 def test_help_says_what_is_simulated(prefcal):
@@ -119,6 +126,15 @@ def test_its_study_goes_on_with_more_experiments(prefcal, study):
     code, _, err = prefcal(*words, "--simulate", "50")
     assert code == 2
     assert "started with --simulate 40, got --simulate 50" in err
+
+
+def test_a_finished_study_goes_on_without_simulating_anything_twice(prefcal, monkeypatch):
+    words = ["calibrate", UNSEEN, "--simulate", "40", "--study", "mine", *UNATTENDED]
+    assert prefcal(*words, "--n-max", "12")[0] == 0
+    monkeypatch.setattr("prefcal_scenarios.many.pool.Pool.start", None)  # it would be called
+    code, out, err = prefcal(*words, "--n-max", "14")
+    assert code == 0, err
+    assert json.loads(out)["experiments"] == 14
 
 
 def test_its_study_goes_on_in_another_space(prefcal, study):

@@ -1,4 +1,4 @@
-"""`prefcal calibrate --start`: the present tuning as the first experiment."""
+"""`prefcal calibrate --start`: the current tuning as the first experiment."""
 
 import json
 import shlex

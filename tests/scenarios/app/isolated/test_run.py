@@ -20,6 +20,7 @@ THETA = np.array([0.31, 26, 0.5])
 SPINS, COMPILED, EXITS, SEGFAULT, FORKS, TIDY, LEAVES, RAISES, MEMORY, ABORTS, NOTHING = range(
     1, 12
 )
+TWICE, WRITES, INTERRUPTS, GENERATOR = range(12, 16)
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +43,9 @@ def wild():
         (LEAVES, "raised", r"run called exit: bye"),
         (RAISES, "raised", r"ZeroDivisionError: division by zero \(in wild_runs.py:\d+: "),
         (MEMORY, "raised", r"MemoryError"),
+        (WRITES, "died", r"crashed: its code used a file that it had not opened"),
+        (INTERRUPTS, "raised", r"run raised KeyboardInterrupt \(in wild_runs.py:\d+: raise error"),
+        (GENERATOR, "raised", r"run raised GeneratorExit \(in wild_runs.py:\d+: "),
         (NOTHING, "raised", r"must return an Experiment, got NoneType: is a return missing"),
     ],
 )
@@ -49,8 +53,23 @@ def test_whatever_a_run_does_is_told_and_the_next_one_runs(wild, seed, why, word
     with pytest.raises(RunError, match=words) as raised:
         wild.run(THETA, seed=seed)
     assert raised.value.why == why
-    assert (why == "raised") == ("Traceback" in raised.value.trace)
+    theirs = why == "raised" and seed != NOTHING  # an error of prefcal says it all
+    assert theirs == ("Traceback" in raised.value.trace)
     assert wild.run(THETA) == toy_scenario().run(THETA)
+
+
+def test_a_run_that_forks_and_forgets_it_answers_once(wild):
+    other = np.array([0.31, 27, 0.5])
+    assert wild.run(THETA, seed=TWICE) == toy_scenario().run(THETA, seed=TWICE)
+    assert wild.run(other) == toy_scenario().run(other)
+
+
+def test_code_that_raises_keyboard_interrupt_keeps_its_process(wild):
+    wild.run(THETA)
+    before = wild.run.worker._life
+    with pytest.raises(RunError, match="KeyboardInterrupt"):
+        wild.run(THETA, seed=INTERRUPTS)
+    assert wild.run.worker._life is before
 
 
 def test_what_own_code_prints_is_no_result(capfd):

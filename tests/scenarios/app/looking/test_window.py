@@ -6,10 +6,9 @@ import pytest
 from prefcal_env import recorded
 from prefcal_scenarios.app.looking.look import look, run_of
 from prefcal_scenarios.app.looking.window import Gallery, LookWindow
-from support.browser import CHROMIUM, Watched, chromium
+from support.browser import Watched
 from support.page_checks import pixels, serious
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 
 
@@ -20,9 +19,9 @@ def run(name, speed, n=201):
     return run_of(name, made, "made by hand")
 
 
-def test_three_runs_two_at_a_time():
+def test_three_runs_two_at_a_time(browser):
     runs = [run("<b>.csv", 0.2), run("b.csv", 0.05, 77), run("c.csv", 0.4)]
-    with LookWindow(Gallery(runs)) as window, chromium() as browser:
+    with LookWindow(Gallery(runs)) as window:
         watched = Watched(browser)
         page = watched.page
         page.goto(window.link)

@@ -14,7 +14,7 @@ import pytest
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_scenarios import ask
 from prefcal_scenarios.app.notebook import asking as asking_module
-from support.browser import CHROMIUM, SHOTS, chromium
+from support.browser import SHOTS
 from support.calibrated import without_figures
 from toy_study import toy_scenario
 
@@ -253,19 +253,17 @@ class Notebook(BaseHTTPRequestHandler):
         """Print nothing."""
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
-def test_a_notebook_on_this_machine_shows_the_question_in_a_frame_and_answers_there():
+def test_a_notebook_on_this_machine_shows_the_question_in_a_frame_and_answers_there(browser):
     with (
         ask(toy_scenario(), study="./mine.prefcal", **QUICK) as asking,
         ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as server,
-        chromium() as browser,
     ):
         Notebook.html = asking._repr_html_()
         threading.Thread(target=server.serve_forever, daemon=True).start()
         page = browser.new_page()
         page.goto(f"http://127.0.0.1:{server.server_port}/")
         frame = page.frame_locator("iframe")
-        frame.locator("#progress-text").get_by_text("comparison 1 of 3").wait_for(timeout=60_000)
+        frame.locator("#progress-text").get_by_text("question 1 of 3").wait_for(timeout=60_000)
         curves = frame.locator(".js-plotly-plot .scatterlayer path.js-line")
         curves.nth(1).wait_for(state="attached", timeout=60_000)
         page.wait_for_timeout(500)  # the page takes no verdict in the first moment of a question
@@ -273,14 +271,13 @@ def test_a_notebook_on_this_machine_shows_the_question_in_a_frame_and_answers_th
             page.screenshot(path=SHOTS / "notebook.png")
         frame.locator("#progress-text").click()  # a frame gets keys once it has the focus
         page.keyboard.press("ArrowLeft")
-        frame.locator("#progress-text").get_by_text("comparison 2 of 3").wait_for(timeout=60_000)
+        frame.locator("#progress-text").get_by_text("question 2 of 3").wait_for(timeout=60_000)
         assert len(asking.to_frame(answers=True)) == 1
         server.shutdown()
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
-def test_elsewhere_there_is_a_link_and_no_frame():
-    with ask(toy_scenario(), study="./mine.prefcal", **QUICK) as asking, chromium() as browser:
+def test_elsewhere_there_is_a_link_and_no_frame(browser):
+    with ask(toy_scenario(), study="./mine.prefcal", **QUICK) as asking:
         page = browser.new_page()
         page.set_content(asking._repr_html_())
         assert page.locator("iframe").count() == 0

@@ -7,7 +7,9 @@ from dataclasses import replace
 import pytest
 
 from prefcal_scenarios import KPI
-from prefcal_scenarios.app.report.acceptance import sheet
+from prefcal_scenarios.app.report.acceptance import sheet, sheet_of
+from prefcal_scenarios.app.report.acceptance.limits import limits_kept
+from prefcal_scenarios.app.summary.gain import CURRENT, Baseline
 from support.browser import CHROMIUM, FLAGS
 from toy_study import toy_record
 
@@ -44,9 +46,41 @@ def test_the_sheet_names_study_version_values_and_dates():
     assert "Before: first experiment (experiment 1)" in text
     assert f"After: experiment {record.best.number}" in text
     assert "Accepted by" in text
-    assert text.count('<th scope="row">') == len(record.kpis) + len(record.scenario.space) + 1
-    tuned = replace(record, settings={"calibrator": "human", "start": "T_s=1"})
-    assert "your tuning at the start" in sheet(tuned)
+    assert "comparisons by a person" in text
+    rows = len(record.kpis) + len(record.scenario.space)
+    assert text.count('<th scope="row">') == rows + 2  # how the run ended, and the valve's limits
+    assert "valve saturated" in text
+    assert "the tuning in use was not given" in text
+    tuned = replace(record, baseline=Baseline(0, CURRENT), fingerprint="0123456789abcdef")
+    text = sheet(tuned)
+    assert f'<th scope="col">{CURRENT}</th><th scope="col">experiment' in text
+    assert "To go back, set the parameters" in text
+    assert "fingerprint of the scenario 0123456789abcdef" in text
+
+
+def test_a_kpi_with_an_objective_stays_on_a_sheet_without_room_for_all():
+    kpis = tuple(KPI(f"k{i}", f"k{i}", better="lower") for i in range(20))
+    kpis += (KPI("M_s", "sensitivity peak M_s", at_most=2.0),)
+    record = toy_record()
+    record = replace(record, scenario=replace(record.scenario, kpis=kpis, cost=None), judged=False)
+    changed = {f"k{i}": 1.0 for i in range(20)} | {"M_s": 2.1}
+    for trial in record.trials:
+        object.__setattr__(trial, "experiment", replace(trial.experiment, kpis=changed))
+    content = sheet_of(record)
+    assert ("sensitivity peak M_s", False) in [(line.name, line.met) for line in content.kpis]
+    assert content.more_kpis > 0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"), [(0.0, 100.0, "never"), (0.0, 1.0, "100 % of the time")]
+)
+def test_the_sheet_says_how_long_an_input_was_at_its_limit(low, high, words):
+    e = toy_record().best.experiment
+    channel = replace(e.channels.u[0], low=low, high=high)
+    e = replace(e, channels=replace(e.channels, u=(channel,)))
+    name, limits, before, after = next(iter(limits_kept(e, e)))
+    assert (name, limits) == ("valve saturated", f"0 to {high:g} %")
+    assert before == after == words
 
 
 def test_the_sheet_of_a_program_has_no_dates_so_that_it_can_be_repeated():
@@ -59,7 +93,7 @@ def test_names_are_escaped():
     assert "<script>" not in sheet(replace(record, scenario=scenario))
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+@pytest.mark.browser
 @pytest.mark.parametrize("change", [lambda record: record, crowded], ids=["usual", "crowded"])
 def test_the_sheet_prints_on_exactly_one_page(tmp_path, change):
     assert pages_of(sheet(change(toy_record())), tmp_path) == 1

@@ -66,7 +66,7 @@ def test_many_kpis_fit_on_the_sheet_and_shrink_no_letter_away(said):
     document(crowded, ())
     first = [text for page, text in said if page == 1]
     assert "Accepted by (name, signature)" in first
-    assert "and 8 more: see report.html" in first
+    assert "and 9 more: see report.html" in first
 
 
 @pytest.fixture

@@ -1,18 +1,21 @@
 """The paper's studies done again: what runs, what is compared, what the page shows."""
 
 import json
+from dataclasses import replace
 from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from prefcal_agents import GLISpSettings
 from prefcal_env.plants.cstr import CSTRParams
+from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios import load
 from prefcal_scenarios.app.reproduce import CASES, settings, studies
 from prefcal_scenarios.app.reproduce.page import write_page
 from prefcal_scenarios.app.reproduce.printed import THETA
-from prefcal_scenarios.app.reproduce.results import found, rows, summary
+from prefcal_scenarios.app.reproduce.results import compared, disagreements, found, rows
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +57,22 @@ def test_the_tables_put_the_printed_value_beside_the_simulated_one(short):
     car = {row[0]: row[1:] for row in rows(results[2])}
     printed, here, *_ = car["worst t_comp, modeled [s]"]
     assert float(printed) == pytest.approx(float(here), rel=0.01)
-    assert len(summary(results)) == 3
+
+
+def test_the_page_says_what_was_compared_and_what_disagrees(short, monkeypatch):
+    results = found(short)
+    said = " ".join(compared(results))
+    assert "Of one calibrated controller, " in said
+    assert "whether comparisons alone find its minimum, and not what a person wants" in said
+    reactor, *rest = disagreements(results)
+    assert "0.8217 and 0.6996: by preferences 17 % more" in reactor
+    assert "confirmed" not in reactor
+    assert "cstr: 5 comparisons here, 49 there." in rest
+    for better, said in ((Preference.CHALLENGER, True), (Preference.INCUMBENT, False)):
+        person = SimpleNamespace(prefer=lambda new, old, better=better: better)
+        car = replace(results[2].scenario, calibrators={"synthetic": lambda seed, p=person: p})
+        now = " ".join(disagreements([*results[:2], replace(results[2], scenario=car)]))
+        assert ("to what was found in 1 of one study" in now) is said
 
 
 def test_parameters_settings_and_ranges_are_those_of_the_paper():
@@ -71,6 +89,8 @@ def test_parameters_settings_and_ranges_are_those_of_the_paper():
 
 def test_the_page_holds_every_figure_and_asks_the_network_for_nothing(short, tmp_path):
     page = write_page(short, tmp_path, "prefcal reproduce paper --seeds 1").read_text("utf-8")
+    assert 'href="https://doi.org/10.23919/ECC54610.2021.9654900"' in page
+    assert "What disagrees" in page
     assert page.count("<img ") == 6  # two of them at the paper's θ, too
     assert 'src="http' not in page
     assert "prefcal reproduce paper --seeds 1" in page

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import shutil
 from dataclasses import replace
 from functools import partial
 
@@ -85,9 +86,10 @@ def test_a_run_that_cannot_win_is_recorded_as_cut_short_and_loses_without_a_ques
     assert [i for i, end in enumerate(ends) if end is End.CUT_SHORT] == cut
 
 
-def test_the_file_resumes_to_the_same_agent_and_verifies(study, path):
+def test_the_file_resumes_to_the_same_agent_and_verifies(study, path, tmp_path):
     before = study._flow.agent.state
-    again = reopened(TANK, path)
+    # The study is still open for the other tests, which locks its file.
+    again = reopened(TANK, shutil.copy(path, tmp_path / "copied.prefcal"))
     assert again._flow.agent.state == before
     assert cut_ones(again) == cut_ones(study)
     assert GLISp.restore(TANK.space, before).state == before

@@ -12,7 +12,7 @@ from prefcal_env.study import StudyFile
 from prefcal_env.study.locations import study_path
 from prefcal_scenarios.app.cli.studies.changes import Changes, respace
 from prefcal_scenarios.app.session import Choice
-from prefcal_scenarios.app.summary.outlook import at_end, outlook, study_name
+from prefcal_scenarios.app.summary.outlook import at_end, falls_outward, outlook, study_name
 from support.interviews import begin, clock, proceed
 from toy_study import TOY, toy_scenario
 
@@ -30,9 +30,15 @@ STATE = begin(toy_scenario()).study.state
 MIDDLE = [0.9, 20.0, 1.0, 0.0]
 
 
-def said(theta, advice=GO_ON, place="/tmp/mine.prefcal", space=SPACE, scenario="cstr"):
+def always(knob, upper):
+    return True
+
+
+def said(
+    theta, advice=GO_ON, place="/tmp/mine.prefcal", scenario="cstr", missed=(), helps=always
+):  # fmt: skip
     state = replace(STATE, configuration={**STATE.configuration, "scenario": scenario})
-    return outlook(advice, np.array(theta), space, place, state)
+    return outlook(advice, np.array(theta), SPACE, place, state, missed=missed, helps=helps)
 
 
 def test_inside_the_ranges_there_is_one_sentence_and_no_more():
@@ -49,11 +55,42 @@ def test_knobs_at_their_ends_are_named_with_the_command():
     )
 
 
+def test_only_ends_are_named_beyond_which_something_better_is_expected():
+    found = said([0.26, 4, 1.0, 3.0], helps=lambda knob, upper: (knob, upper) == (0, False))
+    assert found.ends.startswith("T_s of the best θ is at the end of its range")
+    assert said([0.28, 20, 1.0, 0.0]).ends == ""  # 2.4 % of the range inside
+    assert said([0.25, 4, 1.0, 3.0], helps=lambda knob, upper: False).ends == ""
+
+
+def test_a_cost_that_falls_toward_an_end_calls_for_a_wider_range():
+    def cost(thetas):
+        return thetas[:, 0]
+
+    best = np.array([0.25, 20, 1.0, 3.0])
+    assert falls_outward(cost, SPACE, best, 0, upper=False)
+    assert not falls_outward(lambda thetas: -cost(thetas), SPACE, best, 0, upper=False)
+    assert not falls_outward(cost, SPACE, best, 3, upper=True)  # flat
+
+
 def test_no_sentence_contradicts_another():
     found = said([0.25, 20, 1.0, 0.0], STOP)
     assert found.advice.startswith("Within the present ranges, it is a good time to stop: ")
     assert found.ends.startswith("T_s of the best θ is at the end of its range; ")
     assert said(MIDDLE, STOP).text.startswith("It is a good time to stop: ")
+
+
+@pytest.mark.parametrize("theta", [MIDDLE, [0.25, 20, 1.0, 0.0]])
+@pytest.mark.parametrize("place", [":memory:", "/tmp/mine.prefcal"])
+def test_nobody_is_advised_to_stop_while_an_objective_is_missed(theta, place):
+    found = said(theta, STOP, place, missed=["settling time", "overshoot", "peak"])
+    assert "time to stop" not in found.text
+    assert "with a chance of 90 %, another 10 experiments would bring nothing" in found.text.lower()
+    assert found.sentences[0].startswith(
+        "The best experiment misses the objectives for settling time, overshoot and peak: continue"
+    )
+    one = said(theta, GO_ON, place, missed=["overshoot"])
+    assert one.sentences[0].startswith("The best experiment misses the objective for overshoot: ")
+    assert GO_ON.text[1:] in one.text
 
 
 @pytest.mark.parametrize(
@@ -79,8 +116,8 @@ def test_without_a_file_there_is_no_command_and_too_early_nothing_at_all():
     found = said([0.25, 20, 1.0, 0.0], place=":memory:")
     assert found.command == ""
     assert found.ends.endswith("widen its range.")
-    assert outlook(None, np.array(MIDDLE), SPACE, "x", STATE) is None
-    assert outlook(GO_ON, None, SPACE, "x", STATE) is None
+    assert outlook(None, np.array(MIDDLE), SPACE, "x", STATE, helps=always) is None
+    assert outlook(GO_ON, None, SPACE, "x", STATE, helps=always) is None
 
 
 def test_a_scenario_of_ones_own_is_named_and_a_study_of_the_data_folder_by_its_name():
@@ -102,7 +139,7 @@ def test_the_command_can_be_carried_out(tmp_path):
         low = now.question.left.experiment.theta[0] < now.question.right.experiment.theta[0]
         interview.answer(now.question.id, Choice.LEFT if low else Choice.RIGHT)
     theta = np.array([0.25, 20.0, 1.0])
-    found = outlook(GO_ON, theta, toy.space, str(path), interview.study.state)
+    found = outlook(GO_ON, theta, toy.space, str(path), interview.study.state, helps=always)
     interview.study.close()
     words = found.command.split()
     assert words[:3] == ["prefcal", "studies", "respace"]

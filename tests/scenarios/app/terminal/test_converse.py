@@ -56,7 +56,7 @@ def interview():
 def test_a_whole_study_by_keys(interview):
     out = talk(interview, "lr=s")
     assert interview.now().phase is Phase.OVER
-    assert "Comparison 1 of 4: which experiment is better?" in out
+    assert "Question 1 of 4: which experiment is better?" in out
     assert "The study is finished: all compared." in out
     given = [c.answer.preference for c in interview.now().state.history.comparisons[1:]]
     assert given[2:] == [0, None]
@@ -117,7 +117,7 @@ def test_the_headline_stays_in_sight_on_a_screen_of_fifty_rows(interview, width)
     console = Console(file=io.StringIO(), width=width, height=50, record=True, force_terminal=True)
     show_question(interview, now, console, blind=False)
     lines = console.export_text().splitlines()
-    assert "Comparison 1 of 4" in lines[0]
+    assert "Question 1 of 4" in lines[0]
     assert len(lines) <= 48  # the answer's key and what it says fit as well
 
 

@@ -1,11 +1,11 @@
-"""A room with an open question, and a real browser, for the tests of the window."""
+"""A room with an open question, and served studies, for the tests of the window."""
 
 import contextlib
 
 import pytest
 
 from prefcal_scenarios.scenario import load
-from support.browser import chromium, serve, window_on
+from support.browser import serve, window_on
 from support.interviews import begin, proceed
 from support.windows import make_room
 from toy_study import TOY, toy_scenario
@@ -42,21 +42,6 @@ def room(toy, static):
 def shared_room(toy, static):
     """The same one for all tests of a file, for requests that change nothing."""
     return room_of(toy, static)
-
-
-@pytest.fixture(scope="module")
-def running_browser():
-    """Chromium, headless."""
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture
-def browser(running_browser):
-    """The same chromium for every test; its pages are closed in the end, else they go on asking."""
-    yield running_browser
-    for context in running_browser.contexts:
-        context.close()
 
 
 @pytest.fixture

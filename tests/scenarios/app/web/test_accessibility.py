@@ -1,11 +1,7 @@
 """What a checker of accessibility (axe) finds on every view of the page: nothing serious."""
 
-import pytest
-
-from support.browser import CHROMIUM, Watched
+from support.browser import Watched
 from support.page_checks import serious
-
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 
 
 def test_nothing_serious_is_found_on_any_view(browser, command):
@@ -45,7 +41,7 @@ def test_the_question_is_told_to_a_screen_reader(browser, window):
     watched.open(served.link)
     page = watched.page
     page.wait_for_function("() => document.getElementById('status').textContent")
-    assert "comparison 1 of 12" in page.inner_text("#status")
+    assert "question 1 of 12" in page.inner_text("#status")
     label = page.get_attribute("#left-plot", "aria-label")
     assert "level <h>: from" in label
     assert "the band around 2" in label

@@ -7,11 +7,9 @@ import pytest
 from prefcal_env.live import Journal, LiveRig
 from prefcal_scenarios.app.session.live import driving
 from prefcal_scenarios.scenario import KPI, Scenario
-from support.browser import CHROMIUM, Watched, window_on
+from support.browser import Watched, window_on
 from support.live import Memory, memory_rig
 from support.page_checks import serious
-
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 
 
 @pytest.fixture

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from prefcal_scenarios.own.own_file import module_at
-from support.browser import CHROMIUM, Watched, window_on
+from support.browser import Watched, window_on
 from support.page_checks import pixels, serious
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 DOCS = Path(__file__).parents[4] / "docs"
 BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 

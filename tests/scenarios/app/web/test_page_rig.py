@@ -6,12 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from support.browser import CHROMIUM, Watched
+from support.browser import Watched
 from support.page_checks import pixels
 from toy_scenario_tools import record_of_toy
 from toy_study import TOY
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 
 RIG = """

@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+from functools import partial
 
 import pytest
 
@@ -9,18 +10,19 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.reason import Reason
 from prefcal_scenarios.app.session import Background
 from prefcal_scenarios.app.web import Window
-from support.browser import CHROMIUM, Served, Watched
+from support.browser import Served, Watched
+from support.interviews import begin
 from support.page_checks import pixels, serious
 from support.screened import screening
+from support.unseen import unseen
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 GOOD = {"light": (23, 113, 63), "dark": (105, 207, 149)}
 
 
 @pytest.fixture
 def screen(tmp_path, monkeypatch):
     """Serve a study whose agent simulates, has reasons, and promises nothing after an answer."""
-    reason = Reason(0.7, ("final",), ("t_f",), ("final",))
+    reason = Reason(0.7, ("final",), ("t_f",))
     monkeypatch.setattr(Screening, "reason", property(lambda agent: reason))
     monkeypatch.setattr(Screening, "chance_of_better", property(lambda agent: 0.08))
     with contextlib.ExitStack() as served:
@@ -33,6 +35,23 @@ def screen(tmp_path, monkeypatch):
             return Served(window.link, path)
 
         yield start
+
+
+def test_a_bar_grows_while_the_first_question_is_simulated(browser, monkeypatch):
+    monkeypatch.setenv("PREFCAL_TEST_SECONDS", "0.05")
+    interview = begin(unseen, agent=partial(Screening, n_simulated=200))
+    with Window(interview) as window, Background(interview):
+        watched = Watched(browser)
+        page = watched.page
+        page.goto(window.link)
+        page.wait_for_function("() => document.getElementById('wait-progress').value > 5")
+        bar = page.locator("#wait-progress")
+        assert bar.is_visible()
+        assert bar.get_attribute("max") == "56"
+        assert re.search(r"\d+ of 56 simulated", page.inner_text("#wait-text"))
+        watched.shot("simulating-1280")
+        watched.question()
+        assert watched.errors == []
 
 
 def opened(browser, served, **options):
@@ -64,8 +83,8 @@ def test_the_reason_stands_above_the_question_and_blind_hides_it(browser, screen
     watched = Watched(browser)
     watched.open(screen().link)
     page = watched.page
-    page.wait_for_function("() => document.getElementById('why').textContent.includes('preferred')")
-    assert re.match(r"(Left|Right) is shown because you preferred", page.inner_text("#why"))
+    page.wait_for_function("() => document.getElementById('why').textContent.includes(' has ')")
+    assert re.match(r"Nothing learned yet: (left|right) has ", page.inner_text("#why"))
     assert page.is_hidden("#offer")  # nothing is learned before an answer
     watched.shot("why")
     page.keyboard.press("b")
@@ -99,9 +118,9 @@ def test_a_click_and_the_arrow_keys_choose_a_point(browser, screen):
     assert "Experiment 2" in chosen(page)[0]  # the new one of the open question
     assert page.is_disabled("#ask-for")
     first = never_shown(page)
-    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowUp")  # all reach the target, so they lie above each other
     assert chosen(page) != first
-    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowDown")
     points = page.locator("#map .scatterlayer .trace").first.locator(".point")
     before = chosen(page)
     for index in (3, 4):
@@ -142,7 +161,7 @@ def test_asking_for_a_point_makes_it_the_next_question(browser, screen):
     words = theta.split()
     assert words[1] in page.inner_text(f"#{side}-thetas")
     assert served.state.requested == {1}
-    assert page.inner_text("#progress-text").startswith("comparison 1 of 5")
+    assert page.inner_text("#progress-text").startswith("question 1 of 5")
     watched.answer("ArrowLeft")
     assert watched.errors == []
 
@@ -156,8 +175,8 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     page.wait_for_selector("#offer:visible")
     offer = page.inner_text("#offer-text")
     assert re.fullmatch(
-        r"Nothing among the \d+ simulated is expected to be preferred to the best so far \(chance "
-        r"of the most promising: 8 %\)\. Stop here, or go on\?", offer,
+        r"The chance that one of the \d+ simulated is better than the best so far is 8 %\. "
+        r"Stop here, or go on\?", offer,
     )  # fmt: skip
     watched.shot("offer")
     page.click("#offer-go-on")
@@ -166,7 +185,7 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     assert page.is_hidden("#offer")
     page.keyboard.press("w")
     page.wait_for_selector("text=Continue or stop?")
-    assert "Nothing among the" in page.inner_text("#view-status")
+    assert "simulated is better than the best so far is 8 %" in page.inner_text("#view-status")
     page.reload()
     page.wait_for_selector("#offer:visible")
     page.click("#offer-finish")

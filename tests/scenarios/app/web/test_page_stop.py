@@ -2,30 +2,26 @@
 
 from pathlib import Path
 
-import pytest
-
-from support.browser import CHROMIUM, Watched, chromium, serve
+from support.browser import Watched, serve
 
 HANGS = Path(__file__).parents[3] / "support" / "wild_runs.py"
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 
 
-def test_a_run_that_hangs_is_stopped_on_the_page(tmp_path):
+def test_a_run_that_hangs_is_stopped_on_the_page(tmp_path, browser):
     served = serve(tmp_path, f"{HANGS}:hangs", "--seed", "5", "--n-init", "3")
     try:
-        with chromium() as browser:
-            watched = Watched(browser)
-            page = watched.page
-            page.goto(served.link)
-            page.wait_for_selector("#stop-run:visible")
-            assert page.inner_text("#wait-title") == "Running experiment 1"
-            assert "A run is stopped after 1 h (--run-timeout)" in page.inner_text("#stop-text")
-            watched.shot("stop-run")
-            page.click("#stop-run")
-            watched.phase("failed")
-            assert "you stopped the run after" in page.inner_text("#view-failed .problem")
-            page.click("button:text('Count it as failed')")
-            watched.phase("question")
-            assert watched.errors == []
+        watched = Watched(browser)
+        page = watched.page
+        page.goto(served.link)
+        page.wait_for_selector("#stop-run:visible")
+        assert page.inner_text("#wait-title") == "Running experiment 1"
+        assert "A run is stopped after 1 h (--run-timeout)" in page.inner_text("#stop-text")
+        watched.shot("stop-run")
+        page.click("#stop-run")
+        watched.phase("failed")
+        assert "you stopped the run after" in page.inner_text("#view-failed .problem")
+        page.click("button:text('Count it as failed')")
+        watched.phase("question")
+        assert watched.errors == []
     finally:
         served.stop()

@@ -21,7 +21,7 @@ def run(gains, *, target=1.0, d=0.0, noise=None, delay=0, hold=1, limits=WIDE, l
     count = round(T / dt) + 1
     return simulate(
         (LAG.kind, parameters_of(LAG), np.array([0])),
-        (law, gains),
+        (law, gains, np.zeros((0, 4)), np.zeros(0)),
         (
             np.full((count, 1), target),
             np.full((count, 1), d),

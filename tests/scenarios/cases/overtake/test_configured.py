@@ -121,6 +121,7 @@ def test_a_source_holds_its_configuration():
         ('overtaek {"lanes_count": 3}', ScenarioError, "Did you mean .overtake"),
         ('overtake {"lanes": 3}', SettingsError, "lanes"),
         ('overtake {"scenes": 0}', SettingsError, "scenes"),
+        (5, ScenarioError, "loaded by its name, got 5"),
         ('overtake {"steering_limit": "none"}', SettingsError, "per second"),
     ],
 )

@@ -133,7 +133,8 @@ def test_a_plant_is_found_in_its_file_and_its_paths_start_at_the_file_that_names
     model = written(
         "from prefcal_env import Channel\nfrom prefcal_env.plants import FunctionPlant\n"
         "tank = FunctionPlant(lambda x, u, d: [u[0] - x[0]], states=[Channel('h')],"
-        " inputs=[Channel('q')])\nmatrices = ([[-1.0]], [[1.0]], [[1.0]], [[0.0]])\nword = 'x'\n",
+        " inputs=[Channel('q')])\nmatrices = ([[-1.0]], [[1.0]], [[1.0]], [[0.0]])\n"
+        "word, number = 'x', 5\n",
         "described_model.py",
     )
     assert plant_at(f"{model}:tank").states[0].name == "h"
@@ -142,6 +143,8 @@ def test_a_plant_is_found_in_its_file_and_its_paths_start_at_the_file_that_names
         plant_at(f"{model}:tnak")
     with pytest.raises(ScenarioError, match="must be a prefcal plant"):
         plant_at(f"{model}:word")
+    with pytest.raises(ScenarioError, match=r"prefcal plant.*got the number 5"):
+        plant_at(f"{model}:number")
     with pytest.raises(ScenarioError, match=r"model\.py:NAME"):
         plant_at(model)
 

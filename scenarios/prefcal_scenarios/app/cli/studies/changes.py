@@ -100,7 +100,7 @@ def export_study(name: str, format_: str, out: Path | None) -> Path:
     path = existing(name)
     if out is not None and out.exists() and out.samefile(path):
         raise StudyError(f"{out} is the study itself: export it to another file")
-    with StudyFile.open(path, clock=wall_clock) as file:
+    with StudyFile.open(path, clock=wall_clock, reading=True) as file:
         if format_ in EXPORTS:
             return EXPORTS[format_](file, Path(path.stem) if out is None else out)
         target = Path(f"{path.stem}.json") if out is None else out
@@ -133,7 +133,7 @@ def findings_of(name: str) -> tuple[int, tuple[str, ...]]:
     findings = verify(path)
     if findings:
         return 0, tuple(findings)
-    with StudyFile.open(path, clock=wall_clock) as file:
+    with StudyFile.open(path, clock=wall_clock, reading=True) as file:
         return sum(1 for _ in file.events()), ()
 
 
@@ -225,7 +225,7 @@ def respace(name: str, source: str | None, changes: Changes) -> KnobSpace:
         SettingsError: If the changes cannot be read, or change nothing.
         KnobError: If a range is invalid.
     """
-    with open_described(existing(name)) as file:
+    with open_described(existing(name), writing=True) as file:
         source = trusted_source(name, file.state, source)
         if file.state.configuration["agent"]["agent"] not in RESPACEABLE:
             raise StudyError(f"the agent of study {name!r} cannot change its space")

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from prefcal_scenarios.app.cli.describing.options import PlantOption
+
 app = typer.Typer(
     name="studies",
     help="List, show, rename, remove, export, import, verify and change studies.",
@@ -26,6 +28,16 @@ _Scenario = Annotated[
         show_default="the built-in one that the study names",
     ),
 ]
+
+
+def _named(scenario: str | None, plant: str | None) -> str | None:
+    """Return what the user names: a scenario, a plant as for `prefcal calibrate`, or both."""
+    if plant is None:
+        return scenario
+    from prefcal_scenarios.own.source import joined_source, split_source
+
+    name, config = split_source(scenario or "")
+    return joined_source(name, {**(config or {}), "plant": plant})
 
 
 class Format(StrEnum):
@@ -146,6 +158,7 @@ def index(
         typer.Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py"),
     ] = None,
     scenario: _Scenario = None,
+    plant: PlantOption = None,
 ) -> None:
     """Write what the answers have taught as a Python function, `cost(experiment)`.
 
@@ -154,7 +167,7 @@ def index(
     """
     from .changes import export_index
 
-    file, importance = export_index(study, scenario, out)
+    file, importance = export_index(study, _named(scenario, plant), out)
     typer.echo(importance.sentence())
     typer.echo(importance.trust)
     typer.echo(f"Written: {file}")
@@ -222,6 +235,7 @@ def respace(
         ),
     ] = None,
     scenario: _Scenario = None,
+    plant: PlantOption = None,
 ) -> None:
     """Change the knobs of a running study; every experiment and answer stays.
 
@@ -231,7 +245,9 @@ def respace(
     from .changes import Changes, in_words
     from .changes import respace as respace_study
 
-    space = respace_study(study, scenario, Changes(knob or (), freeze or (), add or ()))
+    space = respace_study(
+        study, _named(scenario, plant), Changes(knob or (), freeze or (), add or ())
+    )
     for name, words in in_words(space).items():
         typer.echo(f"{name}: {words}")
 
@@ -247,12 +263,16 @@ REPORT_EPILOG = """\
 
 [cyan]prefcal report plant-1 --scenario own.py:plant --out latest[/cyan]
   For a study of your own scenario, into a folder of your choice.
+
+[cyan]prefcal report pid-1 --plant model.py:plant[/cyan]
+  For a PID on your own plant.
 """
 
 
 def report(
     study: _Name,
     scenario: _Scenario = None,
+    plant: PlantOption = None,
     cost: Annotated[
         str | None,
         typer.Option(
@@ -284,4 +304,4 @@ def report(
     """Write the report of a study as it stands, complete or not."""
     from prefcal_scenarios.app.cli.report import report_of
 
-    report_of(study, scenario, cost, out=out, json=json, pdf=pdf)
+    report_of(study, _named(scenario, plant), cost, out=out, json=json, pdf=pdf)

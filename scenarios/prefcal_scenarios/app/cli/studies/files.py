@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from prefcal_env.errors import PrefcalError, StudyError
+from prefcal_env.errors import PrefcalError, SettingsError, StudyError
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
@@ -34,6 +34,7 @@ from prefcal_scenarios.app.report.record import verdict_text
 from prefcal_scenarios.app.summary.counts import Counts
 from prefcal_scenarios.own.described.options import words_to_resume
 from prefcal_scenarios.own.described.resuming import resumed_source
+from prefcal_scenarios.own.source import split_source
 from prefcal_scenarios.scenario import is_built_in, is_described
 
 
@@ -83,8 +84,8 @@ class _Configuration(msgspec.Struct):
     earlier: _Earlier | None = None
 
 
-def open_described(path: Path) -> StudyFile:
-    """Open a study that `prefcal calibrate` could have made.
+def open_described(path: Path, *, writing: bool = False) -> StudyFile:
+    """Open a study that `prefcal calibrate` could have made, for reading unless `writing`.
 
     The configuration is checked, since a study file can hold any plain data, and one imported
     file must not break the list of all studies.
@@ -92,7 +93,7 @@ def open_described(path: Path) -> StudyFile:
     Raises:
         StudyError: If the file cannot be opened, or its configuration is invalid.
     """
-    file = StudyFile.open(path, clock=wall_clock)
+    file = StudyFile.open(path, clock=wall_clock, reading=not writing)
     problem = _problem(file.state.configuration)
     if problem:
         file.close()
@@ -132,28 +133,29 @@ def trusted_source(name: str, state: State, source: str | None) -> str:
     Args:
         name: Name of the study.
         state: State of the study.
-        source: Scenario that the user names; None to use the study's if it is built in.
+        source: Scenario that the user names; None to use the study's if it is built in. With a
+            plant alone, the controller is that of the study.
 
     Raises:
         StudyError: If the study names a program and the user does not.
+        SettingsError: If the user names a plant, and the study has none.
     """
     named: str = state.configuration["scenario"]
+    if source is not None and not split_source(source)[0]:
+        if not is_described(named):
+            raise SettingsError(f"study {name!r} has no plant of its own: leave --plant out")
+        source = split_source(named)[0] + source
     if source is None and not is_built_in(named):
         # A study from another person must not decide which program runs here.
-        short = _short(named)
+        short, *plant = words_to_resume(named)  # the study keeps the rest
+        option = plant or ["--scenario", short]
         raise StudyError(
-            f"study {name!r} calibrates {short!r}, which is a program: if you trust it, add "
-            f"--scenario {shlex.quote(short) if '{' in short else short}"
+            f"study {name!r} calibrates {' '.join([short, *plant])!r}, which is a program: if you "
+            f"trust it, add {shlex.join(option)}"
         )
     if source is not None and is_described(source) and is_described(named):
-        return resumed_source(named, source, whole=True)
+        return resumed_source(named, source)
     return source or named
-
-
-def _short(source: str) -> str:
-    """Return what is enough to name a study's scenario: the study keeps all but a plant."""
-    words = words_to_resume(source)
-    return words[0] if len(words) == 1 else source
 
 
 def print_list(*, json: bool) -> None:

@@ -1,22 +1,25 @@
 """Fill in the acceptance sheet of a study."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any
 
-from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.app.presentation.style import save, style
-from prefcal_scenarios.app.presentation.wording import measured, number
+from prefcal_scenarios.app.presentation.wording import number
 from prefcal_scenarios.app.report.export import versions
 from prefcal_scenarios.app.report.html import data_uri, environment
 from prefcal_scenarios.app.report.record import Record
-from prefcal_scenarios.app.report.tables import objective
+from prefcal_scenarios.app.report.tables import gain_rows, pid_rows
 from prefcal_scenarios.app.report.trajectories import before_and_after
+from prefcal_scenarios.app.summary.gain import FIRST
+
+from .limits import limits_kept
 
 FILE = "acceptance.html"
 """Name of the file."""
-_MOST = 12
-"""Largest number of knobs, and of KPIs, for which one page has room."""
+_MOST, _LEAST = 12, 8
+"""Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
+belongs to KPIs."""
 _PANELS = 3
 """Largest number of panels for which one page has room."""
 
@@ -47,17 +50,20 @@ class Sheet:
     """Content of an acceptance sheet, for HTML and for PDF.
 
     Args:
-        facts: Paragraph on the study: what it consists of, and what before and after mean.
+        facts: Paragraphs on the study: what it consists of, who answered and when, what before and
+            after mean, and the way back.
         of: Name of the study and its dates, as text that follows "Acceptance sheet".
-        knobs: Lines of the knobs.
-        kpis: Lines of the KPIs.
+        columns: Headings of the values before and after.
+        knobs: Lines of the knobs, and of a PID in its parallel form.
+        kpis: Lines of the KPIs, largest change first, and of limits kept.
         more_knobs: Number of knobs for which the page has no room.
         more_kpis: Number of KPIs for which the page has no room.
         ends: How the runs before and after ended.
     """
 
-    facts: str
+    facts: tuple[str, ...]
     of: str
+    columns: tuple[str, str]
     knobs: tuple[Line, ...]
     kpis: tuple[Line, ...]
     more_knobs: int
@@ -73,7 +79,7 @@ def sheet(record: Record) -> str:
     """
     content = sheet_of(record)
     lines = len(content.knobs) + len(content.kpis)
-    picture = curves(record, height=5.0 if lines <= _MOST else 3.4)
+    picture = curves(record, height=5.0 if lines <= _MOST else 2.6)
     template = environment().get_template("app/report/acceptance/acceptance.html.j2")
     return template.render(
         record=record, sheet=content, curves=picture and data_uri(picture, "curves.png")
@@ -83,58 +89,69 @@ def sheet(record: Record) -> str:
 def sheet_of(record: Record) -> Sheet:
     """Return the content of the sheet of a study with a completed experiment."""
     assert record.best is not None
-    before, after = record.trials[0], record.best
-    knobs = tuple(_knobs(record, before.experiment, after.experiment))
-    kpis = tuple(_kpis(record, before.experiment, after.experiment))
-    dates = record.dates if record.by_a_person else ()
-    when = " to ".join(dict.fromkeys(_minute(at) for at in dates))
+    before, after = record.before, record.best
+    knobs, kpis = tuple(_knobs(record)), _kpis(record)
+    kept = limits_kept(before.experiment, after.experiment)
+    limits = tuple(Line(name, "", span, old, new) for name, span, old, new in kept)
+    limits = limits[: _MOST - _LEAST]
+    room = _MOST - len(limits)
+    when = record.origin.get("when (UTC)")
     return Sheet(
-        facts=_facts(record),
+        facts=tuple(_facts(record)),
         of=f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' * bool(when)}",
+        columns=(record.baseline.name, f"experiment {after.number}"),
         knobs=knobs[:_MOST], more_knobs=len(knobs[_MOST:]),
-        kpis=kpis[:_MOST], more_kpis=len(kpis[_MOST:]),
+        kpis=(*_foremost(kpis, room), *limits), more_kpis=max(len(kpis) - room, 0),
         ends=(before.experiment.end.value, after.experiment.end.value),
     )  # fmt: skip
 
 
-def _facts(record: Record) -> str:
-    """Return how much was tried and answered, and which experiments before and after are."""
+def _facts(record: Record) -> Iterator[str]:
+    """Yield how much was tried, who answered, and how to get back, a paragraph each."""
     assert record.best is not None
-    before, after = record.trials[0].number, record.best.number
-    who = "a person" if record.by_a_person else "a program"
-    counted = f"{len(record.trials)} experiments, {record.questions} comparisons by {who}"
+    before, after = record.before.number, record.best.number
+    by = record.origin.get("answered by", "a score")
+    counted = f"{len(record.trials)} experiments, {record.questions} comparisons by {by}"
     partial = record.stopped and not record.good_enough
     state = "; the study is not complete" if partial else ""
-    words = [
-        f"{counted}, prefcal {versions()['prefcal']}{state}.",
-        f"Before: {_before(record)} (experiment {before}). After: experiment {after}.",
-    ]
+    digits = record.origin.get("fingerprint of the scenario")
+    made = f", fingerprint of the scenario {digits}" if digits else ""
+    yield f"{counted}, prefcal {versions()['prefcal']}{made}{state}."
+    name = record.baseline.name
+    words = f"Before: {name} (experiment {before}). After: experiment {after}."
     if before == after:
-        none = "No experiment was better than the first one."
-        words.append(none if record.questions else "Nothing was compared.")
-    return " ".join(words)
+        none = f"No experiment was better than the {name}."
+        words += f" {none if record.questions else 'Nothing was compared.'}"
+    if name == FIRST:
+        yield f"{words} It was chosen by prefcal: the tuning in use was not given (--start)."
+    else:
+        yield f"{words} To go back, set the parameters of the column “{name}”."
 
 
-def _before(record: Record) -> str:
-    return "your tuning at the start" if record.settings.get("start") else "first experiment"
-
-
-def _minute(at: str) -> str:
-    """Return the time of an event up to its minute: 2026-01-31 14:05."""
-    return at[:16].replace("T", " ")
-
-
-def _knobs(record: Record, before: Experiment, after: Experiment) -> Any:
+def _knobs(record: Record) -> Iterator[Line]:
+    """Yield a line for each knob, then the gains of a PID in its parallel form."""
+    assert record.best is not None
+    before, after = record.before.experiment, record.best.experiment
     for i, knob in enumerate(record.scenario.space):
         limits = f"{number(knob.low)} to {number(knob.high)}"
         old, new = number(before.theta[i]), number(after.theta[i])
         yield Line(knob.name, knob.unit, limits, old, new)
+    for row in pid_rows(record):
+        if row.derived:
+            yield Line(row.name, row.unit, row.derived, row.before, row.best)
 
 
-def _kpis(record: Record, before: Experiment, after: Experiment) -> Any:
-    for kpi in record.kpis:
-        texts = measured(kpi, before), measured(kpi, after)
-        yield Line(kpi.title, kpi.unit, objective(kpi), *texts, kpi.met_by(after))
+def _kpis(record: Record) -> list[Line]:
+    return [
+        Line(row["title"], row["unit"], row["objective"], row["before"], row["after"], row["met"])
+        for row in gain_rows(record)
+    ]
+
+
+def _foremost(lines: list[Line], room: int) -> list[Line]:
+    """Return as many lines as fit; those with an objective are the last ones to be left out."""
+    ranked = sorted(range(len(lines)), key=lambda i: (not lines[i].limits, i))
+    return [lines[i] for i in sorted(ranked[:room])]
 
 
 def curves(record: Record, *, height: float) -> bytes:

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 
 from prefcal_scenarios.app.presentation.style import WIDTH
-from prefcal_scenarios.app.presentation.wording import labeled, number
+from prefcal_scenarios.app.presentation.wording import labeled, number, objective
 from prefcal_scenarios.app.report.acceptance import curves, sheet_of
-from prefcal_scenarios.app.report.export import REBUILD, versions
+from prefcal_scenarios.app.report.export import rebuild, versions
 from prefcal_scenarios.app.report.html import lead, listed
 from prefcal_scenarios.app.report.pictures import Drawn
 from prefcal_scenarios.app.report.record import Record
 from prefcal_scenarios.app.report.tables import (
     comparison_rows,
-    objective,
+    pid_rows,
     result_columns,
     result_rows,
     shown_values,
@@ -47,7 +47,7 @@ def document(record: Record, drawn: Sequence[Drawn]) -> bytes:
     for each in drawn:
         paper.heading(each.picture.title, needed=size_of(each.content)[1] + 0.4)
         paper.image(each.content)
-        paper.text(each.picture.caption, SMALL)
+        paper.text(each.caption, SMALL)
     _experiments(paper, record)
     _comparisons(paper, record)
     _outlook(paper, record)
@@ -59,17 +59,18 @@ def _acceptance(paper: Paper, record: Record) -> None:
     content = sheet_of(record)
     paper.text(record.scenario.title, TITLE)
     paper.text(f"Acceptance sheet{content.of}")
-    paper.text(content.facts, SMALL)
+    for words in content.facts:
+        paper.text(words, SMALL)
     paper.heading("Controller parameters")
     knobs = [(k.name, k.limits, k.before, k.after, k.unit) for k in content.knobs]
-    paper.table(("parameter", "range", "old", "new", "unit"), knobs)
+    paper.table(("parameter", "range", *content.columns, "unit"), knobs)
     if content.more_knobs:
         paper.text(f"and {content.more_knobs} more: see best.json", SMALL)
     paper.heading("Key performance indicators")
     met = {None: "–", True: "yes", False: "NO"}
     kpis = [(k.name, k.limits or "–", k.before, k.after, k.unit, met[k.met]) for k in content.kpis]
     kpis.append(("run ended", "–", *content.ends, "", "–"))
-    paper.table(("KPI", "required", "before", "after", "unit", "met"), kpis)
+    paper.table(("KPI", "required", *content.columns, "unit", "met"), kpis)
     if content.more_kpis:
         paper.text(f"and {content.more_kpis} more: see report.html", SMALL)
     room = paper.left - _SIGNED - 0.5
@@ -84,12 +85,19 @@ def _results(paper: Paper, record: Record) -> None:
     paper.text("Report", TITLE)
     paper.text(f"{lead(record)}.")
     paper.heading("Result")
-    headings = ("", *result_columns(record), "required", "unit")
+    columns = result_columns(record)
+    headings = ("", *columns, "required", "unit")
     rows = [
         (row.name, *(f"{v.text}{_MET[v.met]}" for v in row.values), row.aim or "–", row.unit)
-        for row in result_rows(record)
+        for row in result_rows(record, columns.values())
     ]
     paper.table(headings, rows)
+    if pid := pid_rows(record):
+        paper.heading("The PID for your control system")
+        paper.table(
+            ("", "form", "best", record.baseline.name, "unit"),
+            [(row.name, row.form, row.best, row.before, row.unit) for row in pid],
+        )
     if record.kpi_importance is not None:
         who = "You seem" if record.by_a_person else "The calibrator seems"
         paper.heading("What matters")
@@ -146,7 +154,10 @@ def _origin(paper: Paper, record: Record) -> None:
     paper.heading("How it was made" if record.by_a_person else "How to repeat it", needed=0.5)
     if record.command:
         paper.text(record.command)
-    if record.scenario.controller is not None:
-        paper.text(f"The tuned controller in Python, from the folder of the report:\n{REBUILD}")
-    settings = [(str(k), listed(v)) for k, v in (*record.settings.items(), *versions().items())]
+    if code := rebuild(record):
+        paper.text(f"The tuned controller in Python, from the folder of the report:\n{code}")
+    settings = [
+        (str(k), listed(v))
+        for k, v in (*record.origin.items(), *record.settings.items(), *versions().items())
+    ]
     paper.table(("setting or version", "value"), settings, SMALL)

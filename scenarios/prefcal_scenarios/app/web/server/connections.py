@@ -15,13 +15,20 @@ MOST_WAITING = 32
 _AFTER = 5.0
 """Extra seconds after `BODY_SECONDS`, for sending the error to the person."""
 
+_BUSY = (
+    b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nConnection: close\r\n"
+    b"Content-Type: text/plain\r\nContent-Length: 22\r\n\r\nToo many connections.\n"
+)
+"""What a connection is told that has to make way for a newer one."""
+
 _Waiting = dict[str, dict["Connection", None]]
 
 
 class Connection(H11Protocol):
     """A uvicorn connection that closes if its request does not arrive.
 
-    If a peer has too many of them, the oldest one closes: an honest request arrives at once.
+    If a peer has too many of them, the oldest one is answered with 503 and closes: an honest
+    request arrives at once.
     """
 
     def __init__(self, *args: Any, waiting: _Waiting, **kwargs: Any) -> None:
@@ -59,7 +66,13 @@ class Connection(H11Protocol):
         of_peer = self._waiting.setdefault(self._peer, {})
         of_peer[self] = None
         if len(of_peer) > MOST_WAITING:
-            next(iter(of_peer)).drop()
+            next(iter(of_peer)).make_way()
+
+    def make_way(self) -> None:
+        """Close the connection, and say to whoever still listens that there are too many."""
+        self._rest()
+        self.transport.write(_BUSY)
+        self.transport.close()
 
     def drop(self) -> None:
         """Close the connection at once."""

@@ -4,7 +4,8 @@ import { copied, el, symbol, withUnit } from "./dom.js";
 
 const MOST = 9; // KPIs shown here; the report has all of them
 
-export function bestCard(best, title = "Best so far") {
+// Show θ of the best experiment, and its KPIs unless they are shown elsewhere.
+export function bestCard(best, title = "Best so far", numbers = true) {
   if (!best) return el("p", {}, "There are no experiments yet.");
   const copy = el("button", { type: "button", on: { click: (event) => copied(best.copy, event.target) } }, "Copy θ");
   const theta = el("dl", { class: "values" }, best.theta.map((knob) =>
@@ -12,7 +13,7 @@ export function bestCard(best, title = "Best so far") {
   return el("div", { class: "card best" },
     el("div", { class: "card-head" }, el("h3", {}, `${title}: experiment ${best.number}`),
       best.marks.map((mark) => el("span", { class: `chip ${mark.startsWith("unsafe") ? "bad" : "good"}` }, mark)), copy),
-    theta, kpiTable(best.kpis));
+    theta, numbers ? kpiTable(best.kpis) : null);
 }
 
 function kpiTable(kpis) {

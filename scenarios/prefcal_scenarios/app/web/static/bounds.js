@@ -34,20 +34,24 @@ export function bounds(panel, yref, held) {
 
 const written = (value) => String(value).replace("-", "−");
 
-// Return target and limits in words, with every value of a limit that changes.
-export function aims(panel, question) {
-  const sides = [question.left, question.right];
-  const i = question.panels.indexOf(panel);
+const LEAST = 3; // px: a thinner band is hidden by the line of its target
+
+// Return in words the target and the limits that are drawn: those within `range`, the axis of panel
+// i in a figure of these `sides`, which is `height` px high. Of a limit that changes, every value.
+export function aims({ target, band, low, high }, i, { sides, range, height }) {
+  const seen = (value) => value !== null && value >= range[0] && value <= range[1];
   const taken = (k, limit) => {
-    const values = sides.flatMap((side) => side.limits[i]?.[k]?.y ?? []).filter((v) => v !== null);
-    const all = values.length ? [...new Set(values)].sort((a, b) => a - b) : [limit];
+    const changing = sides.flatMap((side) => side.limits[i]?.[k]?.y ?? []).filter((v) => v !== null);
+    const all = [...new Set(changing.length ? changing : [limit])].filter(seen).sort((a, b) => a - b);
     return all.length > 4 ? `${written(all[0])}…${written(all.at(-1))}` : all.map(written).join(" or ");
   };
   const words = [];
-  if (panel.target !== null) words.push(`target ${written(panel.target)}${panel.band ? ` ± ${panel.band}` : ""}`);
-  else if (sides.some((side) => side.references[i])) words.push("reference dotted");
-  if (panel.low !== null && panel.high !== null) words.push(`limits ${taken(0, panel.low)} to ${taken(1, panel.high)}`);
-  else if (panel.high !== null) words.push(`limit ${taken(1, panel.high)}`);
-  else if (panel.low !== null) words.push(`at least ${taken(0, panel.low)}`);
+  const thick = band && (2 * band * height) / (range[1] - range[0]) >= LEAST;
+  if (seen(target)) words.push(`target ${written(target)}${thick ? ` ± ${band}` : ""}`);
+  else if (target === null && sides.some((side) => side.references[i])) words.push("reference dotted");
+  const [least, most] = [taken(0, low), taken(1, high)];
+  if (least && most) words.push(`limits ${least} to ${most}`);
+  else if (most) words.push(`limit ${most}`);
+  else if (least) words.push(`at least ${least}`);
   return words.length ? ` · ${words.join(" · ")}` : "";
 }

@@ -22,6 +22,7 @@ export async function briefing() {
   return [
     told.text ? el("p", { class: "task" }, symbol(told.text)) : null,
     el("p", {}, told.how),
+    told.start ? el("p", {}, told.start) : null,
     told.panels.length ? el("p", {}, `Look at the curves first (${told.panels.join(", ")}), then at the numbers above them.`) : null,
     table("The knobs: what differs between experiments", told.knobs.map((knob) =>
       [knob.name, knob.about, `${knob.range} ${knob.unit}`.trim()])),
@@ -44,12 +45,14 @@ export function waitFor({ pending, preparing, progress, simulated, stopping }, a
   const which = progress.running > 1 ? `${progress.running} experiments` : `experiment ${number}`;
   const running = number ? `Running ${which}` : "Choosing the next experiment";
   $("wait-title").textContent = preparing ? "Getting ready" : running;
+  const unseen = number ? null : simulated;
   $("wait-text").textContent = preparing
     ? `Compiling the solver, part ${preparing.part} of ${preparing.parts} (${preparing.title}): only once on this machine.`
-    : [first ? "The first question follows." : "Your answer is saved.", !number && simulated ? `${simulated.line}.` : ""].join(" ").trim();
+    : [first ? "The first question follows." : "Your answer is saved.", unseen ? `${unseen.going_on || unseen.line}.` : ""].join(" ").trim();
   const bar = $("wait-progress");
-  bar.hidden = !preparing;
+  bar.hidden = !preparing && !unseen?.going_on;
   if (preparing) [bar.max, bar.value] = [preparing.parts, preparing.part - 1];
+  else if (unseen) [bar.max, bar.value] = [unseen.due, unseen.simulated];
   const stops = number && stopping && !preparing;
   $("stop").hidden = !stops;
   $("stop-run").onclick = () => act("stop_run", { index: pending.index });

@@ -10,7 +10,7 @@ export function showFailed(now, act) {
     el("p", { class: "problem" }, problem),
     pending ? el("dl", { class: "values" }, pending.theta.map((knob) => el("div", {},
       el("dt", {}, symbol(knob.name)), el("dd", {}, withUnit(knob.text, knob.unit))))) : null,
-    el("p", {}, "Every answer so far is saved."),
+    el("p", {}, "Each answer was saved when you gave it."),
     el("p", { class: "actions" },
       button("Try again", () => act("retry", { index: pending?.index ?? 0 }), "primary"),
       pending ? button("Count it as failed", () => act("fail", { index: pending.index, reason: problem ?? "" })) : null));

@@ -32,8 +32,16 @@ function lines({ curves, references, limits }, panel, i, color, dash) {
   ];
 }
 
+// Say how to see the rest of the time, if only a part is shown.
+function rest({ axes: { x } }, shown, unit) {
+  if (shown[0] <= x[0] && shown[1] >= x[1]) return "";
+  const how = matchMedia("(hover: none)").matches ? "double-tap" : "key 0";
+  return ` · ${how}: all ${Number((x[1] - x[0]).toPrecision(4))} ${unit}`;
+}
+
 export function layout(question, name, view, unit, { width, height }) {
   const { panels } = question;
+  const plain = unit.replace(/[<>&]/g, "");
   const inner = height - MARGIN.t - MARGIN.b;
   const font = { color: css("--muted"), size: 11 };
   const grid = { gridcolor: css("--grid"), zeroline: false, linecolor: css("--grid"), tickfont: font, ticklen: 0, automargin: false };
@@ -42,7 +50,7 @@ export function layout(question, name, view, unit, { width, height }) {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", dragmode: "zoom",
     font: { family: "system-ui, sans-serif" }, shapes: [],
     xaxis: { ...grid, range: [...view.x], anchor: `y${panels.length > 1 ? panels.length : ""}`, nticks: width < 420 ? 6 : 10,
-      title: { text: unit ? `time [${unit.replace(/[<>&]/g, "")}]` : "time", font: { ...font, size: 12 }, standoff: 4 } },
+      title: { text: unit ? `time [${plain}]${rest(question, view.x, plain)}` : "time", font: { ...font, size: 12 }, standoff: 4 } },
   };
   panels.forEach((panel, i) => {
     const { top, bottom } = place(i, panels.length, height);

@@ -1,9 +1,11 @@
 // Keep the server's latest state and send the person's actions. This module knows no view.
 
 import { Refusal, news, post } from "./api.js";
-import { $, ask, el } from "./dom.js";
+import * as comment from "./comment.js";
+import { $, ask, el, say } from "./dom.js";
 
-export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false };
+export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false,
+  saved: "", unsure: null }; // the last answer that was saved, and one that was sent without a reply
 const LINGER = 150; // ms after a new question in which a verdict counts as a double press of the last one
 
 export const current = () => state.now;
@@ -16,7 +18,29 @@ let opened = () => {};
 // Start listening. `onchange(before)` draws a new state, `onopen()` another view of it.
 export function start(onchange, onopen) {
   [changed, opened] = [onchange, onopen];
+  comment.start();
+  stay();
   listen();
+}
+
+// Let Back lead to the question, never out of the study. Browsers skip entries of the history that
+// were made before the person did anything.
+function stay() {
+  const enter = () => history.pushState("page", "");
+  const once = { capture: true, once: true };
+  if (history.state === "page") addEventListener("popstate", back);
+  else ["keydown", "pointerdown"].forEach((kind) => addEventListener(kind, begin, once));
+  function begin() {
+    ["keydown", "pointerdown"].forEach((kind) => removeEventListener(kind, begin, once));
+    enter();
+    addEventListener("popstate", back);
+  }
+  function back() {
+    enter();
+    $("dialog").close();
+    if (state.view === "now") say("This is the study. Close the tab to leave it: every saved answer stays.");
+    else open("now");
+  }
 }
 
 async function listen() {
@@ -31,6 +55,7 @@ async function listen() {
       if (state.lost) banner("");
       state.lost = false;
       if (asked === state.blind) take(now);
+      settle();
     } catch (error) {
       if (error.name !== "AbortError") await lost(error);
     }
@@ -44,17 +69,37 @@ const hiddenFor = (ms) => new Promise((resolve) => {
 });
 
 async function lost(error) {
-  const again = state.now?.study.again ?? "prefcal calibrate ...";
   state.lost = true;
   banner(error instanceof Refusal && error.status === 401
-    ? "This link is no longer valid. Open the one that the terminal shows."
-    : `No connection to prefcal. Every answer so far is saved. To continue, run: ${again}`);
+    ? "This link is no longer valid. Open the one that the terminal shows." : offline());
   await new Promise((resolve) => setTimeout(resolve, 1000));
+}
+
+// Say which answers had been saved, since the file may be gone by now, and that the one just pressed is not.
+function offline() {
+  const { given = 0 } = state.now?.progress ?? {};
+  const count = `It had saved ${given === 1 ? "1 answer" : `${given} answers`}`;
+  const last = state.saved ? `, the last one “${state.saved}”` : "";
+  const unsure = state.unsure ? ` Not saved, as far as this page knows: “${state.unsure.words}”, which you pressed last.` : "";
+  return `No connection to prefcal. ${count}${last}.${unsure} To continue, run: ${state.now?.study.again ?? "prefcal calibrate ..."}`;
+}
+
+// Say what became of an answer that was sent without a reply: if its question is open, it is lost.
+function settle() {
+  if (!state.unsure) return;
+  const { question, words, comment: text } = state.unsure;
+  state.unsure = null;
+  if (state.now.question?.id === question) banner(`“${words}” was not saved: the connection was lost. Please answer again.`);
+  else {
+    state.saved = words;
+    saved(words);
+    if ($("comment").value === text) comment.put("");
+  }
 }
 
 function banner(text) {
   $("banner").hidden = !text;
-  $("banner").textContent = text;
+  if ($("banner").textContent !== text) $("banner").textContent = text; // screen readers read it again whenever it is set
 }
 
 function take(now) {
@@ -90,10 +135,12 @@ export async function act(name, fields, words = "") {
     banner("");
     take(now);
     if (words) saved(words);
+    if (["answer", "undo"].includes(name)) state.saved = name === "answer" ? words : "";
     return true;
   } catch (error) {
     if (error.now) take(error.now);
-    banner(error instanceof Refusal ? error.message : "No connection to prefcal. This may not be saved.");
+    if (!(error instanceof Refusal) && name === "answer") state.unsure = { words, ...fields };
+    banner(error instanceof Refusal ? error.message : state.unsure ? offline() : "No connection to prefcal. This may not be saved.");
     return false;
   } finally {
     state.sending -= 1;
@@ -121,13 +168,12 @@ export async function answer(choice) {
   const { id } = now.question;
   if (state.answered === id || performance.now() - state.shownAt < LINGER) return;
   state.answered = id;
-  const comment = $("comment").value;
-  $("comment").value = "";
-  const done = await act("answer", { question: id, choice, comment, blind: state.blind }, WORDS[choice]);
+  const text = comment.take();
+  const done = await act("answer", { question: id, choice, comment: text, blind: state.blind }, WORDS[choice]);
   if (done) return;
   // Not recorded: reopen the question and restore the comment.
   state.answered = null;
-  $("comment").value ||= comment;
+  if (!$("comment").value) comment.put(text);
 }
 
 export function mark(side, kind) {
@@ -142,7 +188,7 @@ export async function undo() {
   if (state.now?.question?.repeat) return skip();
   if (!state.now?.can_undo) return undefined;
   const done = await act("undo", { version: state.now.version }, "last answer undone");
-  if (done) $("comment").value ||= state.now.draft;
+  if (done && !$("comment").value) comment.put(state.now.draft);
   return undefined;
 }
 
@@ -150,8 +196,8 @@ export async function undo() {
 export const skip = () => act("undo", { version: state.now.version });
 
 export function finish() {
-  const { answered, comparisons } = state.now.progress;
-  ask("Finish the study?", el("p", {}, `${answered} of ${comparisons} comparisons are answered. ` +
+  const { answered, total } = state.now.progress;
+  ask("Finish the study?", el("p", {}, `${answered} of ${total} questions are answered. ` +
     "The best so far is the result. You can continue the study at any time."), [
     ["Finish", () => act("finish", {}), "primary"], ["Keep comparing", null]]);
 }

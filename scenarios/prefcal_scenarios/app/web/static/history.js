@@ -55,8 +55,8 @@ function row(answer, act) {
   const state = answer.retracted ? "retracted" : answer.repeated ? "asked again" : "";
   const retract = state ? el("span", { class: "faint" }, state)
     : el("button", { type: "button", on: { click: () => confirm(answer, act) } }, "Retract…");
-  const look = el("button", { type: "button", on: { click: () => lookAgain(answer.answer) },
-    "aria-label": `Look at ${named(answer.answer)} again` }, answer.further ? `+${-answer.answer}` : `${answer.answer}`);
+  const look = el("button", { type: "button", on: { click: () => lookAgain(answer) },
+    "aria-label": `Look at ${named(answer)} again` }, answer.number);
   const number = (value, won) => el("td", { class: won ? "won" : "" }, value ?? "–", won ? el("span", { class: "hidden" }, " (preferred)") : null);
   return el("tr", { class: answer.retracted ? "retracted" : "" }, el("td", {}, look),
     number(challenger, winner === "new"), number(incumbent, winner === "best"),
@@ -66,40 +66,41 @@ function row(answer, act) {
     el("td", { class: "faint" }, when(answer.at)), el("td", {}, retract));
 }
 
-// Follow-up comparisons, of experiments that have run before, have numbers below 0.
-const named = (answer) => (answer < 0 ? `follow-up comparison ${-answer}` : `comparison ${answer}`);
+const named = ({ number }) => `question ${number}`;
 
-function confirm({ answer }, act) {
-  ask(`Retract ${named(answer)}?`, el("p", {}, "Nothing will be learned from it any more. Every experiment stays. This cannot be undone."), [
+function confirm(which, act) {
+  const { answer } = which;
+  ask(`Retract ${named(which)}?`, el("p", {}, "Nothing will be learned from it any more. Every experiment stays. This cannot be undone."), [
     ["Keep it", null, "primary"], ["Retract it", () => act("retract", { answer }, "answer retracted")]]);
 }
 
-async function lookAgain(number) {
+async function lookAgain(which) {
   const place = $("again");
   let asked;
   try {
-    asked = await get(`/api/history/${number}`);
+    asked = await get(`/api/history/${which.answer}`);
   } catch (error) {
     return fill(place, el("p", { class: "problem" }, error.message));
   }
   const { question, verdict, comment, time_unit: unit } = asked;
   const words = WORDS[asked.much ? `much ${verdict}` : verdict] ?? verdict;
-  const heading = `${named(number).replace(/^./, (first) => first.toUpperCase())}: ${words}`;
+  const heading = `${named(which).replace(/^./, (first) => first.toUpperCase())}: ${words}`;
   const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
   fill(place, el("div", { class: "card-head" }, el("h3", {}, heading),
     comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
-  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name && (asked.much ? "much preferred" : "preferred")))));
+  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question, verdict === name && (asked.much ? "much preferred" : "preferred")))));
   figures(place, question, unit);
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
   return say(heading);
 }
 
-function side(name, shown, won) {
+function side(name, question, won) {
+  const shown = question[name];
   const title = name === "left" ? "Left" : "Right";
   return el("section", { class: `side ${name}`, "aria-label": title },
     el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number}`),
       won ? el("span", { class: "chip good" }, won) : null),
-    el("dl", { class: "kpis" }, summary(shown)), thetas(shown),
+    el("dl", { class: "kpis" }, summary(shown, question)), thetas(shown),
     el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
 }

@@ -20,7 +20,7 @@ export const QUESTION = {
   c: ["C", "write a comment; Enter or Esc leaves the field", () => $("comment").focus()],
   t: ["T", "all KPIs of both sides, largest difference first", toggleTable],
   f: ["F", "zoom to the target and back", toggleZoom],
-  0: ["0", "show the whole time again (or double-click)", resetZoom],
+  0: ["0", "the whole time, or only while things happen (or double-click)", resetZoom],
   o: ["O", "switch between one plot and side by side", toggleOverlay],
   b: ["B", "blind: hide θ and which experiment is the best so far", toggleBlind],
   ",": [", .", "move the cursor (faster with shift)", () => moveCursor(-1)],

@@ -1,6 +1,7 @@
 // Draw the page: each phase and view has its own module, called when the state changes.
 
 import { intro, waitFor } from "./brief.js";
+import { restore } from "./comment.js";
 import { $, el, say } from "./dom.js";
 import { showFailed } from "./failed.js";
 import { act, answer, finish, open, skip, start, state, toggleBlind, undo } from "./flow.js";
@@ -58,23 +59,20 @@ function opened() {
 
 function asked(now) {
   state.shownAt = performance.now();
-  const { comparisons } = now.progress;
-  const which = now.question.repeat ? "an earlier question again" : now.question.further
-    ? "a follow-up comparison of two experiments that you have seen" : `comparison ${now.question.number} of ${comparisons}`;
+  restore(now);
+  const which = now.question.repeat ? "an earlier question again"
+    : `${now.progress.text}${now.question.further ? ", two experiments that you have seen" : ""}`;
   say(`New question: ${which}. ${question.inWords(now.question)}`);
 }
 
-function progress({ answered, comparisons }, simulated) {
-  const next = Math.min(answered + 1, comparisons);
-  $("progress-text").textContent = state.now.phase === "over"
-    ? `${answered} of ${comparisons} compared`
-    : state.now.question?.further ? `follow-up comparison, after ${answered} of ${comparisons}` : `comparison ${next} of ${comparisons}`;
+function progress({ answered, questions, total, text }, simulated) {
+  $("progress-text").textContent = text;
   if (simulated) $("progress-text").append(el("span", { class: "hidden" }, " · "), el("span", { class: "unseen" }, simulated.line));
   const bar = $("progress");
-  bar.setAttribute("aria-valuemax", Math.max(comparisons, 1));
+  bar.setAttribute("aria-valuemax", Math.max(questions, 1));
   bar.setAttribute("aria-valuenow", answered);
-  bar.firstElementChild.style.width = `${(100 * answered) / Math.max(comparisons, 1)}%`;
-  const place = state.now.phase === "over" ? "done" : `${next}/${comparisons}`;
+  bar.firstElementChild.style.width = `${(100 * answered) / Math.max(questions, 1)}%`;
+  const place = state.now.phase === "over" ? "done" : `${Math.min(answered + 1, questions)}/${total}`;
   document.title = `${place} · ${state.now.scenario.title} · prefcal`;
 }
 

@@ -44,19 +44,25 @@ export function slice(div, { knob, x, y, best, samples }) {
   ], layout, STILL);
 }
 
+export const GROUPS = [
+  { kind: "other", sign: "●", words: "another experiment", test: (e) => !e.was_best,
+    marker: () => ({ color: css("--muted"), size: 6, opacity: 0.7 }) },
+  { kind: "was", sign: "○", words: "was the best for a while", test: (e) => e.was_best && !e.best,
+    marker: () => ({ color: css("--left"), size: 8, symbol: "circle-open", line: { width: 2 } }) },
+  { kind: "best", sign: "★", words: "the best so far", test: (e) => e.best,
+    marker: () => ({ color: css("--left"), size: 14, symbol: "star" }) },
+  { kind: "bad", sign: "✕", words: "unsafe: marked, or its run was interrupted", test: (e) => e.marks.some((mark) => mark.startsWith("unsafe")),
+    marker: () => ({ color: css("--bad"), size: 9, symbol: "x-thin-open", line: { width: 2 } }) },
+];
+
 // Draw all θ tried: one dot per experiment, knob against experiment number.
 export function tried(div, knob, k, experiments) {
   const layout = base(div.clientWidth, 190);
-  const group = (test, marker, name) => {
+  const group = ({ test, marker, words }) => {
     const kept = experiments.filter(test);
-    return { type: "scatter", mode: "markers", name, x: kept.map((e) => e.number), y: kept.map((e) => e.theta[k]), marker };
+    return { type: "scatter", mode: "markers", name: words, x: kept.map((e) => e.number), y: kept.map((e) => e.theta[k]), marker: marker() };
   };
   layout.xaxis = { ...axis(), title: titled("experiment"), rangemode: "tozero", nticks: 6 };
   layout.yaxis = { ...along(knob), title: titled(typeset(named(knob))) };
-  Plotly.react(div, [
-    group((e) => !e.was_best, { color: css("--muted"), size: 6, opacity: 0.7 }, "tried"),
-    group((e) => e.was_best && !e.best, { color: css("--left"), size: 8, symbol: "circle-open", line: { width: 2 } }, "was the best"),
-    group((e) => e.best, { color: css("--left"), size: 14, symbol: "star" }, "best"),
-    group((e) => e.marks.some((mark) => mark.startsWith("unsafe")), { color: css("--bad"), size: 9, symbol: "x-thin-open", line: { width: 2 } }, "unsafe"),
-  ], layout, STILL);
+  Plotly.react(div, GROUPS.map(group), layout, STILL);
 }

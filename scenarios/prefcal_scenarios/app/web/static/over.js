@@ -17,28 +17,30 @@ export function showOver(now, act) {
   fill($("view-over"), el("div", { class: "hero" },
     el("span", { class: "done", "aria-hidden": "true" }, "✓"),
     el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.reason}.`),
-      el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.given} comparisons. Everything is saved.`)),
+      el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.given} comparisons.`)),
     el("p", { class: "actions" },
       report ? el("a", { class: "button primary", href: report.link, target: "_blank", rel: "noopener" }, "Open the report")
         : el("span", { class: "faint" }, "The report is being written…"),
       report ? el("a", { class: "button", href: report.acceptance, target: "_blank", rel: "noopener" }, "Acceptance sheet") : null,
       over.next.download ? el("a", { class: "button", href: over.next.download, download: "best.json" }, "Download best.json") : null)),
-  gained(over.gain), bestCard(over.best, "The result"), steps(now, act), pictures(report));
+  gained(over.gain), bestCard(over.best, "The result", !over.gain || over.gain.same), steps(now, act), pictures(report));
 }
 
-// Show the main KPIs before and after.
+// Show all KPIs before and after, the largest change first.
 function gained(gain) {
   if (!gain || !gain.kpis.length) return null;
   if (gain.same) {
     return el("div", { class: "card gain" }, el("h3", {}, "What was gained"),
-      el("p", {}, `No experiment was better than ${gain.before}: experiment 1 is still the best.`));
+      el("p", {}, `No experiment was better than the ${gain.before}: experiment ${gain.number} is still the best.`));
   }
+  const sign = { true: " ✓", false: " ✗" };
   const rows = gain.kpis.map((kpi) => el("tr", { class: kpi.verdict },
-    el("th", { scope: "row", title: kpi.about || null }, symbol(kpi.title)),
-    el("td", { class: "number" }, withUnit(kpi.before, kpi.unit)), el("td", { class: "number" }, withUnit(kpi.after, kpi.unit)),
-    el("td", { class: "number change" }, withUnit(kpi.change, kpi.unit)), el("td", {}, kpi.verdict)));
+    el("th", { scope: "row", title: kpi.about || null }, symbol(kpi.title), kpi.objective ? el("small", { class: "faint" }, ` (${kpi.objective})`) : null),
+    el("td", { class: "number" }, withUnit(kpi.before, kpi.unit)),
+    el("td", { class: "number" }, withUnit(kpi.after, kpi.unit), el("span", { class: "met" }, sign[kpi.met] ?? "")),
+    el("td", { class: "number change" }, kpi.change), el("td", { class: "change" }, kpi.verdict)));
   const heads = ["", gain.before, `experiment ${gain.after}`, "change", ""];
-  return el("div", { class: "card gain" }, el("h3", {}, `What was gained since ${gain.before}`),
+  return el("div", { class: "card gain" }, el("h3", {}, `What was gained over the ${gain.before}`),
     el("div", { class: "scroll" }, el("table", { class: "kpi-table" },
       el("thead", {}, el("tr", {}, heads.map((text, k) => el("th", { scope: "col", class: k && k < 4 ? "number" : null }, text)))),
       el("tbody", {}, rows))));
@@ -63,7 +65,7 @@ function steps(now, act) {
 
   async function close() {
     if (await act("close", {})) {
-      ask("Closed", el("p", {}, "Everything is saved. You can close this tab."), []);
+      ask("Closed", el("p", {}, "You can close this tab."), []);
     }
   }
 }

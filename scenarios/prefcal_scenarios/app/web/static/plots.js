@@ -1,23 +1,26 @@
 // Draw the curves: one figure per side. Both sides share all axes: the study's, unless zoomed.
 /* global Plotly */
 
-import { target } from "./axes.js";
 import { aims } from "./bounds.js";
 import { el, fill, symbol } from "./dom.js";
 import { HEAD, MARGIN, layout, place, traces } from "./figure.js";
+import { EVENTS, TARGET, WHOLE, applies, dragged, recalled, remember, view } from "./zoom.js";
 
-const LEAST = { apart: 92, overlaid: 76 }; // minimum px of a panel with its title
+const LEAST = { apart: 88, overlaid: 76, small: 120 }; // minimum px of a panel with its title
+// On a small screen the page scrolls instead: a panel stays large enough to be read.
+export const SMALL = matchMedia("(max-width: 600px), (max-height: 520px)");
 const CONFIG = { displayModeBar: false, responsive: false, doubleClick: false, showTips: false };
 
 export class Plots {
   overlaid = false;
+  remembers = false; // whether what is chosen here also holds for the next question
   onzoom = () => {};
   #cell;
   #question = null;
   #unit = "";
   #all = null;
   #view = null;
-  #zoomed = false;
+  #zoom = EVENTS;
   #drawing = 0;
   #drawn = new Map(); // by figure: what it showed last, as JSON
   #watch = new ResizeObserver(() => this.draw());
@@ -45,7 +48,7 @@ export class Plots {
 
   // Return the minimum height of a figure with readable panels, in px.
   get least() {
-    return (this.overlaid ? LEAST.overlaid : LEAST.apart) * this.panels.length + MARGIN.b - 16;
+    return LEAST[SMALL.matches ? "small" : this.overlaid ? "overlaid" : "apart"] * this.panels.length + MARGIN.b - 16;
   }
 
   get range() {
@@ -69,24 +72,35 @@ export class Plots {
     this.#unit = unit;
     this.#all = question.axes;
     this.#drawn.clear();
-    this.#set(this.#all, false);
+    this.#set(recalled());
   }
 
-  #set(view, zoomed) {
-    this.#view = view;
-    this.#zoomed = zoomed;
-    this.onzoom(zoomed);
+  #set(zoom) {
+    this.#zoom = zoom;
+    this.#view = view(zoom, this.#question, this.#all);
+    this.onzoom(applies(zoom, this.#question));
   }
 
-  reset() {
-    this.#set(this.#all, false);
+  #choose(zoom) {
+    this.#set(zoom);
+    if (this.remembers) remember(zoom);
     this.draw();
   }
 
+  // Show the whole time; again: the time in which things happen.
+  reset() {
+    if (this.#question) this.#choose(this.#zoom.kind === "whole" ? EVENTS : WHOLE);
+  }
+
   zoomToTarget() {
-    if (!this.#question) return;
-    if (this.#zoomed) return this.reset();
-    this.#set(target(this.#question, this.#all), true);
+    if (this.#question) this.#choose(applies(this.#zoom, this.#question) ? EVENTS : TARGET);
+  }
+
+  // Show all of the time if `time` is outside the present part.
+  reveal(time) {
+    const [from, to] = this.range;
+    if (time >= from && time <= to) return;
+    this.#set(WHOLE);
     this.draw();
   }
 
@@ -131,19 +145,18 @@ export class Plots {
 
   #relaid(change) {
     if (this.#drawing) return;
-    const view = { x: [...this.#view.x], y: this.#view.y.map((range) => [...range]) };
+    const seen = { x: [...this.#view.x], y: this.#view.y.map((range) => [...range]) };
     let changed = false;
     for (const [key, value] of Object.entries(change)) {
       const found = /^(x|y)axis(\d*)\.range\[(\d)\]$/.exec(key);
       if (!found) continue;
-      const range = found[1] === "x" ? view.x : view.y[Number(found[2] || 1) - 1];
+      const range = found[1] === "x" ? seen.x : seen.y[Number(found[2] || 1) - 1];
       range[Number(found[3])] = value;
       changed = true;
     }
     if (!changed) return;
     for (const name of this.shown) frames.delete(this.#cell(name)); // plotly moved its axes itself
-    this.#set(view, true);
-    this.draw();
+    this.#choose(dragged(this.#question, seen));
   }
 
   // Put titles, readouts and the cursor line above the figure.
@@ -157,9 +170,10 @@ export class Plots {
     const dots = this.panels.flatMap((_, i) => sides.map((side) =>
       el("i", { class: `dot ${side}`, data: { side, panel: i }, hidden: true })));
     fill(layer, el("div", { class: "cursor", hidden: true }), dots, this.panels.map((panel, i) => {
-      const { top } = place(i, this.panels.length, height);
+      const { top, bottom } = place(i, this.panels.length, height);
+      const drawn = { sides: sides.map((side) => this.#question[side]), range: this.#view.y[i], height: bottom - top };
       const head = el("p", { class: "head" }, el("span", {}, symbol(panel.title),
-        panel.unit ? ` [${panel.unit}]` : "", aims(panel, this.#question)), el("output", {}));
+        panel.unit ? ` [${panel.unit}]` : "", aims(panel, i, drawn)), el("output", {}));
       head.style.top = `${top - HEAD + 1}px`;
       return head;
     }));

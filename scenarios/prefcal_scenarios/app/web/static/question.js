@@ -4,9 +4,9 @@ import { act } from "./flow.js";
 import { $, el, fill, withUnit } from "./dom.js";
 import { Cursor } from "./cursor.js";
 import { Maneuvers } from "./maneuvers.js";
-import { Plots } from "./plots.js";
+import { Plots, SMALL } from "./plots.js";
 import { Scenes } from "./scene.js";
-import { describe, marks, told } from "./side.js";
+import { describe, headline, marks, told } from "./side.js";
 import * as table from "./table.js";
 
 const plots = new Plots((name) => $(`${name}-plot`));
@@ -27,6 +27,11 @@ export function start() {
   }
   $("overlay").addEventListener("click", toggleOverlay);
   $("zoom").addEventListener("click", toggleZoom);
+  plots.remembers = true;
+  SMALL.addEventListener("change", () => {
+    arrange();
+    fit();
+  });
   plots.onzoom = (zoomed) => $("zoom").setAttribute("aria-pressed", zoomed);
   scenes.start();
   cursor.start($("pair"));
@@ -47,8 +52,8 @@ export function start() {
     }
     redraw();
   });
-  fill($("both"), el("p", { class: "legend" }, el("span", { class: "key left" }, "Left"),
-    el("span", { class: "key right" }, "Right")),
+  fill($("both"), el("p", { class: "legend" }, el("span", { class: "key left", id: "key-left" }, "Left"),
+    el("span", { class: "key right", id: "key-right" }, "Right")),
   el("div", { class: "plot", id: "both-plot", role: "img", "aria-label": "Both experiments" }));
 }
 
@@ -81,7 +86,10 @@ export function show(now, same) {
 
 // Show one maneuver, or the whole experiment if it has no others.
 function showPart(part) {
-  for (const side of ["left", "right"]) told(side, part);
+  for (const side of ["left", "right"]) {
+    told(side, part);
+    $(`key-${side}`).hidden = part[side].empty; // nothing of it is drawn
+  }
   plots.take(part, unit);
   cursor.reset();
   scenes.take(part);
@@ -120,8 +128,7 @@ export function toggleZoom() {
 }
 
 function jumpTo(time) {
-  const [from, to] = plots.range;
-  if (time < from || time > to) plots.reset();
+  plots.reveal(time);
   cursor.put(time);
   scenes.follow(time);
 }
@@ -137,10 +144,10 @@ export { toggleOverlay };
 export function inWords(question) {
   const words = (name) => {
     const side = question[name];
-    const met = side.kpis.filter((kpi) => kpi.met !== null);
-    const kpis = met.map((kpi) =>
-      `${kpi.title} ${withUnit(kpi.text, kpi.unit)}, objective ${kpi.met ? "met" : "missed"}`);
-    return `${name}: ${kpis.slice(0, 3).join("; ") || side.ended}`;
+    const verdict = { true: ", objective met", false: ", objective missed" };
+    const kpis = headline(side.kpis, question).map((kpi) =>
+      `${kpi.title} ${withUnit(kpi.text, kpi.unit)}${verdict[kpi.met] ?? ""}`);
+    return `${name}: ${kpis.join("; ") || side.ended}`;
   };
   return `${words("left")}. ${words("right")}.`;
 }

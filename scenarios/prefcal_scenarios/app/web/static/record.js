@@ -19,7 +19,7 @@ export function showRecord(now, act) {
     pending.instructions ? el("p", { class: "instructions" }, pending.instructions) : null, set.block,
     el("h3", {}, "The record"), columns(now), taking("record", pending.index, set.read),
     el("p", {}, "Or: ", el("button", { type: "button", on: { click: failed } }, "The run failed; there is no record")),
-    el("p", { class: "faint" }, "This may take days: everything is saved. Continue later with ", el("code", {}, now.study.again)));
+    el("p", { class: "faint" }, "This may take days: you can stop prefcal meanwhile. Continue later with ", el("code", {}, now.study.again)));
 
   function failed() {
     ask("Count it as failed?", el("p", {}, "It is then compared as a run without a record."), [

@@ -4,8 +4,9 @@ import { mark } from "./flow.js";
 import { $, el, fill, symbol, withUnit } from "./dom.js";
 import { toggle } from "./table.js";
 
-const MARKS = { unsafe: { left: "Q", right: "E", words: "Unsafe or very bad" },
-  "good enough": { left: "A", right: "D", words: "Good enough" } };
+const MARKS = { unsafe: { left: "Q", right: "E", words: "Unsafe or very bad", short: "Unsafe" },
+  "good enough": { left: "A", right: "D", words: "Good enough", short: "Good" } };
+const HEADLINE = 3; // KPIs in the head of each side
 const TITLES = { left: "Left", right: "Right" };
 
 // Create the card once; a new question only changes its content, so the figures are kept.
@@ -25,26 +26,27 @@ export function describe(name, question) {
   const words = which(side, question.others.length + 1);
   $(`${name}-which`).textContent = words;
   $(`${name}-which`).title = words;
-  numbers(name, side);
+  numbers(name, question);
   const theta = thetas(side);
   fill($(`${name}-thetas`), theta ? [theta] : []);
   marks(name, side);
 }
 
 // Show what belongs to the maneuver on the screen: its KPIs, and its curves in words.
-export function told(name, { [name]: side, maneuver }) {
+export function told(name, question) {
+  const { [name]: side, maneuver } = question;
   $(`${name}-empty`).textContent = side.empty ? "This run failed and left no record." : "";
   $(`${name}-plot`).setAttribute("aria-label", `${TITLES[name]}: ${side.stories.join(". ")}`);
   $(`${name}-here`)?.remove();
   if (!maneuver || !side.part) return;
   $(`${name}-numbers`).append(el("dl", { class: "kpis here", id: `${name}-here` },
-    group(maneuver, side.part.interrupted ? side.part.ended : ""), headline(side.part).map(item)));
+    group(maneuver, side.part.interrupted ? side.part.ended : ""), headline(side.part.kpis, question).map(item)));
 }
 
 const group = (title, words = "") => el("div", {}, el("dt", { class: "group" }, title), el("dd", {}, words));
 
 // Return the main KPIs of a side; of several maneuvers they are the worst.
-export const summary = (side) => [side.part ? group("worst") : null, ...headline(side).map(item)];
+export const summary = (side, question) => [side.part ? group("worst") : null, ...headline(side.kpis, question).map(item)];
 
 function which(side, maneuvers) {
   const words = side.name ? [side.name] : [];
@@ -56,16 +58,23 @@ function which(side, maneuvers) {
   return words.join(" · ");
 }
 
-// Show the KPIs with an objective, or else the first three; the table of both sides has all KPIs.
-function numbers(name, side) {
+// Show the KPIs that tell the two sides apart; the table has all of them.
+function numbers(name, question) {
+  const side = question[name], shown = summary(side, question);
   const button = el("button", { type: "button", class: "link", on: { click: toggle } }, `all ${side.kpis.length}`);
-  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, summary(side)),
-    side.kpis.length > headline(side).length ? button : null);
+  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, shown), side.kpis.length > HEADLINE ? button : null);
 }
 
-export function headline(side) {
-  const main = side.kpis.filter((kpi) => kpi.met !== null);
-  return main.length ? main : side.kpis.slice(0, 3);
+// Return the three KPIs that differ most between the sides. If fewer differ, those with an
+// objective follow, then the others.
+export function headline(kpis, { comparison }) {
+  const size = new Map();
+  for (const row of comparison) size.set(row.title, Math.max(row.size, size.get(row.title) ?? 0));
+  const titles = [...size.keys()]; // largest difference first, also among those that are drawn alike
+  const order = (kpi) => titles.indexOf(kpi.title);
+  const by = ({ title }) => size.get(title) ?? 0;
+  return [...kpis].sort((a, b) => by(b) - by(a)
+    || (by(a) ? order(a) - order(b) : (b.met !== null) - (a.met !== null))).slice(0, HEADLINE);
 }
 
 export function item(kpi) {
@@ -90,11 +99,13 @@ export function marks(name, side) {
   const unsafe = Boolean(side.marks?.includes("unsafe"));
   $(name).classList.toggle("unsafe", unsafe || side.counts_as_unsafe);
   if (!side.marks) return; // a run without a study
-  const buttons = Object.entries(MARKS).map(([kind, { words, [name]: key }]) =>
+  const buttons = Object.entries(MARKS).map(([kind, { words, short, [name]: key }]) =>
     el("button", { type: "button", class: `mark ${kind === "unsafe" ? "bad" : "good"}`,
       id: `${name}-${kind.replace(" ", "-")}`, "aria-pressed": String(side.marks.includes(kind)), disabled: kind === "good enough" && side.counts_as_unsafe,
       title: counted(side, kind) ? "It counts as unsafe because its run was interrupted, whether or not you mark it." : null,
-      on: { click: () => mark(name, kind) } }, `${counted(side, kind) ? "Unsafe: interrupted" : words} `, el("kbd", {}, key)));
+      "aria-label": `${TITLES[name]}: ${counted(side, kind) ? "unsafe: interrupted" : words.toLowerCase()}`,
+      on: { click: () => mark(name, kind) } }, el("span", { class: "long" }, counted(side, kind) ? "Unsafe: interrupted" : words),
+    el("span", { class: "short" }, short), " ", el("kbd", {}, key)));
   const active = document.activeElement?.id;
   fill($(`${name}-marks`), buttons);
   if (active) buttons.find((button) => button.id === active)?.focus();

@@ -47,16 +47,22 @@ function build() {
   fill($("view-simulated"), el("h2", { id: "simulated-title" }, "Simulated"), el("p", { id: "map-told", class: "faint" }, "Loading…"),
     el("div", { id: "map-parts", hidden: true },
       el("p", { class: "map-axes" }, el("label", {}, "Across ", el("select", { id: "map-x", on })), el("label", {}, "Up ", el("select", { id: "map-y", on }))),
-      el("div", { class: "map-columns" }, el("div", { class: "card flat" }, map, legend()),
+      el("div", { class: "map-columns" }, el("div", { class: "card flat" }, map, el("p", { id: "map-legend", class: "marks-legend faint" })),
         el("section", { id: "point", class: "card", "aria-label": "The chosen point", "aria-live": "polite" })),
       el("div", { id: "look", tabindex: "-1" })));
   new ResizeObserver(() => data && picture()).observe(map);
   new MutationObserver(() => data && picture()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
 }
 
-const legend = () => el("p", { class: "marks-legend faint" }, [["●", "faint-dot", "simulated, never shown"], ["●", "ink", "shown, with its number"],
-  ["★", "good", "the best so far"], ["◇", "left", "left of the open question"], ["◇", "right", "right of it"]].map(([sign, kind, words]) =>
-  el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words)));
+// Explain the signs that are in the picture, and no others.
+function legend() {
+  const rows = drawn(data, which).map((at) => at.row), { points, best, sides: { left, right } } = data;
+  const shown = (k) => points[k].number !== null;
+  return [["●", "faint-dot", "simulated, never shown", (k) => !shown(k)], ["●", "ink", "shown, with its number", (k) => shown(k) && k !== best],
+    ["★", "good", "the best so far", (k) => k === best], ["◇", "left", "left of the open question", (k) => k === left],
+    ["◇", "right", "right of the open question", (k) => k === right]].filter(([, , , test]) => rows.some(test)).map(([sign, kind, words]) =>
+    el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words));
+}
 
 function selects() {
   const option = (k, chosen) => el("option", { value: k, selected: k === chosen }, data.axes[k].title + (data.axes[k].unit ? ` [${data.axes[k].unit}]` : ""));
@@ -69,6 +75,7 @@ function selects() {
 
 function redraw() {
   fill($("map-told"), told());
+  fill($("map-legend"), legend());
   describe();
   picture();
 }
@@ -171,17 +178,18 @@ async function lookAt(event) {
   const title = number === null ? "Simulated for a look: nothing is recorded" : `Experiment ${number} beside the best so far`;
   fill(place, el("div", { class: "card-head" }, el("h3", {}, title),
     el("button", { type: "button", on: { click: () => fill(place) } }, "Close")),
-  el("div", { class: "pair small" }, ["left", "right"].map((side) => half(side, question[side], number))));
+  el("div", { class: "pair small" }, ["left", "right"].map((side) => half(side, question, number))));
   figures(place, question, unit);
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
   return say(title);
 }
 
-function half(side, shown, number) {
+function half(side, question, number) {
+  const shown = question[side];
   const [title, which] = side === "left" ? ["Best so far", `experiment ${shown.number}`]
     : ["This one", number === null ? "never shown" : `experiment ${number}`];
   return el("section", { class: `side ${side}`, "aria-label": title }, el("header", {}, el("h4", {}, title),
-    el("p", { class: "which" }, which)), el("dl", { class: "kpis" }, summary(shown)), thetas(shown),
+    el("p", { class: "which" }, which)), el("dl", { class: "kpis" }, summary(shown, question)), thetas(shown),
   el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side } }));
 }

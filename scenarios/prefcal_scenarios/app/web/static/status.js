@@ -4,7 +4,7 @@ import { get } from "./api.js";
 import { bestCard } from "./best.js";
 import { $, el, fill, symbol } from "./dom.js";
 import { open } from "./flow.js";
-import { named, slice, tried } from "./miniature.js";
+import { GROUPS, named, slice, tried } from "./miniature.js";
 
 export async function showStatus(now, act) {
   const view = $("view-status");
@@ -20,7 +20,7 @@ export async function showStatus(now, act) {
   fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
     cares(status.kpi_importance),
     outlook(status.outlook),
-    el("h3", {}, "θ tried"), legend(),
+    el("h3", {}, "θ tried"), legend(status.tried.experiments),
     figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
     table(status.tried),
     el("h3", {}, "What was learned"),
@@ -41,9 +41,9 @@ function outlook(found) {
     found.command ? el("p", {}, el("code", {}, found.command)) : null);
 }
 
-const legend = () => el("p", { class: "marks-legend faint" }, [["★", "best", "the best so far"], ["○", "was", "was the best for a while"],
-  ["●", "other", "another experiment"], ["✕", "bad", "unsafe: marked, or its run was interrupted"]].map(([sign, kind, words]) =>
-  el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words)));
+// Explain the signs that are in the pictures, and no others.
+const legend = (experiments) => el("p", { class: "marks-legend faint" }, GROUPS.filter(({ test }) => experiments.some(test))
+  .map(({ sign, kind, words }) => el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words)));
 
 const figures = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((knob) =>
   el("div", { class: "figure", role: "img", "aria-label": words(knob), data: { plot: kind } })));
@@ -88,7 +88,9 @@ function cares(importance) {
     bar.firstChild.style.width = `${100 * share}%`;
     return el("tr", {}, el("th", { scope: "row" }, symbol(words)), el("td", { class: "number" }, text), el("td", { "aria-hidden": "true" }, bar));
   });
-  return el("div", { class: "card cares" }, title, el("p", { class: "finding" }, symbol(importance.sentence)),
+  const finding = el("p", { class: "finding" }, symbol(importance.sentence));
+  if (!rows.length) return el("div", { class: "card cares" }, title, finding);
+  return el("div", { class: "card cares" }, title, finding,
     el("p", { class: "faint" }, importance.caption),
     el("table", { class: "shares", "aria-label": importance.caption }, el("tbody", {}, rows)),
     el("p", { class: "faint" }, importance.trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")));

@@ -5,8 +5,7 @@ from typing import Any
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
-from prefcal_scenarios.app.presentation.wording import number
-from prefcal_scenarios.app.report.tables import objective
+from prefcal_scenarios.app.presentation.wording import number, objective
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -21,6 +20,7 @@ def brief_view(interview: Interview) -> dict[str, Any]:
         "title": scenario.title,
         "text": scenario.brief,
         "how": how(interview),
+        "start": current_tuning(interview),
         "knobs": [knob_view(knob) for knob in scenario.space],
         "kpis": [kpi_view(kpi) for kpi in scenario.shown_kpis],
         "panels": [panel.title or panel.name for panel in scenario.panels],
@@ -35,18 +35,30 @@ def knob_view(knob: Knob) -> dict[str, str]:
 
 def how(interview: Interview) -> str:
     """Return what the person is asked to do, and how long it takes."""
-    questions = interview.n_max - 1
+    planned = interview.planned
     asked = (
-        f"You are shown two experiments at a time and say which one went better: {questions} "
-        f"question{'' if questions == 1 else 's'}"
+        "You are shown two experiments at a time and say which one went better: "
+        f"{planned.total} question{'' if planned.most == 1 else 's'}"
     )
-    minutes = max(round(questions * _SECONDS / 60), 1)
+    minutes = max(round(planned.most * _SECONDS / 60), 1)
     pace = f"about {minutes} minute{'' if minutes == 1 else 's'} at {_SECONDS} s each"
     took = "at the pace of your experiments" if _by_hand(interview.scenario) else pace
     return (
         f"{asked}, {took}. Follow your own judgment: there is no right answer, and “about the "
         "same” and “can't tell” are answers too. Every answer is saved at once; you can stop and "
         "resume at any time, and finish as soon as one experiment is good enough."
+    )
+
+
+def current_tuning(interview: Interview) -> str:
+    """Return how to compare with the tuning in use; empty if the study starts from a given one."""
+    if interview.study.state.configuration["options"].get("start"):
+        return ""
+    values = ", ".join(f"{knob.name.replace(' ', '_')}=…" for knob in interview.scenario.space)
+    return (
+        "Is a tuning in use now? Start the command again with a new study and "
+        f'--start "{values}": then the result is compared with it, and not with a first '
+        "experiment that prefcal chose."
     )
 
 

@@ -1,76 +1,42 @@
-"""Show the end: the gain since the first experiment, the report, and what to do next."""
+"""Show the end: what was gained, the report, and what to do next."""
 
-import math
 from pathlib import Path
 from typing import Any
 
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.app.presentation.wording import measured, number
 from prefcal_scenarios.app.session import Interview, Now, Outlook
-from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.app.summary.gain import Baseline, gained
 
-from .compare import NOTICED
+from .seen import Seen
 
 _PICTURES = (".png", ".gif")
-_MAIN = 3
-"""Number of KPIs whose gain is shown, most important first."""
 
 
 def over_view(
-    interview: Interview, now: Now, best: Any, command: str, report: Path | None
+    interview: Interview, now: Now, best: Any, command: str, report: Path | None, seen: Seen
 ) -> dict[str, Any]:
     """Return OVER for the page; `best` is the best experiment in numbers."""
     return {
         "reason": now.state.ended,
         "best": best,
-        "gain": None if now.incumbent is None else gain_view(interview, now.incumbent, now),
+        "gain": None if now.incumbent is None else gain_view(interview, now.incumbent, now, seen),
         "report": report_view(report),
         "command": command,
         "next": next_view(interview, now, report),
     }
 
 
-def gain_view(interview: Interview, best: int, now: Now) -> dict[str, Any]:
-    """Return the main KPIs of the first experiment next to those of the best one."""
-    before, after = interview.experiment(0), interview.experiment(best)
-    kpis = [k for k in interview.scenario.kpis if k.goal is not None and k.name in before.kpis]
-    tuned = bool(now.state.configuration["options"].get("start"))
+def gain_view(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
+    """Return the KPIs of the baseline next to those of the best experiment."""
+    baseline = Baseline.of(now.state)
+    before, after = interview.experiment(baseline.index), interview.experiment(best)
+    kpis = interview.scenario.shown_kpis
     return {
-        "before": "your current tuning" if tuned else "the first experiment",
+        "before": baseline.name,
+        "number": baseline.index + 1,
         "after": best + 1,
-        "same": best == 0,
-        "kpis": [_gain(kpi, before, after) for kpi in kpis[:_MAIN]],
+        "same": best == baseline.index,
+        "kpis": gained(before, after, kpis, seen.look(interview).spread),
     }
-
-
-def _gain(kpi: KPI, before: Experiment, after: Experiment) -> dict[str, Any]:
-    """Return one KPI before and after; a dash if an interrupted or failed run lacks it.
-
-    A value that reads the same, or differs too little to notice, is not called better or worse.
-    """
-    texts = measured(kpi, before), measured(kpi, after)
-    was, now = (e.kpis.get(kpi.name, math.nan) for e in (before, after))
-    change = now - was
-    worse = kpi.badness(now) - kpi.badness(was)
-    verdict = "better" if worse < 0 else "worse" if worse > 0 else ""
-    if texts[0] == texts[1]:
-        change = 0.0
-    if abs(change) < NOTICED * max(abs(was), abs(now)) or change == 0.0:
-        verdict = ""
-    return {
-        "title": kpi.title,
-        "about": kpi.about,
-        "unit": kpi.unit,
-        "before": texts[0],
-        "after": texts[1],
-        "change": _signed(change) if math.isfinite(change) else "",
-        "verdict": verdict,
-    }
-
-
-def _signed(change: float) -> str:
-    text = number(abs(change))
-    return "no change" if text == "0" else f"{'+' if change > 0 else '−'}{text}"
 
 
 def next_view(interview: Interview, now: Now, report: Path | None) -> dict[str, Any]:

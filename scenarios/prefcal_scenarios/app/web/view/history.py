@@ -15,13 +15,19 @@ _WINNERS = {Preference.CHALLENGER: "new", Preference.INCUMBENT: "best", Preferen
 
 
 def history_view(interview: Interview) -> dict[str, Any]:
-    """Return all answers in the order given, including repeated questions, and the remarks."""
+    """Return all answers in the order given, including repeated questions, and the remarks.
+
+    `number` counts the questions as they were asked, follow-ups among them; `answer` is the number
+    for viewing and retracting.
+    """
     state = interview.now().state
     asked = (c for c in state.history.comparisons if c.question is not None)
     numbers = {c.question: c.challenger for c in asked}
     numbers |= {c.question: -k for k, c in enumerate(state.history.follow_ups, start=1)}
+    answers = [_answer_view(c, numbers) for c in state.answers]
+    order = {answer: k for k, answer in enumerate(dict.fromkeys(a["answer"] for a in answers), 1)}
     return {
-        "answers": [_answer_view(c, numbers) for c in state.answers],
+        "answers": [{**a, "number": order[a["answer"]]} for a in answers],
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }
 
@@ -29,7 +35,7 @@ def history_view(interview: Interview) -> dict[str, Any]:
 def _answer_view(closed: Comparison, numbers: dict[int | None, int]) -> dict[str, Any]:
     again = closed.repeats is not None
     return {
-        # Number for viewing and retracting; a repeated question has that of the original.
+        # A repeated question has the number of the original.
         "answer": numbers.get(closed.repeats if again else closed.question, closed.challenger),
         "at": closed.at,
         "challenger": closed.challenger + 1,

@@ -1,4 +1,4 @@
-"""Pair the maneuvers of two experiments, and find where their curves differ most."""
+"""Pair the maneuvers of two experiments, and find when things happen and where they differ."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +11,19 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.scenario import Scenario, panels_of
+
+from .panels import limits_of, reference_of
+from .seen import Range, snapped
+
+_STILL = 0.02
+"""Share of its axis by which a curve may move while nothing happens."""
+_BEFORE, _AFTER = 0.05, 0.25
+"""Shares of the time in which things happen that are shown before and after it."""
+_COARSE = 3
+"""Steps of the time shown, up to twice as many: a similar pair has the same time axis, and is drawn
+in a tenth of the time."""
+_NEARLY_ALL = 0.8
+"""Share of the whole time from which all of it is shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +91,56 @@ def largest_difference(
         if size > (0.0 if largest is None else largest["size"]):
             largest = {"t": float(f"{t[at]:.6g}"), "panel": i, "size": round(size, 4)}
     return largest
+
+
+def eventful(
+    panels: Sequence[Plot], axes: dict[str, Any], left: Experiment, right: Experiment
+) -> list[float]:
+    """Return the part of the time axis in which things happen in either of two runs.
+
+    That is from the first time any curve, reference or limit moves until all of them stay near
+    their last value: within the band of a target, and within 2 % of the axis.
+
+    Args:
+        panels: Panels of both runs.
+        axes: Axes of the panels: `x`, and `y` by panel.
+        left: Left run.
+        right: Right run.
+    """
+    first, last = axes["x"]
+    found = [
+        moved
+        for run in (*(left.runs or (left,)), *(right.runs or (right,)))
+        if len(run.t)
+        for panel, (low, high) in zip(panels, axes["y"], strict=True)
+        for moved in _movements(panel, run, _STILL * (high - low))
+    ]
+    if not found:
+        return [first, last]
+    start, end = min(a for a, _ in found), max(b for _, b in found)
+    if not start < end:
+        return [first, last]
+    width = end - start
+    shown = snapped(start - _BEFORE * width, end + _AFTER * width, _COARSE)
+    start, end = max(shown[0], first), min(shown[1], last)
+    return [first, last] if end - start > _NEARLY_ALL * (last - first) else [start, end]
+
+
+def _movements(panel: Plot, run: Experiment, still: float) -> list[Range]:
+    """Return from when until when the values of a panel move by more than `still`."""
+    channel = panel.channel
+    if channel.target is not None and channel.band:
+        still = min(still, channel.band)
+    found = []
+    for values in (panel.values(run), reference_of(panel, run), *limits_of(panel, run)):
+        if values is None or not (known := np.isfinite(values)).any():
+            continue
+        t, y = run.t[known], values[known]
+        moved, unsettled = (np.flatnonzero(np.abs(y - at) > still) for at in (y[0], y[-1]))
+        if len(moved) and len(unsettled):
+            begins, ends = max(moved[0] - 1, 0), min(unsettled[-1] + 1, len(t) - 1)
+            found.append((float(t[begins]), float(t[ends])))
+    return found
 
 
 def _on(t: Float[np.ndarray, " M"], panel: Plot, experiment: Experiment) -> Float[np.ndarray, " M"]:

@@ -1,5 +1,6 @@
 """Show the current state: the phase, the open question, the pending run, and the end."""
 
+from collections.abc import Set
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -61,7 +62,7 @@ def now_view(
         "good_enough": _good_enough(now, blind=blind),
         "screening": screening_view(interview, now, blind=blind),
         "over": None if now.phase is not Phase.OVER else over_view(
-            interview, now, best_view(interview, now), command, report
+            interview, now, best_view(interview, now), command, report, seen or Seen()
         ),
     }  # fmt: skip
 
@@ -96,12 +97,15 @@ def _time(now: Now) -> str:
     return "" if now.question is None else now.question.left.experiment.channels.time_unit
 
 
-def _progress(interview: Interview, now: Now) -> dict[str, int]:
-    """Return the progress. There is one comparison fewer than experiments."""
-    answered = max(now.state.history.answered - 1, 0)
+def _progress(interview: Interview, now: Now) -> dict[str, Any]:
+    """Return the progress."""
+    planned = interview.planned
+    further = now.question is not None and now.question.further
     return {
-        "answered": answered,
-        "comparisons": interview.n_max - 1,
+        "answered": planned.answered,
+        "questions": planned.fewest,
+        "total": planned.total,
+        "text": planned.place(over=now.phase is Phase.OVER, further=further),
         "given": interview.counts.comparisons,
         "experiments": interview.counts.experiments,
         "n_max": interview.n_max,
@@ -110,9 +114,11 @@ def _progress(interview: Interview, now: Now) -> dict[str, int]:
 
 
 def simulated_view(now: Now) -> dict[str, Any] | None:
-    """Return how many θ were simulated unseen, and that as a line; None if none are."""
+    """Return how many θ were simulated unseen, and that as lines; None if none are."""
     found = now.simulated
-    return None if found is None else {**asdict(found), "line": found.line}
+    if found is None:
+        return None
+    return {**asdict(found), "line": found.line, "going_on": found.going_on}
 
 
 def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> Any:
@@ -166,11 +172,11 @@ def best_view(interview: Interview, now: Now) -> Any:
         "number": now.incumbent + 1,
         "theta": theta_view(scenario.space, experiment),
         "copy": "\n".join(f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs),
-        "marks": marks_of(now.state, now.incumbent),
+        "marks": marks_of(now.state, now.incumbent, now.state.history.unsafe(automatic=True)),
     }
 
 
-def marks_of(state: State, index: int) -> list[str]:
+def marks_of(state: State, index: int, interrupted: Set[int]) -> list[str]:
     """Return the marks of experiment `index`: the person's, and "unsafe" if it was interrupted."""
-    counted = [INTERRUPTED] if index in state.history.unsafe(automatic=True) else []
+    counted = [INTERRUPTED] if index in interrupted else []
     return sorted(state.marks.get(index, ())) + counted

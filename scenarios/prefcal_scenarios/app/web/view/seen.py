@@ -11,6 +11,7 @@ from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.app.summary.compare import Spread
 from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .drawn import drawn_view
@@ -20,8 +21,6 @@ _PAD = 0.04
 """Share of an axis left free at each end."""
 _GRAIN = 20
 """Steps of an axis, up to twice as many: axes end at a step, so small growth moves nothing."""
-_FEW = 4
-"""Minimum number of experiments whose spread tells what a large difference is."""
 _KEPT = 24
 """Number of runs whose curves are kept for the page: those of the last questions."""
 
@@ -82,22 +81,14 @@ class Seen:
             _axis(panel.channel, _union(r.y[i] for r in reached)) for i, panel in enumerate(panels)
         ]
         return {
-            "x": list(_snapped(*t)) if t[0] < t[1] else [0.0, 1.0],
+            "x": list(snapped(*t)) if t[0] < t[1] else [0.0, 1.0],
             "y": [list(range_) for range_ in y],
         }
 
-    def spread(self, kpi: str, *values: float) -> float:
-        """Return how far apart this KPI's values usually are, in its unit.
-
-        This is the range of the middle half of all experiments so far, or of all if that is 0;
-        with fewer than four experiments, the largest of `values`.
-        """
-        known = np.array([kpis[kpi] for kpis in self._kpis.values() if kpi in kpis])
-        known = known[np.isfinite(known)]
-        if len(known) < _FEW:
-            return max((abs(v) for v in values), default=0.0)
-        low, high = np.percentile(known, [25, 75])
-        return float(high - low) or float(np.ptp(known)) or max(abs(v) for v in values)
+    @property
+    def spread(self) -> Spread:
+        """Return how far apart the KPIs of the experiments so far usually are."""
+        return Spread(self._kpis.values())
 
     def drawn(self, experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
         """Return `drawn_view`, cached because the best so far appears in every question."""
@@ -144,14 +135,14 @@ def _axis(channel: Channel, reached: Range) -> Range:
     if not low < high:
         middle = low if low == high else 0.0
         return middle - 1.0, middle + 1.0
-    low, high = _snapped(low, high)
+    low, high = snapped(low, high)
     pad = _PAD * (high - low)
     return low - pad, high + pad
 
 
-def _snapped(low: float, high: float) -> Range:
-    """Round a range outwards to steps of 1, 2 or 5 times a power of ten."""
-    rough = (high - low) / _GRAIN
+def snapped(low: float, high: float, grain: int = _GRAIN) -> Range:
+    """Round a range outwards to at least `grain` steps of 1, 2 or 5 times a power of ten."""
+    rough = (high - low) / grain
     power = 10.0 ** np.floor(np.log10(rough))
     step = float(next(m for m in (5, 2, 1) if m * power <= rough) * power)
     return step * float(np.floor(low / step + 1e-9)), step * float(np.ceil(high / step - 1e-9))

@@ -5,13 +5,12 @@ from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.app.presentation.wording import ended_text, knob_number, measured
-from prefcal_scenarios.app.report.tables import objective
+from prefcal_scenarios.app.presentation.wording import ended_text, knob_number, measured, objective
 from prefcal_scenarios.app.session import Question, Side
+from prefcal_scenarios.app.summary.compare import compared
 from prefcal_scenarios.scenario import KPI, Scenario
 
-from .compare import comparison_view
-from .maneuvers import Pair, largest_difference, pairs_of
+from .maneuvers import Pair, eventful, largest_difference, pairs_of
 from .panels import panel_view
 from .seen import Seen
 
@@ -51,6 +50,12 @@ def question_view(
     }
 
 
+def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[dict[str, Any]]:
+    """Return a row for each KPI that either side has, see `compared`."""
+    sides = question.left.experiment, question.right.experiment
+    return compared(*sides, scenario.shown_kpis, seen.spread)
+
+
 def _pair_view(pair: Pair, seen: Seen) -> dict[str, Any]:
     """Return what both sides of a maneuver share."""
     axes = seen.frame(pair.panels, pair.left, pair.right, maneuver=pair.name)
@@ -58,6 +63,7 @@ def _pair_view(pair: Pair, seen: Seen) -> dict[str, Any]:
         "maneuver": pair.name,
         "panels": [panel_view(panel) for panel in pair.panels],
         "axes": axes,
+        "window": eventful(pair.panels, axes, pair.left, pair.right),
         "differ": largest_difference(pair.panels, axes["y"], pair.left, pair.right),
     }
 

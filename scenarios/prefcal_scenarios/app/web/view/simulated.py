@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_scenarios.app.presentation.wording import knob_number
-from prefcal_scenarios.app.screening import Screened, good_on_average, why
+from prefcal_scenarios.app.screening import Screened, as_shown, why
 from prefcal_scenarios.app.session import Interview, Now, Question, Side
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -25,13 +25,14 @@ _DEEPEST = 1e-4
 def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, Any] | None:
     """Return why the open question is asked and an offer to stop; None for other agents.
 
-    With `blind`, the reason is not sent: it tells which side is new.
+    With `blind`, the reason is not sent: it tells which side is new. While the best experiment
+    misses an objective, stopping is not offered.
     """
     if not interview.screens:
         return None
     screened = interview.screened()
     prospect = None if screened is None else screened.prospect
-    asks = now.question is not None and now.question.repeats is None
+    asks = now.question is not None and now.question.repeats is None and not interview.missed
     return {
         "why": "" if blind else why_view(interview, now),
         "offer": prospect.offer if asks and prospect is not None else "",
@@ -50,11 +51,16 @@ def why_view(interview: Interview, now: Now) -> str:
     requested = new.index in now.state.requested
     if screened is None or screened.reason is None:
         return f"{side} is shown because you asked for it." if requested else ""
-    row = screened.row(np.array(now.state.history.samples[new.index].theta))
-    good = row is not None and good_on_average(screened.bank, row)
+    other = question.right if new is question.left else question.left
+    scenario, importance = interview.scenario, interview.importance
     return why(
-        screened.reason, interview.scenario, side=side, requested=requested, good=good
-    )  # fmt: skip
+        as_shown(screened.reason, scenario, new.experiment, other.experiment),
+        scenario,
+        side=side,
+        requested=requested,
+        wanted=() if importance is None else importance.named,
+        learned=screened.prospect is not None,
+    )
 
 
 def map_view(interview: Interview) -> dict[str, Any] | None:
@@ -145,7 +151,7 @@ def _spans(values: Float[np.ndarray, " m"]) -> bool:
 def _chosen(screened: Screened, axes: list[_Axis]) -> list[int]:
     """Return the two axes shown first: the KPIs that matter most, else the first ones."""
     reason, names = screened.reason, [axis.name for axis in axes]
-    by = () if reason is None else (*reason.learned, *reason.better_in, *reason.worse_in)
+    by = () if reason is None else (*reason.better_in, *reason.worse_in)
     places = [names.index(name) for name in by if name in names]
     return list(dict.fromkeys([*places, *range(len(names))]))[:2]
 

@@ -71,6 +71,7 @@ def _knob_view(knob: Knob) -> dict[str, Any]:
 def _tried(interview: Interview, now: Now) -> dict[str, Any]:
     state, space = now.state, interview.scenario.space
     winners = set(state.history.incumbents())
+    interrupted = state.history.unsafe(automatic=True)
     return {
         "knobs": [_knob_view(knob) for knob in space],
         "experiments": [
@@ -84,7 +85,7 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
                 "best": index == now.incumbent,
                 "was_best": index in winners,
                 "ended": interview.end(index).value,
-                "marks": marks_of(state, index),
+                "marks": marks_of(state, index, interrupted),
             }
             for index in sorted(state.finished)
         ],

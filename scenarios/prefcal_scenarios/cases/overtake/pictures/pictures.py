@@ -13,11 +13,19 @@ def _film_alt(record: Record) -> str:
     return f"Animation seen from above: the best run overtakes the obstacle. {_best(record)}"
 
 
+def _film_caption(record: Record) -> str:
+    above = f"above the {record.baseline.name}, " if _improved(record) else ""
+    return (
+        f"The best run {above}in real time, to scale. The obstacle is orange. "
+        "The same as a file: overtaking.gif."
+    )
+
+
 def _comparison_alt(record: Record) -> str:
     assert record.best is not None
     return (
         "Path with the vehicles at five moments, speed and steering angle along the road: the "
-        f"best run to the left, the first one to the right. {_best(record)}"
+        f"best run to the left, the {record.baseline.name} to the right. {_best(record)}"
     )
 
 
@@ -40,23 +48,22 @@ def _best(record: Record) -> str:
 
 
 def _improved(record: Record) -> bool:
-    """Return whether the best run is not the first one."""
-    return record.best is not None and record.best.index != record.trials[0].index
+    """Return whether the best run is not the one that it is compared with."""
+    return record.best is not None and record.best.index != record.before.index
 
 
 PICTURES: tuple[Picture, ...] = (
     Picture(
         "overtaking.gif",
         "The overtaking",
-        "The best run above the first one, in real time, to scale. The obstacle is orange. "
-        "The same as a file: overtaking.gif.",
+        _film_caption,
         _film_alt,
         gif,
         markup=player,
     ),
     Picture(
         "comparison.png",
-        "Best and first run along the road",
+        "Best run and the one before along the road",
         "Numbers mark five moments of the overtaking; the roads below show both vehicles there, "
         "to scale. Limits and reference of the speed change with the phase. t_comp is "
         "modeled.",
@@ -67,7 +74,8 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "final_run.png",
         "The best run along the road",
-        "As above, of the best run alone.",
+        "Numbers mark five moments, as far as the run reached them; limits and reference of the "
+        "speed change with the phase.",
         _final_alt,
         final,
     ),

@@ -25,14 +25,14 @@ def best(record: Record) -> Shown:
 
 
 def first(record: Record) -> Shown:
-    """Return the first run."""
-    trial = record.trials[0]
-    return Shown(trial.experiment, f"first (experiment {trial.number})", FIRST)
+    """Return the run that the best one is compared with."""
+    trial = record.before
+    return Shown(trial.experiment, f"{record.baseline.name} ({trial.number})", FIRST)
 
 
 def runs(record: Record) -> tuple[Shown, ...]:
-    """Return the best run and the first one; one run if they are the same."""
+    """Return the best run and the one before; one run if they are the same."""
     assert record.best is not None
-    if record.best.index == record.trials[0].index:
+    if record.best.index == record.before.index:
         return (best(record),)
     return best(record), first(record)

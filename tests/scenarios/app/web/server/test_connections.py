@@ -87,6 +87,17 @@ def test_half_sent_heads_are_dropped_and_an_honest_client_is_served_meanwhile(wi
         assert browser.get("/api/now").status_code == 200
 
 
+def test_a_connection_that_makes_way_is_told_to_try_again(window):
+    with ExitStack() as stack:
+        first, *_ = opened(window, b"", stack, connections.MOST_WAITING + 1)
+        first.setblocking(True)
+        first.settimeout(5)
+        head, _, body = b"".join(iter(lambda: first.recv(4096), b"")).partition(b"\r\n\r\n")
+        assert head.startswith(b"HTTP/1.1 503 ")
+        assert b"Retry-After: 1" in head
+        assert f"Content-Length: {len(body)}".encode() in head
+
+
 def test_connections_that_send_nothing_are_dropped(window):
     with ExitStack() as stack:
         assert all_are_closed(opened(window, b"", stack, 3), within=5)

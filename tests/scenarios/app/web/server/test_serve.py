@@ -10,6 +10,7 @@ import pytest
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.app.session import Choice
 from prefcal_scenarios.app.web import Window
+from prefcal_scenarios.app.web.server.binding import bind
 from prefcal_scenarios.app.web.server.files import Assets
 from support.interviews import begin, proceed
 
@@ -50,6 +51,13 @@ def test_the_link_can_be_opened_before_the_server_runs(interview):
         with window:
             early.join(20)
     assert status == [200]
+
+
+def test_a_response_does_not_wait_for_the_acknowledgment_of_its_first_part():
+    with bind("127.0.0.1", 0) as listening, socket.create_connection(listening.getsockname()):
+        accepted, _ = listening.accept()
+        with accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def test_no_two_links_are_alike(interview):

@@ -10,7 +10,7 @@ from prefcal_scenarios.app.session.memory import check_space
 from prefcal_scenarios.app.web.view import brief_view
 from prefcal_scenarios.scenario import BUILT_IN, KPI, described, load
 from support.interviews import begin
-from support.looks import toy
+from support.looks import asked, toy
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -53,3 +53,10 @@ def test_words_about_nothing_are_refused():
         toy.space.described({"Np": "A typo."})
     with pytest.raises(ScenarioError, match="typo"):
         described((KPI("t_f", "settling time"),), {"typo": "Nothing."})
+
+
+def test_the_briefing_asks_for_the_current_tuning_unless_it_was_given():
+    interview, _ = asked()
+    assert "T_s=…, N_p=…, gain=…" in brief_view(interview)["start"]
+    interview.study.state.configuration["options"]["start"] = ["T_s=1, N_p=5, gain=1"]
+    assert brief_view(interview)["start"] == ""

@@ -3,8 +3,8 @@ import pytest
 from prefcal_env.errors import StaleError
 from prefcal_scenarios.app.session import Choice
 from prefcal_scenarios.app.web.view import asked_view, history_view
-from support.interviews import proceed
-from support.looks import asked
+from support.interviews import THREE, begin, judge, proceed, until_further
+from support.looks import asked, toy
 
 
 def test_every_answer_is_there_in_the_order_given():
@@ -42,8 +42,20 @@ def test_a_repeated_question_names_the_one_that_it_asks_again():
     proceed(interview)
     *_, last = history_view(interview)["answers"]
     assert last["repeated"] is True
+    assert last["number"] <= 4
     first = next(a for a in history_view(interview)["answers"] if a["answer"] == last["answer"])
     assert (first["challenger"], first["incumbent"]) == (last["challenger"], last["incumbent"])
+
+
+def test_questions_have_one_count_with_the_follow_ups_among_them():
+    interview = begin(toy, n_max=9, agent=THREE)
+    further = until_further(interview)
+    interview.answer(further.id, judge(further, toy.cost))
+    proceed(interview)
+    answers = history_view(interview)["answers"]
+    assert [a["number"] for a in answers] == list(range(1, len(answers) + 1))
+    assert [a["further"] for a in answers] == [False] * (len(answers) - 1) + [True]
+    assert answers[-1]["answer"] == -1  # the number for viewing and retracting
 
 
 def test_marks_read_as_the_columns_do():

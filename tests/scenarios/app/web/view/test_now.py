@@ -17,7 +17,9 @@ def test_progress_counts_comparisons_which_are_one_fewer_than_experiments():
     view = now_view(interview)
     progress = {
         "answered": 2,
-        "comparisons": 5,
+        "questions": 5,
+        "total": "5",
+        "text": "question 3 of 5",
         "given": 2,
         "experiments": 4,
         "n_max": 6,

@@ -20,7 +20,7 @@ from support.looks import toy
 from support.screened import explained, screening
 from support.windows import make_room
 
-REASON = Reason(0.7, ("final",), ("t_f",), ("final",))
+REASON = Reason(0.7, ("final",), ("t_f",))
 WANTED = np.array([0.5, 21.0, 1.0])
 
 
@@ -47,7 +47,7 @@ def test_the_reason_names_the_side_of_the_new_one_and_blind_hides_it(says):
     interview = explained(screening())
     question = interview.now().question
     side = "Left" if question.left.challenger else "Right"
-    assert told(interview)["why"].startswith(f"{side} is shown because you preferred final level")
+    assert told(interview)["why"].startswith(f"Nothing learned yet: {side.lower()} has ")
     assert told(interview, blind=True)["why"] == ""
 
 
@@ -66,7 +66,19 @@ def test_a_requested_one_says_so_with_its_kpis(says):
     interview = explained(screening())
     interview.ask_for(WANTED)
     explained(interview)
-    assert "is shown because you asked for it: it has final level nearer" in told(interview)["why"]
+    assert "is shown because you asked for it: it has " in told(interview)["why"]
+
+
+def test_kpis_are_called_better_as_the_table_of_the_same_question_does(says):
+    interview = explained(screening(n_max=9))
+    while (question := interview.now().question) is not None:
+        why = told(interview)["why"].split(", but ")[0]
+        new = "left" if question.left.challenger else "right"
+        for row in now_view(interview)["question"]["comparison"]:
+            for words in (f"lower {row['title']}", f"{row['title']} nearer to its target"):
+                assert words not in why or row["better"] == new
+        interview.answer(question.id, Choice.LEFT)
+        explained(interview)
 
 
 def test_a_repeated_question_has_no_reason_and_no_offer(says):
@@ -168,7 +180,7 @@ def test_kpis_that_the_scenario_does_not_know_keep_their_names():
 def test_without_a_reason_the_first_two_kpis_are_chosen():
     found = screened([[1, 2, 3]], ["final", "other", "t_f"])
     assert _chosen(found, _axes(found, toy)) == [0, 1]
-    unknown = screened([[1, 2, 3]], ["final", "other", "t_f"], Reason(0.5, (), ("other",), ()))
+    unknown = screened([[1, 2, 3]], ["final", "other", "t_f"], Reason(0.5, (), ("other",)))
     assert _chosen(unknown, _axes(unknown, toy)) == [2, 0]
 
 

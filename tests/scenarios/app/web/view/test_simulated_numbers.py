@@ -38,11 +38,20 @@ def test_the_page_is_told_before_and_during_a_question(interview):
     before = now_view(interview)
     assert before["simulated"]["line"] == "0 simulated, 0 shown"
     now = proceed(interview)
+    assert now.simulated.going_on == ""
     view = now_view(interview)["simulated"]
     assert view["line"] == now.simulated.line
     assert (view["planned"], view["shown"]) == (40, 2)
     assert status_view(interview)["simulated"] == view
     json.dumps(view, allow_nan=False)
+
+
+def test_it_is_told_how_many_of_how_many_while_they_are_simulated(interview, monkeypatch):
+    monkeypatch.setattr("prefcal_scenarios.app.simulating.simulator._TELL", 0.0)
+    told = []
+    interview._flow.simulator.tell = lambda: told.append(_waiting(interview.now()))
+    assert proceed(interview).simulated.going_on == ""
+    assert told == [f"choosing the next experiment ({k} of 11 simulated)" for k in range(11)]
 
 
 def test_an_agent_that_simulates_nothing_has_no_line():
@@ -61,4 +70,4 @@ def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):
         converse(interview, console, lambda: next(keys), lambda words: "")
     out = console.export_text()
     assert " simulated, 2 shown" in out
-    assert out.count("Comparison 1 of 3") == 1  # not once more for each simulation
+    assert out.count("Question 1 of 3") == 1  # not once more for each simulation

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from prefcal_agents import LatinHypercube
 from prefcal_scenarios.app.session import Choice, Consistency
 from prefcal_scenarios.app.web.view import status_view
 from prefcal_scenarios.app.web.view.status import in_words
+from prefcal_scenarios.scenario import KPI
 from support.interviews import answer_all, begin, proceed
 from support.looks import SPACE, asked, toy
 
@@ -123,3 +125,15 @@ def test_whether_to_go_on_is_said_once_enough_is_answered():
     told = " ".join(outlook["sentences"]).lower()
     assert interview.advice.text.split(":")[0].lower() in told
     json.dumps(outlook)
+
+
+def test_nobody_is_advised_to_stop_while_the_best_misses_an_objective():
+    hard = replace(toy, kpis=(KPI("t_f", "settling time", "h", at_most=1e-6), *toy.kpis[1:]))
+    interview = begin(hard, n_max=9)
+    while (now := proceed(interview)).question is not None:
+        interview.answer(now.question.id, Choice.SAME)
+    assert interview.advice.stop
+    assert "settling time" in interview.missed
+    sentences = status_view(interview)["outlook"]["sentences"]
+    assert any(s.startswith("The best experiment misses the objective") for s in sentences)
+    assert "time to stop" not in " ".join(sentences)

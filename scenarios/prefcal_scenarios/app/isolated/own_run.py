@@ -8,9 +8,10 @@ from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
-from prefcal_scenarios.app.isolated import IsolatedRun
-from prefcal_scenarios.app.isolated.inside import run_of
 from prefcal_scenarios.scenario import Run, load
+
+from .inside import run_of
+from .run import IsolatedRun
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,185 @@
+"""What part of the curves is in sight: the time shown, what stays zoomed, and small screens."""
+
+import pytest
+
+from support.browser import Watched
+from support.page_checks import pixels
+
+BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
+AXES = """() => [...document.querySelectorAll("#left-plot, #right-plot")].map((div) =>
+  [div._fullLayout.xaxis.range, div._fullLayout.yaxis.range])"""
+NOW = "fetch('/api/now').then((r) => r.json())"
+
+
+def axes(watched):
+    """The axes of both sides, which are the same."""
+    left, right = watched.page.evaluate(AXES)
+    assert left == right
+    return left
+
+
+def shown(watched):
+    """What the server says of the open question."""
+    return watched.page.evaluate(NOW)["question"]
+
+
+def test_the_first_thing_in_sight_is_the_time_in_which_things_happen(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    whole = shown(watched)["axes"]["x"]
+    x, y = axes(watched)
+    assert x == pytest.approx(shown(watched)["window"])
+    assert x[1] - x[0] < 0.8 * (whole[1] - whole[0])
+    assert y == shown(watched)["axes"]["y"][0]  # a height means the same in every question
+    assert watched.page.get_attribute("#zoom", "aria-pressed") == "false"
+    title = watched.page.locator("#left-plot .xtitle").text_content()
+    assert title == f"time [h] · key 0: all {whole[1] - whole[0]:g} h"
+    watched.page.keyboard.press("0")
+    assert axes(watched)[0] == whole
+    assert watched.page.locator("#left-plot .xtitle").text_content() == "time [h]"
+    watched.page.keyboard.press("0")
+    assert axes(watched)[0] == x
+
+
+def test_what_is_zoomed_stays_for_the_next_question_and_after_a_reload(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    page.keyboard.press("f")
+    near = [pytest.approx(2 - 8 * 0.06), pytest.approx(2 + 8 * 0.06)]
+    assert axes(watched)[1] == near
+    watched.answer("ArrowLeft")
+    assert axes(watched)[1] == near
+    page.reload()
+    watched.question()
+    assert axes(watched)[1] == near
+    assert page.get_attribute("#zoom", "aria-pressed") == "true"
+    page.keyboard.press("f")
+    page.keyboard.press("0")
+    watched.answer("ArrowRight")
+    page.reload()
+    watched.question()
+    assert axes(watched)[0] == shown(watched)["axes"]["x"]
+    assert watched.errors == []
+
+
+def test_a_part_that_was_dragged_stays_too(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    box = page.locator("#left-plot .nsewdrag").first.bounding_box()
+    page.mouse.move(box["x"] + 40, box["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 160, box["y"] + 60, steps=4)
+    page.mouse.up()
+    page.wait_for_timeout(300)
+    dragged = axes(watched)
+    assert dragged[0] != pytest.approx(shown(watched)["window"])
+    watched.answer("ArrowLeft")
+    assert axes(watched) == dragged
+    page.reload()
+    watched.question()
+    assert axes(watched) == dragged
+    page.keyboard.press("f")  # back to where things happen
+    assert axes(watched)[0] == pytest.approx(shown(watched)["window"])
+
+
+def test_captions_name_the_band_and_the_limits_that_are_drawn_and_no_others(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    captions = lambda: page.locator("#left-plot .head > span").all_inner_texts()  # noqa: E731
+    high = shown(watched)["axes"]["y"][0]
+    bottom = page.locator("#left-plot .nsewdrag").first.bounding_box()["height"]
+    thick = 2 * 0.06 * bottom / (high[1] - high[0]) >= 3
+    assert ("± 0.06" in captions()[0]) == thick
+    assert "target 2" in captions()[0]
+    assert "limits 0 to 10" in captions()[1]
+    page.keyboard.press("f")
+    assert "target 2 ± 0.06" in captions()[0]
+    box = page.locator("#left-plot .nsewdrag").nth(1).bounding_box()
+    page.mouse.move(box["x"] + 40, box["y"] + 0.4 * box["height"])
+    page.mouse.down()
+    page.mouse.move(box["x"] + 160, box["y"] + 0.6 * box["height"], steps=4)
+    page.mouse.up()
+    page.wait_for_timeout(300)
+    assert "limit" not in captions()[1]  # both lines are outside
+
+
+def seen_above_the_answers(watched, figure):
+    """The panels of a figure that are whole between the buttons above and the answers, in px."""
+    page = watched.page
+    top = page.locator("main").bounding_box()["y"]
+    footer = page.locator("#verdicts").bounding_box()["y"]
+    boxes = [p.bounding_box() for p in page.locator(f"{figure} .nsewdrag").all()]
+    return [b["height"] for b in boxes if b["y"] >= top and b["y"] + b["height"] <= footer]
+
+
+@pytest.mark.parametrize("scenario", ["cstr", "overtake"])
+def test_at_200_percent_a_whole_panel_of_both_runs_is_above_the_answers(browser, window, scenario):
+    served = window(scenario, n_max=5)
+    zoomed = {"viewport": {"width": 640, "height": 360}, "device_scale_factor": 2}
+    watched = Watched(browser, **zoomed)
+    watched.open(served.link)  # the first question, with its task
+    watched.shot(f"zoom-200-{scenario}")
+    for side in ("left", "right"):
+        heights = seen_above_the_answers(watched, f"#{side}-plot")
+        assert len(heights) >= 1
+        assert min(heights) >= 90
+    assert pixels(watched.page, "#left-plot", BLUE) > 400
+    assert pixels(watched.page, "#right-plot", ORANGE) > 400
+    page = watched.page
+    for choice in ("much-left", "left", "same", "cannot-tell", "right", "much-right"):
+        box = page.locator(f"#verdict-{choice}").bounding_box()
+        assert 0 <= box["x"] <= box["x"] + box["width"] <= 640
+        assert box["y"] + box["height"] <= 360
+    assert not page.evaluate("document.documentElement.scrollWidth > innerWidth")
+    page.keyboard.press("o")
+    page.wait_for_selector("#both-plot .js-line")
+    assert max(seen_above_the_answers(watched, "#both-plot")) >= 90
+    watched.answer("ArrowLeft")
+    assert len(seen_above_the_answers(watched, "#both-plot")) >= 1
+
+
+@pytest.mark.parametrize("size", [(390, 844), (360, 640)])
+def test_on_a_phone_a_whole_panel_with_both_runs_is_above_the_answers(browser, window, size):
+    served = window("cstr", n_max=5)
+    phone = {"viewport": {"width": size[0], "height": size[1]}, "has_touch": True}
+    watched = Watched(browser, **phone, is_mobile=True, device_scale_factor=2)
+    watched.open(served.link)
+    watched.page.click("text=Got it")
+    page = watched.page
+    page.wait_for_timeout(300)
+    watched.shot(f"phone-{size[1]}")
+    heights = seen_above_the_answers(watched, "#both-plot")
+    assert len(heights) >= (3 if size[1] > 800 else 1)
+    assert min(heights) >= 90  # 65 were too low to read
+    assert pixels(page, "#both-plot", BLUE) > 400
+    assert pixels(page, "#both-plot", ORANGE) > 300
+
+
+def test_magnified_to_the_limit_the_page_scrolls_as_a_whole(browser, window):
+    served = window("cstr", n_max=5)
+    watched = Watched(browser, viewport={"width": 320, "height": 256}, device_scale_factor=4)
+    watched.open(served.link)
+    page = watched.page
+    page.locator("#both-plot .nsewdrag").first.scroll_into_view_if_needed()
+    box = page.locator("#both-plot .nsewdrag").first.bounding_box()
+    assert box["y"] >= 0
+    assert box["y"] + box["height"] <= 256
+    assert not page.evaluate("document.documentElement.scrollWidth > innerWidth")
+
+
+def test_the_head_shows_the_three_kpis_that_differ_most_in_this_pair(browser, window):
+    served, watched = window("cstr", n_max=5), Watched(browser)
+    watched.open(served.link)
+    for _ in range(2):
+        rows = shown(watched)["comparison"]
+        most = [row["title"].replace("_", "") for row in rows[:3]]
+        assert all(row["size"] > 0 for row in rows[:3])
+        for side in ("left", "right"):
+            told = watched.page.locator(f"#{side}-numbers dt").all_text_contents()
+            assert told == most
+            values = watched.page.locator(f"#{side}-numbers dd").all_inner_texts()
+            assert all(row[side]["text"] in v for row, v in zip(rows, values, strict=False))
+        watched.answer("ArrowLeft")

@@ -1,0 +1,66 @@
+"""Figures that people read first: listed, of today's agents, and still in their pages."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def headlines(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "release")
+    return importlib.import_module("headlines")
+
+
+@pytest.fixture
+def site(tmp_path, headlines, monkeypatch):
+    def write(readme):
+        (tmp_path / "docs").mkdir(exist_ok=True)
+        (tmp_path / "README.md").write_text(readme)
+        return tmp_path
+
+    return write
+
+
+def test_every_figure_that_people_read_first_is_listed_and_of_today(headlines):
+    assert headlines.faults() == []
+
+
+def test_an_unlisted_figure_is_named_with_the_words_around_it(headlines, site):
+    root = site("# prefcal\n\nTen answers are worth 900 experiments, in `f(3)` and [12](a4.md).\n")
+    assert "worth 900" in headlines.unlisted("README.md", [], ["12"], root)
+    assert headlines.unlisted("README.md", [], ["900", "12"], root) == ""
+
+
+def test_only_the_first_paragraph_of_other_pages_counts(headlines, site):
+    root = site("")
+    (root / "docs" / "a.md").write_text("# A 1\n\nNone here.\n\nLater 5.\n")
+    assert headlines.readable("docs/a.md", root) == "None here."
+
+
+def test_a_claim_whose_words_are_gone_is_a_fault(headlines, site):
+    root = site("Ten answers.")
+    claim = headlines.Headline("worth 900", ("README.md",), "none")
+    assert list(claim.faults(root)) == ["README.md no longer says 'worth 900'"]
+
+
+def test_a_front_page_may_not_state_figures_of_an_older_agent(headlines, site):
+    root = site("worth 900")
+    claim = headlines.Headline("worth 900", ("README.md",), "none", agent="GLISp 2")
+    assert "measure again" in next(claim.faults(root))
+
+
+def test_a_figure_that_the_published_studies_do_not_give_is_named(headlines, site):
+    root = site("worth 900")
+    of = {"agent": "GLISp 10", "rows": ("weights, 50 experiments",)}
+    claim = headlines.Headline("worth 900", ("README.md",), "none", **of)
+    assert "published studies give 703 [538, 918]" in next(claim.faults(root))
+
+
+def test_headlines_about_agents_are_computed_again_from_published_studies(headlines):
+    listed, _ = headlines.read()
+    front = [h for h in listed if h.agent and {"README.md", "paper.md"} & set(h.pages)]
+    assert front
+    assert all(h.rows for h in front)
