@@ -38,8 +38,10 @@ UNCHECKED = "JAXTYPING_DISABLE" in os.environ
 
 mpl.use("Agg")
 # A busy machine is no failure.
-# In CI the same examples every time: a run there judges the change, not the dice.
-hypothesis.settings.register_profile("prefcal", deadline=None, derandomize="CI" in os.environ)
+# The same examples every time: a run judges the change, not the dice. To search for new failures:
+# pytest --hypothesis-profile explore
+hypothesis.settings.register_profile("explore", deadline=None)
+hypothesis.settings.register_profile("prefcal", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("prefcal")
 
 

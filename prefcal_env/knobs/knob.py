@@ -11,7 +11,7 @@ from prefcal_env.errors import KnobError
 
 Scale = Literal["linear", "log10"]
 
-_DECODED = 1e-12  # error of decoding a proposed value, as a share of the knob's range
+DECODED = 1e-12  # error of decoding a proposed value, as a share of the knob's range
 _SHARE = 100  # the default step is at most the range divided by this
 _FINEST = 1e-13  # smallest step relative to the values: below it, doubles cannot be rounded
 _DIGITS = 15  # significant digits of a double that survive a multiplication
@@ -134,7 +134,7 @@ class Knob:
         value = float(min(max(value, self.low), self.high))
         # Undo the rounding of encode and decode: a proposed value was a round number.
         nearest = value if self.integer else self.round(value)
-        return nearest if abs(nearest - value) <= _DECODED * abs(self.high - self.low) else value
+        return nearest if abs(nearest - value) <= DECODED * abs(self.high - self.low) else value
 
     def encode(self, value: float) -> float:
         """Return the unit coordinate in [0, 1] of a physical value in `unit`."""

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from prefcal_env.errors import KnobError
 
 from .constraints import AnyConstraint, checked
-from .knob import ROUNDING, Knob, is_number, too_close
+from .knob import DECODED, ROUNDING, Knob, is_number, too_close
 
 _TOUCHING = 1e-6  # tolerance in steps: neighbors on the grid are one step apart, up to rounding
 _NARROWEST = 1e-9  # narrowest part of a knob's range that can be searched, in the unit cube
@@ -311,7 +311,8 @@ def _exact(knob: Knob, value: float, part: tuple[float, float]) -> float:
     """Return `value`, or the border of `part` if they differ only by rounding."""
     for border in part:
         size = abs(border) if knob.scale == "log10" else max(abs(knob.low), abs(knob.high))
-        if abs(value - border) <= ROUNDING * size:
+        # A round number that near is where `Knob.decode` moves the border itself.
+        if abs(value - border) <= max(ROUNDING * size, DECODED * (knob.high - knob.low)):
             return border
     return value
 

@@ -161,3 +161,11 @@ def test_a_part_that_rounding_leaves_no_room_in_is_refused():
         MIXED.narrowed({"weight": (-6, 0)})
     with pytest.raises(KnobError, match=r"existing knobs, got \['speed'\]"):
         MIXED.narrowed({"speed": (0, 1)})
+
+
+@pytest.mark.parametrize("value", [1.999999999999, 2.000000000001, 0.1 + 0.2])
+def test_a_frozen_value_beside_a_round_number_is_met_exactly(value):
+    new = MIXED.narrowed({"weight": (value, value)})
+    after = respaced(half_way(RandomSearch, 4), new, keep_open=False)
+    run(after, [judge] * 2)
+    assert set(after.samples[4:, 2]) == {value}
