@@ -73,6 +73,14 @@ def test_a_test_with_a_browser_is_extended_and_needs_chromium(request, monkeypat
         parts.pytest_runtest_setup(item)
 
 
+def test_a_campaign_is_in_neither_part(request):
+    item = pytest.Function.from_parent(request.node.parent, name="test_x", callobj=lambda: 0)
+    item.add_marker("slow")
+    item.add_marker("campaign")
+    parts.pytest_collection_modifyitems([item])
+    assert "extended" not in {mark.name for mark in item.iter_markers()}
+
+
 def test_only_the_fixture_opens_a_browser():
     users = [f for f in FILES if "with chromium()" in (parts.TESTS / f).read_text("utf-8")]
     assert users == [Path(__file__).relative_to(parts.TESTS).as_posix()]

@@ -124,7 +124,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(marker)
         if "running_browser" in getattr(item, "fixturenames", ()):
             item.add_marker("browser")
-        if any(item.get_closest_marker(marker) for marker in EXTENDED):
+        long = item.get_closest_marker("campaign")
+        if not long and any(item.get_closest_marker(marker) for marker in EXTENDED):
             item.add_marker("extended")
 
 

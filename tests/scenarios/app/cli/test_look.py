@@ -1,6 +1,7 @@
 """`prefcal look` as a command."""
 
 import json
+import re
 import signal
 
 from support.processes import start
@@ -60,11 +61,13 @@ def test_experiments_of_a_study_are_runs_too(tmp_path):
     process = start(tmp_path, "calibrate", "cstr", "--calibrator", "synthetic", "--n-max", "3",
                     "--study", "mine.prefcal", "--out", "report")  # fmt: skip
     assert process.wait(120) == 0
-    code, out, _ = done(tmp_path, "mine.prefcal:2", "mine.prefcal:best", "--json")
+    code, out, _ = done(tmp_path, "mine.prefcal:1", "mine.prefcal:2", "mine.prefcal:best", "--json")
     found = json.loads(out)
     assert code == 0
-    assert found["runs"][0]["name"] == "mine.prefcal:2"
-    assert found["runs"][0]["read"] == "experiment 2 of study mine.prefcal"
+    names, read = ([run[key] for run in found["runs"]] for key in ("name", "read"))
+    assert read[:2] == [f"experiment {k} of study mine.prefcal" for k in (1, 2)]
+    assert re.fullmatch("experiment [123] of study mine.prefcal", read[2])
+    assert len({*names}) == 3  # the best one is another experiment, or has a number added
     assert "time to steady state t_f" in [row["title"] for row in found["comparison"]]
     code, _, errors = done(tmp_path, "mine.prefcal:9", "a.csv")
     assert code == 2

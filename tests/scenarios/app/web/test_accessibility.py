@@ -47,7 +47,7 @@ def test_the_question_is_told_to_a_screen_reader(browser, window):
     assert "the band around 2" in label
     watched.answer("ArrowLeft")
     page.wait_for_function(
-        "() => document.getElementById('status').textContent.includes('comparison 2')"
+        "() => document.getElementById('status').textContent.includes('question 2 of')"
     )
 
 
