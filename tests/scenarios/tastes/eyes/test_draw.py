@@ -11,7 +11,7 @@ from prefcal_scenarios.tastes.eyes import draw
 from prefcal_scenarios.tastes.eyes.ideal import Ideal
 from prefcal_scenarios.tastes.eyes.order import Order
 from prefcal_scenarios.tastes.looks import LOOKS
-from prefcal_scenarios.tastes.sample import _run, thetas
+from prefcal_scenarios.tastes.sample import sample
 from support.tastes import EYES, NAMES, runs
 
 pytestmark = pytest.mark.slow
@@ -21,8 +21,8 @@ SEEDS = range(3)
 
 @cache
 def sampled(loop, name, count):
-    scenario = load(loop)
-    return _run(scenario, thetas(scenario, name, count))
+    """The first runs of a sample, which is kept in a file that all workers read."""
+    return sample(load(loop), name).take(np.arange(count))
 
 
 @cache
@@ -32,7 +32,7 @@ def person(loop, kind, seed):
 
 def leaders(rule, pool, count=100):
     """The best runs of a pool: those that the fewest of the likely ones beat."""
-    opponents = [pool.take(np.array([k])) for k in range(0, len(pool), 40)]
+    opponents = [pool.take(np.array([k])) for k in range(0, len(pool), 160)]
     wins = np.sum([rule.compare(pool, one) < 0 for one in opponents], axis=0)
     likely = np.argsort(-wins, kind="stable")[: 4 * count]
     among = pool.take(likely)
@@ -63,7 +63,7 @@ def test_random_search_is_worth_about_what_it_is_to_people_who_see_everything(ki
     for loop in LOOPS:
         for seed in SEEDS:
             found = random_search_worth(
-                person(loop, kind, seed), sampled(loop, "search", 2048), experiments=50,
+                person(loop, kind, seed), sampled(loop, USUAL, 512), experiments=50,
                 replays=60, rng=np.random.default_rng(seed), pool=sampled(loop, "pool", 8192),
             )  # fmt: skip
             logs.append(np.log(found))
