@@ -14,7 +14,7 @@ from prefcal_scenarios.tastes.looks import LOOKS
 from prefcal_scenarios.tastes.sample import sample
 from support.tastes import EYES, NAMES, runs
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.unchecked]  # for speed: the judgements are checked
 LOOPS = ("servo", "building", "rough-3")
 SEEDS = range(3)
 
