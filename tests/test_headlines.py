@@ -1,6 +1,7 @@
 """Figures that people read first: listed, of today's agents, and still in their pages."""
 
 import importlib
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,19 @@ def site(tmp_path, headlines, monkeypatch):
 
 def test_every_figure_that_people_read_first_is_listed_and_of_today(headlines):
     assert headlines.faults() == []
+
+
+def test_revisions_are_in_the_history(headlines):
+    git = ("git", "-C", str(ROOT))
+    shallow = subprocess.run([*git, "rev-parse", "--is-shallow-repository"], capture_output=True)
+    if shallow.stdout != b"false\n":
+        pytest.skip("needs the whole history of the repository")
+    named = sorted({h.revision for h in headlines.read()[0] if h.revision})
+    known = subprocess.run(
+        [*git, "cat-file", "--batch-check"], input="\n".join(named).encode(), capture_output=True
+    )
+    lines = known.stdout.decode().splitlines()
+    assert [n for n, line in zip(named, lines, strict=True) if " commit " not in line] == []
 
 
 def test_an_unlisted_figure_is_named_with_the_words_around_it(headlines, site):

@@ -53,11 +53,16 @@ def existing(path: Path | str) -> Path:
         _check_name(path)
         if not Path(path).is_file():
             raise StudyError(f"there is no study file {path}")
-        for log in left_beside(path):
-            with suppress(FileNotFoundError):  # another process has just completed a step
-                if log.name.endswith("-wal") or not _belongs(log.read_bytes(), path):
-                    _refuse(path, log)
+        refuse_foreign_logs(path)
     return Path(path)
+
+
+def refuse_foreign_logs(path: Path | str) -> None:
+    """Raise StudyError if there is a log beside a study that SQLite would write over it."""
+    for log in left_beside(path):
+        with suppress(FileNotFoundError):  # another process has just completed a step
+            if log.name.endswith("-wal") or not _belongs(log.read_bytes(), path):
+                _refuse(path, log)
 
 
 def vacant(path: Path | str) -> Path:

@@ -24,6 +24,7 @@ from .connection import (
     existing,
     place_of,
     publish,
+    refuse_foreign_logs,
     save_copy,
     synchronize,
     vacant,
@@ -35,6 +36,8 @@ from .trouble import open_elsewhere, told
 
 Entry = Event | tuple[Finished, Experiment]
 Clock = Callable[[], str]
+_OVERWRITTEN = (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+"""What SQLite says of a file that something else was written to, with or without its tables."""
 _DAMAGED = "It is damaged: nothing was changed; use an earlier copy or an export"
 
 
@@ -52,6 +55,7 @@ class StudyFile:
         self._checksum = 0  # of the last event
         self._address = os.path.abspath(path)  # the working folder may change
         self._place: tuple[int, int] | None = None  # device and inode; None if only read
+        self._content = b""  # of the file, should others remove or overwrite it
         self._saved: tuple[int, Path] | None = None  # number of the last event, and the copy
         self._state: State | None = None
         self._experiments: dict[bytes, int] = {}
@@ -110,6 +114,8 @@ class StudyFile:
             if not reading:
                 file._claim()
             file._load()
+            if not reading:
+                file._content = connection.serialize()
             undo.pop_all()  # it stays open
         return file
 
@@ -257,12 +263,20 @@ class StudyFile:
                 if self._last >= first:  # recorded, also if Ctrl-C came right after that
                     for r in recorded:
                         self._take(r)
+                    if self._place is not None:
+                        self._content = self._connection.serialize()
         return tuple(r.seq for r in recorded)
 
     def _write(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
-        before = self._last, self._checksum
         try:
             self._check_file()
+            self._record(pairs, times)
+        finally:
+            self._hold()
+
+    def _record(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
+        before = self._last, self._checksum
+        try:
             self._insert(pairs, times)
             self._connection.execute("COMMIT")
         except BaseException as error:  # Ctrl-C too: either all of it is recorded, or nothing
@@ -273,8 +287,6 @@ class StudyFile:
                 return self._confirm(after)
             self._last, self._checksum = after
             raise
-        finally:
-            self._hold()
 
     def _has_recorded(self, after: tuple[int, int]) -> bool:
         """Return whether a step that raised an error is in the file all the same."""
@@ -304,7 +316,7 @@ class StudyFile:
     def trouble(self) -> str | None:
         """Return why the file no longer holds everything that was recorded; None if it does.
 
-        If it was moved, removed or replaced, a copy is saved elsewhere.
+        If it was moved, removed, replaced or overwritten, a copy is saved elsewhere.
         """
         try:
             with self._lock, told(self.path, "read"):
@@ -322,22 +334,30 @@ class StudyFile:
         Raises:
             StudyError: If it is not, or was opened for reading.
         """
-        connection = self._connection
         if self.path != ":memory:":
             if self._place is None:
                 raise StudyError(f"the study {self.path} was opened for reading only")
             if not self.in_place:
-                raise StudyError(self._gone())
-            if connection.in_transaction:
-                connection.execute("ROLLBACK")
+                raise StudyError(self._lost("moved, renamed, removed or replaced", "Move it back"))
+            refuse_foreign_logs(self._address)
+        try:
+            same = self._is_as_recorded()
+        except sqlite3.DatabaseError as error:
+            if error.sqlite_errorcode & 0xFF not in _OVERWRITTEN:
+                raise
+            same = False
+        if not same:
+            raise StudyError(self._lost("changed by another program", "Restore it"))
+
+    def _is_as_recorded(self) -> bool:
+        """Lock the file anew; return whether it has the layout and the last event of this study."""
+        connection = self._connection
+        if connection.in_transaction and self._place is not None:
+            connection.execute("ROLLBACK")
             connection.execute("PRAGMA shrink_memory")  # what others wrote is read from the disk
         if not connection.in_transaction:
             connection.execute("BEGIN IMMEDIATE")
-        if schema.differences(connection) or self._tail() != (self._last, self._checksum):
-            raise StudyError(
-                f"another program has changed {self.path} since it was opened. Nothing was "
-                "recorded since: close prefcal, and open the study again or use an earlier copy"
-            )
+        return not schema.differences(connection) and self._tail() == (self._last, self._checksum)
 
     def _tail(self) -> Any:
         """Return number and checksum of the last event in the file; None if there is none."""
@@ -350,21 +370,20 @@ class StudyFile:
             with suppress(sqlite3.Error):  # the next step tries again, and tells what is wrong
                 self._connection.execute("BEGIN IMMEDIATE")
 
-    def _gone(self) -> str:
+    def _lost(self, what: str, remedy: str) -> str:
         """Save a copy elsewhere; return what happened and what to do."""
-        lost = f"the study {self.path} was moved, renamed, removed or replaced while it was open."
+        lost = f"the study {self.path} was {what} while it was open. Nothing was recorded since."
         place = Path(self._address)
         for target in (place, data_folder() / place.name):
             with suppress(OSError, sqlite3.Error, StudyError):
                 if self._saved is None or self._saved[0] != self._last:
                     make_data_folder(target)
-                    self._saved = self._last, save_copy(self._connection.serialize(), target)
+                    self._saved = self._last, save_copy(self._content, target)
                 return (
-                    f"{lost} Nothing was recorded since. Move it back and try again, or close "
-                    f"prefcal and continue with a copy of everything before: --study "
-                    f"{self._saved[1]}"
+                    f"{lost} {remedy} and try again, or close prefcal and continue with a copy of "
+                    f"everything before: --study {self._saved[1]}"
                 )
-        return f"{lost} Nothing was recorded since. Move it back: it could not be saved elsewhere"
+        return f"{lost} {remedy}: it could not be saved elsewhere"
 
     def _insert(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
         """Insert rows, inside a transaction."""

@@ -67,7 +67,7 @@ def _volunteer() -> None:
 
 def _listen(given: BinaryIO, requests: SimpleQueue[bytes | None]) -> None:
     """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
-    with suppress(ValueError):  # the user's code read from the pipe
+    with suppress(ValueError, OSError):  # the user's code read from the pipe, or closed it
         while (message := receive(given)) is not None:
             requests.put(message[1])
     requests.put(None)

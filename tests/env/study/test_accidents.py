@@ -100,16 +100,41 @@ CHANGES = {
 
 @POSIX
 @pytest.mark.parametrize("accident", CHANGES.values(), ids=CHANGES)
-def test_no_answer_goes_into_a_file_that_another_program_changed(tmp_path, accident):
+def test_no_answer_goes_into_a_file_that_another_program_changed_and_all_before_are_saved(
+    tmp_path, accident
+):
     path = tmp_path / "a.prefcal"
     with small_study(path) as file:
         file.append(Noted("acknowledged"))
         accident(path)
         after = path.read_bytes()
-        with pytest.raises(StudyError, match=r"another program has changed|is damaged"):
+        with pytest.raises(StudyError, match="changed by another program") as told:
             file.append(Noted("refused"))
-        assert file.trouble() is not None
+        assert file.trouble() == str(told.value)
     assert path.read_bytes() == after
+    (copy,) = tmp_path.glob("*rescued*")
+    assert str(told.value).endswith(str(copy))
+    assert notes(copy) == ["acknowledged"]
+    assert verify(copy) == ()
+
+
+@POSIX
+@pytest.mark.parametrize("answered", [True, False])
+def test_a_log_of_another_file_that_appears_beside_it_is_not_taken(tmp_path, answered):
+    foreign = sqlite3.connect(tmp_path / "other.db")
+    foreign.executescript("PRAGMA journal_mode = WAL; CREATE TABLE a (b); INSERT INTO a VALUES (1)")
+    path = tmp_path / "a.prefcal"
+    log = tmp_path / "a.prefcal-wal"
+    with small_study(path) as file:
+        file.append(Noted("acknowledged"))
+        shutil.copy(tmp_path / "other.db-wal", log)
+        if answered:
+            with pytest.raises(StudyError, match="does not belong to"):
+                file.append(Noted("refused"))
+        assert "does not belong to" in file.trouble()
+    log.unlink()
+    assert notes(path) == ["acknowledged"]
+    foreign.close()
 
 
 def test_a_copy_of_the_file_alone_during_a_session_holds_every_answer(tmp_path):

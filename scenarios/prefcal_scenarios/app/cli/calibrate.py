@@ -12,8 +12,8 @@ EPILOG = """\
 [bold]Examples[/bold]
 
 [cyan]prefcal calibrate cstr[/cyan]
-  The paper's reactor: 1,000 experiments are simulated unseen, and a page asks 11
-  times which of two is better.
+  The paper's reactor: 1,000 experiments are simulated unseen, and a page asks 10
+  to 13 times which of two is better.
 
 [cyan]prefcal calibrate cstr --study mine[/cyan]
   The same in a study called mine; the same command resumes it.

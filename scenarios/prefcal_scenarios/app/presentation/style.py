@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 BEST, OTHERS, FIRST = "#0a66c2", ("#d9610a", "#8a4fb0", "#7a6a10"), "#7f8893"
 INK, FAINT, GRID = "#1f2933", "#5d6874", "#e4e8ec"
+_DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
 GOOD, LIMIT = "#12805c", "#b9463c"
 WIDTH, DPI = 8.4, 140
 """Width in inches and resolution in dots per inch: about 1180 pixels, sharp in a README."""
@@ -80,6 +81,11 @@ def save(figure: Figure, target: IO[bytes]) -> None:
     figure.savefig(
         target, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4}
     )
+
+
+def look(i: int) -> tuple[str, Any]:
+    """Return color and dashes of reference number `i`, from 0: nine of them differ."""
+    return OTHERS[i % len(OTHERS)], _DASHES[(i + i // len(OTHERS)) % len(_DASHES)]
 
 
 def legend(figure: Figure, axes: Axes, columns: int = 6) -> None:

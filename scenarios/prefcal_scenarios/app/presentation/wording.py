@@ -37,7 +37,7 @@ def knob_number(knob: Knob, value: float) -> str:
     if knob.integer:
         return number(float(value))
     if knob.scale == "log10":
-        return f"{value:.3g}"
+        return number(float(f"{value:.3g}"))
     step = knob.resolution
     digits = _decimals(step) if step else floor(-log10((knob.high - knob.low) / 1000))
     digits = max(digits, 0)

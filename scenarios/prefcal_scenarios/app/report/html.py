@@ -9,7 +9,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from prefcal_scenarios.app.presentation.wording import number, with_subscripts
+from prefcal_scenarios.app.presentation.wording import knob_number, with_subscripts
 
 from .export import rebuild, versions
 from .pictures import Drawn
@@ -59,12 +59,12 @@ def _view(record: Record) -> dict[str, Any]:
     """Return the values that the template needs besides the record itself."""
     view: dict[str, Any] = {"lead": lead(record)}
     view["who"] = "You seem" if record.by_a_person else "The calibrator seems"
-    view["comparison_headings"] = comparison_headings(record)
-    view["comparison_rows"] = comparison_rows(record)
     if record.best is not None:
+        view["comparison_headings"] = comparison_headings(record)
+        view["comparison_rows"] = comparison_rows(record)
         theta = record.scenario.space.named(record.best.experiment.theta)
         view["best_values"] = [
-            (k.name, number(theta[k.name]), k.unit) for k in record.scenario.space
+            (k.name, knob_number(k, theta[k.name]), k.unit) for k in record.scenario.space
         ]
         columns = result_columns(record)
         view["result_columns"] = columns

@@ -74,8 +74,8 @@ def _best_alt(record: Record) -> str:
         for k in record.kpis
         if k.name in record.best.experiment.kpis
     ]
-    against = ", ".join([f"the {record.baseline.name}", *record.references])
-    return f"Time plots of the best run ({theta}) against {against}. Best: {', '.join(kpis)}."
+    against = ", ".join(record.compared_with)
+    return f"Time plots of the best run ({theta}) against the {against}. Best: {', '.join(kpis)}."
 
 
 def _best_caption(record: Record) -> str:
@@ -83,7 +83,7 @@ def _best_caption(record: Record) -> str:
     curves = [curve.experiment for curve in curves_of(record)]
     channels = [panel.channel for panel in panels_of(record.scenario, *curves)]
     parts = [f"The best run beside the {record.baseline.name} and the reference θ."]
-    if not record.references:
+    if len(record.compared_with) == 1:
         parts = [f"The best run beside the {record.baseline.name}."]
     if any(c.target is not None and c.band is not None for c in channels):
         parts.append("Shaded: the accepted band around the target.")

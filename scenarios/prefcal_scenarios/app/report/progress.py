@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from prefcal_scenarios.app.presentation.style import BEST, FAINT, LIMIT, OTHERS, canvas, legend
+from prefcal_scenarios.app.presentation.style import BEST, FAINT, LIMIT, canvas, legend, look
 from prefcal_scenarios.app.presentation.wording import number
 
 from .record import Record
@@ -27,10 +27,10 @@ def best_so_far(record: Record) -> Figure:
     )  # fmt: skip
     axes.plot(answered[-1], min(held[-1], top), "o", color=BEST, markersize=6, zorder=3)
     for i, (name, cost) in enumerate(record.reference_costs.items()):
+        color, dashes = look(i)
         axes.axhline(
-            cost, color=OTHERS[i % len(OTHERS)], linewidth=1.2, linestyle=(0, (5, 3)),
-            label=f"{name}: {number(cost)}",
-        )  # fmt: skip
+            cost, color=color, linewidth=1.2, linestyle=dashes, label=f"{name}: {number(cost)}"
+        )
     _dots(axes, numbers, costs, top)
     axes.axvspan(0.3, shaded + 0.5, color="#e9edf1", linewidth=0, zorder=0, label="initial samples")
     axes.set_xlim(0.3, record.n_max + 0.7)

@@ -219,10 +219,24 @@ class Record:
         costs = {name: self.cost(e) for name, e in self.references.items()}
         return {name: cost for name, cost in costs.items() if cost is not None}
 
+    @cached_property
+    def compared_with(self) -> dict[str, Experiment]:
+        """Return the baseline, then the references; equal θ once, under all of their names."""
+        runs = {self.baseline.name: self.before.experiment}
+        runs |= {name: e for name, e in self.references.items() if name not in runs}
+        names: dict[tuple[float, ...], list[str]] = {}
+        for name, experiment in runs.items():
+            names.setdefault(tuple(experiment.theta.tolist()), []).append(name)
+        return {" and ".join(same): runs[same[0]] for same in names.values()}
+
     @property
     def kpis(self) -> tuple[KPI, ...]:
         """Return the scenario's KPIs without the index itself, which is shown as the cost."""
         return self.scenario.shown_kpis
+
+    def read(self, kpi: KPI) -> Float[np.ndarray, " N"]:
+        """Return the KPI of every trial as people read it; NaN where it is unknown."""
+        return np.array([kpi.read(t.experiment.kpis.get(kpi.name, np.nan)) for t in self.trials])
 
     def cost(self, experiment: Experiment) -> float | None:
         """Return the latent cost of an experiment; None if the scenario has none.

@@ -1,16 +1,19 @@
 """Rows and headings of the report's tables, prepared for the templates."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
-from prefcal_scenarios.app.presentation.pid_forms import pid_forms
+from prefcal_scenarios.app.presentation.pid_forms import Parameter, pid_forms
 from prefcal_scenarios.app.presentation.wording import (
     ended_text,
+    knob_number,
     marks_text,
     measured,
     number,
@@ -23,6 +26,7 @@ from prefcal_scenarios.scenario import KPI
 
 from .record import Record, verdict_text
 
+_T = TypeVar("_T")
 _MOST = 3
 """Number of KPIs that the page shows for each side of a comparison."""
 
@@ -95,6 +99,29 @@ def gain_rows(record: Record) -> list[dict[str, Any]]:
     return gained(record.before.experiment, record.best.experiment, record.kpis, spread)
 
 
+def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -> list[_T]:
+    """Return as many rows as fit; those with an objective are the last ones to be left out."""
+    order = sorted(range(len(ranked)), key=lambda i: (not has_limit(ranked[i]), i))
+    return [ranked[i] for i in sorted(order[:room])]
+
+
+def foremost_kpis(record: Record, room: int) -> list[KPI]:
+    """Return the KPIs that tell experiments apart, in the order of what was gained.
+
+    Values that read the same are no difference. A KPI that is the same in all experiments tells
+    something only if it misses its objective.
+    """
+    order = [row["title"] for row in gain_rows(record)]
+    ranked = sorted(record.kpis, key=lambda kpi: order.index(kpi.title))
+    return foremost([k for k in ranked if _tells(record, k)], room, lambda k: bool(objective(k)))
+
+
+def _tells(record: Record, kpi: KPI) -> bool:
+    values = np.unique(record.read(kpi))
+    known = values[~np.isnan(values)]
+    return len(known) > 1 or any(kpi.met(value) is False for value in known)
+
+
 def pid_rows(record: Record) -> list[PIDRow]:
     """Return the tuned PID in the ISA and the parallel form; [] for other controllers."""
     scenario = record.scenario
@@ -104,8 +131,14 @@ def pid_rows(record: Record) -> list[PIDRow]:
         pid_forms(scenario.settings(e.theta), scenario.space, e.channels.time_unit)
         for e in (record.best.experiment, record.before.experiment)
     )
+    knobs = {knob.name: knob for knob in scenario.space}
+
+    def text(p: Parameter) -> str:
+        knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
+        return number(p.value) if knob is None else knob_number(knob, p.value)
+
     return [
-        PIDRow(new.form, new.name, new.unit, number(new.value), number(old.value), new.derived)
+        PIDRow(new.form, new.name, new.unit, text(new), text(old), new.derived)
         for new, old in zip(best, before, strict=True)
     ]
 
@@ -113,19 +146,14 @@ def pid_rows(record: Record) -> list[PIDRow]:
 def result_columns(record: Record) -> dict[str, Experiment]:
     """Return the experiments of the result table by heading: best, baseline, references."""
     assert record.best is not None
-    others = {n: e for n, e in record.references.items() if n != record.baseline.name}
-    return {
-        "best": record.best.experiment,
-        record.baseline.name: record.before.experiment,
-        **others,
-    }
+    return {"best": record.best.experiment, **record.compared_with}
 
 
 def result_rows(record: Record, experiments: Iterable[Experiment]) -> Iterator[ResultRow]:
     """Yield a row for each knob, the cost, each KPI, and how these experiments ended."""
     shown = list(experiments)
     for i, knob in enumerate(record.scenario.space):
-        values = tuple(Value(number(e.theta[i])) for e in shown)
+        values = tuple(Value(knob_number(knob, e.theta[i])) for e in shown)
         yield ResultRow(knob.name, values, knob.unit)
     if record.shows_cost:
         yield ResultRow("performance index", tuple(Value(number(record.cost(e))) for e in shown))
@@ -151,18 +179,21 @@ def comparison_headings(record: Record) -> list[tuple[str, str]]:
 
 def comparison_rows(record: Record) -> Iterator[ComparisonRow]:
     """Yield every question with its answer, in the order of the answers."""
+    kpis = shown_values(record)
     for row, comparison in enumerate(record.asked, start=1):
         answer = comparison.answer
         marks = tuple(marks_text(answer))
-        yield ComparisonRow(row, verdict_text(answer), marks, _sides(record, comparison))
+        yield ComparisonRow(row, verdict_text(answer), marks, _sides(record, kpis, comparison))
 
 
-def shown_values(record: Record) -> tuple[KPI, ...]:
-    """Return the most important KPIs, as many as fit into a table."""
-    return record.kpis[:_MOST]
+def shown_values(record: Record) -> list[KPI]:
+    """Return the KPIs that tell experiments apart, as many as fit into a table."""
+    return foremost_kpis(record, _MOST)
 
 
-def _sides(record: Record, comparison: Comparison) -> tuple[Compared, Compared]:
+def _sides(
+    record: Record, kpis: Sequence[KPI], comparison: Comparison
+) -> tuple[Compared, Compared]:
     query, preference = comparison.query, comparison.answer.preference
     assert query.incumbent is not None
     assert comparison.incumbent is not None
@@ -170,19 +201,20 @@ def _sides(record: Record, comparison: Comparison) -> tuple[Compared, Compared]:
         Compared(
             query.challenger.index + 1,
             preference is Preference.CHALLENGER,
-            _values(record, comparison.challenger),
+            _values(record, kpis, comparison.challenger),
         ),
         Compared(
             query.incumbent.index + 1,
             preference is Preference.INCUMBENT,
-            _values(record, comparison.incumbent),
+            _values(record, kpis, comparison.incumbent),
         ),
     )
 
 
-def _values(record: Record, experiment: Experiment) -> tuple[Value, ...]:
-    theta = [Value(number(v)) for v in experiment.theta]
-    return (*theta, *(_judged(k, experiment) for k in shown_values(record)))
+def _values(record: Record, kpis: Sequence[KPI], experiment: Experiment) -> tuple[Value, ...]:
+    space = record.scenario.space
+    theta = [Value(knob_number(k, v)) for k, v in zip(space, experiment.theta, strict=True)]
+    return (*theta, *(_judged(k, experiment) for k in kpis))
 
 
 def _judged(kpi: KPI, experiment: Experiment) -> Value:

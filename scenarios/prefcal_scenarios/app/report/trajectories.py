@@ -22,9 +22,10 @@ from prefcal_scenarios.app.presentation.style import (
     OTHERS,
     canvas,
     legend,
+    look,
     style,
 )
-from prefcal_scenarios.app.presentation.wording import mathtext, number
+from prefcal_scenarios.app.presentation.wording import knob_number, mathtext, number
 from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .record import Record
@@ -33,7 +34,8 @@ _ACROSS = 3
 """Largest number of maneuvers next to each other; more would be too narrow to read."""
 _LINE = 76
 """Number of characters of θ that fit above half of a figure."""
-_DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
+_TALL = 2.2
+"""Largest height of a panel on paper, in inches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +61,10 @@ def curves_of(record: Record) -> list[Curve]:
     """Return the baseline, the references and the best run, except runs without a record."""
     assert record.best is not None
     first, best = record.before, record.best
-    curves = [Curve(first.experiment, f"{record.baseline.name} ({first.number})", FIRST, 1.4)]
-    for i, (name, experiment) in enumerate(record.references.items()):
-        color, dashes = OTHERS[i % len(OTHERS)], _DASHES[i % len(_DASHES)]
+    (name, _), *references = record.compared_with.items()
+    curves = [Curve(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
+    for i, (name, experiment) in enumerate(references):
+        color, dashes = look(i)
         curves.append(Curve(experiment, name, color, 1.5, dashes))
     curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
     return [curve for curve in curves if _has_record(curve.experiment)]
@@ -89,13 +92,13 @@ def before_and_after(record: Record, *, panels: int, height: float) -> Figure | 
     Args:
         record: Record of the study.
         panels: Largest number of panels, most important first.
-        height: Height of a figure with that many panels, in inches.
+        height: Largest height of the figure, in inches.
     """
     assert record.best is not None
     runs = {
         number: Curve(experiment, label, color, width)
         for number, experiment, label, color, width in (
-            (record.before.number, record.before.experiment, record.baseline.name, FIRST, 1.4),
+            (record.before.number, record.before.experiment, record.baseline.name, OTHERS[0], 1.7),
             (record.best.number, record.best.experiment, "best", BEST, 2.0),
         )
         if _has_record(experiment)
@@ -108,7 +111,7 @@ def before_and_after(record: Record, *, panels: int, height: float) -> Figure | 
         return _multiples(draws, curves, most=panels, height=height)
     rows = [_Row(panel) for panel in panels_of(record.scenario, *(c.experiment for c in curves))]
     rows = rows[:panels]
-    figure = canvas(0.8 + (height - 0.8) * len(rows) / panels)
+    figure = canvas(min(height, 0.8 + _TALL * len(rows)))
     grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
     _fill(list(grid[:, 0]), rows, curves)
     legend(figure, grid[0, 0], len(curves))
@@ -157,8 +160,8 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
         figure = canvas(0.6 + 1.75 * len(rows))
         grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
         _fill(list(grid[:, 0]), rows, [curve])
-        values = zip(scenario.space.names, experiment.theta, strict=True)
-        theta = ",  ".join(f"{mathtext(n)} = {number(v)}" for n, v in values)
+        values = zip(scenario.space, experiment.theta, strict=True)
+        theta = ",  ".join(f"{mathtext(k.name)} = {knob_number(k, v)}" for k, v in values)
         _above(grid[0, 0], theta, 21, color=FAINT, fontsize=8.5)
     return figure
 
@@ -276,11 +279,12 @@ def _pair(scenario: Scenario, pair: Sequence[Curve]) -> Figure:
 def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str]:
     """Return θ in lines that fit above half of a figure."""
     lines, room = [""], 0
-    for name, value in zip(scenario.space.names, theta, strict=True):
-        length = len(f"{name} = {number(value)},  ")
+    for knob, value in zip(scenario.space, theta, strict=True):
+        text = knob_number(knob, value)
+        length = len(f"{knob.name} = {text},  ")
         if length > room:
             lines, room = [*lines, ""], _LINE
-        lines[-1] += f"{',  ' if lines[-1] else ''}{mathtext(name)} = {number(value)}"
+        lines[-1] += f"{',  ' if lines[-1] else ''}{mathtext(knob.name)} = {text}"
         room -= length
     return lines[1:]
 

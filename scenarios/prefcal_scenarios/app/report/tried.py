@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from prefcal_env.knobs.knob import Knob
 from prefcal_scenarios.app.presentation.style import BEST, FAINT, HEAT, INK, canvas
-from prefcal_scenarios.app.presentation.wording import knob_axis, number
+from prefcal_scenarios.app.presentation.wording import knob_axis, knob_number, number
 
 from .record import Record
 
@@ -106,6 +106,6 @@ def _axis_lines(axes: Axes, knobs: list[Knob], best: Float[np.ndarray, " n"]) ->
             )  # fmt: skip
         # Below the name: at the point, it would cover lines and the axis' ends.
         axes.annotate(
-            f"best {number(value)}", (i, 0), (0, -36), textcoords="offset points", ha="center",
-            va="top", color=BEST, fontweight="bold", annotation_clip=False,
+            f"best {knob_number(knob, value)}", (i, 0), (0, -36), textcoords="offset points",
+            ha="center", va="top", color=BEST, fontweight="bold", annotation_clip=False,
         )  # fmt: skip

@@ -44,6 +44,7 @@ def why(
     requested: bool = False,
     wanted: Sequence[str] = (),
     learned: bool = True,
+    missed: Sequence[str] = (),
 ) -> str:
     """Return why an experiment is compared with the best so far, as one sentence.
 
@@ -54,7 +55,18 @@ def why(
         requested: Whether the person asked for it.
         wanted: KPIs that matter most by the answers so far: those that "What matters to you" names.
         learned: Whether there is an answer that a chance follows from.
+        missed: Titles of the KPIs whose objectives the new experiment misses and the best meets.
     """
+    told = _why(reason, scenario, side, requested, wanted, learned)
+    which = "objectives" if len(missed) > 1 else "objective"
+    return f"{told} It misses the {which} for {_listed(missed)}." if missed else told
+
+
+def _why(
+    reason: Reason, scenario: Scenario, side: str, requested: bool, wanted: Sequence[str],
+    learned: bool,
+) -> str:  # fmt: skip
+    """Return the sentence of `why` without missed objectives."""
     named = _namer(scenario)
     differs = _differs(reason, named)
     chance = f" (chance that you prefer it: {percent(reason.chance)})" if learned else ""
@@ -84,7 +96,8 @@ def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
 
 
 def _listed(words: Sequence[str]) -> str:
-    return " and ".join(words)
+    *most, last = words or ("",)
+    return " and ".join([", ".join(most), last] if most else [last])
 
 
 def _namer(scenario: Scenario) -> Callable[[str, bool], str]:

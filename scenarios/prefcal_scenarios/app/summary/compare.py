@@ -1,4 +1,4 @@
-"""Compare two experiments KPI by KPI, largest difference first, for page and terminal."""
+"""Compare two experiments KPI by KPI, what tells them apart first, for page and terminal."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import inf, isfinite, isnan
@@ -44,10 +44,12 @@ class Spread:
 def compared(
     left: Experiment, right: Experiment, known: Sequence[KPI], spread: Spread
 ) -> list[dict[str, Any]]:
-    """Return a row for each KPI that either side has, largest difference first in each group.
+    """Return a row for each KPI that either side has, what tells them apart first in each group.
 
-    `size` is the difference as a share of what is usual in this study (`Spread`), at most 1;
-    values that read the same do not differ. `better` is the better side by the KPI's goal, or None
+    That is an objective that only one side misses, then the largest difference. `size` is the
+    difference as a share of what is usual in this study (`Spread`), at most 1;
+    values that read the same do not differ. `change` is the same, but at most the difference
+    as a share of the larger value. `better` is the better side by the KPI's goal, or None
     without a goal. `difference` is the right value minus the left one. `group` is "worst", "mean"
     or a maneuver, or "" if the experiments have no maneuvers.
     """
@@ -55,8 +57,13 @@ def compared(
     rows = [(group, _size(kpi, left, right, spread), kpi) for group, kpi in kpis]
     order = list(dict.fromkeys(group for group, _ in kpis))
     # Stable: more important KPIs first among equals.
-    rows.sort(key=lambda row: (order.index(row[0]), -row[1]))
+    rows.sort(key=lambda row: (order.index(row[0]), not one_misses(row[2], left, right), -row[1]))
     return [{"group": group, **row_of(kpi, left, right, size)} for group, size, kpi in rows]
+
+
+def one_misses(kpi: KPI, left: Experiment, right: Experiment) -> bool:
+    """Return whether one of two experiments meets the objective of a KPI and the other does not."""
+    return {kpi.met_by(left), kpi.met_by(right)} == {True, False}
 
 
 def row_of(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str, Any]:
@@ -72,6 +79,7 @@ def row_of(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[s
         "difference": _difference(kpi, left, right) if size else "",
         "better": _better(kpi, left, right) if size else None,
         "size": round(min(size, 1.0), 3),
+        "change": round(min(size, _share(kpi, left, right)), 3),
     }  # fmt: skip
 
 
@@ -94,6 +102,14 @@ def _size(kpi: KPI, left: Experiment, right: Experiment, spread: Spread) -> floa
         return inf
     usual = max(spread(kpi.name, a, b), NOTICED * max(abs(a), abs(b)))
     return abs(b - a) / usual
+
+
+def _share(kpi: KPI, left: Experiment, right: Experiment) -> float:
+    """Return the difference as a share of the larger value; 1 if one is infinite or missing."""
+    a, b = _pair(kpi, left, right)
+    if not (isfinite(a) and isfinite(b)):
+        return 1.0
+    return abs(b - a) / (max(abs(a), abs(b)) or 1.0)
 
 
 def _difference(kpi: KPI, left: Experiment, right: Experiment) -> str:

@@ -51,6 +51,10 @@ def gained(
 ) -> list[dict[str, Any]]:
     """Return a row for each KPI before and after, largest change first, unmeasured ones last.
 
+    An objective that is met only before or only after comes before all others. Otherwise a change
+    is large if it is so in the study and beside the value itself: people know by how many percent
+    a KPI changed, and not what is usual.
+
     The only comparison of the result with what was before: page, terminal, report and acceptance
     sheet show these rows. `change` is empty if a value is missing or infinite, or both meet their
     target alike; `verdict` is "better", "worse", or empty for a slight change and without a goal.
@@ -61,8 +65,9 @@ def gained(
         kpis: KPIs to show.
         spread: What is usual in the study.
     """
-    rows = compared(before, after, kpis, spread)
-    found = [_row(row) for row in rows if row["group"] in ("", WORST)]
+    rows = [row for row in compared(before, after, kpis, spread) if row["group"] in ("", WORST)]
+    rows.sort(key=lambda row: (row["left"]["met"] == row["right"]["met"], -row["change"]))
+    found = [_row(row) for row in rows]
     missing = [kpi for kpi in kpis if not {kpi.name} & {*before.kpis, *after.kpis}]
     return found + [_row(row_of(kpi, before, after, 0.0)) for kpi in missing]
 

@@ -109,7 +109,8 @@ def outlook(
     several = len(ends) > 1
     verb, whose = ("are", "their ranges") if several else ("is", "its range")
     listed = _listed([knob.name for knob, _ in ends])
-    sentence = f"{listed} of the best θ {verb} at the end of {whose}"
+    there = "at" if _exactly(best, space, ends) else "near"
+    sentence = f"{listed} of the best θ {verb} {there} the end of {whose}"
     within = f"Within the present ranges, {said[0].lower()}{said[1:]}"
     if place == ":memory:":
         end = f"{sentence}; if your plant allows it, widen {whose}."
@@ -120,6 +121,14 @@ def outlook(
         _command(ends, space, place, str(state.configuration["scenario"])),
         missed=why,
     )
+
+
+def _exactly(
+    best: Float[np.ndarray, " n"], space: KnobSpace, ends: Sequence[tuple[Knob, bool]]
+) -> bool:
+    """Return whether all values near an end are at it."""
+    values = dict(zip(space.names, zip(best.tolist(), space.within, strict=True), strict=True))
+    return all(value == within[up] for knob, up in ends for value, within in [values[knob.name]])
 
 
 def _missed(titles: Sequence[str]) -> str:

@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from prefcal_scenarios.app.presentation.wording import labeled
+from prefcal_scenarios.app.presentation.wording import labeled, printable, printable_lines
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.web.view.brief import current_tuning, how, knob_view, kpi_view
 from prefcal_scenarios.scenario import Scenario
@@ -20,9 +20,9 @@ def show_brief(interview: Interview, console: Console) -> None:
 
 def show_scenario(scenario: Scenario, console: Console) -> None:
     """Print a scenario's task, knobs and KPIs."""
-    console.rule(Text(scenario.title, style="bold"))
+    console.rule(Text(printable(scenario.title), style="bold"))
     if scenario.brief:
-        console.print(Text(scenario.brief))
+        console.print(Text(printable_lines(scenario.brief)))
     knobs = [knob_view(knob) for knob in scenario.space]
     _table(
         "Knobs", [(labeled(k["name"], k["unit"]), k["about"], k["range"]) for k in knobs], console
@@ -39,6 +39,6 @@ def _table(title: str, rows: list[tuple[str, str, str]], console: Console) -> No
     table = Table(
         title=title, title_justify="left", title_style="bold", box=None, show_header=False
     )
-    for name, about, wanted in rows:
+    for name, about, wanted in (map(printable, row) for row in rows):
         table.add_row(Text(name, style="bold"), Text(about), Text(wanted, style="dim"))
     console.print(table)

@@ -57,6 +57,14 @@ def test_every_kpi_has_words(better, worse, words):
     assert said == f"This one {words} (chance that you prefer it: 50 %)."
 
 
+def test_objectives_that_only_the_new_one_misses_are_named():
+    said = why(Reason(0.5, ("t_f",), ()), toy, side="Left", missed=["final level"])
+    assert said == (
+        "Left has lower settling time t_f (chance that you prefer it: 50 %). It misses the "
+        "objective for final level."
+    )
+
+
 def test_no_more_than_two_kpis_are_named_on_either_side():
     names = ("t_f", "final", "a", "b")
     said = why(Reason(0.5, names, ()), toy)

@@ -50,8 +50,14 @@ def test_what_differs_most_beside_the_spread_of_all_experiments_comes_first():
             "group": "",
         "title": "count", "about": "", "unit": "", "objective": "", "difference": "",
         "left": {"text": "0", "met": None}, "right": {"text": "0", "met": None},
-        "better": None, "size": 0.0,
+        "better": None, "size": 0.0, "change": 0.0,
     }  # fmt: skip
+
+
+def test_an_objective_that_only_one_side_misses_comes_first():
+    seen = seen_of(*({"time": float(t), "peak": 1.0} for t in range(0, 40, 4)))
+    found = rows({"time": 19.5, "peak": 1.0}, {"time": 20.5, "peak": 9.0}, seen)
+    assert [row["title"] for row in found][:2] == ["time", "peak"]
 
 
 def test_a_difference_that_nobody_would_notice_is_small_though_no_experiment_differs_more():

@@ -57,7 +57,7 @@ def test_knobs_at_their_ends_are_named_with_the_command():
 
 def test_only_ends_are_named_beyond_which_something_better_is_expected():
     found = said([0.26, 4, 1.0, 3.0], helps=lambda knob, upper: (knob, upper) == (0, False))
-    assert found.ends.startswith("T_s of the best θ is at the end of its range")
+    assert found.ends.startswith("T_s of the best θ is near the end of its range")
     assert said([0.28, 20, 1.0, 0.0]).ends == ""  # 2.4 % of the range inside
     assert said([0.25, 4, 1.0, 3.0], helps=lambda knob, upper: False).ends == ""
 

@@ -33,7 +33,10 @@ def test_the_end_shows_the_gain_and_opens_the_report(browser, command):
     watched.page.keyboard.press("ArrowRight")
     watched.phase("over")
     page = watched.page
+    page.fill("#more", "1")  # while the report is being written
     page.wait_for_selector("text=Open the report")
+    page.keyboard.type("2")
+    assert page.input_value("#more") == "12"
     assert page.locator("button.primary").filter(visible=True).count() == 0
     assert "gained" in page.inner_text("#view-over .gain").lower()
     watched.shot("end-1280")

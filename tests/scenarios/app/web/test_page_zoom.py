@@ -8,6 +8,8 @@ from support.page_checks import pixels
 BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 AXES = """() => [...document.querySelectorAll("#left-plot, #right-plot")].map((div) =>
   [div._fullLayout.xaxis.range, div._fullLayout.yaxis.range])"""
+CUT = """() => [...document.querySelectorAll(".which, .head span, .buttons, .compare td")]
+  .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth).map((e) => e.textContent)"""
 NOW = "fetch('/api/now').then((r) => r.json())"
 
 
@@ -134,6 +136,10 @@ def test_at_200_percent_a_whole_panel_of_both_runs_is_above_the_answers(browser,
         assert 0 <= box["x"] <= box["x"] + box["width"] <= 640
         assert box["y"] + box["height"] <= 360
     assert not page.evaluate("document.documentElement.scrollWidth > innerWidth")
+    page.keyboard.press("t")
+    page.eval_on_selector("#compare td", "td => { td.firstChild.data = '−0.0004272 N m s/rad' }")
+    assert page.evaluate(CUT) == []
+    page.keyboard.press("t")
     page.keyboard.press("o")
     page.wait_for_selector("#both-plot .js-line")
     assert max(seen_above_the_answers(watched, "#both-plot")) >= 90
@@ -147,8 +153,13 @@ def test_on_a_phone_a_whole_panel_with_both_runs_is_above_the_answers(browser, w
     phone = {"viewport": {"width": size[0], "height": size[1]}, "has_touch": True}
     watched = Watched(browser, **phone, is_mobile=True, device_scale_factor=2)
     watched.open(served.link)
-    watched.page.click("text=Got it")
     page = watched.page
+    page.wait_for_selector("#intro:not([hidden])")
+    page.wait_for_timeout(300)
+    assert len(seen_above_the_answers(watched, "#both-plot")) >= 1
+    readable = "p => p.scrollHeight <= p.clientHeight || getComputedStyle(p).overflowY === 'auto'"
+    assert page.eval_on_selector("#intro p", readable)
+    page.click("text=Got it")
     page.wait_for_timeout(300)
     watched.shot(f"phone-{size[1]}")
     heights = seen_above_the_answers(watched, "#both-plot")
@@ -156,6 +167,10 @@ def test_on_a_phone_a_whole_panel_with_both_runs_is_above_the_answers(browser, w
     assert min(heights) >= 90  # 65 were too low to read
     assert pixels(page, "#both-plot", BLUE) > 400
     assert pixels(page, "#both-plot", ORANGE) > 300
+    fill = lambda: page.eval_on_selector("#verdict-right", "b => getComputedStyle(b).background")  # noqa: E731
+    untouched = fill()
+    page.hover("#verdict-right")  # as after a tap on it
+    assert fill() == untouched  # the next question does not look answered
 
 
 def test_magnified_to_the_limit_the_page_scrolls_as_a_whole(browser, window):

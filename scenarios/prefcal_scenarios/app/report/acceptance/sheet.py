@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from io import BytesIO
 
 from prefcal_scenarios.app.presentation.style import save, style
-from prefcal_scenarios.app.presentation.wording import number
+from prefcal_scenarios.app.presentation.wording import knob_number, number
 from prefcal_scenarios.app.report.export import versions
 from prefcal_scenarios.app.report.html import data_uri, environment
 from prefcal_scenarios.app.report.record import Record
-from prefcal_scenarios.app.report.tables import gain_rows, pid_rows
+from prefcal_scenarios.app.report.tables import foremost, gain_rows, pid_rows
 from prefcal_scenarios.app.report.trajectories import before_and_after
 from prefcal_scenarios.app.summary.gain import FIRST
 
@@ -20,6 +20,9 @@ FILE = "acceptance.html"
 _MOST, _LEAST = 12, 8
 """Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
 belongs to KPIs."""
+_HIGH, _LINE = 0.2, (50, 20, 16)
+"""Height that curves gain without a line of a table, in inches, and characters of a name, limits
+and a value that stay on a line."""
 _PANELS = 3
 """Largest number of panels for which one page has room."""
 
@@ -78,8 +81,11 @@ def sheet(record: Record) -> str:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
     content = sheet_of(record)
-    lines = len(content.knobs) + len(content.kpis)
-    picture = curves(record, height=5.0 if lines <= _MOST else 2.6)
+    rows = [(k.name, k.limits, k.after) for k in (*content.knobs, *content.kpis)]
+    lines = sum(
+        1 + max(len(text) // room for text, room in zip(row, _LINE, strict=True)) for row in rows
+    )
+    picture = curves(record, height=min(5.0, max(2.0, 2.4 + _HIGH * (2 * _MOST - lines))))
     template = environment().get_template("app/report/acceptance/acceptance.html.j2")
     return template.render(
         record=record, sheet=content, curves=picture and data_uri(picture, "curves.png")
@@ -101,7 +107,8 @@ def sheet_of(record: Record) -> Sheet:
         of=f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' * bool(when)}",
         columns=(record.baseline.name, f"experiment {after.number}"),
         knobs=knobs[:_MOST], more_knobs=len(knobs[_MOST:]),
-        kpis=(*_foremost(kpis, room), *limits), more_kpis=max(len(kpis) - room, 0),
+        kpis=(*foremost(kpis, room, lambda line: bool(line.limits)), *limits),
+        more_kpis=max(len(kpis) - room, 0),
         ends=(before.experiment.end.value, after.experiment.end.value),
     )  # fmt: skip
 
@@ -134,7 +141,7 @@ def _knobs(record: Record) -> Iterator[Line]:
     before, after = record.before.experiment, record.best.experiment
     for i, knob in enumerate(record.scenario.space):
         limits = f"{number(knob.low)} to {number(knob.high)}"
-        old, new = number(before.theta[i]), number(after.theta[i])
+        old, new = (knob_number(knob, e.theta[i]) for e in (before, after))
         yield Line(knob.name, knob.unit, limits, old, new)
     for row in pid_rows(record):
         if row.derived:
@@ -146,12 +153,6 @@ def _kpis(record: Record) -> list[Line]:
         Line(row["title"], row["unit"], row["objective"], row["before"], row["after"], row["met"])
         for row in gain_rows(record)
     ]
-
-
-def _foremost(lines: list[Line], room: int) -> list[Line]:
-    """Return as many lines as fit; those with an objective are the last ones to be left out."""
-    ranked = sorted(range(len(lines)), key=lambda i: (not lines[i].limits, i))
-    return [lines[i] for i in sorted(ranked[:room])]
 
 
 def curves(record: Record, *, height: float) -> bytes:

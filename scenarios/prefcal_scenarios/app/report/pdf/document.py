@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from prefcal_scenarios.app.presentation.style import WIDTH
-from prefcal_scenarios.app.presentation.wording import labeled, number, objective
+from prefcal_scenarios.app.presentation.wording import knob_number, labeled, number, objective
 from prefcal_scenarios.app.report.acceptance import curves, sheet_of
 from prefcal_scenarios.app.report.export import rebuild, versions
 from prefcal_scenarios.app.report.html import lead, listed
@@ -113,7 +113,7 @@ def _experiments(paper: Paper, record: Record) -> None:
     titles = [labeled(k.title, k.unit) + _required(objective(k)) for k in kpis]
     rows = [
         (f"{t.number}{' (best)' if t.index == record.best.index else ''}",
-         *map(number, t.experiment.theta), t.experiment.end.value)
+         *map(knob_number, record.scenario.space, t.experiment.theta), t.experiment.end.value)
         for t in record.trials
     ]  # fmt: skip
     paper.table(("experiment", *names, "ended"), rows, SMALL)

@@ -71,7 +71,7 @@ export async function intro(now) {
   const { text } = await brief();
   if (!text || closed) return;
   const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
-  fill(place, el("p", {}, symbol(text)), el("p", { class: "actions" },
+  fill(place, el("p", { tabindex: "0" }, symbol(text)), el("p", { class: "actions" },
     button("Got it", () => {
       [closed, place.hidden] = [true, true];
       dispatchEvent(new Event("resize"));

@@ -24,7 +24,8 @@ function along(knob) {
   const log = knob.scale === "log10";
   const [low, high] = log ? [Math.log10(knob.low), Math.log10(knob.high)] : [knob.low, knob.high];
   const pad = 0.04 * (high - low);
-  const ticks = log && high - low >= 2 ? { dtick: Math.ceil((high - low) / 5), tickformat: "~g" } : { nticks: 5 };
+  const ticks = log && high - low >= 2 ? { dtick: Math.ceil((high - low) / 5) } : { nticks: 5 };
+  if (log) ticks.tickformat = "~g"; // by default, plotly labels 0.5 and 50 alike, with their first digit
   return { ...axis(), type: log ? "log" : "linear", range: [low - pad, high + pad], ...ticks };
 }
 

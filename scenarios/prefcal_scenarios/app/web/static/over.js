@@ -14,6 +14,7 @@ const copying = (text, words = "Copy") => button(words, (event) => copied(text, 
 export function showOver(now, act) {
   const { over, progress } = now;
   const { report } = over;
+  const typing = document.activeElement?.id === "more"; // when the report comes
   fill($("view-over"), el("div", { class: "hero" },
     el("span", { class: "done", "aria-hidden": "true" }, "✓"),
     el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.reason}.`),
@@ -24,6 +25,7 @@ export function showOver(now, act) {
       report ? el("a", { class: "button", href: report.acceptance, target: "_blank", rel: "noopener" }, "Acceptance sheet") : null,
       over.next.download ? el("a", { class: "button", href: over.next.download, download: "best.json" }, "Download best.json") : null)),
   gained(over.gain), bestCard(over.best, "The result", !over.gain || over.gain.same), steps(now, act), pictures(report));
+  if (typing) $("more").focus();
 }
 
 // Show all KPIs before and after, the largest change first.
@@ -49,7 +51,7 @@ function gained(gain) {
 // Show what to do next: continue, use the controller, widen a range, or close.
 function steps(now, act) {
   const { over, study } = now;
-  const more = el("input", { type: "number", id: "more", min: "1", max: "1000", value: "10", "aria-label": "More experiments" });
+  const more = $("more") ?? el("input", { type: "number", id: "more", min: "1", max: "1000", value: "10", "aria-label": "More experiments" });
   const on = () => act("go_on", { more: Math.max(1, Math.min(1000, Math.round(Number(more.value)) || 10)) });
   const item = (title, ...parts) => el("li", {}, el("h4", {}, title), ...parts);
   const { outlook } = over.next;

@@ -177,6 +177,11 @@ export class Plots {
       head.style.top = `${top - HEAD + 1}px`;
       return head;
     }));
+    // A title that is too long is drawn smaller: its end says the limits.
+    for (const { firstChild: title } of layer.querySelectorAll(".head")) {
+      const share = (title.clientWidth - 2) / title.scrollWidth; // letters do not shrink evenly: 2 px to spare
+      if (title.scrollWidth > title.clientWidth) title.style.fontSize = `max(9px, ${100 * share}%)`;
+    }
     layer.style.height = `${height}px`;
     div.dataset.height = height;
     div.dispatchEvent(new CustomEvent("drawn", { bubbles: true }));

@@ -65,15 +65,15 @@ function numbers(name, question) {
   fill($(`${name}-numbers`), el("dl", { class: "kpis" }, shown), side.kpis.length > HEADLINE ? button : null);
 }
 
-// Return the three KPIs that differ most between the sides. If fewer differ, those with an
-// objective follow, then the others.
+// Return the three KPIs that tell the sides apart best: an objective that only one misses, then the
+// largest differences. If fewer differ, those with an objective follow, then the others.
 export function headline(kpis, { comparison }) {
   const size = new Map();
   for (const row of comparison) size.set(row.title, Math.max(row.size, size.get(row.title) ?? 0));
-  const titles = [...size.keys()]; // largest difference first, also among those that are drawn alike
+  const titles = [...size.keys()]; // in this order
   const order = (kpi) => titles.indexOf(kpi.title);
   const by = ({ title }) => size.get(title) ?? 0;
-  return [...kpis].sort((a, b) => by(b) - by(a)
+  return [...kpis].sort((a, b) => (by(b) > 0) - (by(a) > 0)
     || (by(a) ? order(a) - order(b) : (b.met !== null) - (a.met !== null))).slice(0, HEADLINE);
 }
 

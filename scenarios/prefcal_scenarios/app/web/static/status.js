@@ -23,10 +23,11 @@ export async function showStatus(now, act) {
     el("h3", {}, "θ tried"), legend(status.tried.experiments),
     figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
     table(status.tried),
-    el("h3", {}, "What was learned"),
+    // An agent that learns how much each KPI matters has said so above, and knows no cost of θ.
+    status.slices || !status.kpi_importance ? el("h3", {}, "What was learned") : null,
     status.slices ? [el("p", { class: "faint" }, "The learned cost along each knob through the best θ, with every experiment at its learned cost. Lower is better; only the order matters."),
       figures("slice", status.slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`)]
-      : el("p", {}, "Nothing has been learned yet. That needs an answer other than “can't tell”, and an agent that learns."));
+      : status.kpi_importance ? null : el("p", {}, "Nothing has been learned yet. That needs an answer other than “can't tell”, and an agent that learns."));
   if (chosen) $("pace")?.focus();
   view.querySelectorAll("[data-plot=tried]").forEach((div, k) => tried(div, status.tried.knobs[k], k, status.tried.experiments));
   view.querySelectorAll("[data-plot=slice]").forEach((div, k) => slice(div, status.slices[k]));

@@ -1,4 +1,4 @@
-// Compare two experiments KPI by KPI in one table, largest difference first.
+// Compare two experiments KPI by KPI in one table, an objective that only one misses, then the largest difference.
 
 import { $, el, fill, symbol, withUnit } from "./dom.js";
 

@@ -60,6 +60,11 @@ def why_view(interview: Interview, now: Now) -> str:
         requested=requested,
         wanted=() if importance is None else importance.named,
         learned=screened.prospect is not None,
+        missed=[
+            kpi.title
+            for kpi in scenario.shown_kpis
+            if kpi.met_by(new.experiment) is False and kpi.met_by(other.experiment)
+        ],
     )
 
 

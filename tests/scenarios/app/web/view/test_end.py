@@ -68,6 +68,16 @@ def test_a_kpi_that_changed_most_comes_first_and_robustness_is_not_left_out():
     assert {r["title"] for r in rows} == set(names)
 
 
+def test_a_change_of_a_few_percent_is_not_the_largest_though_the_study_hardly_varied():
+    first = asked()[0].experiment(0)
+    kpis = [KPI("error", "error"), KPI("move", "move"), KPI("M_s", "M_s", at_most=2.0)]
+    before = replace(first, kpis={"error": 1.0, "move": 52.0, "M_s": 1.95})
+    after = replace(first, kpis={"error": 0.97, "move": 116.0, "M_s": 2.05})
+    study = ({"error": 1.0 + k * 1e-3, "move": 50.0 + k, "M_s": 2.0} for k in range(9))
+    rows = gained(before, after, kpis, Spread(study))
+    assert [row["title"] for row in rows] == ["M_s", "move", "error"]
+
+
 @pytest.mark.parametrize(
     ("start", "name"),
     [([], "first experiment"), (["T_s=1, N_p=5, gain=1"], "current tuning"), (["paper"], "paper")],
