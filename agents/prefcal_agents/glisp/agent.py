@@ -55,7 +55,7 @@ class GLISp(PreferenceBased):
         KnobError: If a θ of `start` is outside the space.
     """
 
-    version: ClassVar[int] = 10
+    version: ClassVar[int] = 11
 
     def __init__(
         self,

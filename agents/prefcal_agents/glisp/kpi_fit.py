@@ -101,8 +101,7 @@ def kpi_fits(seed: int) -> Stages[KPIFit]:
 def _first(seed: int) -> KPIFit:
     bank = Bank.of(np.zeros((0, 0)), np.zeros((0, 0)), [])
     scale = Scale.of(bank, np.arange(0))
-    drawn = Utilities.drawn(scale, _DRAWS, _rng(seed, History()))
-    return KPIFit(bank, np.arange(0), scale, drawn)
+    return KPIFit(bank, np.arange(0), scale, _drawn(scale, _rng(seed, History())))
 
 
 def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit:
@@ -110,12 +109,17 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
     bank, rng, utilities = _experiments(past), _rng(seed, past), fit.utilities
     scale, part = Scale.of(bank, np.arange(len(bank))), Memory.of(past).history
     if scale.names != fit.scale.names:  # a KPI was always the same before: begin again
-        before, utilities = History(), Utilities.drawn(scale, _DRAWS, rng)
+        before, utilities = History(), _drawn(scale, rng)
     if scale.names and (past.lessons() or past.unsafe()):
         old, new = (Lessons.of(bank, scale, each) for each in (Memory.of(before).history, part))
         utilities = updated(utilities, old, new, scale, rng)
     kept = np.unique([bank.find(sample.theta) for sample in part.samples])
     return KPIFit(bank, kept, scale, utilities)
+
+
+def _drawn(scale: Scale, rng: np.random.Generator) -> Utilities:
+    """Return draws before any answer. Orders are left out: a process cannot follow their steps."""
+    return Utilities.drawn(scale, _DRAWS, rng, np.zeros(_DRAWS, dtype=np.bool_))
 
 
 def _experiments(history: History) -> Bank:

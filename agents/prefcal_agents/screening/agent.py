@@ -14,7 +14,7 @@ from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .beyond_kpis import BeyondKPIs
-from .choice import clearly_apart, expected_best, trend, worth
+from .choice import clearly_apart, expected_best, now_and_next, trend, worth
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
 from .simulating import Simulating
@@ -29,8 +29,6 @@ _FOLLOW_UPS = 3
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
 all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
-_MISFIT = 0.75
-"""Exponent of the probability that one is better, fitted to replays of people of another form."""
 _ALIKE = 0.005
 """Experiments whose KPIs differ by less than this share look alike."""
 
@@ -44,7 +42,7 @@ class Screening(Simulating):
     people cannot read, by the `reading` of `simulate`, are none.
     """
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
     most_follow_ups: ClassVar[float] = _FOLLOW_UPS
     _growth: Growth | None = None
     _beyond: BeyondKPIs
@@ -88,18 +86,17 @@ class Screening(Simulating):
 
     @property
     def chance_of_better(self) -> float:
-        """Return the probability that the person prefers some simulated θ to the best one shown.
+        """Return how probably the person prefers the most promising simulated θ to the best one.
 
-        At least one of those that were not shown is then noticeably better. 1 before the first
-        answer. It simulates if needed.
+        It is one of those that were not shown. 1 before the first answer. It simulates if needed.
         """
         if self.best_index is None or not self.history.lessons():
             return 1.0
         stage = self._stage
-        found = chances(stage, stage.bank.find(self.best))
+        found = chances(stage, stage.bank.find(self.best), self.history)
         for sample in self.history.samples[: self.history.answered]:
-            found[:, stage.bank.find(sample.theta)] = 0.0
-        return float(found.max(axis=1).mean() ** _MISFIT)
+            found[stage.bank.find(sample.theta)] = 0.0
+        return float(found.max())
 
     @property
     def trend(self) -> Float[np.ndarray, " n"] | None:
@@ -133,11 +130,14 @@ class Screening(Simulating):
             if found is not None:
                 return tried.fresh(stage.bank.z[found], rng)
         row = None if best is None else stage.bank.find(history.samples[best].theta)
-        order = np.argsort(-expected_best(stage.costs, row), kind="stable")
-        last = 1000 * (stage.bank.hopeless | _look_alike(stage, history))
-        if not history.lessons():
-            last = last + self._poor_beginning(stage, row)
-        z = tried.first_new(stage.bank.z[order[np.argsort(last[order], kind="stable")]])
+        allowed = ~(stage.bank.hopeless | _look_alike(stage, history))
+        if row is None or not history.lessons():
+            value = expected_best(stage.costs, row)
+            poor = self._poor_beginning(stage, row) + 1000 * ~allowed
+            order = np.lexsort([-value, poor])
+        else:
+            order = np.argsort(-now_and_next(stage.costs, row, allowed), kind="stable")
+        z = tried.first_new(stage.bank.z[order])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
 
     def _poor_beginning(self, stage: Stage, row: int | None) -> Int[np.ndarray, " m"]:
@@ -162,7 +162,7 @@ class Screening(Simulating):
             return None
         stage = self._growing.stage(history)
         rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
-        doubt = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None], axis=0)
+        doubt = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         doubt[[best, *history.unsafe()]] = 0.0
         for rival in map(int, np.argsort(-doubt, kind="stable")):
             if doubt[rival] <= _DOUBT:

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from prefcal_agents.history.stages import Stages
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.utility.bank import Bank, runnable
-from prefcal_agents.utility.posterior import DRAWS, Lessons, noticeable, typical, updated
+from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
@@ -24,8 +24,8 @@ _ANSWERS = 10
 """Number of later answers that are followed by simulations; then all are used up."""
 _ROUND = 50
 """Number of θ near the leaders after which leaders are chosen again."""
-_THINNED = 8
-"""Every 8th draw judges the whole bank, which takes the most time."""
+_JUDGES, _GUIDES = 256, 64
+"""Numbers of draws that judge the whole bank, and that say where to simulate next."""
 _LEARN = 0
 """First stream of random numbers; the next ones place θ."""
 _CORRECT = 1000
@@ -43,7 +43,6 @@ class Stage:
         logs: Log distances of the KPIs that are expected, shape (m, k).
         utilities: Draws of what the person wants.
         costs: Cost of each θ in some of the draws, lower is better, shape (d, m).
-        noticed: Difference of two costs that is just noticed in each of these, shape (d,).
         rough: Whether experiments measured other KPIs than those simulated.
     """
 
@@ -53,7 +52,6 @@ class Stage:
     logs: Float[np.ndarray, "m k"]
     utilities: Utilities
     costs: Float[np.ndarray, "d m"]
-    noticed: Float[np.ndarray, " d"]
     rough: bool
 
 
@@ -97,7 +95,7 @@ class Growth:
         wide, near = self._plan[0]
         bank = self._simulated(*runnable(self._space, self._design[:wide]))
         spread = np.arange(len(bank))
-        scale = Scale.of(bank, spread)
+        scale = Scale.of(bank, spread, self.simulations.reading.limits)
         stage = self._stage(History(), bank, spread, scale, self._drawn(scale))
         return self._refined(History(), stage, near)
 
@@ -108,9 +106,10 @@ class Growth:
         spread: Int[np.ndarray, " r"],
         scale: Scale,
         utilities: Utilities,
+        judges: int = _JUDGES,
     ) -> Stage:
         """Return the stage after `past`, given the bank as simulated."""
-        some = utilities.take(np.arange(0, len(utilities), _THINNED))
+        some = utilities.take(np.arange(0, len(utilities), len(utilities) // judges))
         logs = expected = scale(bank)
         measured = Measured.of(bank, past, self.simulations.reading)
         seen, rows = measured.on(bank), measured.rows
@@ -119,9 +118,8 @@ class Growth:
             logs = corrected(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
             expected = np.median(logs, axis=0)
         costs = some.costs(logs)
-        noticed = noticeable(costs[:, typical(expected)])
         rough = len(rows) > 0
-        return Stage(seen, spread, scale, expected, utilities, costs, noticed, rough)
+        return Stage(seen, spread, scale, expected, utilities, costs, rough)
 
     def _drawn(self, scale: Scale) -> Utilities:
         return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
@@ -137,11 +135,13 @@ class Growth:
         turn = past.answered - 1  # the first one is compared with nothing
         wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
         bank, spread = self._widened(stage, past, turn, wide)
-        scale, utilities = Scale.of(bank, spread), stage.utilities
+        scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
         if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
             before, utilities = History(), self._drawn(scale)
         utilities = self._learned(past, before, bank, scale, utilities)
-        return self._refined(past, self._stage(past, bank, spread, scale, utilities), near)
+        judges = _GUIDES if near else _JUDGES
+        stage = self._stage(past, bank, spread, scale, utilities, judges)
+        return self._refined(past, stage, near)
 
     def _followed(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after the follow-ups of `past`, which teach, but bring no new θ."""
@@ -181,7 +181,8 @@ class Growth:
             z, thetas = runnable(self._space, points)
             kept = np.atleast_1d(self._space.allows(thetas))  # rounding may cross an edge
             bank = self._extended(stage.bank, z[kept], thetas[kept])
-            stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities)
+            judges = _GUIDES if number < rounds - 1 else _JUDGES
+            stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities, judges)
         return stage
 
     def _extended(

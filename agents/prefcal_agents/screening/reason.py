@@ -4,15 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtr
 
+from prefcal_agents.utility.posterior import noticed
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .growth import Stage
 
 _DIFFERS = 0.02
-"""Share of the present weights' cost below which two values of a KPI are called equal."""
+"""Share of what all differences count together below which that of a KPI is left out."""
+_NOTHING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,29 +33,27 @@ class Reason:
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
-    """Return why row `new` of the bank is compared with row `best`.
+    """Return why row `new` of the bank is compared with row `best`."""
+    names, utilities = stage.scale.names, stage.utilities
+    levels = utilities.levels(stage.logs[[new, best]])
+    parts = utilities.gains(levels, np.array([0]), np.array([1]))[:, :, 0]
+    shares = parts / (np.abs(parts).sum(axis=0) + _NOTHING)  # in orders one KPI decides
+    gains = shares.mean(axis=1).reshape(2, len(names)).sum(axis=0)  # and its limit
+    clear = np.abs(gains) > _DIFFERS * np.abs(gains).sum()
+    order = [int(kpi) for kpi in np.argsort(-np.abs(gains), kind="stable") if clear[kpi]]
+    return Reason(
+        float(chances(stage, best, history)[new]),
+        tuple(names[kpi] for kpi in order if gains[kpi] > 0),
+        tuple(names[kpi] for kpi in order if gains[kpi] < 0),
+    )
+
+
+def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"]:
+    """Return how probably the person prefers each θ to row `best`, shape (m,).
 
     Somebody who often sees no difference prefers the new one less often than the costs say, so the
     chance is multiplied by the share of answers so far that prefer a side.
     """
     given = [c.answer.preference is not Preference.TIE for c in history.lessons()]
     told = (sum(given) + 1) / (len(given) + 1)
-    names = stage.scale.names
-    logs, weights = stage.logs[[new, best]], stage.utilities.weights
-    lost = [stage.utilities.losses(logs, kpi) for kpi in range(len(names))]
-    gains = np.array(
-        [np.mean(w * (both[:, 1] - both[:, 0])) for w, both in zip(weights.T, lost, strict=True)]
-    )
-    clear = np.abs(gains) > _DIFFERS * np.abs(gains).sum()
-    order = [int(kpi) for kpi in np.argsort(-np.abs(gains), kind="stable") if clear[kpi]]
-    return Reason(
-        told * float(chances(stage, best)[:, new].mean()),
-        tuple(names[kpi] for kpi in order if gains[kpi] > 0),
-        tuple(names[kpi] for kpi in order if gains[kpi] < 0),
-    )
-
-
-def chances(stage: Stage, best: int) -> Float[np.ndarray, "d m"]:
-    """Return, in each draw, how probably θ are noticeably better than row `best`, shape (d, m)."""
-    gain = stage.costs[:, best, None] - stage.costs
-    return np.asarray(ndtr(gain / stage.noticed[:, None] - 1.0))
+    return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import expit, ndtr
+from scipy.special import ndtr
 
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
@@ -14,16 +14,10 @@ from .utilities import Scale, Utilities
 
 DRAWS = 1024
 """Number of draws that stand for what is known."""
-_STEPS = 10
+_STEPS = 24
 """Metropolis steps of each draw after an answer."""
-NOTICED = 0.05
-"""Difference of two costs that is just noticed, in standard deviations of random experiments."""
-_ALIKE = 0.1
-"""The same for a tie: experiments that differ by this much are hardly called alike."""
-_CARELESS = 0.05
-"""Probability of a tie between experiments that differ."""
-_TYPICAL = 32
-"""Number of experiments that give the standard deviation."""
+_SHARP = 3.0
+"""How fast noticing becomes certain, in inverse just noticeable differences."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -31,16 +25,14 @@ class Lessons:
     """Answers as arrays, about experiments given by their log distances.
 
     Args:
-        logs: Log distances of the shown experiments, then of typical ones, shape (p + t, k).
-        shown: Number p of shown experiments.
+        logs: Log distances of the shown experiments, shape (p, k).
         better: Row of one experiment of each answer, the preferred one unless it is a tie, (a,).
         worse: Row of the other one, shape (a,).
         tie: Whether they are alike, shape (a,).
         strength: Weight c_h of each answer as in eq. QP-pref, shape (a,).
     """
 
-    logs: Float[np.ndarray, "r k"]
-    shown: int
+    logs: Float[np.ndarray, "p k"]
     better: Int[np.ndarray, " a"]
     worse: Int[np.ndarray, " a"]
     tie: Bool[np.ndarray, " a"]
@@ -52,7 +44,6 @@ class Lessons:
 
         An unsafe experiment is worse than all others that a person looked at.
         """
-        logs = scale(bank)
         rows = [bank.find(sample.theta) for sample in history.samples[: history.answered]]
         given = [(v.challenger, v.incumbent, v.preference, c.answer.strength)
                  for c in history.lessons() if (v := c.verdict) is not None]  # fmt: skip
@@ -64,8 +55,7 @@ class Lessons:
         turned = [(b, a) if p is Preference.INCUMBENT else (a, b) for a, b, p, _ in given]
         pairs = np.array(turned, dtype=np.int64).reshape(-1, 2)
         return cls(
-            np.vstack([logs[rows], logs[typical(logs)]]),
-            len(rows),
+            scale(bank, rows),
             pairs[:, 0],
             pairs[:, 1],
             np.array([p is Preference.TIE for _, _, p, _ in given], dtype=np.bool_),
@@ -81,30 +71,22 @@ class Lessons:
 
     def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
-        return self.judged(utilities, utilities.costs(self.logs))
+        return self.judged(utilities, utilities.levels(self.logs))
 
     def judged(
-        self, utilities: Utilities, costs: Float[np.ndarray, "s r"]
+        self, utilities: Utilities, levels: Float[np.ndarray, "c s p"]
     ) -> Float[np.ndarray, "s a"]:
-        """Return the same, given the costs of all rows in each draw."""
-        gain = costs[:, self.worse] - costs[:, self.better]
-        gain /= noticeable(costs[:, self.shown :])[:, None]
+        """Return the same, given the levels of all shown experiments in each draw."""
+        gain = utilities.gains(levels, self.better, self.worse).sum(axis=0)
+        won, lost = noticed(gain), noticed(-gain)
+        explained = np.where(self.tie, 1.0 - won - lost, won)
         error = utilities.errors[:, None]
-        won = error + (1.0 - 2.0 * error) * ndtr(gain)
-        alike = _CARELESS + (1.0 - _CARELESS) * np.exp(-0.5 * (gain * NOTICED / _ALIKE) ** 2)
-        return np.asarray(np.log(np.where(self.tie, alike, won)))
+        return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
 
 
-def typical(logs: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " t"]:
-    """Return the rows of some random experiments that were not interrupted, shape (t,)."""
-    return np.flatnonzero(np.isfinite(logs).all(axis=1))[:_TYPICAL]
-
-
-def noticeable(costs: Float[np.ndarray, "s t"]) -> Float[np.ndarray, " s"]:
-    """Return the difference that is just noticed, given costs of typical experiments, (s,)."""
-    if not costs.shape[1]:
-        return np.full(len(costs), NOTICED)
-    return np.asarray(NOTICED * costs.std(axis=1) + 1e-9)
+def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Return how probably a difference of costs is noticed."""
+    return np.asarray(ndtr(_SHARP * (gain - 1.0)))
 
 
 def updated(
@@ -130,26 +112,20 @@ def _moved(
 ) -> Utilities:
     """Return draws after Metropolis steps. Only what a step changes is computed again."""
     count, k = utilities.normals.shape
-    each = [utilities.losses(lessons.logs, kpi) for kpi in range(k)]
-    losses = np.array(each).reshape(k, count, len(lessons.logs))
-
-    def log_likelihood(of: Utilities) -> Float[np.ndarray, " s"]:
-        costs = of.added(np.zeros((count, len(lessons.logs))), losses)
-        return np.asarray(lessons.judged(of, costs) @ lessons.strength)
-
-    logs = log_likelihood(utilities)
+    levels = utilities.levels(lessons.logs)
+    logs = lessons.judged(utilities, levels) @ lessons.strength
     for _ in range(_STEPS):
-        tried = utilities.mutated(Utilities.drawn(scale, count, rng), rng)
-        draw, kpi = np.nonzero(
-            (tried.scales != utilities.scales) | (tried.exponents != utilities.exponents)
-        )
-        before = losses[kpi, draw]
-        steps = lessons.logs.T[kpi] - tried.scales[draw, kpi, None]
-        losses[kpi, draw] = expit(tried.exponents[draw, kpi, None] * steps)
-        likely = log_likelihood(tried)
+        new = Utilities.drawn(scale, count, rng, utilities.ordered > 0)
+        tried = utilities.mutated(new, rng)
+        draw, kpi = np.nonzero(tried.steps != utilities.steps)
+        stated = np.isfinite(tried.limits[draw, kpi])
+        draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
+        before = levels[part, draw]
+        levels[part, draw] = tried.level(lessons.logs, part, draw)
+        likely = lessons.judged(tried, levels) @ lessons.strength
         accepted = np.log(rng.random(count)) < likely - logs
         refused = ~accepted[draw]
-        losses[kpi[refused], draw[refused]] = before[refused]
+        levels[part[refused], draw[refused]] = before[refused]
         utilities = utilities.where(accepted, tried)
         logs = np.where(accepted, likely, logs)
     return utilities

@@ -3,19 +3,22 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.choice import clearly_apart, expected_best, trend, worth
+from prefcal_agents.screening.choice import (
+    clearly_apart,
+    expected_best,
+    now_and_next,
+    trend,
+    worth,
+)
 
-COSTS = np.array([[0.1, 0.2, 0.3], [0.9, 0.0, 0.5]])  # ranks 1 2 3 and 3 1 2
+COSTS = np.array([[1.0, 3.0, 5.0], [9.0, 0.0, 5.0]])  # places 1 2 3 and 3 1 2, all noticed
 LOG4, LOG5, LOG6 = np.log([4.0, 5.0, 6.0])
 
 
-def test_worth_is_the_logarithm_of_the_rank_plus_3():
+def test_worth_is_the_logarithm_of_the_number_of_noticeably_better_ones_plus_4():
     assert worth(COSTS) == pytest.approx(-np.array([[LOG4, LOG5, LOG6], [LOG6, LOG4, LOG5]]))
-
-
-def test_equal_costs_rank_in_the_order_simulated_and_infinite_ones_last():
-    costs = np.array([[0.5, np.inf, 0.5, 0.1]])
-    assert np.exp(-worth(costs)[0]) - 3 == pytest.approx([2, 4, 3, 1])
+    alike = np.array([[1.0, 1.5, 2.4, np.inf]])  # the third differs noticeably from the first only
+    assert np.exp(-worth(alike)[0]) - 4 == pytest.approx([0, 0, 1, 3])
 
 
 def test_before_anything_is_shown_the_expected_worth_counts():
@@ -30,12 +33,66 @@ def test_with_a_best_so_far_the_better_one_of_both_counts():
     assert expected_best(COSTS, 2) == pytest.approx(expected)
 
 
+def test_a_gain_that_nobody_notices_counts_nothing():
+    costs = np.array([[3.0, 2.5, 1.0, 9.0]])
+    found = expected_best(costs, 0)
+    assert found[1] == found[0] < found[2]
+
+
 def test_the_best_so_far_gains_nothing_and_nothing_is_below_it():
-    costs = np.random.default_rng(0).random((50, 30))
+    costs = 30 * np.random.default_rng(0).random((50, 30))
     for best in (0, 17):
         found = expected_best(costs, best)
         assert found[best] == found.min()
         assert found[best] == pytest.approx(worth(costs)[:, best].mean())
+
+
+def every(costs):
+    return np.ones(costs.shape[1], dtype=bool)
+
+
+def test_by_hand_what_is_expected_now_and_after_the_next_answer():
+    costs = np.array([[5.0, 3.0, 0.0], [5.0, 0.0, 9.0]])  # the first one is the best so far
+    # Against the second: both prefer it, and then the third one is better in the first draw alone.
+    now, then = -(LOG5 + LOG4) / 2, -LOG4
+    assert now_and_next(costs, 0, every(costs))[1] == pytest.approx((now + then) / 2)
+    # Only the second one may be shown, now and later: the first draw keeps it, in second place.
+    only = np.array([False, True, False])
+    found = now_and_next(costs, 0, only)
+    assert found[1] == pytest.approx(now)
+    assert np.isneginf(found[[0, 2]]).all()
+
+
+def test_a_question_that_tells_two_kinds_of_people_apart_is_worth_more_than_its_winner():
+    # The best so far, what a half of the people wants, what the other half wants, something that
+    # is a little better for all, and something a little better for the first half alone.
+    costs = np.array([[50.0, 0.0, 90.0, 40.0, 40.0], [50.0, 90.0, 0.0, 40.0, 90.0]])
+    costs = np.hstack([np.repeat(costs, 20, axis=0), np.full((40, 60), 99.0)])
+    once, twice = expected_best(costs, 0), now_and_next(costs, 0, every(costs))
+    assert np.argmax(twice) in (1, 2)
+    for_all, telling = 2 * twice[[3, 4]] - once[[3, 4]]  # after the next answer
+    assert once[4] < once[3]
+    assert telling > for_all
+
+
+def test_a_question_is_not_put_off():
+    """Asking what is surely lost first, and the good question next, is worth less."""
+    costs = np.array([[9.0, 0.0, 30.0, 20.0]] * 5)
+    found = now_and_next(costs, 0, every(costs))
+    assert np.argmax(found) == 1
+    assert found[1] > found[2] + 0.1
+
+
+def test_no_likely_tie_is_asked_while_something_else_promises_enough():
+    draws = np.arange(10)
+    likely = np.where(draws < 4, 0.0, 10.0)  # the very best for four of ten, alike for the others
+    better = np.where(draws < 4, 0.2, 30.0)  # as good for those, and poor for the others
+    worse = np.full(10, 20.0)
+    costs = np.column_stack([np.full(10, 10.0), likely, worse, np.full((10, 3), 0.5)])
+    allowed = np.array([True, True, True, False, False, False])
+    assert np.isfinite(now_and_next(costs, 0, allowed)[1])  # the other one promises nothing
+    costs[:, 2] = better
+    assert np.isneginf(now_and_next(costs, 0, allowed)[1])
 
 
 def test_the_trend_points_to_where_worth_grows():

@@ -11,6 +11,7 @@ from prefcal_agents.screening.growth import Growth, Stage
 from prefcal_agents.screening.simulations import Simulations
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
+from prefcal_env.preferences.reading import Reading
 from support.agents import quick
 from support.simulated import SQUARE, in_chain
 
@@ -61,10 +62,9 @@ def test_the_plan_simulates_a_quarter_first_then_a_third_then_a_little_after_eac
 def test_a_stage_has_a_cost_for_each_theta_and_draw():
     grown = growth(40)
     stage = grown.stage(chain(grown, [1, -1]))
-    assert stage.costs.shape == (128, len(stage.bank))
-    assert stage.noticed.shape == (128,)
-    assert np.all((stage.costs >= 0) & (stage.costs <= 1))
-    assert np.all(stage.noticed > 0)
+    assert stage.costs.shape == (256, len(stage.bank))
+    assert np.all(stage.costs >= 0)
+    assert np.all(stage.costs.min(axis=1) < stage.costs.max(axis=1) - 1)  # something is noticed
 
 
 def test_even_one_simulation_makes_a_stage():
@@ -79,6 +79,15 @@ def test_what_is_shown_joins_the_bank():
     assert grown.stage(shown).bank.find((0.123, 0.456)) >= 0
     with pytest.raises(KeyError):
         grown.stage(record).bank.find((0.123, 0.456))
+
+
+def test_stated_limits_are_those_of_the_reading():
+    def limited(theta):
+        return trade_off(theta)
+
+    limited.reading = Reading({}, {"b": 0.3})
+    scale = growth(simulate=limited).stage(History()).scale
+    assert dict(zip(scale.names, scale.limits, strict=True)) == {"a": np.inf, "b": 0.3, "c": np.inf}
 
 
 def test_a_stage_depends_on_the_record_alone_not_on_what_was_asked_before():
@@ -166,9 +175,9 @@ def test_a_kpi_that_appears_after_the_first_answer_is_learned(known):
     new = [row for row in np.argsort(-late) if row >= len(begun.bank)][:24:2]
     record = in_chain(stage.bank, [0, 1, *new], [0, None, *[-1] * (len(new) - 1)])
     assert np.array_equal(grown.stage(record.until(2)).bank.thetas, stage.bank.thetas)
-    after = grown.stage(record).utilities.weights
+    after = grown.stage(record).utilities.normals
     assert after.shape == (1024, 4)
-    assert after.mean(axis=0)[3] > 0.5
+    assert np.mean(np.argmax(after, axis=1) == 3) > 0.5  # it counts most
 
 
 def test_an_answer_takes_no_longer_once_early_stages_are_forgotten(monkeypatch):

@@ -76,7 +76,7 @@ def test_an_experiment_compared_with_itself_is_better_in_nothing():
 
 def test_chances_are_probabilities_and_follow_the_costs():
     stage = staged((-1, 1, -1))
-    found = chances(stage, 2).mean(axis=0)
+    found = chances(stage, 2, History())
     assert found.shape == (len(stage.bank),)
     assert np.all((found >= 0) & (found <= 1))
     below = (stage.costs < stage.costs[:, [2]]).mean(axis=0)

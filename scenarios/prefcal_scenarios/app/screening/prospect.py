@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-_UNLIKELY = 0.15
+_UNLIKELY = 0.1
 """Chance below which stopping is offered."""
 
 
@@ -12,7 +12,7 @@ class Prospect:
 
     Args:
         simulated: Number of simulated θ.
-        chance: Probability that the person prefers one of them to the best so far, 0 to 1.
+        chance: Probability that the person prefers the most promising one to the best so far.
     """
 
     simulated: int
@@ -22,8 +22,8 @@ class Prospect:
     def text(self) -> str:
         """Return in one sentence whether something better can be expected."""
         return (
-            f"The chance that one of the {self.simulated} simulated is better than the best so far "
-            f"is {percent(self.chance)}."
+            f"The chance that the most promising of the {self.simulated} simulated is better than "
+            f"the best so far is {percent(self.chance)}."
         )
 
     @property

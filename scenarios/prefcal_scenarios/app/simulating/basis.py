@@ -22,7 +22,7 @@ class Basis:
         pending: Its challenger; None for a follow-up question and after the last one.
         bank: Simulated θ with their KPIs.
         reason: Why its challenger is shown; None without a comparison.
-        chance_of_better: Probability that the person prefers some simulated θ to the best so far.
+        chance_of_better: Probability that the person prefers the most promising simulated θ.
         trend: How expected worth grows along each knob near the best; None if it is not known.
     """
 

@@ -6,19 +6,19 @@ from prefcal_scenarios.app.screening import Prospect
 from prefcal_scenarios.app.screening.prospect import percent
 
 
-def test_below_fifteen_percent_it_offers_to_stop():
-    found = Prospect(940, 0.12)
+def test_below_ten_percent_it_offers_to_stop():
+    found = Prospect(940, 0.08)
     assert found.offer == (
-        "The chance that one of the 940 simulated is better than the best so far is 12 %. "
-        "Stop here, or go on?"
+        "The chance that the most promising of the 940 simulated is better than the best so far "
+        "is 8 %. Stop here, or go on?"
     )
     assert found.text == found.offer.removesuffix(" Stop here, or go on?")
 
 
-def test_from_fifteen_percent_on_it_only_says_what_is_left_to_gain():
-    found = Prospect(940, 0.15)
+def test_from_ten_percent_on_it_only_says_what_is_left_to_gain():
+    found = Prospect(940, 0.1)
     assert found.offer == ""
-    assert found.text.endswith("better than the best so far is 15 %.")
+    assert found.text.endswith("better than the best so far is 10 %.")
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,8 @@ def test_before_an_answer_that_teaches_nothing_is_promised(chances):
     assert interview.screened().prospect.offer
     n = len(interview.screened().bank)
     assert interview.outlook.advice.lower().endswith(
-        f"the chance that one of the {n} simulated is better than the best so far is 5 %."
+        f"the chance that the most promising of the {n} simulated is better than the best so far "
+        "is 5 %."
     )
 
 

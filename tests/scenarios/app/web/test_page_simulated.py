@@ -179,8 +179,8 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     page.wait_for_selector("#offer:visible")
     offer = page.inner_text("#offer-text")
     assert re.fullmatch(
-        r"The chance that one of the \d+ simulated is better than the best so far is 8 %\. "
-        r"Stop here, or go on\?", offer,
+        r"The chance that the most promising of the \d+ simulated is better than the best so far "
+        r"is 8 %\. Stop here, or go on\?", offer,
     )  # fmt: skip
     watched.shot("offer")
     page.click("#offer-go-on")
