@@ -4,6 +4,7 @@ import importlib
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -68,9 +69,9 @@ def test_a_front_page_may_not_state_figures_of_an_older_agent(headlines, site):
 
 def test_a_figure_that_the_published_studies_do_not_give_is_named(headlines, site):
     root = site("worth 900")
-    of = {"agent": "GLISp 10", "rows": ("weights, 50 experiments",)}
+    of = {"agent": "GLISp 11", "rows": ("weights, 50 experiments",)}
     claim = headlines.Headline("worth 900", ("README.md",), "none", **of)
-    assert "published studies give 703 [538, 918]" in next(claim.faults(root))
+    assert "published studies give 834 [560, 1198]" in next(claim.faults(root))
 
 
 def test_headlines_about_agents_are_computed_again_from_published_studies(headlines):
@@ -78,3 +79,13 @@ def test_headlines_about_agents_are_computed_again_from_published_studies(headli
     front = [h for h in listed if h.agent and {"README.md", "paper.md"} & set(h.pages)]
     assert front
     assert all(h.rows for h in front)
+
+
+def test_the_headline_is_the_mean_of_people_of_another_form(headlines):
+    found = headlines.published()
+    kinds = [
+        found[f"Screening, {kind}, 10 answers"] for kind in ("ideal", "majority", "ranks", "curves")
+    ]
+    product = np.prod([float(words.partition(" ")[0]) for words in kinds])
+    mean = found["Screening, people of another form, 10 answers"]
+    assert float(mean) == pytest.approx(product**0.25, rel=0.01)

@@ -9,6 +9,7 @@ import sys
 import tomllib
 from itertools import pairwise
 from pathlib import Path
+from statistics import geometric_mean
 
 import pytest
 
@@ -233,7 +234,7 @@ def paper():
 def test_worth_of_answers_in_the_paper_is_that_of_its_note(paper):
     (weights, priorities), random = (
         row("research/kpis.md", agent, "weights, 50", "priorities, 50")
-        for agent in ("GLISp, version 10", "RandomSearch")
+        for agent in ("GLISp, version 11", "RandomSearch")
     )
     assert (
         f"are worth {weights} if people trade KPIs off, and {priorities} if they have priorities; "
@@ -242,12 +243,13 @@ def test_worth_of_answers_in_the_paper_is_that_of_its_note(paper):
 
 
 def test_worth_of_screening_in_the_paper_is_that_of_its_campaign(paper):
-    weights, priorities, limits = (
-        row("research/screening.md", taste, "10 (bar 1,000)")[0].replace("*", "")
-        for taste in ("weights", "priorities", "limits")
-    )
-    assert f"are worth {weights} to people who trade off" in paper
-    assert f"{priorities} to people with priorities, and {limits} to people with hard" in paper
+    worth = {
+        taste: row("research/screening.md", taste, "10", "version 2, 10")[0]
+        for taste in ("ideal", "majority", "ranks", "curves")
+    }
+    mean = geometric_mean(float(words.partition(" ")[0]) for words in worth.values())
+    assert f"are worth {mean:.0f} in the geometric mean over four kinds" in paper
+    assert f"and {worth['curves']} to the hardest kind" in paper
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "SECURITY.md"])

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from statistics import geometric_mean
 
 from rich.console import Console
 from rich.table import Table
@@ -29,6 +30,9 @@ LIST = ROOT / "docs" / "claims.toml"
 ROWS = ROOT / "benchmarks" / "release" / "held_out.parquet"
 FRONT = ("README.md", "paper.md", "docs/index.md")
 """Pages that are read as a whole; of all others only the first paragraph."""
+_OTHERS, _TEN = ("ideal", "majority", "ranks", "curves"), (10, "answers")
+_MEAN = "people of another form"
+"""The headline of Screening: the geometric mean over tastes whose form it does not have."""
 _LEFT_OUT = re.compile(
     r"\A---\n.*?\n---\n"  # front matter
     r"|^```.*?^```"  # code
@@ -87,12 +91,14 @@ class Headline:
 def published() -> dict[str, str]:
     """Return the worth that the published studies give: "684 [555, 838]" for "GLISp, ..."."""
     rows = worth_table(curves_of(read_curves(ROWS)), "")
-    return {
+    found = {
         f"{row['agent']}, {row['taste']}, {row['after']} {row['unit']}": (
             f"{row['worth']:.0f} [{row['worth_low']:.0f}, {row['worth_high']:.0f}]"
         )
         for row in rows
     }
+    last = [r["worth"] for r in rows if r["taste"] in _OTHERS and (r["after"], r["unit"]) == _TEN]
+    return found | {f"Screening, {_MEAN}, 10 answers": f"{geometric_mean(last):.0f}"}
 
 
 def flow(text: str) -> str:
