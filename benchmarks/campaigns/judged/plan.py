@@ -25,7 +25,7 @@ SEEING_ALL = ("weights", "priorities", "limits", "narrow", "rising")
 OTHERS = ("ideal", "majority", "ranks", "curves")
 """People with eyes whose form the learner does not have; the headline is about them."""
 TASTES = (*SEEING_ALL, "trade", "order", *OTHERS)
-"""The learner has trade-offs, and is meant to have orders."""
+"""The learner has trade-offs and orders, too."""
 NOISES = ("-noisy10", "-noisy20")
 REACTOR_SHOWN, OVERTAKING_SHOWN = 12, 10
 _N_INIT = 10
