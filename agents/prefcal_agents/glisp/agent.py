@@ -55,7 +55,7 @@ class GLISp(PreferenceBased):
         KnobError: If a θ of `start` is outside the space.
     """
 
-    version: ClassVar[int] = 11
+    version: ClassVar[int] = 12
 
     def __init__(
         self,
@@ -172,7 +172,7 @@ class GLISp(PreferenceBased):
         """Return how good physical `thetas` are expected to be, shape (m, n), for plotting.
 
         The best sample has 0 and the worst 1: shape (m,), without unit. It is Ĵ/ΔĴ or, if KPIs
-        explain the answers, the expected cost. The values are all 0 while nothing is known.
+        explain the answers, the expected rank. The values are all 0 while nothing is known.
 
         Raises:
             KnobError: If `thetas` has another shape or leaves the box.
@@ -186,7 +186,6 @@ class GLISp(PreferenceBased):
                 learned = train(fit.data, fit.selection, self._options, self._setup.backend)
                 values, on_samples = learned(z), learned(learned.centers)
             else:
-                process = fit.kpis.improvement.process
-                values, on_samples = (process(x)[0].mean(axis=1) for x in (z, fit.kpis.bank.z))
+                values, on_samples = (fit.kpis.beaten_by(x, self._seed) for x in (z, fit.kpis.bank.z))
         spread = float(np.ptp(on_samples))
         return np.asarray((values - on_samples.min()) / (spread if spread > 0 else 1.0))

@@ -19,13 +19,13 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
-from .kpi_fit import KPIFit
 from .noise_test import ALMOST_SURE
+from .promising import most_promising
 from .selection import Fit, is_process_turn
 from .settings import GLISpSettings
 from .training import train
 
-Model = KPIFit | Surrogate | PreferenceGP
+Model = Surrogate | PreferenceGP
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +66,6 @@ class Rule:
         return self.acquisition(setup, fit, self.model(setup, fit))
 
 
-def _kpis_explain(setup: Setup, fit: Fit) -> bool:
-    return fit.kpis is not None
-
-
 def _every_second_time(setup: Setup, fit: Fit) -> bool:
     turn = is_process_turn(fit.data.history.answered, setup.n_init)
     return setup.settings.process and fit.data.is_strict and turn
@@ -77,11 +73,6 @@ def _every_second_time(setup: Setup, fit: Fit) -> bool:
 
 def _always(setup: Setup, fit: Fit) -> bool:
     return True
-
-
-def _kpi_fit(setup: Setup, fit: Fit) -> KPIFit:
-    assert fit.kpis is not None
-    return fit.kpis
 
 
 def _surrogate(setup: Setup, fit: Fit) -> Surrogate:
@@ -97,11 +88,6 @@ def _preference_gp(setup: Setup, fit: Fit) -> PreferenceGP:
     return PreferenceGP.of(fit.data.preferences, error_rate)
 
 
-def _improvement(setup: Setup, fit: Fit, model: KPIFit) -> Objective:
-    """Return -log of the expected improvement of the cost, over draws of what the person wants."""
-    return model.improvement
-
-
 def _mean(setup: Setup, fit: Fit, model: PreferenceGP) -> Objective:
     return Acquisition.of(model, 0.0)
 
@@ -112,11 +98,10 @@ def _exploration(setup: Setup, fit: Fit, model: Surrogate) -> Objective:
 
 
 STRATEGY = (
-    Rule(_kpis_explain, _kpi_fit, _improvement),
     Rule(_every_second_time, _preference_gp, _mean),
     Rule(_always, _surrogate, _exploration),
 )
-"""Model and acquisition of the next sample: the first row that holds.
+"""Model and acquisition of the next sample without KPIs: the first row that holds.
 
 Deviation: the paper has the last row only.
 """
@@ -126,10 +111,14 @@ def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
     """Return the cube point of the next sample, shape (n,): a minimum of an acquisition.
 
     Source: eq. xNp1.
-    Deviation: `STRATEGY`; unsafe marks add to the acquisition, see `penalized`.
+    Deviation: `most_promising` if KPIs explain the answers, otherwise `STRATEGY`; unsafe marks add
+    to the acquisition, see `penalized`.
     """
     history = fit.data.history
     rng = np.random.default_rng([setup.seed, history.answered])
+    if fit.kpis is not None:
+        penalty = unsafe_penalty(history, setup.settings) if history.unsafe() else None
+        return most_promising(setup.space, history, fit.kpis, penalty, rng)
     rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
     objective = rule.objective(setup, fit)
     if history.unsafe():

@@ -1,7 +1,7 @@
-"""Gaussian processes: their kernel, and fits to values and to comparisons.
+"""Gaussian processes: their kernel, and fits to comparisons.
 
-`GaussianProcess` goes through values. `ExpectationPropagation` learns from answers, some of which
-may be wrong, and `PreferenceGP` is a process trained on comparisons only.
+`ExpectationPropagation` learns from answers, some of which may be wrong, and `PreferenceGP` is a
+process trained on comparisons only.
 """
 
 from dataclasses import dataclass, replace
@@ -16,12 +16,7 @@ from .preference_qp import Constraints
 SHORTEST, LONGEST = 0.03, 10.0
 """Bounds of a length, in units of the cube."""
 _ROOT5 = np.sqrt(5.0)
-_MEDIAN, _SPREAD = 0.5, 1.0  # prior of a length: median in the cube, deviation of its logarithm
-_NOISE = 1e-8  # relative noise variance; 1e-6 kept samples from converging
-_LEAST_VARIANCE = 1e-300
-_FITTED = 100  # number of latest samples that the lengths are fit to, for speed
-_STEPS = 25  # maximum number of steps of that fit
-_PER_ROOT = 0.35  # prior of a length of `PreferenceGP`: median / √n in the cube
+_PER_ROOT, _SPREAD = 0.35, 1.0  # prior of a length: median / √n, deviation of its logarithm
 _NUGGET = 1e-9  # variance added for the Cholesky factor; that of the process is 1
 _FEWER_STEPS = 10  # maximum number of steps of the fit of the lengths
 _RECENT = 100  # number of samples, compared last, that it is trained on, for speed
@@ -50,130 +45,6 @@ def matern(
     r = np.sqrt(np.sum(u, axis=0))
     decay = np.exp(-_ROOT5 * r)
     return (1 + _ROOT5 * r + 5 / 3 * r * r) * decay, -5 / 3 * (1 + _ROOT5 * r) * decay
-
-
-@dataclass(frozen=True, slots=True)
-class GaussianProcess:
-    """Gaussian processes through S functions at N samples, with mean and deviation anywhere.
-
-    Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
-    algorithm 2.1, kernel `matern` with a length for each knob. The lengths maximize the posterior
-    of section 5.2; mean and variance follow from them.
-    Deviation: the functions share their lengths, which maximize the mean of their log posteriors.
-
-    Args:
-        centers: Samples in the unit cube, shape (N, n).
-        lengths: Length ℓ of each knob, shape (n,).
-        mean: Mean of each function far from all samples, shape (S,).
-        variance: Variance of each function far from all samples, shape (S,).
-        alpha: Vectors K⁻¹ (values - mean), shape (N, S).
-        factor: Lower Cholesky factor of K, the kernel between all samples, shape (N, N).
-    """
-
-    centers: Float[np.ndarray, "N n"]
-    lengths: Float[np.ndarray, " n"]
-    mean: Float[np.ndarray, " S"]
-    variance: Float[np.ndarray, " S"]
-    alpha: Float[np.ndarray, "N S"]
-    factor: Float[np.ndarray, "N N"]
-
-    @classmethod
-    def through(
-        cls, centers: Float[np.ndarray, "N n"], values: Float[np.ndarray, "S N"]
-    ) -> "GaussianProcess":
-        """Fit the processes to `values` at `centers`, with the most likely lengths; N >= 1."""
-        last = slice(max(len(centers) - _FITTED, 0), None)
-        return cls._with(centers, values, _likeliest(centers[last], values[:, last]))
-
-    @classmethod
-    def _with(
-        cls,
-        centers: Float[np.ndarray, "N n"],
-        values: Float[np.ndarray, "S N"],
-        lengths: Float[np.ndarray, " n"],
-    ) -> "GaussianProcess":
-        from scipy.linalg import cho_solve  # takes a tenth of a second to import
-
-        kernel = matern(squares(centers, centers) / lengths[:, None, None] ** 2)[0]
-        factor = np.linalg.cholesky(kernel + _NOISE * np.eye(len(centers)))
-        ones = cho_solve((factor, True), np.ones(len(centers)))
-        mean = values @ ones / ones.sum()
-        rest = (values - mean[:, None]).T
-        alpha = cho_solve((factor, True), rest)
-        variance = np.sum(rest * alpha, axis=0) / len(centers)
-        return cls(centers, lengths, mean, np.maximum(variance, _LEAST_VARIANCE), alpha, factor)
-
-    def __call__(
-        self, z: Float[np.ndarray, "m n"]
-    ) -> tuple[Float[np.ndarray, "m S"], Float[np.ndarray, "m S"]]:
-        """Return mean and standard deviation at the rows of `z`, unit cube, shape (m, S) each."""
-        from scipy.linalg import solve_triangular
-
-        k = matern(squares(z, self.centers) / self.lengths[:, None, None] ** 2)[0]
-        v = solve_triangular(self.factor, k.T, lower=True)
-        share = np.maximum(1 + _NOISE - np.sum(v * v, axis=0), _NOISE**2)
-        return self.mean + k @ self.alpha, np.sqrt(share[:, None] * self.variance)
-
-    def slopes(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[
-        Float[np.ndarray, " S"],
-        Float[np.ndarray, " S"],
-        Float[np.ndarray, "S n"],
-        Float[np.ndarray, "S n"],
-    ]:
-        """Return mean and standard deviation at one point, and the gradient of each."""
-        from scipy.linalg.lapack import dtrtrs
-
-        away = (z - self.centers) / self.lengths
-        k, slope = matern((away.T**2)[:, :, None])
-        gradient = slope[:, 0, None] * away / self.lengths
-        v, _ = dtrtrs(self.factor, k[:, 0], lower=1)
-        weights, _ = dtrtrs(self.factor, v, lower=1, trans=1)
-        share = max(1 + _NOISE - float(v @ v), _NOISE**2)
-        deviation = np.sqrt(self.variance * share)
-        of_deviation = -np.sqrt(self.variance / share)[:, None] * (weights @ gradient)
-        return (
-            self.mean + k[:, 0] @ self.alpha,
-            deviation,
-            self.alpha.T @ gradient,
-            of_deviation,
-        )
-
-
-def _likeliest(
-    centers: Float[np.ndarray, "N n"], values: Float[np.ndarray, "S N"]
-) -> Float[np.ndarray, " n"]:
-    """Return ℓ at the maximum of the mean log posterior, with a log-normal prior."""
-    from scipy.optimize import minimize
-
-    apart, eye, count = squares(centers, centers), np.eye(len(centers)), len(centers)
-
-    def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
-        u = apart / np.exp(2 * logs)[:, None, None]
-        kernel, slope = matern(u)
-        factor = np.linalg.cholesky(kernel + _NOISE * eye)
-        inverse = np.linalg.inv(kernel + _NOISE * eye)
-        means = values @ inverse.sum(axis=0) / np.sum(inverse)
-        rest = (values - means[:, None]).T  # (N, S)
-        alpha = inverse @ rest
-        variance = np.maximum(np.sum(rest * alpha, axis=0) / count, _LEAST_VARIANCE)
-        beyond = (logs - np.log(_MEDIAN)) / _SPREAD
-        value = count / 2 * np.mean(np.log(variance)) + np.sum(np.log(np.diag(factor)))
-        # ∂K/∂log ℓ_j = -slope u_j; Rasmussen and Williams, equation 5.9.
-        inner = (inverse - (alpha / variance) @ alpha.T / len(variance)) * slope
-        gradient = -0.5 * np.einsum("mN,jmN->j", inner, u) + beyond / _SPREAD
-        return float(value + 0.5 * beyond @ beyond), gradient
-
-    found = minimize(
-        loss,
-        np.full(centers.shape[1], np.log(_MEDIAN)),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(np.log(SHORTEST), np.log(LONGEST))] * centers.shape[1],
-        options={"maxiter": _STEPS},
-    )
-    return np.asarray(np.exp(found.x))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,13 +8,13 @@ from jaxtyping import Bool, Float, Int
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
+from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.utilities import Utilities
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .beyond_kpis import BeyondKPIs
-from .choice import clearly_apart, expected_best, now_and_next, trend, worth
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
 from .simulating import Simulating
@@ -42,7 +42,7 @@ class Screening(Simulating):
     people cannot read, by the `reading` of `simulate`, are none.
     """
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
     most_follow_ups: ClassVar[float] = _FOLLOW_UPS
     _growth: Growth | None = None
     _beyond: BeyondKPIs

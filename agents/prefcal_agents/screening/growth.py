@@ -8,12 +8,12 @@ from jaxtyping import Float, Int
 from prefcal_agents.history.stages import Stages
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.utility.bank import Bank, runnable
+from prefcal_agents.utility.correction import Measured, corrected
 from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-from .correction import Measured, corrected
 from .refine import near_leaders
 from .simulations import Simulations
 
@@ -138,6 +138,7 @@ class Growth:
         scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
         if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
             before, utilities = History(), self._drawn(scale)
+        utilities = utilities.measured(scale)
         utilities = self._learned(past, before, bank, scale, utilities)
         judges = _GUIDES if near else _JUDGES
         stage = self._stage(past, bank, spread, scale, utilities, judges)

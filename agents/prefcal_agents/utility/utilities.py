@@ -264,7 +264,7 @@ class Utilities:
             better: One experiment of each pair, shape (a,).
             worse: The other one, shape (a,).
         """
-        found = levels[:, :, worse] - levels[:, :, better]
+        found = levels.take(worse, axis=2) - levels.take(better, axis=2)
         own, order = found[: len(found) // 2], self.ordered > 0
         own[:, order] = np.clip(np.trunc(own[:, order]), -1, 1)
         return np.asarray(found * self.weights.T[:, :, None])
@@ -274,6 +274,10 @@ class Utilities:
         """Return what a cost is the sum of, by number: each KPI, and each stated limit."""
         stated = np.isfinite(self.limits).any(axis=0)
         return (*range(len(stated)), *(len(stated) + np.flatnonzero(stated)).tolist())
+
+    def measured(self, scale: Scale) -> "Utilities":
+        """Return the draws with stated limits as `scale` measures them: it may have a new zero."""
+        return replace(self, limits=np.where(np.isfinite(self.limits), scale.limits, np.inf))
 
     def take(self, rows: Int[np.ndarray, " r"]) -> "Utilities":
         """Return the draws in `rows`, shape (r,)."""

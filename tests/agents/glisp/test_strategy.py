@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.glisp.kpi_fit import kpi_fits
 from prefcal_agents.glisp.noise_test import NoiseTest
@@ -28,7 +27,7 @@ pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the s
 
 SQUARE = KnobSpace([Knob("a", 0.0, 1.0, step=0), Knob("b", 0.0, 1.0, step=0)])
 SHAPE = Shape(1.0, (1.0, 1.0))
-IMPROVEMENT, PROCESS, ACQUISITION = "expected improvement", "process", "acquisition"
+PROCESS, ACQUISITION = "process", "acquisition"
 ODD, EVEN = FEW + 1, FEW + 2  # numbers of experiments: the process proposes after ODD
 
 
@@ -69,8 +68,6 @@ def objective_of(setup, fit):
 
 def kind(objective):
     """Return the name of what is minimized."""
-    if isinstance(objective, ExpectedImprovement):
-        return IMPROVEMENT
     assert isinstance(objective, Acquisition)
     return PROCESS if isinstance(objective.surrogate, PreferenceGP) else ACQUISITION
 
@@ -78,11 +75,7 @@ def kind(objective):
 @pytest.mark.parametrize(
     ("count", "settings", "given", "expected"),
     [
-        # KPIs that explain the answers come first.
-        (9, {}, {"kpis": True}, IMPROVEMENT),
-        (9, {}, {"kpis": True, "noisy": True}, IMPROVEMENT),
-        (ODD, {}, {"kpis": True}, IMPROVEMENT),
-        # Without KPIs the process takes turns with the surrogate, later on.
+        # The process takes turns with the surrogate, later on.
         (9, {}, {}, ACQUISITION),
         (FEW - 1, {}, {}, ACQUISITION),
         (FEW, {}, {}, ACQUISITION),

@@ -8,109 +8,26 @@ from prefcal_agents.glisp.noise_test import rows_of
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.gaussian_process import (
     ExpectationPropagation,
-    GaussianProcess,
     PreferenceGP,
     _Known,
+    matern,
+    squares,
 )
 from prefcal_agents.models.preference_qp import Constraints
 from prefcal_agents.models.rbf import Shape
 
-RNG = np.random.default_rng(0)
-SAMPLES = RNG.random((20, 3))
-VALUES = np.sin(5 * SAMPLES[:, 0]) + SAMPLES[:, 1] ** 2
-PROCESS = GaussianProcess.through(SAMPLES, VALUES[None])
-"""Process of a single function."""
-THREE = np.array([VALUES, -2 * VALUES, np.cos(4 * SAMPLES[:, 2])])
 coordinate = st.floats(0, 1)
 
 
-def test_it_goes_through_the_values_and_is_sure_there():
-    mean, deviation = PROCESS(SAMPLES)
-    assert mean[:, 0] == pytest.approx(VALUES, abs=1e-3)
-    assert np.all(deviation < 2e-3 * np.sqrt(PROCESS.variance))
-
-
-def test_it_predicts_what_lies_between_better_than_the_mean_and_knows_how_well():
-    others = RNG.random((300, 3))
-    true = np.sin(5 * others[:, 0]) + others[:, 1] ** 2
-    mean, deviation = (each[:, 0] for each in PROCESS(others))
-    assert np.std(mean - true) < 0.1 * np.std(true)
-    assert np.mean(np.abs(mean - true) < 3 * deviation) > 0.9
-
-
-def test_a_knob_that_does_not_matter_gets_the_greatest_length():
-    assert PROCESS.lengths[0] < PROCESS.lengths[1] < PROCESS.lengths[2]
-    assert PROCESS.lengths[2] > 5
-
-
-def test_it_agrees_with_the_formula_written_out():
-    # Rasmussen and Williams, equations 2.25, 2.26 and 4.17, with the mean of 2.43 and following.
-    def kernel(a, b):
-        r = np.linalg.norm((a[:, None] - b) / PROCESS.lengths, axis=2)
-        return (1 + np.sqrt(5) * r + 5 / 3 * r**2) * np.exp(-np.sqrt(5) * r)
-
-    inverse = np.linalg.inv(kernel(SAMPLES, SAMPLES) + 1e-8 * np.eye(20))
-    mean = inverse.sum(axis=0) @ VALUES / inverse.sum()
-    variance = (VALUES - mean) @ inverse @ (VALUES - mean) / 20
-    z = RNG.random((5, 3))
-    k = kernel(z, SAMPLES)
-    left = variance * (1 + 1e-8 - np.sum((k @ inverse) * k, axis=1))
-    found, deviation = (each[:, 0] for each in PROCESS(z))
-    assert found == pytest.approx(mean + k @ inverse @ (VALUES - mean), abs=1e-6)
-    assert deviation == pytest.approx(np.sqrt(left), rel=1e-4)
-
-
-def test_several_functions_are_each_fitted_as_alone_with_the_same_lengths():
-    together, z = GaussianProcess.through(SAMPLES, THREE), RNG.random((6, 3))
-    mean, deviation = together(z)
-    of_one_point = together.slopes(z[0])
-    for k, values in enumerate(THREE):
-        alone = GaussianProcess._with(SAMPLES, values[None], together.lengths)
-        for found, expected in zip((mean, deviation), alone(z), strict=True):
-            assert found[:, [k]] == pytest.approx(expected)
-        for found, expected in zip(of_one_point, alone.slopes(z[0]), strict=True):
-            assert found[k] == pytest.approx(expected[0])
-
-
-def test_lengths_suit_all_functions():
-    long = GaussianProcess.through(SAMPLES, THREE[2:]).lengths
-    both = GaussianProcess.through(SAMPLES, THREE).lengths
-    assert PROCESS.lengths[2] > both[2]  # the third knob matters to one of the functions
-    assert long[0] > both[0]
-
-
-SEVERAL = GaussianProcess.through(SAMPLES, THREE)
-
-
-@given(st.tuples(coordinate, coordinate, coordinate))
-def test_slopes_agree_with_differences(point):
-    point, steps = np.array(point), 1e-6 * np.eye(3)
-    mean, deviation, of_mean, of_deviation = SEVERAL.slopes(point)
-    (one,), (two,) = SEVERAL(point[None])
-    assert mean == pytest.approx(one)
-    assert deviation == pytest.approx(two, rel=1e-6, abs=1e-9)
-    if np.min(np.linalg.norm(SAMPLES - point, axis=1)) < 1e-3:
-        return  # the deviation has a kink at a sample, but for the noise
-    above, below = SEVERAL(point + steps), SEVERAL(point - steps)
-    assert pytest.approx((above[0] - below[0]) / 2e-6, rel=1e-3, abs=1e-4) == of_mean.T
-    assert pytest.approx((above[1] - below[1]) / 2e-6, rel=1e-3, abs=1e-4) == of_deviation.T
-
-
-@pytest.mark.parametrize("count", [1, 2, 400])
-def test_few_and_many_samples(count):
-    samples = np.random.default_rng(1).random((count, 2))
-    process = GaussianProcess.through(samples, samples.T)
-    mean, deviation = process(samples)
-    assert mean == pytest.approx(samples, abs=0.01)
-    assert np.all(np.isfinite(deviation))
-    assert np.all(deviation >= 0)
-
-
-def test_samples_that_coincide_and_values_that_are_equal():
-    process = GaussianProcess.through(np.full((5, 2), 0.3), np.zeros((2, 5)))
-    mean, deviation = process(np.array([[0.3, 0.3], [0.9, 0.9]]))
-    assert mean == pytest.approx(0)
-    assert np.all(np.isfinite(deviation))
+@given(st.lists(st.tuples(coordinate, coordinate), min_size=2, max_size=5))
+def test_the_kernel_agrees_with_the_formula_written_out(points):
+    # Rasmussen and Williams, equation 4.17.
+    z = np.array(points)
+    kernel, slope = matern(squares(z, z) / 0.3**2)
+    r = np.linalg.norm((z[:, None] - z) / 0.3, axis=2)
+    assert kernel == pytest.approx((1 + np.sqrt(5) * r + 5 / 3 * r**2) * np.exp(-np.sqrt(5) * r))
+    above, below = (matern(squares(z, z) / 0.3**2 + step)[0] for step in (1e-6, 0.0))
+    assert slope / 2 * 2e-6 == pytest.approx(above - below, abs=1e-9)  # twice, for two knobs
 
 
 SHAPE = Shape(1.0, (1.0, 1.0))

@@ -1,9 +1,9 @@
-"""What KPIs may be on the plant: those simulated, corrected by what experiments measured.
+"""What KPIs may be on the plant, given what experiments measured, and a simulation if there is one.
 
-A simulation of another plant than the one that runs is a rough model of it, a twin. Of each KPI
-the difference between both is a Gaussian process over θ, on the scale on which KPIs are judged. How
-far the twin is trusted follows from the measured values: with some probability, which they decide,
-a KPI is predicted without the twin, by a process over θ alone.
+Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of another
+plant than the one that runs is a rough model of it, a twin: then the process is the difference
+between both. How far the twin is trusted follows from the measured values: with some probability,
+which they decide, a KPI is predicted without the twin.
 """
 
 from collections.abc import Mapping, Sequence
@@ -77,7 +77,7 @@ class Measured:
 
 def corrected(
     z: Float[np.ndarray, "m n"],
-    simulated: Float[np.ndarray, "m k"],
+    simulated: Float[np.ndarray, "m k"] | None,
     rows: Int[np.ndarray, " r"],
     measured: Float[np.ndarray, "r k"],
     draws: int,
@@ -91,18 +91,21 @@ def corrected(
 
     Args:
         z: Points of the cube, shape (m, n).
-        simulated: Log distances of the simulated KPIs, infinite where a KPI is, shape (m, k).
+        simulated: Log distances of the simulated KPIs, infinite where a KPI is, shape (m, k); None
+            without a simulation.
         rows: Rows that were measured, shape (r,).
         measured: Their measured log distances, shape (r, k).
         draws: Number d of draws.
         rng: Generator of the draws.
     """
-    found = np.empty((draws, *simulated.shape))
-    beliefs = [_Belief.of(z, rows, length, twin) for length in _LENGTHS for twin in (True, False)]
-    for kpi, (twin, real) in enumerate(zip(simulated.T, measured.T, strict=True)):
-        finite = np.isfinite(twin)
-        most = twin[finite].max() if finite.any() else 0.0
-        cap = max(most, real[np.isfinite(real)].max(initial=most)) + _BEYOND
+    found = np.empty((draws, len(z), measured.shape[1]))
+    trusts = (False,) if simulated is None else (True, False)
+    beliefs = [_Belief.of(z, rows, length, twin) for length in _LENGTHS for twin in trusts]
+    for kpi, real in enumerate(measured.T):
+        twin = real if simulated is None else simulated[:, kpi]
+        known = np.concatenate([twin, real])
+        known = known[np.isfinite(known)]
+        cap = (known.max() if len(known) else 0.0) + _BEYOND
         values = _drawn(beliefs, np.minimum(twin, cap), np.minimum(real, cap), rows, draws, rng)
         values[:, rows] = real
         found[:, :, kpi] = np.where(values > cap - _BEYOND / 2, np.inf, values)
@@ -111,20 +114,23 @@ def corrected(
 
 def _drawn(
     beliefs: Sequence["_Belief"],
-    twin: Float[np.ndarray, " m"],
+    twin: Float[np.ndarray, " t"],
     real: Float[np.ndarray, " r"],
     rows: Int[np.ndarray, " r"],
     draws: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "d m"]:
-    """Return draws of one KPI, each by one of the beliefs, as likely as the values make it."""
-    spread = float(twin.std()) + 1e-9
-    bases = [twin if belief.twin else np.full(len(twin), twin.mean()) for belief in beliefs]
+    """Return draws of one KPI, each by one of the beliefs, as likely as the values make it.
+
+    `twin` are all simulated values or, without a simulation, the measured ones.
+    """
+    spread, count = float(twin.std()) + 1e-9, len(beliefs[0].outer)
+    bases = [twin if belief.twin else np.full(count, twin.mean()) for belief in beliefs]
     fits = [
         belief.fit(real - base[rows], spread) for belief, base in zip(beliefs, bases, strict=True)
     ]
     chosen = rng.choice(len(beliefs), draws, p=softmax([fit.evidence for fit in fits]))
-    found = np.empty((draws, len(twin)))
+    found = np.empty((draws, count))
     for k in np.unique(chosen):
         mine = np.flatnonzero(chosen == k)
         found[mine] = bases[k] + beliefs[k].paths(fits[k], len(mine), rng)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.choice import (
+from prefcal_agents.utility.choice import (
     clearly_apart,
     expected_best,
     now_and_next,

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import Screening, minimize_by_preference, restore
-from prefcal_agents.screening.correction import Measured, corrected
+from prefcal_agents.utility.correction import Measured, corrected
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
@@ -67,6 +67,23 @@ def test_infinite_kpis_are_worse_than_all_others():
     assert np.array_equal(np.isinf(expected), np.isinf(real))
     assert not np.isnan(plausible(TREND, real)).any()
     assert not np.isnan(plausible(np.full_like(TREND, np.inf), real)).any()
+
+
+def test_without_a_simulation_kpis_follow_from_those_measured():
+    rows = np.arange(0, 120, 3)
+    found = plausible(None, TREND, rows=rows)
+    others = np.setdiff1d(np.arange(len(POINTS)), rows)
+    missed = np.abs(np.median(found, axis=0) - TREND)[others]
+    assert np.median(missed) < 0.1 * TREND.std()
+    assert np.array_equal(found[:, rows], np.broadcast_to(TREND[rows], (200, len(rows), 1)))
+    assert found[:, others].std(axis=0).min() > 0
+
+
+@pytest.mark.parametrize("real", [np.full((120, 1), np.inf), np.zeros((120, 1))])
+def test_without_a_simulation_kpis_may_be_infinite_or_all_the_same(real):
+    found = plausible(None, real)
+    assert not np.isnan(found).any()
+    assert np.array_equal(found[0, ROWS], real[ROWS])
 
 
 def test_a_study_whose_kpis_are_as_simulated_measures_nothing():
