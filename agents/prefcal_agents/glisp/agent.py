@@ -186,6 +186,8 @@ class GLISp(PreferenceBased):
                 learned = train(fit.data, fit.selection, self._options, self._setup.backend)
                 values, on_samples = learned(z), learned(learned.centers)
             else:
-                values, on_samples = (fit.kpis.beaten_by(x, self._seed) for x in (z, fit.kpis.bank.z))
+                values, on_samples = (
+                    fit.kpis.beaten_by(x, self._seed) for x in (z, fit.kpis.bank.z)
+                )
         spread = float(np.ptp(on_samples))
         return np.asarray((values - on_samples.min()) / (spread if spread > 0 else 1.0))

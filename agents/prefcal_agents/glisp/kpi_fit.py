@@ -54,7 +54,7 @@ class KPIFit:
     def costs(
         self, z: Float[np.ndarray, "m n"], rng: np.random.Generator, draws: int = _JUDGES
     ) -> Float[np.ndarray, "d all"]:
-        """Return the costs of the kept experiments and then of new θ, in each draw, shape (d, K + m).
+        """Return the costs of the kept experiments, then of new θ, in each draw, shape (d, K + m).
 
         Args:
             z: New points of the cube, shape (m, n).

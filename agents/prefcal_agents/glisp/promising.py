@@ -61,5 +61,7 @@ def _steps(
     shape = (_NEAR, len(space))
     moved = rng.random(shape) < rng.uniform(_MOVED, 1.0, (_NEAR, 1))
     moved[np.arange(_NEAR), rng.integers(0, len(space), _NEAR)] = True
-    length = np.exp(rng.uniform(*np.log(_STEPS), (_NEAR, 1)))
-    return np.clip(best + length * moved * rng.standard_normal(shape), *space.corners)
+    shortest, longest = np.log(_STEPS)
+    length = np.exp(rng.uniform(shortest, longest, (_NEAR, 1)))
+    low, high = space.corners
+    return np.asarray(np.clip(best + length * moved * rng.standard_normal(shape), low, high))

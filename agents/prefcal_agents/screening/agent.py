@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float, Int
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
-from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
 from prefcal_agents.utility.bank import Bank
+from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
 from prefcal_agents.utility.utilities import Utilities
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History

@@ -1,8 +1,8 @@
-"""What KPIs may be on the plant, given what experiments measured, and a simulation if there is one.
+"""What KPIs may be on the plant, given what was measured, and a simulation if there is one.
 
-Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of another
-plant than the one that runs is a rough model of it, a twin: then the process is the difference
-between both. How far the twin is trusted follows from the measured values: with some probability,
+Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of
+another plant than the one that runs is a rough model of it, a twin: then the process is the
+difference between both. How far the twin is trusted follows from the measured values: with some probability,
 which they decide, a KPI is predicted without the twin.
 """
 

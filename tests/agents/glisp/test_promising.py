@@ -67,12 +67,17 @@ def test_no_theta_runs_twice_as_long_as_there_is_another(count):
     for theta in map(np.array, z[:count]):
         best = history.incumbent
         told = Answer(None if best is None else 1, outcomes=(kpis_of(theta), None))
-        history = history.with_pending(Sample.of(space, space.encode(theta))).with_answer(told, best)
+        history = history.with_pending(Sample.of(space, space.encode(theta))).with_answer(
+            told, best
+        )
     assert tuple(proposed(space, history).astype(int)) in z[count:]
 
 
 def test_constraints_hold():
-    space = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)], constraints=[LinearConstraint("sum", {"a": 1.0, "b": 1.0}, 0.8)])
+    space = KnobSpace(
+        [Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)],
+        constraints=[LinearConstraint("sum", {"a": 1.0, "b": 1.0}, 0.8)],
+    )
     history = record_of(space, 12)
     for seed in range(4):
         assert space.allows(proposed(space, history, seed))
