@@ -2,8 +2,8 @@
 
 Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of
 another plant than the one that runs is a rough model of it, a twin: then the process is the
-difference between both. How far the twin is trusted follows from the measured values: with some probability,
-which they decide, a KPI is predicted without the twin.
+difference between both. How far the twin is trusted follows from the measured values: with some
+probability, which they decide, a KPI is predicted without the twin.
 """
 
 from collections.abc import Mapping, Sequence
