@@ -112,7 +112,7 @@ def test_titles_read_like_words(name):
 
 @pytest.fixture(scope="module")
 def interview():
-    interview = begin(TOY, n_max=16)
+    interview = begin(TOY, n_max=20)
     answer_all(interview, lambda number: None)
     return interview
 
