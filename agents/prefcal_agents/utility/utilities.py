@@ -275,10 +275,6 @@ class Utilities:
         stated = np.isfinite(self.limits).any(axis=0)
         return (*range(len(stated)), *(len(stated) + np.flatnonzero(stated)).tolist())
 
-    def measured(self, scale: Scale) -> "Utilities":
-        """Return the draws with stated limits as `scale` measures them: it may have a new zero."""
-        return replace(self, limits=np.where(np.isfinite(self.limits), scale.limits, np.inf))
-
     def take(self, rows: Int[np.ndarray, " r"]) -> "Utilities":
         """Return the draws in `rows`, shape (r,)."""
         return Utilities(*(getattr(self, f.name)[rows] for f in fields(self)))

@@ -43,6 +43,21 @@ def same(one, other):
     )
 
 
+def test_a_stated_limit_is_measured_from_the_best_value_that_is_known_now():
+    def far(theta):  # the more negative, the better: at least 0.5 is wanted
+        return {"a": -theta[0], "b": theta[1]}
+
+    far.reading = Reading(steps={"a": 0.0}, limits={"a": -0.5})
+    grown = growth(100, far)
+    record = chain(grown, [-1] * 7)
+    stages = [grown.stage(record.until(k)) for k in (0, 8)]
+    assert stages[1].scale.good[0] < stages[0].scale.good[0]
+    for stage in stages:
+        known = stage.utilities.limits[:, 0]
+        assert np.isfinite(known).mean() > 0.8
+        assert set(known[np.isfinite(known)]) == {-0.5 - stage.scale.good[0]}
+
+
 def test_the_plan_simulates_a_quarter_first_then_a_third_then_a_little_after_each_answer():
     grown = growth(100)
     record = chain(grown, [1, -1] * 7)
@@ -140,7 +155,8 @@ def test_answers_to_follow_ups_teach_but_bring_no_new_theta():
 def test_an_abstention_teaches_nothing():
     grown = growth(20)
     first = grown.stage(History())
-    assert grown.stage(chain(grown, [None, None])).utilities is first.utilities
+    later = grown.stage(chain(grown, [None, None]))
+    assert np.array_equal(later.utilities.normals, first.utilities.normals)
 
 
 def test_the_answers_move_the_simulations_toward_what_is_wanted():
