@@ -138,9 +138,9 @@ class Growth:
         scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
         if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
             before, utilities = History(), self._drawn(scale)
-        # The good value that limits are measured from moves when a KPI finds a better one.
-        limits = np.where(np.isfinite(utilities.limits), scale.limits, np.inf)
-        utilities = replace(utilities, limits=limits)
+        elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
+            limits = np.where(np.isfinite(utilities.limits), scale.limits, np.inf)
+            utilities = replace(utilities, limits=limits)
         utilities = self._learned(past, before, bank, scale, utilities)
         judges = _GUIDES if near else _JUDGES
         stage = self._stage(past, bank, spread, scale, utilities, judges)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from prefcal_agents import GLISp
 from prefcal_agents.acquisition.penalty import unsafe_penalty
 from prefcal_agents.glisp.kpi_fit import kpi_fits
 from prefcal_agents.glisp.promising import most_promising
@@ -84,6 +85,32 @@ def test_constraints_hold():
 
 
 def test_places_that_are_likely_unsafe_come_last():
-    near = lambda theta: theta[0] < 0.45  # noqa: E731
-    history = record_of(SQUARE, 30, unsafe=near)
+    history = record_of(SQUARE, 30, unsafe=lambda theta: theta[0] < 0.45)
     assert all(proposed(SQUARE, history, seed)[0] > 0.4 for seed in range(4))
+
+
+def cost(theta):
+    return (theta[0] - 0.3) ** 2 + 1e-3 * (theta[1] - 0.8) ** 2
+
+
+def gap(seed):
+    """What is left after 20 experiments of a person who notices every difference."""
+    agent = GLISp(SQUARE, n_init=5, n_max=20, seed=seed)
+    while not agent.done:
+        query = agent.ask()
+        new, old = query.challenger.theta, query.incumbent
+        verdict = None if old is None else int(np.sign(cost(new) - cost(old.theta)))
+        told = {"off": abs(new[0] - 0.3), "spent": abs(new[1] - 0.8)}
+        agent.tell(query, Answer(verdict, outcomes=(told, None)))
+    return cost(agent.best)
+
+
+@pytest.mark.xfail(reason="version 12 comes to 1.5e-4; version 11 came to the bound")
+def test_studies_with_kpis_come_to_the_optimum_with_it():
+    # 20 random samples come to 5e-4 (median of 1000 times).
+    assert np.median([gap(seed) for seed in range(6)]) < 1e-4
+
+
+def test_a_delta_asks_for_the_acquisition_that_has_one():
+    assert not GLISp(SQUARE, delta=0.5).settings.kpis
+    assert not GLISp.paper(SQUARE).settings.kpis

@@ -9,6 +9,7 @@ from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.glisp.kpi_fit import kpi_fits
 from prefcal_agents.glisp.noise_test import NoiseTest
+from prefcal_agents.glisp.promising import most_promising
 from prefcal_agents.glisp.selection import FEW, Dataset, Fit, Selection
 from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
 from prefcal_agents.history.lessons import cube_of
@@ -88,6 +89,18 @@ def kind(objective):
 def test_the_first_row_that_holds_says_what_is_minimized(count, settings, given, expected):
     setup = setup_of(**settings)
     assert kind(objective_of(setup, fit_of(history_of(count), setup, **given))) == expected
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+@pytest.mark.parametrize("count", [9, ODD])
+def test_kpis_that_explain_the_answers_come_first(count, noisy):
+    setup, history = setup_of(), history_of(count)
+    fit = fit_of(history, setup, kpis=True, noisy=noisy)
+    rng = np.random.default_rng([setup.seed, count])
+    expected = most_promising(SQUARE, history, fit.kpis, None, rng)
+    assert np.array_equal(propose(setup, fit), expected)
+    without = propose(setup, replace(fit, kpis=None))
+    assert not np.array_equal(without, expected)
 
 
 def test_if_all_are_ties_no_process_is_trained():

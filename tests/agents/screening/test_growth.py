@@ -155,8 +155,7 @@ def test_answers_to_follow_ups_teach_but_bring_no_new_theta():
 def test_an_abstention_teaches_nothing():
     grown = growth(20)
     first = grown.stage(History())
-    later = grown.stage(chain(grown, [None, None]))
-    assert np.array_equal(later.utilities.normals, first.utilities.normals)
+    assert grown.stage(chain(grown, [None, None])).utilities is first.utilities
 
 
 def test_the_answers_move_the_simulations_toward_what_is_wanted():
