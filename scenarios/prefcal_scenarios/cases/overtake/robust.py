@@ -52,6 +52,7 @@ def overtake_variants(
         name=name,
         title="Lane keeping and overtaking, the worst of several runs",
         brief=words.ROBUST,
+        simulated=False,
     )
 
 

@@ -57,7 +57,6 @@ def test_elsewhere_all_experiments_are_shown():
         ([TOY, "--agent", "screening"], "does not let experiments run unseen: leave --simulate"),
         ([TOY, "--simulate", "500"], "state Scenario(..., simulated=True)"),
         (["overtake-robust", "--simulate", "9"], "does not let experiments run unseen"),
-        (["overtake", "--simulate", "9"], "does not let experiments run unseen"),
     ],
 )
 def test_contradictions_are_one_clear_line(prefcal, words, complaint):
