@@ -2,7 +2,6 @@
 
 import importlib
 from pathlib import Path
-from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -19,8 +18,7 @@ CUBE = KnobSpace([Knob(f"z{k}", 0, 1, step=0) for k in range(3)])
 
 @pytest.fixture
 def script(monkeypatch):
-    for folder in ("checks", "campaigns"):
-        monkeypatch.syspath_prepend(ROOT / "benchmarks" / folder)
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "checks")
     return importlib.import_module
 
 
@@ -64,16 +62,3 @@ def test_without_limits_on_the_first_input_moves_become_larger_than_allowed(scri
     with mock.patch.object(LinearMPC, "move", control.first_unlimited):
         unlimited = control.react(theta).kpis["largest_move"]
     assert limited <= 10 + 1e-9 < unlimited
-
-
-def test_a_further_question_changes_the_last_entry_and_adds_none(script):
-    course = script("course")
-    agent = SimpleNamespace(best=None)
-
-    def steps():
-        for new, best in ((1.0, 1.0), (2.0, 1.0), (1.0, 2.0)):  # at last about 1 and 2 again
-            agent.best = np.array([best])
-            query = SimpleNamespace(challenger=SimpleNamespace(theta=np.array([new])))
-            yield SimpleNamespace(query=query, challenger=SimpleNamespace(cost=new))
-
-    assert course.best_after_each(agent, steps(), lambda e: e.cost) == [1.0, 2.0]

@@ -25,12 +25,12 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from course import done, stored
 from jaxtyping import Float
 from judged.courses import mean_of, ratio_of
 from judged.tables import interval, markdown
@@ -84,17 +84,27 @@ def main(words: Sequence[str] | None = None) -> None:
     """Run what is missing, and write the tables to twin.md."""
     options = options_of(words)
     options.out.mkdir(parents=True, exist_ok=True)
-    rows = stored(options.out)
+    file = options.out / "studies.jsonl"
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     known = {_key(row) for row in rows}
     for seed in range(options.seeds):  # so that an interruption leaves whole seeds
         jobs = [partial(study_plant, plant, seed, options, known) for plant in options.plants]
-        for found in done(jobs, options.jobs):
+        for found in _done(jobs, options.jobs):
             rows += found
-            with (options.out / "studies.jsonl").open("a") as file:
-                file.writelines(json.dumps(row) + "\n" for row in found)
+            with file.open("a") as stored:
+                stored.writelines(json.dumps(row) + "\n" for row in found)
     report = "\n".join(tables(rows))
     (options.out / "twin.md").write_text(report + "\n")
     print(report)
+
+
+def _done(jobs: Sequence[Callable[[], list[Row]]], processes: int) -> Iterator[list[Row]]:
+    """Yield the result of each job as soon as it is ready."""
+    if processes == 1:
+        yield from (job() for job in jobs)
+        return
+    with ProcessPoolExecutor(processes) as pool:
+        yield from (each.result() for each in as_completed([pool.submit(job) for job in jobs]))
 
 
 def _key(row: Row) -> tuple[Any, ...]:

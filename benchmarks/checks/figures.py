@@ -55,11 +55,8 @@ CAMPAIGNS = {
     "benchmark_gaps.png": ("results", "gaps.png", "docs/benchmarks.md"),
     "benchmark_profiles.png": ("results", "profiles.png", "docs/benchmarks.md"),
     "benchmark_duels.png": ("duels", "duels.png", "docs/benchmarks.md"),
-    "benchmark_questions.png": ("questions", "questions.png", "docs/research/questions.md"),
 }
 """Campaign folder and file of each figure, and the page with its command."""
-OWN_COMMAND = {"sensitivity.png": "python benchmarks/campaigns/sensitivity.py --seeds 10 --jobs 2"}
-"""Figures of many studies that have a command of their own."""
 
 REACTOR = ("best_trajectory.png", "best_so_far.png", "tried.png", "surrogate.png",
            "final_performance.png")  # fmt: skip
@@ -292,7 +289,7 @@ def made_by() -> dict[str, str]:
     makers = {f: f"{here} --only {name}" for name, (_, files) in MAKERS.items() for f in files}
     campaigns = {f: f"{here} --campaigns FOLDER, as described in {page}"
                  for f, (_, _, page) in CAMPAIGNS.items()}  # fmt: skip
-    return makers | campaigns | OWN_COMMAND
+    return makers | campaigns
 
 
 def shown() -> dict[str, list[str]]:
@@ -373,7 +370,7 @@ def main() -> int:
         "--check", action="store_true", help="change nothing; exit with 1 if anything differs"
     )
     parser.add_argument("--list", action="store_true", help="every figure and its command")
-    parser.add_argument("--campaigns", type=Path, help="folder with results, duels, questions")
+    parser.add_argument("--campaigns", type=Path, help="folder with results and duels")
     options = parser.parse_args()
     console = Console(soft_wrap=True, highlight=False)
     if options.list:

@@ -149,16 +149,3 @@ class Processor:
         """
         once = self.step + size.building / self.building
         return np.asarray(once + iterations * (self.iteration + size.iterating / self.solving))
-
-
-def measured(solve_time: Float[np.ndarray, " N"], *, warm_up: int = 3) -> tuple[float, float]:
-    """Return the worst and the 99th percentile of measured step times [s], after a warm-up.
-
-    Not repeatable: for people and benchmarks, never for a comparison.
-
-    Args:
-        solve_time: Step times as in an `Experiment`, shape (N,), N of 1 or more.
-        warm_up: Number of first steps to ignore, as long as others remain.
-    """
-    kept = solve_time[min(warm_up, len(solve_time) - 1) :]
-    return float(kept.max()), float(np.percentile(kept, 99))

@@ -39,7 +39,7 @@ class Preference(IntEnum):
 class Strength(IntEnum):
     """How much better one side is according to the person: the strength of an `Answer`.
 
-    How much it helps: docs/research/strength.md.
+    How much it helps: docs/research/archive.md.
     """
 
     BETTER = 1

@@ -1,7 +1,7 @@
 """Learn from the mark "unsafe", so that proposals avoid places that are likely unsafe.
 
 The mark "good enough" is recorded and reported but does not change proposals, since that brought
-no gain (docs/research/marks.md).
+no gain (docs/research/archive.md).
 
 Source: M. Zhu, D. Piga, A. Bemporad, "C-GLISp: Preference-based global optimization under unknown
 constraints with applications to controller calibration", IEEE Transactions on Control Systems
@@ -48,7 +48,7 @@ class SafetyModel:
     Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
     section 3.4: the mode of the posterior, whose log odds are Σ α_i φ + offset.
     Deviation: C-GLISp interpolates labels by inverse distances, which cannot see an edge beyond
-    the samples: marks then prevented fewer unsafe experiments (docs/research/marks.md).
+    the samples: marks then prevented fewer unsafe experiments (docs/research/archive.md).
 
     Args:
         centers: K labeled samples, shape (K, n).

@@ -28,7 +28,7 @@ class Advice:
     """The expected gain of the next `AHEAD` experiments, estimated from the improvements so far.
 
     Source: none. An estimate like Krichevsky-Trofimov's: counts with a prior, so the rate has a
-    beta distribution and the number a beta-binomial one. Its accuracy: docs/research/stopping.md.
+    beta distribution and the number a beta-binomial one. Its accuracy: docs/research/archive.md.
 
     Args:
         recent: Number of the latest compared experiments, at most `AHEAD`.

@@ -32,7 +32,7 @@ class HasBest(Protocol):
 class Earlier:
     """Best θ of an earlier study, in physical units: its space may differ from the new one.
 
-    How much this helps: docs/research/warm_start.md.
+    How much this helps: docs/research/archive.md.
 
     Args:
         knobs: Knobs of the earlier study, in order.

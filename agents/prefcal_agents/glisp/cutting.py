@@ -19,7 +19,7 @@ def chance_to_win(fit: KPIFit | None, history: History, bounds: Mapping[str, flo
     It is the share of the draws of what the person wants in which the cost at the lower bounds of
     the KPIs is below the cost of the best experiment. In each draw the cost only grows with the
     KPIs, so what the run becomes costs at least as much. Forecasts of the KPIs end more runs, but
-    wrongly: docs/research/cutting.md.
+    wrongly: docs/research/archive.md.
 
     Source: none.
     Deviation: the paper finishes every run.

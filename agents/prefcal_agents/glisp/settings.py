@@ -32,7 +32,7 @@ class GLISpSettings:
         error_rate: Probability that an answer is wrong, below 0.5. It applies once answers
             contradict each other, and KPIs do not explain them; with 0, every answer counts as
             right, and nothing is asked again. Measured in
-            docs/research/noise.md.
+            docs/research/archive.md.
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
             Cross-validation chooses among its multiples, `EPSILONS`.
         validate_at: Numbers of experiments after which ε is chosen again, or "every step": before
@@ -43,7 +43,7 @@ class GLISpSettings:
             distance of its two samples; with 0 every margin is σ, as in eq. RBF-pref.
         process: Whether every second proposal, from 20 experiments on, minimizes the mean of a
             Gaussian process that follows the answers instead of eq. acquisition; see
-            `PreferenceGP`. Measured in docs/research/process.md.
+            `PreferenceGP`. Measured in docs/research/archive.md.
         unsafe_weight: Penalty for a place that is certainly unsafe by the marks so far, in units
             of ΔĴ, 0 or more; 0 ignores the mark.
         least_safe: Minimum probability of being safe for no penalty, above 0 and below 1; it

@@ -142,7 +142,7 @@ class Memory:
 
     Source: none.
     Deviation: the paper learns from all answers, in at most 50 experiments; the time this takes
-    grows with the cube of their number. What the limit costs: docs/research/better-glisp.md.
+    grows with the cube of their number. What the limit costs: docs/research/archive.md.
 
     Args:
         history: Samples and answers, renumbered.

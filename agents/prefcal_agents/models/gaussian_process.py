@@ -210,7 +210,7 @@ class PreferenceGP:
     Ĵ that reproduces the answers, by the smallest weights. This is the average of all functions
     that (nearly) reproduce them, in which smooth ones count more; the lengths show which knobs
     matter. It is trained on the last 100 samples that were compared. Measured in
-    docs/research/process.md.
+    docs/research/archive.md.
 
     Args:
         centers: Samples in the unit cube, shape (N, n).

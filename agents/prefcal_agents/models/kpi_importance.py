@@ -56,7 +56,7 @@ class Importance:
         posterior probability of 90 %.
 
         Source: none; Bayes' rule over sums of KPIs with equal shares, on the scale of the learned
-        index. How often it names a KPI: docs/research/importance.md.
+        index. How often it names a KPI: docs/research/archive.md.
 
         Args:
             history: Samples, answers and KPIs.

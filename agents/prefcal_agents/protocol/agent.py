@@ -300,7 +300,7 @@ class Agent(Stored):
         """Return the record as if nobody could tell how good pending experiments are.
 
         It is the record itself if none is pending. Other suppositions, such as the constant liar of
-        Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/at_once.md.
+        Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/archive.md.
         """
         history = self.history
         while history.pending is not None:

@@ -385,7 +385,7 @@ def test_further_answers_teach_the_order():
 def test_with_further_answers_the_samples_are_ranked_better():
     """Not always perfectly: a very wide φ does not keep all answers about samples that are close.
 
-    See the open points of docs/research/questions.md.
+    See docs/research/archive.md.
     """
     many, one = ([agreement(questions, seed) for seed in range(5)] for questions in (12, 1))
     assert np.median(many) > 0.99

@@ -8,7 +8,7 @@ import pytest
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings
-from prefcal_env.mpc.computation import Processor, StepSize, measured
+from prefcal_env.mpc.computation import Processor, StepSize
 from prefcal_env.plants.bicycle import Bicycle
 
 CAR = MPCSettings(
@@ -51,14 +51,6 @@ def test_a_slower_processor_takes_so_many_times_as_long():
     slower = SLOW.slower(3.0, "slower")
     assert slower.name == "slower"
     np.testing.assert_allclose(slower.t_comp(size, iterations), 3 * SLOW.t_comp(size, iterations))
-
-
-def test_measured_times_leave_the_warm_up_out():
-    seconds = np.array([9.0, 9.0, 9.0, 1.0, 2.0])
-    worst, most = measured(seconds)
-    assert worst == 2.0
-    assert most == pytest.approx(1.99)
-    assert measured(seconds[:2]) == (9.0, 9.0)
 
 
 @pytest.mark.parametrize(

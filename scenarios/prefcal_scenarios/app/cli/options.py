@@ -402,7 +402,7 @@ def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str,
     Where experiments are quick simulations, many are simulated unseen and a dozen are shown; where
     they are not, all are shown. GLISp starts to learn after two experiments per knob, at most ten.
     For the reactor with three knobs, the index after 15 experiments was 0.714 with six initial
-    experiments and 0.732 with ten (docs/research/outcomes.md).
+    experiments and 0.732 with ten (docs/research/archive.md).
     """
     unseen = said.get("simulate", 1 if simulated else 0) > 0
     agent = said.get("agent", "screening" if unseen else "glisp")

@@ -190,7 +190,7 @@ AGENT: tuple[Deviation, ...] = (
         "[0, 1] for each knob; the authors' code has [-1, 1]",
         "No box is better on all problems; with three knobs and more, as in the case studies, "
         "ours is",
-        "δ acts up to 16 times weaker (docs/research/sensitivity.md). GLISp.paper on 12 functions, "
+        "δ acts up to 16 times weaker (docs/research/archive.md). GLISp.paper on 12 functions, "
         "gaps in [-1, 1] against ours: mean log10 ratio -0.13 ± 0.08, 71 won and 73 lost (with "
         "the z of the authors' code -0.12 ± 0.08, 72 and 71); with two knobs 43 won and 17 lost, "
         "with more 28 and 56. Reactor: median index 0.697, in [-1, 1] 0.703",
@@ -268,7 +268,7 @@ AGENT: tuple[Deviation, ...] = (
         'Future work: a classifier of runs that are "very bad" (conclusion)',
         "A Gaussian process of the mark unsafe; interrupted runs are marked automatically",
         "It quantifies its uncertainty, and few marks suffice",
-        "docs/research/marks.md",
+        "docs/research/archive.md",
     ),
 )
 DEVIATIONS: tuple[Deviation, ...] = (*REACTOR, *CONTROLLER, *CAR, *AGENT)

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from prefcal_env.envs.overtake.road.rules import Phase
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.mpc.computation import Processor, StepSize, measured
+from prefcal_env.mpc.computation import Processor, StepSize
 from prefcal_env.plants.bicycle import Bicycle
 
 from .controller import mpc_settings
@@ -45,8 +45,3 @@ def overrun(experiment: Experiment, processor: Processor) -> float:
     worst = max(float(t_comp(e, processor).max()) for e in experiment.runs or (experiment,))
     ratio = worst / float(experiment.theta[0])
     return max(ratio - 1.0, 0.0)
-
-
-def measured_t_comp(experiment: Experiment) -> tuple[float, float]:
-    """Return worst and 99th percentile of the measured times [s], which are not repeatable."""
-    return measured(experiment.solve_time)

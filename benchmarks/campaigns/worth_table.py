@@ -1,44 +1,47 @@
 """Print the table of docs/benchmarks.md about closed loops, from the published studies.
 
-    python benchmarks/checks/worth_table.py
+    python benchmarks/campaigns/worth_table.py
 
 `prefcal bench --problems ... --calibrators weights,priorities` computes the studies themselves.
 """
 
-from collections.abc import Iterator
 from typing import Any
+
+from judged.tables import interval, markdown
 
 from prefcal_scenarios.bench.results.rows import BASELINE
 from prefcal_scenarios.bench.worth import curves_of, worth_table
 from prefcal_scenarios.bench.worth.published import read_published
+from prefcal_scenarios.bench.worth.statistics import Estimate
 
 Row = dict[str, Any]
 TASTES = ("weights", "priorities")
 
 
-def lines() -> Iterator[str]:
-    """Yield the lines of the table: an agent a row, the worth after 20 and 50 experiments."""
+def lines() -> list[str]:
+    """Return the lines of the table: an agent a row, the worth after 20 and 50 experiments."""
     rows = worth_table(curves_of(read_published()), BASELINE)
     found = {(r["agent"], r["taste"], r["after"]): r for r in rows if r["unit"] == "experiments"}
     agents = dict.fromkeys(r["agent"] for r in rows)
     ends = sorted({r["after"] for r in rows if r["unit"] == "experiments"})
     heads = [f"{taste}, {n}" for taste in TASTES for n in ends]
     columns = ["agent", "seeds", "answers", *heads, "beats GLISp", "drift"]
-    yield f"| {' | '.join(columns)} |"
-    yield f"| {' | '.join('---' for _ in columns)} |"
     order = sorted(agents, key=lambda a: -max(_worth(found, a, t, ends[-1]) for t in TASTES))
+    cells = []
     for agent in order:
         last = [found.get((agent, taste, ends[-1])) for taste in TASTES]
         there = [row for row in last if row is not None]
-        cells = [
-            agent,
-            f"{max(row['studies'] // row['loops'] for row in there)}",
-            f"{sum(row['answers'] for row in there) / len(there):.0f}",
-            *(_interval(found.get((agent, taste, n))) for taste in TASTES for n in ends),
-            ", ".join(_share(row) for row in last),
-            ", ".join("–" if row is None else f"{row['drift']:.1f}" for row in last),
-        ]
-        yield f"| {' | '.join(cells)} |"
+        cells.append(
+            [
+                agent,
+                f"{max(row['studies'] // row['loops'] for row in there)}",
+                f"{sum(row['answers'] for row in there) / len(there):.0f}",
+                *(_worths(found.get((agent, taste, n))) for taste in TASTES for n in ends),
+                ", ".join(_share(row) for row in last),
+                ", ".join("–" if row is None else f"{row['drift']:.1f}" for row in last),
+            ]
+        )
+    return markdown(columns, cells)
 
 
 def _worth(found: dict[tuple[str, str, int], Row], agent: str, taste: str, after: int) -> float:
@@ -46,12 +49,9 @@ def _worth(found: dict[tuple[str, str, int], Row], agent: str, taste: str, after
     return 0.0 if row is None else float(row["worth"])
 
 
-def _interval(row: Row | None) -> str:
-    if row is None:
-        return "–"
-    low, high = row["worth_low"], row["worth_high"]
-    ends = "" if low is None else f" [{low:.0f}, {high:.0f}]"
-    return f"{row['worth']:.0f}{ends}"
+def _worths(row: Row | None) -> str:
+    names = ("worth", "worth_low", "worth_high")
+    return interval(None if row is None else Estimate(*(row[name] for name in names)))
 
 
 def _share(row: Row | None) -> str:
