@@ -43,6 +43,10 @@ def test_of_a_run_that_was_stopped_everything_is_as_bad_as_can_be():
     assert known[INTERRUPTED] == 1.0
 
 
+def test_the_kpis_of_a_run_that_was_cut_short_are_unknown():
+    assert dict(outcome(TOY, replace(FINE, end=End.CUT_SHORT))) == {}
+
+
 def test_screened_are_the_kpis_with_a_direction_if_any_has_one():
     assert {*screened(TOY, FINE)} == {*seen(TOY)} - {INTERRUPTED}
     assert all(value == outcome(TOY, FINE)[name] for name, value in screened(TOY, FINE).items())

@@ -52,7 +52,7 @@ EXTENDED = {
         "env/plants/test_integrate.py", "scenarios/app/report/test_pdf.py",
         "scenarios/app/session/test_[cfps]*.py", "scenarios/app/web/view/test_now.py",
         "scenarios/cases/overtake/pictures/*", "scenarios/own/test_*_scenario.py",
-        "scenarios/tastes/test_rule.py", "scenarios/test_cutting.py",
+        "scenarios/tastes/test_rule.py",
         "scenarios/test_failed_runs.py", "scenarios/test_report.py", "test_imports.py",
         "test_trace_proposal.py",
     ),

@@ -212,7 +212,6 @@ def record_of(
         source=options.scenario,
         comparisons=interview.comparisons(),
         answered=interview.answered(),
-        unasked=interview.unasked(),
         held=_best_after_each(now),
         waiting=_waiting(interview, now),
         references=references,

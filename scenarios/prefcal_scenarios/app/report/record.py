@@ -83,8 +83,6 @@ class Record:
         good_enough: Whether the study ended early because the best is good enough.
         answered: Comparisons whose answers stand, in order, including follow-up comparisons; None
             for all of `comparisons` but the first experiment's.
-        unasked: Indices of the experiments that were cut short and count as worse without a
-            question.
         waiting: Experiments that ran and are not compared yet, by index.
         judged: Whether the answers follow the scenario's cost; otherwise, the cost is not shown.
         outlook: Whether to continue; None if unknown.
@@ -108,7 +106,6 @@ class Record:
     kpi_importance: KpiImportance | None = None
     good_enough: bool = False
     answered: tuple[Comparison, ...] | None = None
-    unasked: frozenset[int] = frozenset()
     waiting: Mapping[int, Experiment] = field(default_factory=dict)
     judged: bool = True
     outlook: Outlook | None = None
@@ -175,12 +172,7 @@ class Record:
     @property
     def questions(self) -> int:
         """Return the number of questions that the calibrator answered."""
-        return 0 if self.scored else len(self._given)
-
-    @property
-    def _given(self) -> list[Comparison]:
-        """Return the comparisons whose answers stand and that somebody was asked about."""
-        return [c for c in self.asked if c.query.challenger.index not in self.unasked]
+        return 0 if self.scored else len(self.asked)
 
     @property
     def by_a_person(self) -> bool:
@@ -249,5 +241,5 @@ class Record:
 
     def verdict_counts(self) -> dict[str, int]:
         """Return the number of answers for each verdict, by its text."""
-        given = [c.answer.preference for c in self._given]
+        given = [c.answer.preference for c in self.asked]
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}

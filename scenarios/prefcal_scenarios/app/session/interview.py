@@ -25,7 +25,7 @@ from prefcal_env.study import Noted, StudyFile
 from prefcal_scenarios.app.screening import Prospect, Screened
 from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator, named_twin
 from prefcal_scenarios.app.summary.consistency import Consistency
-from prefcal_scenarios.app.summary.counts import Counts, Planned, answered, is_unasked
+from prefcal_scenarios.app.summary.counts import Counts, Planned, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, falls_outward, others_unbeaten, outlook
 from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
@@ -35,7 +35,6 @@ from .experiments import ExperimentStore
 from .flow import Flow
 from .kpi_importance import importance_of, index_of, known_outcomes
 from .live import driving
-from .live.chances import check_cutting
 from .memory import agent_of, as_studied, is_simulating
 from .records import Given, Preview
 from .view import Choice, Now, Phase, Question
@@ -63,25 +62,21 @@ class Interview:
             default, it simulates in this process. It stays open.
         at_once: Number of experiments that run at the same time, each in a thread that calls
             `work`; 1 runs ahead of the answers instead, see `ahead`.
-        cut_short: Whether runs that can no longer win are cut short without asking; nothing runs
-            ahead of the answers then. A front end of a live plant can offer it in any case, see
-            `LiveNow.hopeless`.
 
     Raises:
         StudyError: If the study has other knobs, or cannot be written.
-        SettingsError: If `at_once` is above 1, and the agent simulates or the plant is a rig; or if
-            `cut_short` is set, and runs cannot be cut short.
+        SettingsError: If `at_once` is above 1, and the agent simulates or the plant is a rig.
     """
 
     def __init__(
         self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True,
-        simulator: Simulator | None = None, at_once: int = 1, cut_short: bool = False,
+        simulator: Simulator | None = None, at_once: int = 1,
     ) -> None:  # fmt: skip
         if at_once > 1:
             _check_at_once(scenario, study)
         scenario = self._scenario = as_studied(scenario, study.state)
         self.study = study
-        self._runs_ahead = ahead and not cut_short
+        self._runs_ahead = ahead
         self._changed = threading.Condition(threading.RLock())
         twin = named_twin(study.state.configuration)
         if simulator is None and asks and twin is not None:
@@ -92,10 +87,8 @@ class Interview:
         if simulator is not None:
             simulator.tell = self._simulating
         agent = agent_of(study.state, scenario.space, simulator)
-        if cut_short:
-            check_cutting(scenario, agent, at_once)
         store = ExperimentStore(scenario, study)
-        self._flow = Flow(study, store, agent, simulator, at_once, cut_short)
+        self._flow = Flow(study, store, agent, simulator, at_once)
         self._closing = self._has_background = False
         self._idle_at: int | None = None
         self._flow.live.changed = self._driving
@@ -174,10 +167,6 @@ class Interview:
         with self._changed:
             flow = self._flow
             return tuple(flow.store.compared(closed) for closed in answered(flow.state))
-
-    def unasked(self) -> frozenset[int]:
-        """Return the experiments that were cut short and count as worse without a question."""
-        return frozenset(c.challenger for c in answered(self.study.state) if is_unasked(c))
 
     @property
     def counts(self) -> Counts:
@@ -455,14 +444,6 @@ class Interview:
         """
         return self._do(runs.stop, index)
 
-    def cut_run(self, index: int) -> Now:
-        """Cut the run on the live plant short, which can no longer win: it counts as worse.
-
-        Raises:
-            StaleError: If it is not in progress, or can still win.
-        """
-        return self._do(driving.cut, index)
-
     def write_and_start(self, index: int) -> Now:
         """Confirm what is written to the live plant, and start the run of the pending sample.
 
@@ -577,7 +558,7 @@ class Interview:
     ) -> Now:
         """Take a step, and return what is to be seen after it."""
         with self._change() as flow:
-            if driving.is_driving(flow) and step not in (runs.stop, driving.cut):
+            if driving.is_driving(flow) and step is not runs.stop:
                 raise StaleError("a run on the plant is in progress: stop it first")
             step(flow, *args, **kwargs)
             return self.now()

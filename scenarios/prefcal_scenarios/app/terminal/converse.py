@@ -41,7 +41,6 @@ MARKS = {
 }  # fmt: skip
 STOP = ("x", "stop")
 STOP_RUN = "k"
-CUT_RUN = "c"
 RESTORE = ("g", "again")
 _LOOK = 0.2
 """Interval, in seconds, at which a waiting conversation reads the keyboard."""
@@ -89,10 +88,9 @@ class _Conversation:
                 status.update(_waiting(now))
                 can_stop = now.run_limit is not None or now.live is not None
                 key = pressed()
-                if key in (STOP_RUN, CUT_RUN) and can_stop and now.pending is not None:
-                    end = self.interview.stop_run if key == STOP_RUN else self.interview.cut_run
-                    with suppress(StaleError):  # the run has just ended, or can still win
-                        end(now.pending.index)
+                if key == STOP_RUN and can_stop and now.pending is not None:
+                    with suppress(StaleError):  # the run has just ended
+                        self.interview.stop_run(now.pending.index)
                 now = self.interview.wait(now.version, _LOOK)
 
     def _compiling(self, now: Now) -> None:
@@ -356,10 +354,7 @@ def _live_words(live: LiveNow) -> str:
                        if not key.startswith("reference"))  # fmt: skip
     shown = f" ({values})" if values else ""
     problem = f"; {progress.problem}" if progress.problem else ""
-    cut = "; it can no longer win: c cuts it short, and it counts as worse"
-    ends = cut if live.hopeless and not live.cutting else ""
-    blind = live.unwatched and f"; cannot tell whether this run can still win: {live.unwatched}"
-    return f": {progress.stage.value}{time}{shown}{problem}{ends}{blind}; k stops it"
+    return f": {progress.stage.value}{time}{shown}{problem}; k stops it"
 
 
 def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:

@@ -82,7 +82,6 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
         "ask_for": Action({"theta": reals}, _ask_for),
         "note": Action({"text": text}, _method("note")),
         "stop_run": Action({"index": whole}, _method("stop_run")),
-        "cut_run": Action({"index": whole}, _method("cut_run")),
         "write_and_start": Action({"index": whole}, _method("write_and_start")),
         "retry": Action({"index": whole}, _method("retry")),
         "fail": Action({"index": whole, "reason": text}, _method("fail")),
