@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.app.summary.gain import Baseline
 from prefcal_scenarios.app.summary.outlook import Outlook
@@ -36,17 +36,6 @@ VERDICTS: Mapping[Preference | None, str] = {
 }
 """Text of each verdict, in the order of the counts. The challenger is the newer experiment; the
 older one need not be the best so far, since follow-up comparisons can be about other runs."""
-_MUCH: Mapping[Preference | None, str] = {
-    Preference.CHALLENGER: "newer much better",
-    Preference.INCUMBENT: "older much better",
-}
-
-
-def verdict_text(answer: Answer) -> str:
-    """Return the text of an answer, with its strength."""
-    if answer.much_better:
-        return _MUCH[answer.preference]
-    return VERDICTS[answer.preference]
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.live import LiveRig
-from prefcal_env.preferences.answer import Answer, Strength
+from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.rig import Rig
@@ -336,26 +336,19 @@ class Interview:
     # What the person does.
 
     def answer(
-        self,
-        question: int,
-        choice: Choice,
-        *,
-        strength: float = Strength.BETTER,
-        comment: str = "",
-        blind: bool = False,
+        self, question: int, choice: Choice, *, comment: str = "", blind: bool = False
     ) -> Now:
         """Answer the open question by side.
 
         Args:
             question: Id of the question.
             choice: Verdict.
-            strength: How much better the chosen side is; ignored for other verdicts.
             comment: Comment on the answer.
             blind: Whether θ and the roles of the sides were hidden.
         """
         with self._change() as flow:
             asked = steps.open_question(flow, question)
-            steps.close(flow, asked, asked.answer(choice, strength), comment, blind)
+            steps.close(flow, asked, asked.answer(choice), comment, blind)
             return self.now()
 
     def give(self, question: int, answer: Answer) -> Now:

@@ -12,7 +12,6 @@ from rich.console import Console
 from prefcal_env.errors import PrefcalError, RecordError, StaleError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import Stage
-from prefcal_env.preferences.answer import Strength
 from prefcal_env.study import Suggested
 from prefcal_scenarios.app.isolated import in_time
 from prefcal_scenarios.app.presentation.wording import theta_text
@@ -31,9 +30,6 @@ from .showing import show_changes, show_keys, show_next, show_question
 CHOICES = {
     "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
     "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
-}  # fmt: skip
-MUCH = {
-    "L": Choice.LEFT, "much left": Choice.LEFT, "R": Choice.RIGHT, "much right": Choice.RIGHT,
 }  # fmt: skip
 MARKS = {
     "q": ("left", UNSAFE), "e": ("right", UNSAFE),
@@ -128,9 +124,7 @@ class _Conversation:
         if key in STOP:
             return False
         if key in CHOICES:
-            self._answer(now.question.id, CHOICES[key], Strength.BETTER)
-        elif key in MUCH:
-            self._answer(now.question.id, MUCH[key], Strength.MUCH_BETTER)
+            self._answer(now.question.id, CHOICES[key])
         elif key in MARKS:
             side, mark = MARKS[key]
             on = mark not in getattr(now.question, side).marks
@@ -142,13 +136,10 @@ class _Conversation:
             self._other(key, now)
         return True
 
-    def _answer(self, question: int, choice: Choice, strength: Strength) -> None:
-        self.interview.answer(
-            question, choice, strength=strength, comment=self.comment, blind=self.blind
-        )
+    def _answer(self, question: int, choice: Choice) -> None:
+        self.interview.answer(question, choice, comment=self.comment, blind=self.blind)
         self.comment = ""  # after the answer is saved: on a full disk it is repeated
-        much = ", much better" if strength is Strength.MUCH_BETTER else ""
-        self._say(f"Saved: {choice.value}{much}.")
+        self._say(f"Saved: {choice.value}.")
 
     def _other(self, key: str, now: Now) -> None:
         if key == "z" or (key == ESCAPE and now.question and now.question.repeats is not None):

@@ -17,7 +17,6 @@ from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channels
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Strength
 from prefcal_env.rig import Rig
 from prefcal_env.study import Answered, StudyFile
 from prefcal_scenarios.app.isolated import isolation
@@ -60,15 +59,6 @@ def test_a_whole_study_by_keys(interview):
     assert "The study is finished: all compared." in out
     given = [c.answer.preference for c in interview.now().state.history.comparisons[1:]]
     assert given[2:] == [0, None]
-
-
-def test_a_capital_is_much_better(interview):
-    out = talk(interview, "Lrx")
-    strong, plain = [c.answer for c in interview.now().state.history.comparisons[1:]]
-    assert (strong.strength, plain.strength) == (Strength.MUCH_BETTER, 1)
-    assert "Saved: left, much better." in out
-    assert "Saved: right." in out
-    assert "much better" in talk(interview, "hx")
 
 
 @pytest.mark.parametrize("width", [80, 140])

@@ -223,41 +223,6 @@ def test_keys_rest_while_somebody_types(browser, window):
     assert served.state.marks == {}
 
 
-def test_shift_and_an_arrow_is_much_better(browser, window):
-    served, watched = window(n_max=7), Watched(browser)
-    watched.open(served.link)
-    page = watched.page
-    page.keyboard.press("c")
-    page.keyboard.press("Shift+ArrowLeft")  # selects text, while somebody types
-    assert served.state.history.answered == 1
-    page.keyboard.press("Escape")
-    watched.answer("Shift+ArrowLeft")
-    assert page.inner_text("#saved") == "✓ saved: left is much better"
-    watched.answer("ArrowLeft")
-    watched.answer("Shift+ArrowDown")
-    question = watched.question()
-    page.click("#verdict-much-right")
-    watched.question(question)
-    told = served.state.history.comparisons[1:]
-    assert [c.answer.strength for c in told] == [3, 1, 1, 3]
-    assert [c.answer.preference == 0 for c in told] == [False, False, True, False]
-    page.keyboard.press("h")
-    page.wait_for_selector(".answers tbody tr:nth-child(4)")
-    shown = page.locator(".answers tbody tr td:nth-child(4)").all_inner_texts()
-    assert ["much better" in text for text in shown] == [True, False, False, True]
-    page.click(".answers tbody tr:last-child td:first-child button")
-    page.wait_for_selector("#again .js-line")
-    assert "left is much better" in page.inner_text("#again")
-    watched.shot("history-much-better")
-    page.keyboard.press("z")
-    page.keyboard.press("Escape")
-    page.wait_for_function(
-        "() => document.getElementById('progress-text').innerText.includes(' 4 ')"
-    )
-    assert [c.answer.strength for c in served.state.history.comparisons[1:]] == [3, 1, 1]
-    assert watched.errors == []
-
-
 def test_a_long_press_answers_once(browser, window):
     served, watched = window(), Watched(browser)
     watched.open(served.link)
