@@ -33,7 +33,7 @@ LAYERS = {
     "prefcal_agents": (
         {"support"},
         {"history"},
-        {"models", "advice"},
+        {"models", "transfer"},
         {"space", "utility"},
         {"optimize"},
         {"acquisition", "protocol"},

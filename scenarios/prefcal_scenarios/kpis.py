@@ -171,21 +171,5 @@ def _without_objective(kpi: KPI) -> KPI:
     return replace(kpi, name=name, at_most=np.inf, at_least=-np.inf, better=better)
 
 
-def seen(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the KPIs that people see and agents use, in order of importance."""
-    return (*_names(scenario), INTERRUPTED)
-
-
 def _names(scenario: Scenario) -> tuple[str, ...]:
     return tuple(kpi.name for kpi in scenario.kpis if kpi.goal is not None)
-
-
-def titles(scenario: Scenario) -> Mapping[str, str]:
-    """Return titles by name for the KPIs whose names are not meant for people."""
-    return {INTERRUPTED: "runs that were stopped"} | {
-        kpi.name: _title(kpi) for kpi in scenario.kpis
-    }
-
-
-def _title(kpi: KPI) -> str:
-    return f"{kpi.title} near its target" if kpi.goal == "target" else kpi.title

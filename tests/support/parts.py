@@ -46,7 +46,6 @@ EXTENDED = {
     "slow": (
         "agents/acquisition/test_penalty.py", "agents/baselines/test_glis.py",
         "agents/glisp/test_[cknqs]*.py", "agents/history/test_lessons.py",
-        "agents/models/test_kpi_importance.py",
         "agents/models/test_learned_cost.py", "agents/screening/test_[abcg]*.py",
         "env/mpc/test_exact.py", "env/plants/test_function_plant.py",
         "env/plants/test_integrate.py", "scenarios/app/report/test_pdf.py",

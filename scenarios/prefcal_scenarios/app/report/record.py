@@ -17,8 +17,6 @@ from prefcal_scenarios.app.summary.outlook import Outlook
 from prefcal_scenarios.own.own_line import in_words, located
 from prefcal_scenarios.scenario import KPI, Scenario
 
-from .kpi_importance import KpiImportance
-
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 """Learned latent cost of m physical θ; lower is better, only the order has a meaning."""
 
@@ -68,7 +66,7 @@ class Record:
         n_max: Number of planned experiments.
         command: Command line that repeats the study.
         surrogate: Learned cost; None if the agent learns nothing.
-        kpi_importance: What the calibrator seems to care about; None if nothing can be said.
+        trust: How well a weighted sum of the KPIs predicts answers; empty if unknown.
         good_enough: Whether the study ended early because the best is good enough.
         answered: Comparisons whose answers stand, in order, including follow-up comparisons; None
             for all of `comparisons` but the first experiment's.
@@ -92,7 +90,7 @@ class Record:
     n_max: int = 50
     command: str = ""
     surrogate: Surrogate | None = None
-    kpi_importance: KpiImportance | None = None
+    trust: str = ""
     good_enough: bool = False
     answered: tuple[Comparison, ...] | None = None
     waiting: Mapping[int, Experiment] = field(default_factory=dict)

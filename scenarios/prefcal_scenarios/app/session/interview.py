@@ -9,8 +9,7 @@ from typing import Concatenate, ParamSpec
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents import Advice, GLISp
-from prefcal_agents.models.kpi_importance import Importance
+from prefcal_agents import GLISp
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_env.compiling import Compiling, compile_missing
@@ -22,7 +21,7 @@ from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.rig import Rig
 from prefcal_env.study import Noted, StudyFile
-from prefcal_scenarios.app.screening import Prospect, Screened
+from prefcal_scenarios.app.screening import Screened
 from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator, named_twin
 from prefcal_scenarios.app.summary.consistency import Consistency
 from prefcal_scenarios.app.summary.counts import Counts, Planned, answered
@@ -33,7 +32,7 @@ from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 from . import records, runs, steps
 from .experiments import ExperimentStore
 from .flow import Flow
-from .kpi_importance import importance_of, index_of, known_outcomes
+from .kpi_index import index_of, known_outcomes
 from .live import driving
 from .memory import agent_of, as_studied, is_simulating
 from .records import Given, Preview
@@ -41,6 +40,8 @@ from .view import Choice, Now, Phase, Question
 
 P = ParamSpec("P")
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
+_LEAST = 5
+"""Smallest number of verdicts for an outlook without simulations."""
 
 
 class Interview:
@@ -239,32 +240,29 @@ class Interview:
             return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
 
     @property
-    def advice(self) -> Advice | None:
-        """Return what ten more experiments are expected to gain; None while that is unknown."""
-        with self._changed:
-            twin = self._flow.agent.copy()
-        return getattr(twin, "advice", None)
-
-    @property
-    def _prospects(self) -> Advice | Prospect | None:
-        """Return what more questions are expected to gain, by the simulations if there are some."""
-        if not self.screens:
-            return self.advice
-        screened = self.screened()
-        return None if screened is None else screened.prospect
+    def _promise(self) -> str | None:
+        """Return what the simulated θ still promise; empty without any, None if too early."""
+        if self.screens:
+            screened = self.screened()
+            prospect = None if screened is None else screened.prospect
+            return None if prospect is None else prospect.text
+        closed = self.study.state.history.comparisons
+        return "" if sum(c.verdict is not None for c in closed) >= _LEAST else None
 
     @property
     def outlook(self) -> Outlook | None:
         """Return whether to continue, and the knobs at the end of their range; None if unknown."""
-        now, advice = self.now(), self._prospects
-        best = None if now.incumbent is None else self.experiment(now.incumbent).theta
+        now, promise = self.now(), self._promise
+        if promise is None or now.incumbent is None:
+            return None
+        best = self.experiment(now.incumbent).theta
         space, place = self.scenario.space, self.study.path
         found = outlook(
-            advice, best, space, place, now.state, missed=self.missed, helps=self._helps
+            promise, best, space, place, now.state, missed=self.missed, helps=self._helps
         )
-        if found is None or self._flow.agent.by_value:
-            return found
-        return replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
+        if not self._flow.agent.by_value:
+            found = replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
+        return found if found.sentences else None
 
     def _helps(self, knob: int, upper: bool) -> bool:
         """Return whether the model expects that going beyond an end of a knob's range helps."""
@@ -320,13 +318,6 @@ class Interview:
         with self._changed:
             history = known_outcomes(self.study.state, self._flow.store)
         return index_of(history, self._flow.seed)
-
-    @property
-    def importance(self) -> Importance | None:
-        """Return which KPIs matter in the answers; None while they say nothing about it."""
-        with self._changed:
-            history = known_outcomes(self.study.state, self._flow.store)
-        return importance_of(history, self.scenario)
 
     @property
     def consistency(self) -> Consistency:
