@@ -111,7 +111,7 @@ def test_a_missed_objective_is_said_once_enough_is_answered():
         answered += 1
     assert "settling time" in interview.missed
     outlook = status_view(interview)["outlook"]
-    assert outlook["sentences"][1].startswith("The best experiment misses the objective")
+    assert outlook["sentences"][0].startswith("The best experiment misses the objective")
     json.dumps(outlook)
 
 
