@@ -43,7 +43,7 @@ from prefcal_agents import (
     respaced,
     restore,
 )
-from prefcal_env import Answer, Knob, KnobSpace, Mark, Query, Strength
+from prefcal_env import Answer, Knob, KnobSpace, Mark, Query
 
 RECORD = Path(__file__).with_suffix(".json")
 Lines = list[str]
@@ -167,12 +167,12 @@ def abstaining(reply: Reply, every: int) -> Reply:
     return telling
 
 
-def emphatic(reply: Reply) -> Reply:
-    """Say "much better" about each third experiment."""
+def weighted(reply: Reply) -> Reply:
+    """Give the answer about each third experiment three times the weight."""
 
     def telling(query: Query) -> Answer:
-        much = query.challenger.index % 3 == 0
-        return Answer(reply(query), strength=Strength.MUCH_BETTER if much else Strength.BETTER)
+        weighty = query.challenger.index % 3 == 0
+        return Answer(reply(query), strength=3 if weighty else 1)
 
     return telling
 
@@ -250,7 +250,7 @@ def _on_camel() -> dict[str, Callable[[], Lines]]:
         "KPIs, errors": lambda: with_kpis(erring(sure, 0.15, 5)),
         "unsafe marks": lambda: marking(sure, Mark.CHALLENGER_UNSAFE, lambda x: x[0] > 0.9),
         "good marks": lambda: marking(sure, Mark.CHALLENGER_GOOD_ENOUGH, lambda x: camel(x) < 0),
-        "much better": lambda: emphatic(sure),
+        "weights of answers": lambda: weighted(sure),
         "ties and abstentions": lambda: abstaining(by(camel, tie=0.2), 5),
     }
     studies: dict[str, Callable[[], Lines]] = {

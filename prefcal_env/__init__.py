@@ -60,7 +60,6 @@ if _TYPE_CHECKING:
     from .preferences.answer import Mark as Mark
     from .preferences.answer import Preference as Preference
     from .preferences.answer import Query as Query
-    from .preferences.answer import Strength as Strength
     from .preferences.answer import Suggestion as Suggestion
     from .preferences.kpis import Outcome as Outcome
     from .preferences.loop import Comparison as Comparison
@@ -118,7 +117,6 @@ _HOMES = {
     "Mark": "preferences.answer",
     "Preference": "preferences.answer",
     "Query": "preferences.answer",
-    "Strength": "preferences.answer",
     "Suggestion": "preferences.answer",
     "Outcome": "preferences.kpis",
     "Comparison": "preferences.loop",

@@ -33,7 +33,7 @@ LAYERS = {
     "prefcal_agents": (
         {"support"},
         {"history"},
-        {"models", "advice"},
+        {"models", "transfer"},
         {"space", "utility"},
         {"optimize"},
         {"acquisition", "protocol"},
@@ -46,7 +46,7 @@ LAYERS = {
         {"scenario"},
         {"own.described", "own.fmu_scenario", "own.lqr_scenario", "own.pid", "own.pid_scenario"},
         {"kpis", "app.isolated", "app.presentation", "app.summary", "many"},
-        {"app.simulating", "cutting"},
+        {"app.simulating"},
         {"app.screening"},
         {"app.report", "app.session", "tastes"},
         {"app.web", "cases"},

@@ -13,8 +13,6 @@ from .registry import CLASSES as _CLASSES
 from .registry import restore as restore
 
 if _TYPE_CHECKING:
-    from .advice.stopping import Advice as Advice
-    from .advice.transfer import Earlier as Earlier
     from .baselines.equal_weights import EqualWeights as EqualWeights
     from .baselines.glis import GLIS as GLIS
     from .baselines.glis_settings import GLISSettings as GLISSettings
@@ -39,13 +37,13 @@ if _TYPE_CHECKING:
     from .screening.agent import Screening as Screening
     from .screening.simulations import Simulate as Simulate
     from .screening.simulations import SimulateMany as SimulateMany
+    from .transfer import Earlier as Earlier
     from .utility.bank import Bank as Bank
 
 _HOMES = {
-    "Advice": "advice.stopping",
     "AgentState": "history.agent_state",
     "Bank": "utility.bank",
-    "Earlier": "advice.transfer",
+    "Earlier": "transfer",
     "GLISSettings": "baselines.glis_settings",
     "GLISpSettings": "glisp.settings",
     "Minimum": "minimize",

@@ -29,7 +29,7 @@ class HumanCalibrator:
     Args:
         ask: Function of two experiments. Returns -1 if the first is better, 1 if the second is
             better, 0 if they are the same, None for "can't tell", or an `Answer` about the two,
-            such as `Answer(-1, strength=Strength.MUCH_BETTER)` if the first is much better.
+            such as `Answer(-1, marks=(Mark.INCUMBENT_UNSAFE,))` if the second is also unsafe.
         shuffle: Seed, 0 or more, that puts the challenger first or second at random, so that
             people cannot know which one is new. With None the challenger always comes first.
 

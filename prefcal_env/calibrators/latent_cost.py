@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.preferences.answer import Answer, Preference, Strength
+from prefcal_env.preferences.answer import Preference
 
 from .noise import Noise, generator_of_pair
 
@@ -29,8 +29,6 @@ class LatentCost:
         tie_band: Smallest noticeable difference of costs, 0 or more.
         noise: Distribution of errors; None for no errors.
         seed: Seed of the noise, 0 or more.
-        much_better: Difference of costs above which one is much better, `tie_band` or more; with
-            None the answer is never "much better".
 
     Raises:
         SettingsError: If an option is not valid; in `prefer`, if a cost is NaN or no number.
@@ -40,18 +38,12 @@ class LatentCost:
     tie_band: float = 0.0
     noise: Noise | None = None
     seed: int = 0
-    much_better: float | None = None
 
     def __post_init__(self) -> None:
         if not callable(self.cost):
             raise SettingsError(f"cost must be a function of an experiment, got {self.cost!r}")
         if isinstance(self.tie_band, bool) or not 0 <= self.tie_band < np.inf:
             raise SettingsError(f"tie_band must be 0 or more, got {self.tie_band!r}")
-        if self.much_better is not None and not self._above_ties(self.much_better):
-            raise SettingsError(
-                f"much_better must be a difference of tie_band = {self.tie_band} or more, or None, "
-                f"got {self.much_better!r}"
-            )
         if self.noise is not None and not isinstance(self.noise, Noise):
             raise SettingsError(
                 f"noise must be Thurstone, BradleyTerry or None, got {self.noise!r}"
@@ -61,22 +53,15 @@ class LatentCost:
         ):
             raise SettingsError(f"seed must be an integer of 0 or more, got {self.seed!r}")
 
-    def _above_ties(self, value: Any) -> bool:
-        number = isinstance(value, (int, float, np.integer, np.floating))
-        return number and not isinstance(value, bool) and bool(self.tie_band <= value < np.inf)
-
-    def prefer(self, challenger: Experiment, incumbent: Experiment) -> Answer | Preference:
-        """Return which one is better, as in eq. pref_fun; an `Answer` if it is much better."""
+    def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:
+        """Return which one is better, as in eq. pref_fun."""
         a, b = self._cost(challenger), self._cost(incumbent)
         difference = 0.0 if a == b else a - b  # two infinite costs are equal
         if self.noise is not None:
             difference += self._error(challenger.theta, incumbent.theta)
         if abs(difference) <= self.tie_band:
             return Preference.TIE
-        preference = Preference.CHALLENGER if difference < 0 else Preference.INCUMBENT
-        if self.much_better is None or abs(difference) <= self.much_better:
-            return preference
-        return Answer(preference, strength=Strength.MUCH_BETTER)
+        return Preference.CHALLENGER if difference < 0 else Preference.INCUMBENT
 
     def _cost(self, experiment: Experiment) -> float:
         found: Any = self.cost(experiment)

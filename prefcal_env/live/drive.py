@@ -32,7 +32,6 @@ class Hands:
         stop: Function that returns whether to stop the run and restore the old values.
         closing: Function that returns whether the process has been told to end.
         tell: Function that is called after every sample.
-        cut: Function that returns whether the run can no longer win, so that it is cut short.
     """
 
     clock: Callable[[], float]
@@ -41,7 +40,6 @@ class Hands:
     stop: Callable[[], bool] = lambda: False
     closing: Callable[[], bool] = lambda: False
     tell: Tell = lambda progress: None
-    cut: Callable[[], bool] = lambda: False
 
 
 @dataclass(frozen=True, slots=True)
@@ -410,8 +408,6 @@ class Drive:
         while True:
             if stops and (hands.stop() or hands.closing()):
                 raise _EndedError(End.FAILED, "it was stopped", stopped=True)
-            if stops and self.rows and hands.cut():
-                raise _EndedError(End.CUT_SHORT, "it could no longer win")
             left = self._next - hands.clock()
             if left <= 1e-9:
                 return

@@ -1,6 +1,5 @@
 """Turn what was read from a live plant into an experiment."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +13,6 @@ from .drive import Outcome
 if TYPE_CHECKING:
     from .rig import LiveRig
 
-Rows = tuple[tuple[float, Mapping[str, float]], ...]
-"""Time in seconds and values by key, of each sample."""
-
 
 def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outcome) -> Experiment:
     """Return the experiment of a physical θ, shape (n,), from the samples of its run.
@@ -25,11 +21,8 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
     the gaps. Inputs and references keep their latest good value meanwhile, since they are held
     between samples anyway. A run in which an output or input never had a good value has failed. An
     output whose reference never had one has no reference in this run.
-
-    A run that was cut short ends where all outputs last had good quality: what came later would be
-    interpolated, and a bound on a KPI must not depend on it.
     """
-    rows = _settled(rig, outcome.rows) if outcome.end is End.CUT_SHORT else outcome.rows
+    rows = outcome.rows
     read = {tag: np.array([row[f"{tag.role} {tag.name}"] for _, row in rows]) for tag in rig.tags}
     outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
     nothing = bool(never_good(rig, outcome))
@@ -48,17 +41,10 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
             for name, values in outputs.items()
             if np.isnan(values[kept]).any()
         },
-        kpis=None if outcome.end is End.CUT_SHORT else rig.kpis,  # they would look complete
+        kpis=rig.kpis,
         end=End.FAILED if nothing else outcome.end,
         time_unit="s",
     )
-
-
-def _settled(rig: "LiveRig", rows: Rows) -> Rows:
-    """Return `rows` up to the last one in which all outputs have good quality."""
-    keys = [f"output {tag.name}" for tag in rig.tags if tag.role == "output"]
-    good = [k for k, (_, row) in enumerate(rows) if not any(np.isnan(row[key]) for key in keys)]
-    return rows[: good[-1] + 1] if good else ()
 
 
 def never_good(rig: "LiveRig", outcome: Outcome) -> list[str]:

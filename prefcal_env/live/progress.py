@@ -70,8 +70,7 @@ class Driven:
     """Result of a run on a live plant.
 
     Args:
-        experiment: What was recorded. It ended as failed if the run was stopped, refused or lost,
-            and has no KPIs if it was cut short.
+        experiment: What was recorded. It ended as failed if the run was stopped, refused or lost.
         why: What stopped the run, as a sentence; empty if it was completed.
         restored: Whether the plant has its old values again. False if they are kept on purpose,
             or if the plant could not be reached or refused them.

@@ -1,7 +1,7 @@
 """A live plant that prefcal drives itself, after a person confirmed what is written."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Literal
@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import LiveError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
+from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs.space import KnobSpace
 
-from .drive import Drive, Hands, Outcome, Plan
+from .drive import Drive, Hands, Plan
 from .journal import Journal
 from .outcome import experiment_of, never_good
 from .parts import LiveKnob, LiveStart, Tag
@@ -22,7 +22,6 @@ from .plant import LivePlant
 from .progress import Change, Confirm, Driven, Tell
 
 Limits = Mapping[str, tuple[float, float]]
-Samples = Sequence[tuple[float, Mapping[str, float]]]
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,6 @@ class LiveRig:
         *,
         stop: Callable[[], bool] = lambda: False,
         closing: Callable[[], bool] = lambda: False,
-        cut: Callable[[], bool] = lambda: False,
         tell: Tell = lambda progress: None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -168,8 +166,6 @@ class LiveRig:
             stop: Function that returns whether to stop the run and restore the old values.
             closing: Function that returns whether the process has been told to end. Then a lost
                 plant is waited for only briefly; its old values are restored at the next start.
-            cut: Function that returns whether the run can no longer win. It is then cut short, and
-                the old values are restored; what was recorded is kept.
             tell: Function that is called after every sample.
             clock: Function that returns the time in seconds.
             sleep: Function that waits for a number of seconds.
@@ -179,7 +175,7 @@ class LiveRig:
             LiveError: If another process runs on the plant, or an earlier run's values cannot be
                 restored. What happens during the run is data: see `Driven.why`.
         """
-        hands = Hands(clock, sleep, confirm, stop, closing, tell, cut)
+        hands = Hands(clock, sleep, confirm, stop, closing, tell)
         drive = self._drive(theta, hands)
         with self._kept.alone():
             self._recover(drive)
@@ -190,15 +186,6 @@ class LiveRig:
         return Driven(
             experiment, why, outcome.restored, outcome.stopped, outcome.kept, outcome.problem
         )
-
-    def so_far(self, theta: Float[np.ndarray, " n"], samples: Samples) -> Experiment:
-        """Return the experiment of θ, physical, shape (n,), as if it were cut short now.
-
-        Args:
-            theta: θ of the run.
-            samples: Recorded time in seconds, and values by key, as `Progress` tells them.
-        """
-        return experiment_of(self, theta, Outcome(tuple(samples), End.CUT_SHORT))
 
     @property
     def left(self) -> dict[str, float] | None:

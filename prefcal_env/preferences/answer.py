@@ -36,16 +36,6 @@ class Preference(IntEnum):
     INCUMBENT = 1
 
 
-class Strength(IntEnum):
-    """How much better one side is according to the person: the strength of an `Answer`.
-
-    How much it helps: docs/research/archive.md.
-    """
-
-    BETTER = 1
-    MUCH_BETTER = 3
-
-
 class Mark(Enum):
     """Marks that a calibrator may give to one side besides the verdict.
 
@@ -66,9 +56,8 @@ class Answer:
 
     Args:
         preference: Which one is better; None is an abstention ("can't tell").
-        strength: How much better the preferred side is, above 0: 1 for an ordinary verdict, or a
-            `Strength`. It is the weight c_h of eq. QP-pref, which counts where answers
-            contradict each other. A tie or an abstention has no strength: it is always 1.
+        strength: Weight c_h of eq. QP-pref, above 0, which counts where answers contradict each
+            other: 1 for an ordinary verdict. That of a tie or an abstention is always 1.
         marks: Marks on either side.
         outcomes: Known KPIs of the challenger's and the incumbent's experiments by name, lower is
             better; infinite means never, NaN or no entry means unknown.
@@ -96,8 +85,8 @@ class Answer:
         numeric = isinstance(self.strength, (int, float, np.integer, np.floating))
         if not (numeric and 0 < self.strength < np.inf):
             raise PreferenceError(f"strength must be positive and finite, got {self.strength!r}")
-        if not self.preference and self.strength != Strength.BETTER:  # a tie or an abstention
-            object.__setattr__(self, "strength", Strength.BETTER)
+        if not self.preference and self.strength != 1:  # a tie or an abstention
+            object.__setattr__(self, "strength", 1)
         object.__setattr__(self, "marks", tuple(self.marks))
         for mark in self.marks:
             if not isinstance(mark, Mark):
@@ -111,11 +100,6 @@ class Answer:
             object.__setattr__(self, "outcomes", _outcomes(self.outcomes))
         if self.value is not None:
             object.__setattr__(self, "value", _score(self.value))
-
-    @property
-    def much_better(self) -> bool:
-        """Whether the preferred one is more than just better."""
-        return self.strength > Strength.BETTER
 
     @classmethod
     def of(cls, answer: "Answer | Preference | int | None") -> "Answer":

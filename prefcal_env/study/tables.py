@@ -91,7 +91,7 @@ _ANSWERS = (
            kind="integer"),
     Column("preference", "Verdict, -1: the challenger is better, 0: about the same, 1: the "
            "incumbent is; empty: can't tell", kind="integer"),
-    Column("strength", "How much better; 1 is just better"),
+    Column("strength", "Weight c_h of the answer, usually 1"),
     Column("marks", "What was marked with the answer, separated by semicolons", kind="text"),
     Column("automatic marks", "Marks that come from an interrupted run", kind="text"),
     Column("challenger on the left", "Whether the challenger was shown on the left",

@@ -11,11 +11,8 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.maneuvers import MEAN, by_maneuver, named
-from prefcal_env.experiments.so_far import tracking_bounds
-from prefcal_env.live import LiveRig
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.reading import Reading
-from prefcal_env.rig import Rig
 
 from .own.checks import returned
 from .scenario import KPI, Scenario, load
@@ -45,11 +42,11 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
 
     They are the scenario's KPIs with a known direction of improvement. Only if no KPI has a
     direction, generic ones of the trajectory take their place. All are infinite for a run that was
-    stopped: a short run would otherwise look good, since it accumulates little error. One that was
-    cut short since it could no longer win has lower bounds instead; other KPIs are unknown.
+    stopped: a short run would otherwise look good, since it accumulates little error. Those of one
+    that was cut short since it could no longer win are unknown.
     """
     if experiment.end is End.CUT_SHORT:
-        return bounds_of(scenario, experiment) if can_be_cut(scenario) else Outcome({})
+        return Outcome({})
     stopped = experiment.end.interrupted
     if not has_goals(scenario):
         known: Mapping[str, float] = _at_worst(_generic(experiment), experiment)
@@ -58,47 +55,6 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
     else:
         known = _directed(scenario, experiment)
     return Outcome({**known, INTERRUPTED: float(stopped)})
-
-
-def can_be_cut(scenario: Scenario) -> bool:
-    """Return whether something is known about the KPIs of a run in progress.
-
-    That takes `so_far` of the scenario, or a live plant with tracking KPIs.
-    """
-    if isinstance(scenario.run, Rig):
-        return False
-    tracked = isinstance(scenario.run, LiveRig) and scenario.run.kpis is tracking_kpis
-    return scenario.so_far is not None or tracked
-
-
-def bounds_of(scenario: Scenario, experiment: Experiment) -> Outcome:
-    """Return lower bounds of the KPIs of a run, lower is better, from its record so far.
-
-    They are bounds of the KPIs that `outcome` returns. Those near a target have none. A run that
-    was cut short counts as one that was not interrupted.
-
-    Raises:
-        ScenarioError: If nothing is known about the KPIs of a run in progress, or the scenario's
-            `so_far` does not return a mapping.
-    """
-    if not can_be_cut(scenario):
-        raise ScenarioError(
-            f"runs of scenario {scenario.name!r} cannot be cut short: it does not say which KPIs "
-            "can only get worse, see `so_far` of Scenario"
-        )
-    if scenario.so_far is not None:
-        known = scenario.so_far(experiment)
-        if not isinstance(known, Mapping):
-            raise ScenarioError(f"so_far of {scenario.name!r} must return a mapping, got {known!r}")
-    else:
-        known = tracking_bounds(experiment)
-    if has_goals(scenario):
-        known = {
-            kpi.name: kpi.badness(float(known[kpi.name]))
-            for kpi in scenario.kpis
-            if kpi.goal in ("lower", "higher") and kpi.name in known
-        }
-    return Outcome({**known, INTERRUPTED: 0.0})
 
 
 def has_goals(scenario: Scenario) -> bool:
@@ -215,21 +171,5 @@ def _without_objective(kpi: KPI) -> KPI:
     return replace(kpi, name=name, at_most=np.inf, at_least=-np.inf, better=better)
 
 
-def seen(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the KPIs that people see and agents use, in order of importance."""
-    return (*_names(scenario), INTERRUPTED)
-
-
 def _names(scenario: Scenario) -> tuple[str, ...]:
     return tuple(kpi.name for kpi in scenario.kpis if kpi.goal is not None)
-
-
-def titles(scenario: Scenario) -> Mapping[str, str]:
-    """Return titles by name for the KPIs whose names are not meant for people."""
-    return {INTERRUPTED: "runs that were stopped"} | {
-        kpi.name: _title(kpi) for kpi in scenario.kpis
-    }
-
-
-def _title(kpi: KPI) -> str:
-    return f"{kpi.title} near its target" if kpi.goal == "target" else kpi.title

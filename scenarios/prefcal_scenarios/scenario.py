@@ -17,7 +17,6 @@ from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import Maneuvers
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
-from prefcal_env.experiments.so_far import tracking_bounds
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
@@ -227,11 +226,6 @@ class Scenario:
             `Processor`; None if computation time is not a criterion.
         simulated: Whether `prefcal calibrate` simulates many experiments unseen; they must be
             quick simulations.
-        so_far: Function of the record of a run in progress that returns lower bounds of its KPIs,
-            by name and in their units (upper bounds where higher is better): what sums, integrals,
-            maxima and counts have reached. Other KPIs are left out. Runs can be cut short only with
-            it. If KPIs are left out, or none has a direction, it bounds the tracking KPIs; a live
-            plant with tracking KPIs needs none. Several maneuvers cannot be cut: then it is None.
         pictures: Function that returns the scenario's own figures, shown above the report's
             standard ones. It is a function so that plotting is imported only for reports.
 
@@ -259,40 +253,20 @@ class Scenario:
     brief: str = ""
     on_processor: "Callable[[Scenario, Processor], Scenario] | None" = None
     simulated: bool = False
-    so_far: Callable[[Experiment], Mapping[str, float]] | None = None
 
     def __post_init__(self) -> None:
-        unstated = isinstance(self.kpis, _Unstated)
-        if unstated:
+        if isinstance(self.kpis, _Unstated):
             channels = getattr(self.run, "channels", None)
             rows = found_rows(channels) if isinstance(channels, Channels) else []
             if rows:
                 object.__setattr__(self, "kpis", tuple(KPI(**row) for row in rows))
             object.__setattr__(self, "run", _tracked(self.run, [row["name"] for row in rows]))
         check_parts(self, KPI)
-        generic = unstated or not any(kpi.goal for kpi in self.kpis)
-        object.__setattr__(self, "so_far", _so_far(self, generic=generic))
 
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:
         """Return the KPIs to show to people: all except the index, which no person chose."""
         return tuple(k for k in self.kpis if self.cost is None or k.name != "index")
-
-
-def _so_far(
-    scenario: Scenario, *, generic: bool
-) -> Callable[[Experiment], Mapping[str, float]] | None:
-    """Return what bounds the KPIs of a run in progress; None for several maneuvers.
-
-    It is decided here, since what runs in another process later does not tell its maneuvers.
-    """
-    run = scenario.run
-    if isinstance(run, Maneuvers):
-        return None
-    elsewhere = isinstance(run, Rig | LiveRig) or hasattr(run, "worker")
-    if scenario.so_far is not None or elsewhere or not generic:
-        return scenario.so_far
-    return tracking_bounds
 
 
 def _tracked(run: Any, names: Sequence[str]) -> Any:

@@ -6,17 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents import GLISp, LatinHypercube
-from prefcal_agents.models.kpi_importance import Importance
+from prefcal_agents import LatinHypercube
 from prefcal_agents.models.learned_cost import LearnedCost, Term
 from prefcal_env import End, Preference
-from prefcal_env.errors import ScenarioError, StudyError
+from prefcal_env.errors import ScenarioError
 from prefcal_env.study import StudyFile, export_csv, export_json, import_json
 from prefcal_scenarios import KPI, load, outcome, screened, simulate_many, simulator
-from prefcal_scenarios.app.cli.cost_file import KPICost, with_cost
-from prefcal_scenarios.app.cli.studies.changes import module
-from prefcal_scenarios.app.report.kpi_importance import KpiImportance
-from prefcal_scenarios.kpis import INTERRUPTED, seen, titles
+from prefcal_scenarios.app.session.kpi_index import trust_text
+from prefcal_scenarios.kpis import INTERRUPTED
 from prefcal_scenarios.many.results import FailedRun
 from support.interviews import answer_all, begin, clock, reopened
 from toy_study import toy_scenario
@@ -43,8 +40,12 @@ def test_of_a_run_that_was_stopped_everything_is_as_bad_as_can_be():
     assert known[INTERRUPTED] == 1.0
 
 
+def test_the_kpis_of_a_run_that_was_cut_short_are_unknown():
+    assert dict(outcome(TOY, replace(FINE, end=End.CUT_SHORT))) == {}
+
+
 def test_screened_are_the_kpis_with_a_direction_if_any_has_one():
-    assert {*screened(TOY, FINE)} == {*seen(TOY)} - {INTERRUPTED}
+    assert {*screened(TOY, FINE)} == {kpi.name for kpi in TOY.kpis if kpi.goal is not None}
     assert all(value == outcome(TOY, FINE)[name] for name, value in screened(TOY, FINE).items())
     assert dict(screened(TOY, UNSAFE)) == dict.fromkeys(screened(TOY, FINE), np.inf)
     nothing_measured = replace(UNSAFE, kpis={})
@@ -73,7 +74,7 @@ def test_many_simulations_are_screened_as_single_ones_and_a_failed_one_has_no_kp
 def test_a_simulator_is_made_of_a_name_and_refuses_a_run_that_is_no_experiment():
     servo = load("servo")
     middle = servo.space.decode(np.full(len(servo.space), 0.5))
-    assert set(simulator("servo")(middle)) == set(seen(servo)) - {INTERRUPTED}
+    assert set(simulator("servo")(middle)) == {k.name for k in servo.kpis if k.goal is not None}
     broken = replace(TOY, run=lambda theta, seed=0: None)
     with pytest.raises(ScenarioError, match="Experiment"):
         simulator(broken)(np.array([0.4, 20, 1.0]))
@@ -100,14 +101,6 @@ def test_a_kpi_is_better_lower_or_higher_or_nobody_knows():
     assert KPI("k", "k").goal is None
     with pytest.raises(ScenarioError, match="better"):
         KPI("k", "k", better="smaller")
-
-
-@pytest.mark.parametrize("name", ["cstr", "overtake"])
-def test_titles_read_like_words(name):
-    scenario = load(name)
-    assert all("_" not in title or "_{" in title or len(title.split()) > 1
-               for title in titles(scenario).values())  # fmt: skip
-    assert set(titles(scenario)) >= {kpi.name for kpi in scenario.kpis}
 
 
 @pytest.fixture(scope="module")
@@ -165,137 +158,10 @@ def test_whatever_the_agent_the_answers_say_what_counts():
     assert begin(TOY).index is None
 
 
-def importance(right, *named, **agreement):
-    """What is said of these KPIs, where a weighted sum predicts `right` of 44 answers."""
+@pytest.mark.parametrize(("right", "doubt"), [(31, ""), (23, ": not clearly better than chance")])
+def test_how_far_a_sum_of_kpis_can_be_trusted_is_said(right, doubt):
     index = LearnedCost({"t_f": Term(1.0, 0.0, 1.0)}, right, 44)
-    return KpiImportance.of(index, Importance(agreement, named, 44), TOY)
-
-
-def test_what_stands_out_is_named_by_title_and_bars_run_from_0_to_100_percent():
-    found = importance(31, "t_f", "final", t_f=0.95, final=0.9, a=0.8, b=0.7, c=0.6, d=0.5, e=0.4)
-    assert found.sentence() == (
-        "You seem to care most about: settling time t_f and final level near its target."
+    assert trust_text(index) == (
+        f"A weighted sum of the KPIs predicted {right} of 44 answers that it had not learned "
+        f"from{doubt}."
     )
-    assert found.trust.endswith("predicted 31 of 44 answers that it had not learned from.")
-    assert [b.title for b in found.bars][:2] == [
-        "settling time t_f",
-        "final level near its target",
-    ]
-    assert len(found.bars) == 6
-    assert (found.bars[0].share, found.bars[0].text) == (0.95, "95 %")
-    assert "of the 44 answers" in found.caption
-
-
-def test_of_equal_shares_nothing_is_named():
-    equal = importance(40, t_f=0.75, final=0.74, a=0.74, b=0.73, c=0.73)
-    assert equal.named == ()
-    assert equal.sentence() == (
-        "Nothing stands out yet: settling time t_f alone would have given 75 % of the answers, the "
-        "most of all."
-    )
-
-
-def test_of_a_few_answers_nothing_is_said_and_no_bar_is_drawn():
-    known = LearnedCost({"t_f": Term(1.0, 0.0, 1.0)}, 3, 7)
-    found = KpiImportance.of(known, Importance({"t_f": 0.9}, (), 7), TOY)
-    assert found.bars == ()
-    assert found.caption == ""
-    assert found.sentence() == "This takes 8 answers that prefer one side: so far there are 7."
-
-
-def test_what_predicts_like_a_coin_is_said_to():
-    found = importance(23, t_f=0.5)
-    assert found.sentence().startswith("Nothing stands out yet: ")
-    assert "23 of 44" in found.trust
-    assert KpiImportance.of(None, None, TOY) is None
-
-
-def test_the_exported_cost_is_the_index_of_the_outcome(interview, tmp_path):
-    index = interview.index
-    assert index is not None
-    source = f"{toy_file()}:toy"
-    file = tmp_path / "mine.py"
-    file.write_text(module(index, source), encoding="utf-8")
-    scenario = with_cost(toy_scenario("plain"), f"{file}:cost")
-    for experiment in (FINE, UNSAFE):
-        assert scenario.cost(experiment) == pytest.approx(index(outcome(TOY, experiment)))
-    assert scenario.cost(FINE) < scenario.cost(UNSAFE)
-
-
-def toy_file():
-    from toy_study import TOY_FILE
-
-    return TOY_FILE
-
-
-COSTS = """
-from math import inf, nan
-three = 3
-def infinite(experiment): return inf
-def unknown(experiment): return nan
-def words(experiment): return "good"
-def yes(experiment): return True
-def fine(experiment): return experiment.theta[0]
-"""
-
-
-@pytest.mark.parametrize("name", ["infinite", "unknown", "words", "yes"])
-def test_a_cost_that_is_no_finite_number_is_refused(tmp_path, name):
-    (tmp_path / "costs.py").write_text(COSTS)
-    scenario = with_cost(TOY, f"{tmp_path}/costs.py:{name}")
-    with pytest.raises(ScenarioError, match="must give a finite number"):
-        scenario.cost(FINE)
-    assert with_cost(TOY, f"{tmp_path}/costs.py:fine").cost(FINE) == 0.4
-
-
-def test_a_kpi_can_be_the_cost_and_a_stopped_run_is_the_worst():
-    name = next(kpi.name for kpi in TOY.kpis if kpi.goal is not None)
-    scenario = with_cost(TOY, name)
-    assert scenario.cost(FINE) == outcome(TOY, FINE)[name]
-    assert scenario.cost(UNSAFE) == np.inf
-    with pytest.raises(ScenarioError, match="Did you mean"):
-        with_cost(TOY, name[:-1])
-
-
-@pytest.mark.parametrize("end", [End.UNSAFE, End.FAILED])
-@pytest.mark.parametrize("kpis", [(), TOY.kpis])
-def test_an_interrupted_run_without_the_kpi_that_is_the_cost_is_the_worst(end, kpis):
-    name = next(kpi.name for kpi in TOY.kpis if kpi.goal is not None)
-    cost = with_cost(TOY, name).cost
-    found = KPICost(name, replace(TOY, kpis=kpis))
-    interrupted = replace(UNSAFE, end=end, kpis={})
-    assert cost(interrupted) == found(interrupted) == np.inf
-    with pytest.raises(ScenarioError, match="a KPI of the scenario"):
-        found(replace(FINE, kpis={}))
-
-
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        ("no.py:cost", "no file"),
-        ("costs.py", "path/to/own.py:NAME"),
-        ("costs.py:", "path/to/own.py:NAME"),
-        ("cost", "path/to/own.py:NAME"),
-        ("costs.py:nothing", "nothing of that name"),
-        ("costs.py:three", "got 3"),
-    ],
-)
-def test_a_cost_that_is_not_there_is_refused(tmp_path, monkeypatch, source, message):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "costs.py").write_text(COSTS)
-    with pytest.raises(ScenarioError, match=message):
-        with_cost(TOY, source)
-
-
-def test_glisp_sees_the_outcomes_in_an_interview(interview):
-    agent = interview._flow.agent
-    assert isinstance(agent, GLISp)
-    assert agent.index == interview.index
-
-
-def test_an_index_of_nothing_is_an_error_of_ours(tmp_path, monkeypatch):
-    from prefcal_scenarios.app.cli.studies.changes import export_index
-
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    with pytest.raises(StudyError, match="there is no study"):
-        export_index("mine", None, None)

@@ -21,7 +21,6 @@ from prefcal_scenarios.app.presentation.wording import measured, with_subscripts
 from prefcal_scenarios.app.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.app.report.course import course
 from prefcal_scenarios.app.report.html import page as page_of
-from prefcal_scenarios.app.report.kpi_importance import Bar, KpiImportance
 from prefcal_scenarios.app.report.pictures import PICTURES, Drawn, Picture
 from prefcal_scenarios.app.report.slices import slices
 from prefcal_scenarios.app.report.tried import tried
@@ -102,7 +101,7 @@ def test_no_text_of_a_study_becomes_markup():
             settings={evil: evil, "calibrator": "human"},
             agent_settings={evil: [evil, evil]},
             command=evil,
-            kpi_importance=KpiImportance((evil,), (Bar(evil, 0.5),), True, 1, 2),
+            trust=evil,
             outlook=Outlook(evil, evil, evil, evil),
         ),
         [Drawn(Picture("a.png", evil, evil, str, bytes), evil, PNG)],

@@ -24,7 +24,7 @@ def clock() -> Any:
 
 def begin(
     scenario: Scenario, *, n_max: int = 6, seed: int = 0, path: Path | None = None,
-    ahead: bool = False, agent: Any = GLISp, at_once: int = 1, cut_short: bool = False,
+    ahead: bool = False, agent: Any = GLISp, at_once: int = 1,
 ) -> Interview:  # fmt: skip
     """An interview of `agent`, a class, about `scenario`."""
     agent = agent(scenario.space, n_init=3, n_max=n_max, seed=seed)
@@ -34,7 +34,7 @@ def begin(
         "seed": seed, "kpis": [], "options": {"calibrator": "human"}, "versions": {},
     }  # fmt: skip
     file = StudyFile.create(path or ":memory:", configuration, clock=clock())
-    return Interview(scenario, file, ahead=ahead, at_once=at_once, cut_short=cut_short)
+    return Interview(scenario, file, ahead=ahead, at_once=at_once)
 
 
 def reopened(scenario: Scenario, path: Path, at_once: int = 1) -> Interview:

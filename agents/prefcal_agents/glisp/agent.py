@@ -1,6 +1,5 @@
 """GLISp: preference-based optimization with radial basis functions and IDW exploration."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, Self, final
 
@@ -18,7 +17,6 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 
-from .cutting import chance_to_win
 from .questions import final_question, follow_up
 from .selection import ModelSelection
 from .settings import GLISpSettings
@@ -145,19 +143,6 @@ class GLISp(PreferenceBased):
         """Return the ε of eq. rbf in use after the answers so far."""
         with one_thread():
             return self._models.after(self.history).shape.epsilon
-
-    def chance_to_win(self, bounds: Mapping[str, float]) -> float:
-        """Return the probability that a run in progress can still become the best experiment.
-
-        Below 0.01 it hardly pays to finish the run. With probability 1, nothing can be said: there
-        are fewer than ten answers with KPIs, or KPIs do not explain them.
-
-        Args:
-            bounds: Lower bounds of the run's KPIs by name, lower is better: what sums, integrals,
-                maxima and counts have reached so far. Other KPIs are left out.
-        """
-        with one_thread():
-            return chance_to_win(self._models.kpi_fit(self.history), self.history, bounds)
 
     @property
     def index(self) -> LearnedCost | None:

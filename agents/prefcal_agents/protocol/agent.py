@@ -8,7 +8,6 @@ from typing import Any, ClassVar, overload
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.advice.stopping import Advice, advise
 from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.start import Start, start_points
 from prefcal_agents.support.checks import integer
@@ -138,11 +137,6 @@ class Agent(Stored):
         """Return θ of all answered queries, physical, in the order tried, shape (N, n)."""
         tried = [sample.theta for sample in self.history.samples[: self.history.answered]]
         return np.array(tried, dtype=float).reshape(-1, len(self.space))
-
-    @property
-    def advice(self) -> Advice | None:
-        """Return the expected gain of ten more experiments; None while it is unknown."""
-        return advise(self.history)
 
     @overload
     def ask(self) -> Query: ...

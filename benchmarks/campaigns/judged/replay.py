@@ -25,7 +25,6 @@ from prefcal_env import Channel
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.plants.plant import Plant
 from prefcal_env.study import StudyFile
-from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.session import Choice, Interview, Now, Phase, Question
 from prefcal_scenarios.app.session.memory import agent_as_dict, knobs_as_dicts
 from prefcal_scenarios.app.simulating import Simulator
@@ -246,7 +245,6 @@ def _untrue(
         yield f"{view['progress']['text']!r} at question {len(asked) + 1}"
     if not asked:
         yield from _of_first(interview, question)
-    yield from _of_importance(interview, why)
 
 
 def _texts(row: Mapping[str, object]) -> list[str]:
@@ -292,20 +290,6 @@ def _of_first(interview: Interview, question: Question) -> Iterator[str]:
     a, b = (judged(scenario, s.experiment) for s in (question.left, question.right))
     if not any(abs(a[n] - b[n]) > 0.1 * max(abs(a[n]), abs(b[n])) for n in a if a[n] != b[n]):
         yield "the first two do not differ by a tenth in any KPI"
-
-
-def _of_importance(interview: Interview, why: str) -> Iterator[str]:
-    """Yield where sentences and bars on what matters disagree."""
-    found = KpiImportance.of(interview.index, interview.importance, interview.scenario)
-    if found is None:
-        return
-    if found.bars and found.answers < 8:
-        yield f"bars after {found.answers} answers"
-    if found.bars and found.bars[0].title not in found.sentence() and not found.named:
-        yield f"{found.sentence()!r} over bars that say {found.bars[0].title}"
-    if "because most" in why and not any(t.replace(" near its target", "") in why
-                                         for t in found.named):  # fmt: skip
-        yield f"{why!r}, but what matters is {', '.join(found.named) or 'unknown'}"
 
 
 def calibration(pairs: Sequence[tuple[float, bool]]) -> Iterator[str]:

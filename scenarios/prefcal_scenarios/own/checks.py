@@ -67,7 +67,6 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
             object.__setattr__(scenario, field, tuple(values))
     for field in (
         "cost", "controller", "settings", "scene", "pictures", "configured", "on_processor",
-        "so_far",
     ):  # fmt: skip
         value = getattr(scenario, field)
         if value is not None and not callable(value):

@@ -16,7 +16,7 @@ from prefcal_agents import AgentState, Screening, respaced, restore
 from prefcal_env.errors import ProtocolError, SettingsError, SimulationError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer, Mark, Strength
+from prefcal_env.preferences.answer import Answer, Mark
 from support.agents import quick
 
 FROZEN = MIXED.narrowed({"weight": (0.31, 0.31), "horizon": (3, 5)})
@@ -28,7 +28,7 @@ SPACES = {
 ODD = (np.nan, np.inf, -np.inf, 0.0, 1e308, -1e308, 5e-324, 1.0)
 KINDS = ("fine", "odd", "missing", "constant", "huge", "none", "empty", "raises")
 ANSWERS = (
-    -1, 0, 1, None, Answer(-1, strength=Strength.MUCH_BETTER),
+    -1, 0, 1, None, Answer(-1, strength=3),
     Answer(1, marks=(Mark.CHALLENGER_UNSAFE,)), Answer(None, marks=(Mark.INCUMBENT_GOOD_ENOUGH,)),
 )  # fmt: skip
 

@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_agents.utility.posterior import DRAWS, Lessons, noticed, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
-from prefcal_env.preferences.answer import Answer, Mark, Strength
+from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from support.histories import in_cube
 from support.simulated import bank_of, of_pairs, random_bank
@@ -132,7 +132,7 @@ def test_stated_limits_come_first_unless_answers_say_otherwise():
     assert respected(updated(before, none, ignored, scale, rng)) < 0.5
 
 
-@pytest.mark.parametrize("strength", [Strength.MUCH_BETTER, 0.5])
+@pytest.mark.parametrize("strength", [3, 0.5])
 def test_the_strength_is_the_weight_of_an_answer(strength):
     pair = pairs_of(1)
     answer = Answer(sure(pair)[0], strength=strength)
@@ -144,7 +144,7 @@ def test_the_strength_is_the_weight_of_an_answer(strength):
 
 def test_of_two_answers_that_contradict_each_other_the_stronger_one_counts():
     (a, b), = pairs_of(1)  # fmt: skip
-    strong, weak = Answer(1, strength=Strength.MUCH_BETTER), Answer(-1)
+    strong, weak = Answer(1, strength=3), Answer(-1)
     chain = of_pairs(BANK, [(a, b)], [strong])
     both = chain.with_follow_up(weak, 1, 0)
     costs = learned(both).costs(SCALE(BANK))

@@ -14,13 +14,13 @@ import os
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from prefcal_env.preferences.answer import Strength
 from prefcal_env.study import StudyFile
 from prefcal_scenarios import load
 from prefcal_scenarios.app.cli.opening import open_study
@@ -76,9 +76,10 @@ def persons_study(path: Path) -> None:
             before(interview, question, number)
             question = settled(interview)
             said = Choice.CANNOT_TELL if number == 3 else choice(interview, question)
-            strength = Strength.MUCH_BETTER if number == 7 else Strength.BETTER
-            comment = "calmer" if number == 1 else ""
-            interview.answer(question.id, said, strength=strength, comment=comment)
+            if number == 7:
+                interview.give(question.id, replace(question.answer(said), strength=3.0))
+            else:
+                interview.answer(question.id, said, comment="calmer" if number == 1 else "")
         interview.close()
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_env.calibrators import Flipping, LatentCost
 from prefcal_env.errors import SettingsError
-from prefcal_env.preferences.answer import Answer, Preference, Strength
+from prefcal_env.preferences.answer import Answer, Preference
 
 SURE = LatentCost(lambda one: one.cost)
 
@@ -55,7 +55,7 @@ def test_the_same_mistake_is_made_when_asked_again_or_the_other_way_round():
         (-1, Preference.INCUMBENT),
         (Preference.TIE, Preference.TIE),
         (None, None),
-        (Answer(1, strength=Strength.MUCH_BETTER), Answer(-1, strength=Strength.MUCH_BETTER)),
+        (Answer(1, strength=3), Answer(-1, strength=3)),
     ],
 )
 def test_whatever_the_answer_its_opposite_is_given(verdict, flipped):

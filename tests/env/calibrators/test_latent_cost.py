@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from prefcal_env.calibrators import BradleyTerry, LatentCost, Thurstone
 from prefcal_env.errors import SettingsError
-from prefcal_env.preferences.answer import Answer, Preference, Strength
+from prefcal_env.preferences.answer import Preference
 from support.short_runs import final_level, short_run
 
 LOW, HIGH = short_run([1.0], value=1.0), short_run([2.0], value=1.3)
@@ -99,16 +99,3 @@ def test_noise_without_a_positive_scale_is_refused(value):
 def test_a_cost_that_is_no_number_is_refused(value):
     with pytest.raises(SettingsError, match=re.escape(f"got {value!r} at θ")):
         LatentCost(lambda e: value).prefer(LOW, HIGH)
-
-
-def test_a_difference_above_the_threshold_is_much_better():
-    much = Answer(Preference.CHALLENGER, strength=Strength.MUCH_BETTER)
-    assert LatentCost(final_level, much_better=0.29).prefer(LOW, HIGH) == much
-    assert LatentCost(final_level, much_better=0.31).prefer(LOW, HIGH) is Preference.CHALLENGER
-    assert LatentCost(final_level, much_better=0.0).prefer(LOW, LOW) is Preference.TIE
-
-
-@pytest.mark.parametrize("much", [-1, np.nan, np.inf, True, "very", 0.1])
-def test_a_threshold_below_the_tie_band_or_no_number_is_refused(much):
-    with pytest.raises(SettingsError, match="much_better must be a difference"):
-        LatentCost(final_level, tie_band=0.2, much_better=much)

@@ -5,7 +5,6 @@ import pytest
 
 from prefcal_env import End
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
-from prefcal_env.experiments.so_far import tracking_bounds
 from prefcal_env.live import Journal, LiveKnob, LiveStart, Stage, Tag
 from prefcal_env.live.outcome import held, interpolated
 from support.live import Memory, memory_rig
@@ -382,23 +381,3 @@ def test_a_value_that_was_never_good_is_not_made_up(tmp_path):
     assert experiment.end is End.TIME_UP
     assert np.isnan(experiment.y_ref).all()
     assert np.isfinite(experiment.y).all()
-
-
-def test_a_record_so_far_ends_where_all_outputs_last_had_good_quality(tmp_path):
-    rig, theta = memory_rig(Memory(), tmp_path), np.array([1.0, 10.0])
-
-    def so_far(*levels):
-        keys = ("output level", "input valve", "reference level")
-        rows = [
-            (float(k), dict(zip(keys, (y, 4.0, 2.0), strict=True))) for k, y in enumerate(levels)
-        ]
-        return rig.so_far(theta, rows)
-
-    gap = so_far(1.0, np.nan, 3.0, np.nan, np.nan)
-    assert gap.t.tolist() == [0.0, 1.0, 2.0]
-    assert gap.output(0).tolist() == [1.0, 2.0, 3.0]
-    error = "integrated error of level"
-    held_back = tracking_bounds(so_far(0.0, 0.0, np.nan, np.nan))[error]
-    closed = tracking_bounds(so_far(0.0, 0.0, np.nan, np.nan, 2.0, np.nan))[error]
-    assert held_back <= closed
-    assert so_far(np.nan, np.nan).end is End.FAILED

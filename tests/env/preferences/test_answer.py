@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import PreferenceError
-from prefcal_env.preferences.answer import Answer, Mark, Preference, Query, Strength, Suggestion
+from prefcal_env.preferences.answer import Answer, Mark, Preference, Query, Suggestion
 
 
 def test_preferences_are_those_of_the_paper():
@@ -41,15 +41,12 @@ def test_strength_is_positive_and_finite(strength):
 
 @pytest.mark.parametrize("preference", [Preference.TIE, None])
 def test_a_stronger_tie_means_nothing(preference):
-    answer = Answer(preference, strength=Strength.MUCH_BETTER)
+    answer = Answer(preference, strength=3)
     assert answer == Answer(preference)
-    assert not answer.much_better
 
 
-def test_a_strength_has_a_name_and_survives_json():
-    answer = Answer(-1, strength=Strength.MUCH_BETTER)
-    assert answer.much_better
-    assert not Answer(-1).much_better
+def test_a_strength_survives_json():
+    answer = Answer(-1, strength=3)
     read = Answer.from_dict(json.loads(json.dumps(answer.to_dict())))
     assert (read, read.strength) == (answer, 3.0)
 

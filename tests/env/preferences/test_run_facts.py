@@ -13,7 +13,7 @@ from prefcal_env import completed
 from prefcal_env.experiments.end import End
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.answer import Answer, Mark, Preference
 from prefcal_env.preferences.loop import calibrate
 from prefcal_env.preferences.run_facts import counts_as_unsafe
 from support.studies import experiment
@@ -98,3 +98,26 @@ def test_what_is_unsafe_is_not_good_enough():
     assert kept == (Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH)
     said = Answer(None, marks=(Mark.INCUMBENT_GOOD_ENOUGH,))
     assert completed(said, SAFE, UNSAFE).marks == (OLD,)
+
+
+def test_a_run_cut_short_loses_without_a_question_and_its_kpis_are_bounds():
+    def run(theta):
+        return experiment(float(theta[0]), end=End.CUT_SHORT if theta[0] > 0.5 else End.TIME_UP)
+
+    agent, asked = RandomSearch(KnobSpace([Knob("a", 0, 1)]), n_init=3, n_max=9, seed=1), []
+
+    class Person:
+        def prefer(self, challenger, incumbent):
+            asked.append(challenger)
+            return Preference.INCUMBENT
+
+    steps = list(calibrate(agent, run, Person()))
+    short = [s for s in steps[1:] if s.challenger.end is End.CUT_SHORT]
+    assert short
+    assert all(s.answer.preference is Preference.INCUMBENT for s in short)
+    assert all(s.answer.automatic == (Mark.CHALLENGER_CUT_SHORT,) for s in short)
+    assert all(e.end is End.TIME_UP for e in asked)
+    assert len(asked) + len(short) == 8
+    assert agent.history.cut_short() == {
+        s.query.challenger.index for s in steps if s.challenger.end is End.CUT_SHORT
+    }

@@ -115,9 +115,8 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
         with simulator_of(opened, scenario) as simulator:
             ahead = options.by_a_person
             interview = Interview(
-                scenario, file, ahead=ahead, simulator=simulator, at_once=options.at_once,
-                cut_short=options.cut_short,
-            )  # fmt: skip
+                scenario, file, ahead=ahead, simulator=simulator, at_once=options.at_once
+            )
             work = CalibrateRun(Reporter(interview, opened, claim, messages), ctrl_c)
             ctrl_c.on_press = work.stopping
             work.introduce()

@@ -282,17 +282,6 @@ class Options:
             show_default="1",
         ),
     ] = 1
-    cut_short: Annotated[
-        bool,
-        Option(
-            "--cut-short",
-            metavar="",
-            help="Cut a run short once it can no longer win, by what your answers say about its "
-            "KPIs so far (glisp only). It then counts as worse. A simulation is recorded as far "
-            "as a run on a plant would have gone. Without this option, the page of a live plant "
-            "only offers it. It applies to one run of this command.",
-        ),
-    ] = False
     terminal: Annotated[
         bool,
         Option("--terminal", metavar="", help="Ask in this terminal instead of on a page."),

@@ -25,11 +25,11 @@ from prefcal_scenarios.app.presentation.wording import (
     printable_lines,
 )
 from prefcal_scenarios.app.report.export import jsonable
-from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.report.ownership import Claim
 from prefcal_scenarios.app.report.record import Record
 from prefcal_scenarios.app.report.tables import gain_rows, result_columns, result_rows
 from prefcal_scenarios.app.session import Interview, Now
+from prefcal_scenarios.app.session.kpi_index import trust_text
 from prefcal_scenarios.app.session.memory import is_simulating
 from prefcal_scenarios.app.session.view import GOOD_ENOUGH
 from prefcal_scenarios.app.summary.gain import Baseline
@@ -212,7 +212,6 @@ def record_of(
         source=options.scenario,
         comparisons=interview.comparisons(),
         answered=interview.answered(),
-        unasked=interview.unasked(),
         held=_best_after_each(now),
         waiting=_waiting(interview, now),
         references=references,
@@ -222,7 +221,7 @@ def record_of(
         n_max=interview.n_max,
         command=options.command(),
         surrogate=interview.surrogate,
-        kpi_importance=KpiImportance.of(interview.index, interview.importance, interview.scenario),
+        trust="" if (index := interview.index) is None else trust_text(index),
         good_enough=state.ended == GOOD_ENOUGH,
         outlook=interview.outlook,
         judged=follows_cost(options, interview.scenario),

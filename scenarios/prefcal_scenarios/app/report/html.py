@@ -58,7 +58,6 @@ def data_uri(content: bytes, file: str) -> str:
 def _view(record: Record) -> dict[str, Any]:
     """Return the values that the template needs besides the record itself."""
     view: dict[str, Any] = {"lead": lead(record)}
-    view["who"] = "You seem" if record.by_a_person else "The calibrator seems"
     if record.best is not None:
         view["comparison_headings"] = comparison_headings(record)
         view["comparison_rows"] = comparison_rows(record)

@@ -10,14 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.app.summary.gain import Baseline
 from prefcal_scenarios.app.summary.outlook import Outlook
 from prefcal_scenarios.own.own_line import in_words, located
 from prefcal_scenarios.scenario import KPI, Scenario
-
-from .kpi_importance import KpiImportance
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 """Learned latent cost of m physical θ; lower is better, only the order has a meaning."""
@@ -36,17 +34,6 @@ VERDICTS: Mapping[Preference | None, str] = {
 }
 """Text of each verdict, in the order of the counts. The challenger is the newer experiment; the
 older one need not be the best so far, since follow-up comparisons can be about other runs."""
-_MUCH: Mapping[Preference | None, str] = {
-    Preference.CHALLENGER: "newer much better",
-    Preference.INCUMBENT: "older much better",
-}
-
-
-def verdict_text(answer: Answer) -> str:
-    """Return the text of an answer, with its strength."""
-    if answer.much_better:
-        return _MUCH[answer.preference]
-    return VERDICTS[answer.preference]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +66,10 @@ class Record:
         n_max: Number of planned experiments.
         command: Command line that repeats the study.
         surrogate: Learned cost; None if the agent learns nothing.
-        kpi_importance: What the calibrator seems to care about; None if nothing can be said.
+        trust: How well a weighted sum of the KPIs predicts answers; empty if unknown.
         good_enough: Whether the study ended early because the best is good enough.
         answered: Comparisons whose answers stand, in order, including follow-up comparisons; None
             for all of `comparisons` but the first experiment's.
-        unasked: Indices of the experiments that were cut short and count as worse without a
-            question.
         waiting: Experiments that ran and are not compared yet, by index.
         judged: Whether the answers follow the scenario's cost; otherwise, the cost is not shown.
         outlook: Whether to continue; None if unknown.
@@ -105,10 +90,9 @@ class Record:
     n_max: int = 50
     command: str = ""
     surrogate: Surrogate | None = None
-    kpi_importance: KpiImportance | None = None
+    trust: str = ""
     good_enough: bool = False
     answered: tuple[Comparison, ...] | None = None
-    unasked: frozenset[int] = frozenset()
     waiting: Mapping[int, Experiment] = field(default_factory=dict)
     judged: bool = True
     outlook: Outlook | None = None
@@ -175,12 +159,7 @@ class Record:
     @property
     def questions(self) -> int:
         """Return the number of questions that the calibrator answered."""
-        return 0 if self.scored else len(self._given)
-
-    @property
-    def _given(self) -> list[Comparison]:
-        """Return the comparisons whose answers stand and that somebody was asked about."""
-        return [c for c in self.asked if c.query.challenger.index not in self.unasked]
+        return 0 if self.scored else len(self.asked)
 
     @property
     def by_a_person(self) -> bool:
@@ -249,5 +228,5 @@ class Record:
 
     def verdict_counts(self) -> dict[str, int]:
         """Return the number of answers for each verdict, by its text."""
-        given = [c.answer.preference for c in self._given]
+        given = [c.answer.preference for c in self.asked]
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}

@@ -24,7 +24,7 @@ from prefcal_scenarios.app.summary.gain import gained
 from prefcal_scenarios.kpis import WORST, grouped
 from prefcal_scenarios.scenario import KPI
 
-from .record import Record, verdict_text
+from .record import VERDICTS, Record
 
 _T = TypeVar("_T")
 _MOST = 3
@@ -183,7 +183,8 @@ def comparison_rows(record: Record) -> Iterator[ComparisonRow]:
     for row, comparison in enumerate(record.asked, start=1):
         answer = comparison.answer
         marks = tuple(marks_text(answer))
-        yield ComparisonRow(row, verdict_text(answer), marks, _sides(record, kpis, comparison))
+        verdict = VERDICTS[answer.preference]
+        yield ComparisonRow(row, verdict, marks, _sides(record, kpis, comparison))
 
 
 def shown_values(record: Record) -> list[KPI]:

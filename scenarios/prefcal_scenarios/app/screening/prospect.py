@@ -27,11 +27,6 @@ class Prospect:
         )
 
     @property
-    def estimate(self) -> str:
-        """Return the same sentence, which advises nothing."""
-        return self.text
-
-    @property
     def offer(self) -> str:
         """Return the offer to stop; empty if there is a reason to continue."""
         return f"{self.text} Stop here, or go on?" if self.chance < _UNLIKELY else ""

@@ -42,7 +42,6 @@ def why(
     *,
     side: str = "This one",
     requested: bool = False,
-    wanted: Sequence[str] = (),
     learned: bool = True,
     missed: Sequence[str] = (),
 ) -> str:
@@ -53,37 +52,19 @@ def why(
         scenario: Scenario that has the titles of the KPIs.
         side: Name of the experiment at the start of the sentence, such as "Left".
         requested: Whether the person asked for it.
-        wanted: KPIs that matter most by the answers so far: those that "What matters to you" names.
         learned: Whether there is an answer that a chance follows from.
         missed: Titles of the KPIs whose objectives the new experiment misses and the best meets.
     """
-    told = _why(reason, scenario, side, requested, wanted, learned)
-    which = "objectives" if len(missed) > 1 else "objective"
-    return f"{told} It misses the {which} for {_listed(missed)}." if missed else told
-
-
-def _why(
-    reason: Reason, scenario: Scenario, side: str, requested: bool, wanted: Sequence[str],
-    learned: bool,
-) -> str:  # fmt: skip
-    """Return the sentence of `why` without missed objectives."""
-    named = _namer(scenario)
-    differs = _differs(reason, named)
+    differs = _differs(reason, _namer(scenario))
     chance = f" (chance that you prefer it: {percent(reason.chance)})" if learned else ""
     if requested:
-        return f"{side} is shown because you asked for it: it {differs}{chance}."
-    if not learned:
-        return f"Nothing learned yet: {side.lower()} {differs}."
-    followed = [named(name, True) for name in wanted if name in reason.better_in][:_MOST]
-    if not followed:
-        return f"{side} {differs}{chance}."
-    has = ("it has that", "it has both")[len(followed) - 1]
-    worse = _listed([named(name, False) for name in reason.worse_in[:_MOST]])
-    but = f", but {worse}" if worse else ""
-    return (
-        f"{side} is shown because most of your answers went with {_listed(followed)}: "
-        f"{has}{but}{chance}."
-    )
+        told = f"{side} is shown because you asked for it: it {differs}{chance}."
+    elif learned:
+        told = f"{side} {differs}{chance}."
+    else:
+        told = f"Nothing learned yet: {side.lower()} {differs}."
+    which = "objectives" if len(missed) > 1 else "objective"
+    return f"{told} It misses the {which} for {_listed(missed)}." if missed else told
 
 
 def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:

@@ -148,7 +148,7 @@ class ExperimentStore:
             raise StudyError("the first experiment was not compared with anything")
         left = closed.challenger_left is not False
         shown = Shown(closed.challenger, closed.incumbent, left, None)
-        # Nobody was asked about a run that was cut short: its question has the id of its answer.
+        # Nobody was asked if the agent learns from scores: the question has the id of the answer.
         question = self.question(closed.question or closed.seq, closed.challenger, shown)
         return replace(question, further=closed.after is not None)
 

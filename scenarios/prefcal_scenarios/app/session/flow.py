@@ -9,9 +9,9 @@ from jaxtyping import Float
 from prefcal_agents.protocol.agent import Agent, rematch
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
-from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import LiveRig
-from prefcal_env.preferences.answer import Answer, Preference, Query
+from prefcal_env.preferences.answer import Answer, Query
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.run_facts import completed
 from prefcal_env.rig import Rig
@@ -21,7 +21,6 @@ from prefcal_env.study import (
     Event,
     Failed,
     Finished,
-    Noted,
     Requested,
     Shown,
     State,
@@ -30,13 +29,10 @@ from prefcal_env.study import (
     Taken,
 )
 from prefcal_scenarios.app.simulating import Basis, Simulator, named_twin, past_of
-from prefcal_scenarios.cutting import cut
-from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore
-from .live.chances import chances_of
 from .live.state import Live
 from .order import challenger_left
 from .prefetch import Prefetch, Prepared
@@ -54,8 +50,6 @@ class Flow:
     """What the agent simulates with; None if it simulates nothing."""
     at_once: int = 1
     """Number of experiments that run at the same time."""
-    cuts: bool = False
-    """Whether runs that can no longer win are cut short without asking."""
     running: set[bytes] = field(default_factory=set)
     """Keys of the θ that run now, if several do."""
     asked: bool = False
@@ -330,53 +324,13 @@ class Flow:
             return self._ran_beside(index, result, theta)
         try:
             if isinstance(result, Experiment):
-                return self._save(index, result)
+                self.study.append((Finished(index), result))
+                return self.proceed()
             self.take(index)
             self.study.append(Failed(self.state.history.answered, in_words(result)))
         except StudyError as error:
             return self.move(Phase.FAILED, error)
         return self.move(Phase.FAILED, result)
-
-    def _save(self, index: int, result: Experiment) -> None:
-        """Save the experiment of the pending sample and proceed.
-
-        A run that was cut short loses, and nobody is asked; after an undo, the person compares what
-        was recorded.
-        """
-        live = isinstance(self.store.scenario.run, LiveRig)
-        if self.cuts and not live:
-            result = self._cut(index, result)
-        best = self.best
-        cuts = (self.cuts or live) and not self.agent.by_value
-        if cuts and result.end is End.CUT_SHORT and best is not None:
-            return self._lose(index, result, best)
-        self.study.append((Finished(index), result))
-        return self.proceed()
-
-    def _cut(self, index: int, result: Experiment) -> Experiment:
-        """Return a simulated run up to where it could no longer win.
-
-        If that cannot be told, for example since the person's `so_far` fails, it stays whole, and
-        a note says why.
-        """
-        chances = chances_of(self.agent, self.store)
-        try:
-            return result if chances is None else cut(result, chances.is_hopeless)
-        except (Exception, SystemExit) as error:
-            why = f"cannot tell whether it could still win: {in_words(error)}"
-            self.study.append(Noted(f"experiment {index + 1} was not cut short: {why}"))
-            return result
-
-    def _lose(self, index: int, result: Experiment, best: int) -> None:
-        """Save a run that was cut short and that it is worse than the best, in one step."""
-        self.take(index)
-        pair = (outcome(self.store.scenario, result), self.store.outcomes(best, None)[0])
-        lost = Answer(Preference.INCUMBENT)
-        answer = completed(lost, result, self.store.experiment(best), pair)
-        self.study.append((Finished(index), result), Answered(None, index, best, answer))
-        self.agent.tell(self.agent.ask(), answer)
-        self.move(Phase.RUNNING)
-        self.answered_at = self.version
 
     def _ran_beside(
         self, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]

@@ -9,23 +9,22 @@ from typing import Concatenate, ParamSpec
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents import Advice, GLISp
-from prefcal_agents.models.kpi_importance import Importance
+from prefcal_agents import GLISp
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.live import LiveRig
-from prefcal_env.preferences.answer import Answer, Strength
+from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.rig import Rig
 from prefcal_env.study import Noted, StudyFile
-from prefcal_scenarios.app.screening import Prospect, Screened
+from prefcal_scenarios.app.screening import Screened
 from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator, named_twin
 from prefcal_scenarios.app.summary.consistency import Consistency
-from prefcal_scenarios.app.summary.counts import Counts, Planned, answered, is_unasked
+from prefcal_scenarios.app.summary.counts import Counts, Planned, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, falls_outward, others_unbeaten, outlook
 from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
@@ -33,15 +32,16 @@ from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 from . import records, runs, steps
 from .experiments import ExperimentStore
 from .flow import Flow
-from .kpi_importance import importance_of, index_of, known_outcomes
+from .kpi_index import index_of, known_outcomes
 from .live import driving
-from .live.chances import check_cutting
 from .memory import agent_of, as_studied, is_simulating
 from .records import Given, Preview
 from .view import Choice, Now, Phase, Question
 
 P = ParamSpec("P")
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
+_LEAST = 5
+"""Smallest number of verdicts for an outlook without simulations."""
 
 
 class Interview:
@@ -63,25 +63,21 @@ class Interview:
             default, it simulates in this process. It stays open.
         at_once: Number of experiments that run at the same time, each in a thread that calls
             `work`; 1 runs ahead of the answers instead, see `ahead`.
-        cut_short: Whether runs that can no longer win are cut short without asking; nothing runs
-            ahead of the answers then. A front end of a live plant can offer it in any case, see
-            `LiveNow.hopeless`.
 
     Raises:
         StudyError: If the study has other knobs, or cannot be written.
-        SettingsError: If `at_once` is above 1, and the agent simulates or the plant is a rig; or if
-            `cut_short` is set, and runs cannot be cut short.
+        SettingsError: If `at_once` is above 1, and the agent simulates or the plant is a rig.
     """
 
     def __init__(
         self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True,
-        simulator: Simulator | None = None, at_once: int = 1, cut_short: bool = False,
+        simulator: Simulator | None = None, at_once: int = 1,
     ) -> None:  # fmt: skip
         if at_once > 1:
             _check_at_once(scenario, study)
         scenario = self._scenario = as_studied(scenario, study.state)
         self.study = study
-        self._runs_ahead = ahead and not cut_short
+        self._runs_ahead = ahead
         self._changed = threading.Condition(threading.RLock())
         twin = named_twin(study.state.configuration)
         if simulator is None and asks and twin is not None:
@@ -92,10 +88,8 @@ class Interview:
         if simulator is not None:
             simulator.tell = self._simulating
         agent = agent_of(study.state, scenario.space, simulator)
-        if cut_short:
-            check_cutting(scenario, agent, at_once)
         store = ExperimentStore(scenario, study)
-        self._flow = Flow(study, store, agent, simulator, at_once, cut_short)
+        self._flow = Flow(study, store, agent, simulator, at_once)
         self._closing = self._has_background = False
         self._idle_at: int | None = None
         self._flow.live.changed = self._driving
@@ -175,10 +169,6 @@ class Interview:
             flow = self._flow
             return tuple(flow.store.compared(closed) for closed in answered(flow.state))
 
-    def unasked(self) -> frozenset[int]:
-        """Return the experiments that were cut short and count as worse without a question."""
-        return frozenset(c.challenger for c in answered(self.study.state) if is_unasked(c))
-
     @property
     def counts(self) -> Counts:
         """Return the numbers of experiments and comparisons."""
@@ -250,32 +240,29 @@ class Interview:
             return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
 
     @property
-    def advice(self) -> Advice | None:
-        """Return what ten more experiments are expected to gain; None while that is unknown."""
-        with self._changed:
-            twin = self._flow.agent.copy()
-        return getattr(twin, "advice", None)
-
-    @property
-    def _prospects(self) -> Advice | Prospect | None:
-        """Return what more questions are expected to gain, by the simulations if there are some."""
-        if not self.screens:
-            return self.advice
-        screened = self.screened()
-        return None if screened is None else screened.prospect
+    def _promise(self) -> str | None:
+        """Return what the simulated θ still promise; empty without any, None if too early."""
+        if self.screens:
+            screened = self.screened()
+            prospect = None if screened is None else screened.prospect
+            return None if prospect is None else prospect.text
+        closed = self.study.state.history.comparisons
+        return "" if sum(c.verdict is not None for c in closed) >= _LEAST else None
 
     @property
     def outlook(self) -> Outlook | None:
         """Return whether to continue, and the knobs at the end of their range; None if unknown."""
-        now, advice = self.now(), self._prospects
-        best = None if now.incumbent is None else self.experiment(now.incumbent).theta
+        now, promise = self.now(), self._promise
+        if promise is None or now.incumbent is None:
+            return None
+        best = self.experiment(now.incumbent).theta
         space, place = self.scenario.space, self.study.path
         found = outlook(
-            advice, best, space, place, now.state, missed=self.missed, helps=self._helps
+            promise, best, space, place, now.state, missed=self.missed, helps=self._helps
         )
-        if found is None or self._flow.agent.by_value:
-            return found
-        return replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
+        if not self._flow.agent.by_value:
+            found = replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
+        return found if found.sentences else None
 
     def _helps(self, knob: int, upper: bool) -> bool:
         """Return whether the model expects that going beyond an end of a knob's range helps."""
@@ -333,13 +320,6 @@ class Interview:
         return index_of(history, self._flow.seed)
 
     @property
-    def importance(self) -> Importance | None:
-        """Return which KPIs matter in the answers; None while they say nothing about it."""
-        with self._changed:
-            history = known_outcomes(self.study.state, self._flow.store)
-        return importance_of(history, self.scenario)
-
-    @property
     def consistency(self) -> Consistency:
         """Return how consistent the answers are."""
         return Consistency.of(self.study.state)
@@ -347,26 +327,19 @@ class Interview:
     # What the person does.
 
     def answer(
-        self,
-        question: int,
-        choice: Choice,
-        *,
-        strength: float = Strength.BETTER,
-        comment: str = "",
-        blind: bool = False,
+        self, question: int, choice: Choice, *, comment: str = "", blind: bool = False
     ) -> Now:
         """Answer the open question by side.
 
         Args:
             question: Id of the question.
             choice: Verdict.
-            strength: How much better the chosen side is; ignored for other verdicts.
             comment: Comment on the answer.
             blind: Whether θ and the roles of the sides were hidden.
         """
         with self._change() as flow:
             asked = steps.open_question(flow, question)
-            steps.close(flow, asked, asked.answer(choice, strength), comment, blind)
+            steps.close(flow, asked, asked.answer(choice), comment, blind)
             return self.now()
 
     def give(self, question: int, answer: Answer) -> Now:
@@ -454,14 +427,6 @@ class Interview:
             ScenarioError: If it runs inside prefcal's own process, as built-in scenarios do.
         """
         return self._do(runs.stop, index)
-
-    def cut_run(self, index: int) -> Now:
-        """Cut the run on the live plant short, which can no longer win: it counts as worse.
-
-        Raises:
-            StaleError: If it is not in progress, or can still win.
-        """
-        return self._do(driving.cut, index)
 
     def write_and_start(self, index: int) -> Now:
         """Confirm what is written to the live plant, and start the run of the pending sample.
@@ -577,7 +542,7 @@ class Interview:
     ) -> Now:
         """Take a step, and return what is to be seen after it."""
         with self._change() as flow:
-            if driving.is_driving(flow) and step not in (runs.stop, driving.cut):
+            if driving.is_driving(flow) and step is not runs.stop:
                 raise StaleError("a run on the plant is in progress: stop it first")
             step(flow, *args, **kwargs)
             return self.now()

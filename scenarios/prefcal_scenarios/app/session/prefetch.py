@@ -9,19 +9,12 @@ from jaxtyping import Float
 from prefcal_agents.protocol.agent import Agent
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
-from prefcal_env.preferences.answer import Answer, Preference, Strength
+from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.app.simulating import Basis
 
 from .view import Question
 
-LIKELY: tuple[tuple[Preference | None, Strength], ...] = (
-    (Preference.CHALLENGER, Strength.BETTER),
-    (Preference.INCUMBENT, Strength.BETTER),
-    (Preference.TIE, Strength.BETTER),
-    (None, Strength.BETTER),
-    (Preference.INCUMBENT, Strength.MUCH_BETTER),
-    (Preference.CHALLENGER, Strength.MUCH_BETTER),
-)
+LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
 """Possible answers, the most likely first."""
 LIKELIEST = 3
 """Number of answers to prepare if each of them takes simulations."""
@@ -62,8 +55,8 @@ class Prefetch:
 
     def missing(self, asked: Question, most: int = len(LIKELY)) -> Answer | None:
         """Return the next of the `most` likeliest answers to `asked`; None if all were tried."""
-        for preference, strength in LIKELY[:most]:
-            answer = asked.completed(Answer(preference, strength, asked.marks))
+        for preference in LIKELY[:most]:
+            answer = asked.completed(Answer(preference, marks=asked.marks))
             if answer not in self._tried:
                 self._tried.add(answer)
                 return answer

@@ -5,7 +5,7 @@ from enum import Enum
 
 from prefcal_env.compiling import Compiling
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.preferences.answer import Answer, Mark, Outcomes, Preference, Strength
+from prefcal_env.preferences.answer import Answer, Mark, Outcomes, Preference
 from prefcal_env.preferences.run_facts import completed, counts_as_unsafe
 from prefcal_env.study import State, Suggested
 from prefcal_scenarios.app.simulating import Simulated
@@ -108,9 +108,9 @@ class Question:
         won = left_won == self.left.challenger
         return Preference.CHALLENGER if won else Preference.INCUMBENT
 
-    def answer(self, choice: Choice, strength: float = Strength.BETTER) -> Answer:
+    def answer(self, choice: Choice) -> Answer:
         """Return the answer that `choice` means, with the current marks of both sides."""
-        return Answer(self.preference(choice), strength, self.marks)
+        return Answer(self.preference(choice), marks=self.marks)
 
     def completed(self, given: Answer) -> Answer:
         """Return `given` with the KPIs and automatic marks of both sides, for record and agent."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from prefcal_agents.protocol.agent import Agent
-from prefcal_env.preferences.answer import Mark, Preference
+from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import State
 
@@ -17,7 +17,7 @@ class Counts:
     Args:
         experiments: Number of experiments that ran, including that of the open question.
         comparisons: Number of standing answers about two experiments, including follow-up
-            comparisons; without those that nobody was asked about since a run was cut short.
+            comparisons.
         verdicts: Number of comparisons by preference; they add up to `comparisons`.
         retracted: Number of retracted answers; no other number includes them.
     """
@@ -30,7 +30,7 @@ class Counts:
     @classmethod
     def of(cls, state: State) -> "Counts":
         """Return the counts of a study. A repeated question is not a new comparison."""
-        given = [c.answer.preference for c in answered(state) if not is_unasked(c)]
+        given = [c.answer.preference for c in answered(state)]
         verdicts: list[Preference | None] = [*Preference, None]
         return cls(
             experiments=len(state.finished),
@@ -93,12 +93,6 @@ class Planned:
         if further and not self.counts_all:
             return f"follow-up question, after {self.answered} of {self.total}"
         return f"question {min(self.answered + 1, self.most)} of {self.total}"
-
-
-def is_unasked(comparison: Comparison) -> bool:
-    """Return whether a run was cut short and counts as worse without a question."""
-    cut = Mark.CHALLENGER_CUT_SHORT in comparison.answer.automatic
-    return comparison.question is None and cut
 
 
 def answered(state: State) -> tuple[Comparison, ...]:

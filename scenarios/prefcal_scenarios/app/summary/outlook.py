@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import floor
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -29,14 +28,14 @@ class Outlook:
     """Advice on what to do next.
 
     Args:
-        advice: Sentence on whether to continue.
+        promise: Sentence on what the simulated θ still promise; empty if none are simulated.
         ends: Sentence on the knobs at the end of their range; empty if there are none.
         command: Command that widens those ranges; empty without a study file.
         unbeaten: Sentence on other experiments that never lost; empty if there are none.
         missed: Sentence on the objectives that the best experiment misses; empty if it meets all.
     """
 
-    advice: str
+    promise: str = ""
     ends: str = ""
     command: str = ""
     unbeaten: str = ""
@@ -45,7 +44,7 @@ class Outlook:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return all sentences, without the command."""
-        return tuple(part for part in (self.unbeaten, self.missed, self.advice, self.ends) if part)
+        return tuple(part for part in (self.unbeaten, self.missed, self.promise, self.ends) if part)
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -71,47 +70,32 @@ def others_unbeaten(indices: Sequence[int]) -> str:
     return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
 
 
-class Told(Protocol):
-    """An estimate of what more questions would gain, such as `Advice`."""
-
-    @property
-    def text(self) -> str:
-        """Return in one sentence whether to continue."""
-
-    @property
-    def estimate(self) -> str:
-        """Return the same without an advice to stop."""
-
-
 def outlook(
-    advice: Told | None, best: Float[np.ndarray, " n"] | None, space: KnobSpace, place: str,
-    state: State, *, missed: Sequence[str] = (), helps: Callable[[int, bool], bool],
-) -> Outlook | None:  # fmt: skip
-    """Return the outlook of a study; None while too little is known.
+    promise: str, best: Float[np.ndarray, " n"], space: KnobSpace, place: str, state: State,
+    *, missed: Sequence[str] = (), helps: Callable[[int, bool], bool],
+) -> Outlook:  # fmt: skip
+    """Return the outlook of a study.
 
     Args:
-        advice: Estimate of what more questions would gain.
+        promise: Sentence on what the simulated θ still promise; empty if none are simulated.
         best: Best θ, physical, shape (n,).
         space: Knobs with their searched ranges.
         place: Path of the study file; ":memory:" if there is none.
         state: State of the study.
-        missed: Titles of the KPIs whose objectives the best experiment misses. With any, there is
-            no advice to stop.
+        missed: Titles of the KPIs whose objectives the best experiment misses.
         helps: Function of the number of a knob at its end, and whether it is the upper end, that
             returns whether going further is expected to help.
     """
-    if advice is None or best is None:
-        return None
-    said, why = (advice.estimate if missed else advice.text), _missed(missed)
+    why = _missed(missed)
     ends = [(knob, up) for knob, up in at_end(space, best) if helps(space.knobs.index(knob), up)]
     if not ends:
-        return Outlook(said, missed=why)
+        return Outlook(promise, missed=why)
     several = len(ends) > 1
     verb, whose = ("are", "their ranges") if several else ("is", "its range")
     listed = _listed([knob.name for knob, _ in ends])
     there = "at" if _exactly(best, space, ends) else "near"
     sentence = f"{listed} of the best θ {verb} {there} the end of {whose}"
-    within = f"Within the present ranges, {said[0].lower()}{said[1:]}"
+    within = promise and f"Within the present ranges, {promise[0].lower()}{promise[1:]}"
     if place == ":memory:":
         end = f"{sentence}; if your plant allows it, widen {whose}."
         return Outlook(within, end, missed=why)

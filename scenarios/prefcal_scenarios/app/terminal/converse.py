@@ -12,7 +12,6 @@ from rich.console import Console
 from prefcal_env.errors import PrefcalError, RecordError, StaleError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import Stage
-from prefcal_env.preferences.answer import Strength
 from prefcal_env.study import Suggested
 from prefcal_scenarios.app.isolated import in_time
 from prefcal_scenarios.app.presentation.wording import theta_text
@@ -32,16 +31,12 @@ CHOICES = {
     "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
     "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
 }  # fmt: skip
-MUCH = {
-    "L": Choice.LEFT, "much left": Choice.LEFT, "R": Choice.RIGHT, "much right": Choice.RIGHT,
-}  # fmt: skip
 MARKS = {
     "q": ("left", UNSAFE), "e": ("right", UNSAFE),
     "a": ("left", GOOD_ENOUGH), "d": ("right", GOOD_ENOUGH),
 }  # fmt: skip
 STOP = ("x", "stop")
 STOP_RUN = "k"
-CUT_RUN = "c"
 RESTORE = ("g", "again")
 _LOOK = 0.2
 """Interval, in seconds, at which a waiting conversation reads the keyboard."""
@@ -89,10 +84,9 @@ class _Conversation:
                 status.update(_waiting(now))
                 can_stop = now.run_limit is not None or now.live is not None
                 key = pressed()
-                if key in (STOP_RUN, CUT_RUN) and can_stop and now.pending is not None:
-                    end = self.interview.stop_run if key == STOP_RUN else self.interview.cut_run
-                    with suppress(StaleError):  # the run has just ended, or can still win
-                        end(now.pending.index)
+                if key == STOP_RUN and can_stop and now.pending is not None:
+                    with suppress(StaleError):  # the run has just ended
+                        self.interview.stop_run(now.pending.index)
                 now = self.interview.wait(now.version, _LOOK)
 
     def _compiling(self, now: Now) -> None:
@@ -130,9 +124,7 @@ class _Conversation:
         if key in STOP:
             return False
         if key in CHOICES:
-            self._answer(now.question.id, CHOICES[key], Strength.BETTER)
-        elif key in MUCH:
-            self._answer(now.question.id, MUCH[key], Strength.MUCH_BETTER)
+            self._answer(now.question.id, CHOICES[key])
         elif key in MARKS:
             side, mark = MARKS[key]
             on = mark not in getattr(now.question, side).marks
@@ -144,13 +136,10 @@ class _Conversation:
             self._other(key, now)
         return True
 
-    def _answer(self, question: int, choice: Choice, strength: Strength) -> None:
-        self.interview.answer(
-            question, choice, strength=strength, comment=self.comment, blind=self.blind
-        )
+    def _answer(self, question: int, choice: Choice) -> None:
+        self.interview.answer(question, choice, comment=self.comment, blind=self.blind)
         self.comment = ""  # after the answer is saved: on a full disk it is repeated
-        much = ", much better" if strength is Strength.MUCH_BETTER else ""
-        self._say(f"Saved: {choice.value}{much}.")
+        self._say(f"Saved: {choice.value}.")
 
     def _other(self, key: str, now: Now) -> None:
         if key == "z" or (key == ESCAPE and now.question and now.question.repeats is not None):
@@ -356,10 +345,7 @@ def _live_words(live: LiveNow) -> str:
                        if not key.startswith("reference"))  # fmt: skip
     shown = f" ({values})" if values else ""
     problem = f"; {progress.problem}" if progress.problem else ""
-    cut = "; it can no longer win: c cuts it short, and it counts as worse"
-    ends = cut if live.hopeless and not live.cutting else ""
-    blind = live.unwatched and f"; cannot tell whether this run can still win: {live.unwatched}"
-    return f": {progress.stage.value}{time}{shown}{problem}{ends}{blind}; k stops it"
+    return f": {progress.stage.value}{time}{shown}{problem}; k stops it"
 
 
 def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:

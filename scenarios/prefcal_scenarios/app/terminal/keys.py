@@ -11,11 +11,8 @@ from rich.console import Console
 
 LEFT, RIGHT, DOWN = "\x1b[D", "\x1b[C", "\x1b[B"
 ARROWS = {LEFT: "l", RIGHT: "r", DOWN: "=", "\x1bOD": "l", "\x1bOC": "r", "\x1bOB": "=",
-          "\xe0K": "l", "\xe0M": "r", "\xe0P": "=",
-          "\x1b[1;2D": "L", "\x1b[1;2C": "R", "\x1b[d": "L", "\x1b[c": "R"}  # fmt: skip
-"""Sequences that arrow keys send, on Windows too; with shift, if the terminal reports it."""
-SHIFTED = ("L", "R")
-"""Letters whose capitals have another meaning: much better."""
+          "\xe0K": "l", "\xe0M": "r", "\xe0P": "="}  # fmt: skip
+"""Sequences that arrow keys send, on Windows too."""
 END = "x"
 ESCAPE = "\x1b"
 
@@ -37,7 +34,7 @@ def _key() -> str:
         pressed = click.getchar()
     except EOFError:  # Ctrl-D
         return END
-    return ARROWS.get(pressed, _folded(pressed))
+    return ARROWS.get(pressed, pressed.lower())
 
 
 @contextmanager
@@ -67,11 +64,7 @@ def _waiting() -> str:
 
 def _line(console: Console) -> str:
     line = sys.stdin.readline()
-    return _folded(line.strip()) if line else END
-
-
-def _folded(typed: str) -> str:
-    return typed if typed in SHIFTED else typed.lower()
+    return line.strip().lower() if line else END
 
 
 def ask_line(console: Console, words: str) -> str:

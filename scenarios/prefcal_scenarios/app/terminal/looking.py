@@ -5,13 +5,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from prefcal_scenarios.app.presentation.wording import printable, theta_text
-from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.app.session.kpi_index import trust_text
 from prefcal_scenarios.app.web.view.history import history_view
 from prefcal_scenarios.app.web.view.status import in_words
-
-_WIDTH = 24
-"""Length in characters of a bar for 100 %."""
 
 
 def show_history(interview: Interview, console: Console) -> None:
@@ -51,10 +48,7 @@ def show_status(interview: Interview, console: Console) -> None:
     lines.append(in_words(interview.consistency))
     if (outlook := interview.outlook) is not None:
         lines += outlook.lines
-    shown = KpiImportance.of(interview.index, interview.importance, interview.scenario)
-    if shown is not None:
-        lines += [line for line in (shown.sentence(), shown.caption) if line]
-        lines += [f"  {drawn} {bar.text:>5}  {bar.title}" for drawn, bar in shown.drawn(_WIDTH)]
-        lines.append(shown.trust)
+    if (index := interview.index) is not None:
+        lines.append(trust_text(index))
     for line in lines:
         console.print(printable(line), markup=False, highlight=False, soft_wrap=True)

@@ -36,7 +36,6 @@ _MOST, _FEW = 6, 3
 
 KEYS = (
     ("← or l", "left is better"), ("→ or r", "right is better"),
-    ("shift ← or L", "left is much better"), ("shift → or R", "right is much better"),
     ("↓ or =", "about the same"), ("s", "can't tell"),
     ("z", "undo the last answer"),
     ("q / e", "mark left / right as unsafe or very bad"),
@@ -63,7 +62,6 @@ def show_question(
     question = now.question
     assert question is not None
     seen = (Seen() if seen is None else seen).look(interview)
-    wide = console.width >= WIDE
     console.rule(_headline(interview, question))
     told = _told(interview, now, blind=blind)
     if told.plain:
@@ -77,9 +75,8 @@ def show_question(
         above += 1
     sides = _sides(question, interview.scenario, console, seen, pair, blind=blind, above=above)
     show_boxes(sides, console)
-    much = "[L] [R] much better  " if wide else ""  # 80 columns hold no more
     console.print(
-        f"[←] left  [→] right  {much}[↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
+        "[←] left  [→] right  [↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
         markup=False, highlight=False,
     )  # fmt: skip
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.preferences.answer import Strength
 from prefcal_scenarios.app.session import Choice, Interview
 
 from .bodies import Check, at_most, between, flag, numbered, one_of, reals, text, whole
@@ -31,15 +30,8 @@ class Action:
     do: Callable[..., Any]
 
 
-# "much left" instead of a separate strength, so that a request for a stronger tie cannot exist.
-_MUCH = {f"much {side.value}": side for side in (Choice.LEFT, Choice.RIGHT)}
-
-
 def _answer(interview: Interview, choice: str, **rest: Any) -> Any:
-    much = _MUCH.get(choice)
-    strength = Strength.BETTER if much is None else Strength.MUCH_BETTER
-    question = rest.pop("question")
-    return interview.answer(question, much or Choice(choice), strength=strength, **rest)
+    return interview.answer(choice=Choice(choice), **rest)
 
 
 def _ask_for(interview: Interview, theta: tuple[float, ...]) -> Any:
@@ -60,7 +52,7 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
         "answer": Action(
             {
                 "question": whole,
-                "choice": one_of(*(choice.value for choice in Choice), *_MUCH),
+                "choice": one_of(*(choice.value for choice in Choice)),
                 "comment": text,
                 "blind": flag,
             },
@@ -82,7 +74,6 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
         "ask_for": Action({"theta": reals}, _ask_for),
         "note": Action({"text": text}, _method("note")),
         "stop_run": Action({"index": whole}, _method("stop_run")),
-        "cut_run": Action({"index": whole}, _method("cut_run")),
         "write_and_start": Action({"index": whole}, _method("write_and_start")),
         "retry": Action({"index": whole}, _method("retry")),
         "fail": Action({"index": whole, "reason": text}, _method("fail")),

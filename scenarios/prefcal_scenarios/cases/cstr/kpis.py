@@ -1,6 +1,6 @@
 """Compute the KPIs of a CSTR experiment, and the paper's performance index."""
 
-from math import ceil, inf
+from math import inf
 
 import numpy as np
 
@@ -10,8 +10,6 @@ from prefcal_env.plants import CSTR
 from prefcal_scenarios.scenario import KPI
 
 _INTERRUPTED = 1000.0
-_GROWING = ("largest_move", "peak_temperature", "undershoot", "unsolved")
-"""KPIs that can only grow while a run goes on."""
 _, _T_C_START = CSTR().steady_state_at_concentration(START)
 
 KPIS = (
@@ -48,22 +46,6 @@ def compute_kpis(experiment: Experiment) -> dict[str, float]:
         "index": performance_index(experiment),
         "unsolved": float(np.sum(~experiment.solved)),
     }
-
-
-def bounds_so_far(experiment: Experiment) -> dict[str, float]:
-    """Return lower bounds of the KPIs of a run, from its record so far.
-
-    Unless it has settled, it settles later; the mean square move is bounded as if all moves to come
-    were 0. Nothing is known of the final concentration.
-    """
-    moves, outside = _moves(experiment), np.abs(experiment.x[:, 1] - TARGET) > BAND
-    known = compute_kpis(experiment)
-    steps = ceil(HORIZON / float(experiment.theta[0]))  # T_s is the first knob
-    return {
-        "settling_time": experiment.duration,
-        "mean_square_move": float(np.sum(moves**2)) / max(steps, len(moves)),
-        "band_entry": float(experiment.t[outside].max(initial=0.0)),
-    } | {name: known[name] for name in _GROWING}
 
 
 def performance_index(experiment: Experiment) -> float:

@@ -19,7 +19,7 @@ from prefcal_scenarios.scenario import Panel, Scenario, described
 
 from . import wording as words
 from .controller import SPACE, controller, settings
-from .kpis import KPIS, bounds_so_far, compute_kpis, performance_index
+from .kpis import KPIS, compute_kpis, performance_index
 
 PANELS = (
     Panel("concentration", target=TARGET, band=BAND),
@@ -93,7 +93,6 @@ cstr = Scenario(
     settings=settings,
     brief=words.BRIEF,
     simulated=True,
-    so_far=bounds_so_far,
 )
 
 

@@ -106,38 +106,6 @@ def compute_kpis(
     return found
 
 
-def bounds_so_far(
-    experiment: Experiment,
-    disturbed_at: float,
-    u0: float,
-    beside: int | None,
-    steps: int,
-    pace: float = 1.0,
-) -> dict[str, float]:
-    """Return lower bounds of the KPIs of a run, from its record so far.
-
-    Means are bounded as if nothing were added in the steps to come.
-
-    Args:
-        experiment: Record so far.
-        disturbed_at: Time of the disturbance.
-        u0: First input at the start.
-        beside: Index of the state that the step should not move much.
-        steps: Number of control steps of a whole run.
-        pace: As for `compute_kpis`.
-    """
-    t, u = experiment.t, experiment.u_control[:, 0]
-    known = compute_kpis(experiment, disturbed_at, u0, beside, pace)
-    error, parts = _errors(experiment, disturbed_at)
-    known |= {
-        "settling_time": sum(_unsettled(t[part], error[part], step) for part, step in parts),
-        "disturbance_peak": float(np.abs(error[t >= disturbed_at]).max(initial=0.0)),
-        "effort": float(np.sqrt(np.sum((u - u0) ** 2) / steps)),
-        "input_noise": float(np.abs(np.diff(u)).sum()) * pace / max(steps - 1, 1),
-    }
-    return known
-
-
 def time_outside(experiment: Experiment, low: float, high: float) -> float:
     """Return how long the first output is outside `low` to `high`, in the unit of time."""
     y = experiment.output(0)
@@ -174,17 +142,6 @@ def _overshoot(error: Float[np.ndarray, " K"], step: float) -> float:
 
 def _settling(t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], step: float) -> float:
     """Return the time from which on the error is small; infinite if it is not at the end."""
-    last = _last_outside(error, step)
-    return float(t[last + 1] - t[0]) if last + 1 < len(t) else np.inf
-
-
-def _unsettled(t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], step: float) -> float:
-    """Return the last time at which the error is not small, 0 if there is none."""
-    last = _last_outside(error, step)
-    return float(t[last] - t[0]) if last >= 0 else 0.0
-
-
-def _last_outside(error: Float[np.ndarray, " K"], step: float) -> int:
-    """Return the last instant at which the error is not small, -1 if there is none."""
     outside = np.flatnonzero(np.abs(error) > _BAND * abs(step))
-    return int(outside[-1]) if len(outside) else -1
+    last = int(outside[-1]) if len(outside) else -1
+    return float(t[last + 1] - t[0]) if last + 1 < len(t) else np.inf

@@ -11,8 +11,8 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from .controllers import Tunable
-from .course import Course, Driven, OperatingPoint, steps_in
-from .kpis import bounds_so_far, compute_kpis, kpis_of, time_outside
+from .course import Course, Driven, OperatingPoint
+from .kpis import compute_kpis, kpis_of, time_outside
 from .plants import Plant
 from .wording import about_knob, brief_of
 
@@ -170,18 +170,6 @@ class Loop:
             driven = None
         return self._experiment(theta, driven, hold)
 
-    def so_far(self, experiment: Experiment) -> dict[str, float]:
-        """Return lower bounds of the KPIs of a run, from its record so far; {} without a step."""
-        if not len(experiment.t_control):
-            return {}
-        hold, timing = self._hold(experiment.theta), self.timing
-        values = bounds_so_far(
-            experiment, timing.disturbed_at, self.task.u0[0], self.beside,
-            steps_in(self._instants, hold), self._pace(hold),
-        )  # fmt: skip
-        values |= self._in_alarm(experiment)
-        return {kpi.name: values[kpi.name] for kpi in self.kpis}
-
     def start(self) -> OperatingPoint:
         """Return where the loop starts."""
         return OperatingPoint(
@@ -203,7 +191,6 @@ class Loop:
             panels=(*self._state_panels(), *(Panel(c.name) for c in self.inputs)),
             brief=brief_of(self.brief, self.states),
             simulated=True,
-            so_far=self.so_far,
         )
 
     def _state_panels(self) -> tuple[Panel, ...]:
@@ -260,9 +247,6 @@ class Loop:
         T_s = float(values.get("T_s", self.timing.T_s)) * float(values.get("every", 1.0))
         return max(round(T_s / self.timing.step), 1)
 
-    def _pace(self, hold: int) -> float:
-        return self.timing.T_s / (hold * self.timing.step)
-
     @property
     def _instants(self) -> int:
         """Number of instants of a whole experiment."""
@@ -290,14 +274,12 @@ class Loop:
         )  # fmt: skip
         if len(steps) == 0:
             return bare
-        values = compute_kpis(
-            bare, self.timing.disturbed_at, self.task.u0[0], self.beside, self._pace(hold)
-        )
-        values |= self._in_alarm(bare)
+        timing = self.timing
+        pace = timing.T_s / (hold * timing.step)
+        values = compute_kpis(bare, timing.disturbed_at, self.task.u0[0], self.beside, pace)
+        if self.alarm is not None:
+            values["alarm"] = time_outside(bare, *self.alarm)
         return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})
-
-    def _in_alarm(self, experiment: Experiment) -> dict[str, float]:
-        return {} if self.alarm is None else {"alarm": time_outside(experiment, *self.alarm)}
 
     def _end(self, x: Float[np.ndarray, "V n_x"]) -> End:
         """Return why an experiment with these states ended."""

@@ -25,12 +25,6 @@ from .scene import clearance, in_lane, obstacles, phase_at_control
 HIGHER_IS_BETTER = ("lateral_distance", "clearance")
 """KPIs whose smallest value is the worst; for all others it is the largest."""
 
-_GROWING = (
-    "lateral_distance", "clearance", "off_road", "path_peak", "lateral_acceleration",
-    "lateral_jerk", "speed_variation", "steering", "steering_move", "steering_rate",
-)  # fmt: skip
-"""KPIs that can only get worse while a run goes on."""
-
 SHORTEST_DISTANCE = MIN_LATERAL_DISTANCE - 0.1
 """Smallest "reasonable safety distance" beside the obstacle, criterion (iii) [m]."""
 
@@ -80,15 +74,6 @@ def compute_kpis(
     found |= _safety(experiment) | _path(experiment) | _comfort(experiment)
     found |= _speed(experiment) | _steering(experiment)
     return {kpi.name: float(found[kpi.name]) for kpi in KPIS}
-
-
-def bounds_so_far(experiment: Experiment) -> dict[str, float]:
-    """Return bounds of the KPIs of a run, from its record so far: its extremes until now."""
-    found = _safety(experiment) | _path(experiment) | _comfort(experiment)
-    found |= _speed(experiment) | _steering(experiment)
-    return {name: found[name] for name in _GROWING} | {
-        "unsolved": float(np.sum(~experiment.solved))
-    }
 
 
 def _safety(experiment: Experiment) -> dict[str, float]:

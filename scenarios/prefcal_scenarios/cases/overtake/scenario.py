@@ -23,7 +23,7 @@ from . import wording as words
 from .configured import configured
 from .controller import SPACE, controller, settings
 from .criteria import fast, synthetic
-from .kpis import KPIS, bounds_so_far, compute_kpis
+from .kpis import KPIS, compute_kpis
 from .target import on_target
 
 PANELS = (
@@ -78,7 +78,6 @@ overtake = Scenario(
     configured=_configured,
     on_processor=on_target,
     simulated=True,
-    so_far=bounds_so_far,
 )
 """The scenario has no cost, since there is no single score."""
 

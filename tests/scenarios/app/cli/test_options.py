@@ -82,9 +82,6 @@ def test_the_study_file_keeps_what_is_declared_so_and_nothing_else():
 def test_options_of_one_run_may_change_on_resuming():
     stored = json.loads(json.dumps(Options(TOY).as_dict()))
     assert Options.resumed(stored, {"scenario": TOY, "port": 8000}).port == 8000
-    cut = json.loads(json.dumps(Options(TOY, cut_short=True).as_dict()))
-    assert Options.resumed(stored, {"scenario": TOY, "cut_short": True}).cut_short
-    assert not Options.resumed(cut, {"scenario": TOY}).cut_short
     with pytest.raises(SettingsError, match="started with --seed 0, got --seed 1"):
         Options.resumed(stored, {"scenario": TOY, "seed": 1})
 

@@ -89,18 +89,10 @@ def test_before_an_answer_that_teaches_nothing_is_promised(chances):
     answered(interview, Choice.LEFT)
     assert interview.screened().prospect.offer
     n = len(interview.screened().bank)
-    assert interview.outlook.advice.lower().endswith(
+    assert interview.outlook.promise.lower().endswith(
         f"the chance that the most promising of the {n} simulated is better than the best so far "
         "is 5 %."
     )
-
-
-def test_the_advice_for_other_agents_is_never_given_beside_it(chances):
-    interview = explained(screening(n_max=9))
-    while interview.advice is None:  # follow-up questions do not count for it
-        answered(interview, Choice.LEFT)
-    assert interview.advice.text not in interview.outlook.text
-    assert "simulated is better" in interview.outlook.advice
 
 
 def test_at_the_end_it_is_worked_out_for_the_last_answer(chances):
@@ -109,7 +101,7 @@ def test_at_the_end_it_is_worked_out_for_the_last_answer(chances):
         answered(interview, Choice.LEFT)
     found = interview.screened()
     assert found.reason is None
-    assert "is 50 %" in interview.outlook.advice
+    assert "is 50 %" in interview.outlook.promise
 
 
 def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):

@@ -9,23 +9,10 @@ from support.looks import toy
 BETTER = Reason(0.64, ("final",), ("t_f",))
 
 
-def test_it_names_what_the_answers_went_with_and_what_it_costs():
-    assert why(BETTER, toy, side="Left", wanted=["final"]) == (
-        "Left is shown because most of your answers went with final level nearer to its target: it "
-        "has that, but higher settling time t_f (chance that you prefer it: 64 %)."
-    )
-    both = Reason(0.9, ("final", "t_f"), ())
-    assert why(both, toy, side="Right", wanted=["t_f", "final"]) == (
-        "Right is shown because most of your answers went with lower settling time t_f and final "
-        "level nearer to its target: it has both (chance that you prefer it: 90 %)."
-    )
-
-
-def test_what_was_wanted_but_it_lacks_is_not_called_the_reason():
-    said = why(Reason(0.1, ("t_f",), ("final",)), toy, side="Left", wanted=["final"])
-    assert said == (
-        "Left has lower settling time t_f, but final level farther from its target (chance that "
-        "you prefer it: 10 %)."
+def test_it_names_what_is_better_and_what_that_costs():
+    assert why(BETTER, toy, side="Left") == (
+        "Left has final level nearer to its target, but higher settling time t_f (chance that "
+        "you prefer it: 64 %)."
     )
 
 
@@ -37,7 +24,7 @@ def test_before_anything_is_learned_no_preference_and_no_chance_is_claimed():
 
 
 def test_a_requested_one_is_shown_since_it_was_asked_for():
-    said = why(BETTER, toy, side="Right", requested=True, wanted=["final"])
+    said = why(BETTER, toy, side="Right", requested=True)
     assert said.startswith("Right is shown because you asked for it: it has final level nearer")
     assert "answers" not in said
 

@@ -10,7 +10,7 @@ import pytest
 
 from prefcal_agents import GLIS
 from prefcal_env.errors import StaleError, StudyError
-from prefcal_env.preferences.answer import Mark, Preference, Strength
+from prefcal_env.preferences.answer import Mark, Preference
 from prefcal_env.study import Answered, StudyFile
 from prefcal_scenarios.app.session import Background, Choice, Interview, Phase, unattended
 from support.interviews import begin, clock, proceed, reopened
@@ -453,22 +453,13 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
 
 
 @pytest.mark.parametrize("choice", Choice)
-def test_much_better_is_a_strength_of_a_side_and_of_nothing_else(interview, choice):
-    question = proceed(interview).question
-    interview.answer(question.id, choice, strength=Strength.MUCH_BETTER)
-    (closed,) = interview.now().state.history.comparisons[1:]
-    assert closed.answer.much_better is (choice in (LEFT, RIGHT))
-    assert closed.answer.preference is question.preference(choice)
-
-
-def test_every_verdict_is_foreseen_with_its_strength(toy):
+def test_every_verdict_is_foreseen(toy, choice):
     interview = begin(toy, n_max=9, ahead=True)
     question = proceed(interview).question
     while interview.work():
         pass
-    assert (
-        interview.answer(question.id, LEFT, strength=Strength.MUCH_BETTER).phase is Phase.QUESTION
-    )  # nothing had to be computed first
+    answered = interview.answer(question.id, choice)
+    assert answered.phase is Phase.QUESTION  # nothing had to be computed first
 
 
 def test_one_mark_takes_the_other_away(interview):

@@ -6,7 +6,6 @@ from contextlib import nullcontext
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -17,11 +16,9 @@ from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channels
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Strength
 from prefcal_env.rig import Rig
 from prefcal_env.study import Answered, StudyFile
 from prefcal_scenarios.app.isolated import isolation
-from prefcal_scenarios.app.report.kpi_importance import Bar, KpiImportance
 from prefcal_scenarios.app.session import Background, Phase
 from prefcal_scenarios.app.terminal import converse
 from prefcal_scenarios.app.terminal.converse import _Conversation, _waiting
@@ -60,15 +57,6 @@ def test_a_whole_study_by_keys(interview):
     assert "The study is finished: all compared." in out
     given = [c.answer.preference for c in interview.now().state.history.comparisons[1:]]
     assert given[2:] == [0, None]
-
-
-def test_a_capital_is_much_better(interview):
-    out = talk(interview, "Lrx")
-    strong, plain = [c.answer for c in interview.now().state.history.comparisons[1:]]
-    assert (strong.strength, plain.strength) == (Strength.MUCH_BETTER, 1)
-    assert "Saved: left, much better." in out
-    assert "Saved: right." in out
-    assert "much better" in talk(interview, "hx")
 
 
 @pytest.mark.parametrize("width", [80, 140])
@@ -349,23 +337,6 @@ def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
     talk(interview, "lx", [str(file), str(file), "yes", "z"])
     assert interview.now().phase is Phase.QUESTION
     assert interview.now().state.history.answered == 1
-
-
-def test_where_are_we_says_what_counts_once_the_answers_tell(interview):
-    assert "care most about" not in talk(interview, "wx")
-    told = KpiImportance(
-        named=("a", "b"),
-        bars=(Bar("a", 0.75), Bar("b", 0.5)),
-        explained=True,
-        predicted=8,
-        answers=9,
-    )
-    with patch("prefcal_scenarios.app.terminal.looking.KpiImportance.of", lambda *_: told):
-        out = talk(interview, "wx")
-    assert "You seem to care most about: a and b." in out
-    assert f"  {'█' * 18}{'·' * 6}  75 %  a" in out
-    assert f"  {'█' * 12}{'·' * 12}  50 %  b" in out
-    assert "predicted 8 of 9" in out
 
 
 def test_a_run_that_hangs_is_stopped_by_a_key():

@@ -60,6 +60,5 @@ def test_everything_is_reached_by_tab(browser, window):
         focused = "() => document.activeElement.id || document.activeElement.tagName"
         reached.add(watched.page.evaluate(focused))
     for id_ in ("to-history", "undo", "zoom", "left-unsafe", "right-good-enough", "comment",
-                "verdict-much-left", "verdict-left", "verdict-cannot-tell", "verdict-right",
-                "verdict-much-right", "finish"):  # fmt: skip
+                "verdict-left", "verdict-cannot-tell", "verdict-right", "finish"):  # fmt: skip
         assert id_ in reached or watched.page.is_disabled(f"#{id_}"), id_

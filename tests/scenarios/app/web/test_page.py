@@ -223,41 +223,6 @@ def test_keys_rest_while_somebody_types(browser, window):
     assert served.state.marks == {}
 
 
-def test_shift_and_an_arrow_is_much_better(browser, window):
-    served, watched = window(n_max=7), Watched(browser)
-    watched.open(served.link)
-    page = watched.page
-    page.keyboard.press("c")
-    page.keyboard.press("Shift+ArrowLeft")  # selects text, while somebody types
-    assert served.state.history.answered == 1
-    page.keyboard.press("Escape")
-    watched.answer("Shift+ArrowLeft")
-    assert page.inner_text("#saved") == "✓ saved: left is much better"
-    watched.answer("ArrowLeft")
-    watched.answer("Shift+ArrowDown")
-    question = watched.question()
-    page.click("#verdict-much-right")
-    watched.question(question)
-    told = served.state.history.comparisons[1:]
-    assert [c.answer.strength for c in told] == [3, 1, 1, 3]
-    assert [c.answer.preference == 0 for c in told] == [False, False, True, False]
-    page.keyboard.press("h")
-    page.wait_for_selector(".answers tbody tr:nth-child(4)")
-    shown = page.locator(".answers tbody tr td:nth-child(4)").all_inner_texts()
-    assert ["much better" in text for text in shown] == [True, False, False, True]
-    page.click(".answers tbody tr:last-child td:first-child button")
-    page.wait_for_selector("#again .js-line")
-    assert "left is much better" in page.inner_text("#again")
-    watched.shot("history-much-better")
-    page.keyboard.press("z")
-    page.keyboard.press("Escape")
-    page.wait_for_function(
-        "() => document.getElementById('progress-text').innerText.includes(' 4 ')"
-    )
-    assert [c.answer.strength for c in served.state.history.comparisons[1:]] == [3, 1, 1]
-    assert watched.errors == []
-
-
 def test_a_long_press_answers_once(browser, window):
     served, watched = window(), Watched(browser)
     watched.open(served.link)
@@ -360,7 +325,7 @@ def test_the_verdicts_are_in_sight_at_1280_by_720_and_on_a_tablet(browser, windo
         watched.open(served.link)
         watched.page.wait_for_timeout(200)
         watched.shot(f"overtake-{size[0]}")
-        for choice in ("left", "right", "same", "cannot-tell", "much-left", "much-right"):
+        for choice in ("left", "right", "same", "cannot-tell"):
             box = watched.page.locator(f"#verdict-{choice}").bounding_box()
             assert box["y"] + box["height"] <= size[1]
             assert box["x"] + box["width"] <= size[0]
@@ -406,7 +371,7 @@ def test_curves_follow_the_size_of_their_card(browser, window):
             cell = page.locator(f"#{side}-plot").bounding_box()
             assert figure["width"] == pytest.approx(cell["width"], abs=1)
             assert figure["height"] <= cell["height"] + 1
-        for choice in ("much-left", "cannot-tell", "much-right"):
+        for choice in ("left", "cannot-tell", "right"):
             box = page.locator(f"#verdict-{choice}").bounding_box()
             assert box["x"] + box["width"] <= width
         assert pixels(page, "#right-plot", BLUE) == 0  # nothing of the left card
@@ -467,7 +432,7 @@ def test_on_a_phone_both_are_in_one_plot_and_the_chrome_is_small(browser, window
     top, footer = (page.locator(at).bounding_box() for at in (".top", "#verdicts"))
     assert top["height"] + footer["height"] < 190
     assert page.locator("kbd:visible").count() == 0
-    choices = ("much-left", "left", "same", "right", "much-right")
+    choices = ("left", "same", "cannot-tell", "right")
     tops = [page.locator(f"#verdict-{c}").bounding_box()["y"] for c in choices]
     assert max(tops) - min(tops) < 3  # one row
     assert not page.evaluate("document.documentElement.scrollWidth > innerWidth")

@@ -5,7 +5,6 @@ import time
 import pytest
 
 from prefcal_env.live import Journal, LiveRig
-from prefcal_scenarios.app.session.live import driving
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.browser import Watched, window_on
 from support.live import Memory, memory_rig
@@ -84,63 +83,6 @@ def test_a_run_is_confirmed_stopped_from_any_page_and_compared(browser, served, 
     page.keyboard.press("ArrowRight")
     watched.phase("confirm")
     assert served.state.history.answered == 2
-    assert watched.errors == []
-
-
-class Hopeless:
-    """Chances of a run that cannot win once it has recorded for 3 s."""
-
-    def is_hopeless(self, record):
-        return record.duration >= 3.0
-
-
-def test_a_run_that_cannot_win_is_offered_to_be_cut_short(browser, served, plant, monkeypatch):
-    monkeypatch.setattr(driving, "chances_of", lambda agent, store: Hopeless())
-    plant.at = lambda _plant: time.sleep(0.05)  # it leaves time to click
-    watched = Watched(browser)
-    page = watched.page
-    page.goto(served.link)
-    page.wait_for_selector("#write-and-start")
-    confirmed(watched)
-    assert not page.is_visible("#live-cut")
-    page.wait_for_selector("#live-cut:visible")
-    assert "can no longer win" in page.inner_text("#live-hopeless")
-    assert serious(page) == []
-    watched.shot("live-hopeless")
-    page.click("#live-cut")
-    plant.at = lambda _plant: None
-    titled(page, "Experiment 2: write")
-    assert [plant.values[node] for node in ("kp", "ti", "sp")] == pytest.approx([1.0, 10.0, 1.0])
-    assert served.state.history.cut_short() == {0}
-    assert watched.errors == []
-
-
-class Untold:
-    """Chances that cannot be told, since the person's function fails."""
-
-    def is_hopeless(self, record):
-        raise ValueError("no band")
-
-
-def test_a_page_says_why_it_cannot_tell_whether_a_run_can_still_win(
-    browser, served, plant, monkeypatch
-):
-    monkeypatch.setattr(driving, "chances_of", lambda agent, store: Untold())
-    plant.at = lambda _plant: time.sleep(0.05)
-    watched = Watched(browser)
-    page = watched.page
-    page.goto(served.link)
-    page.wait_for_selector("#write-and-start")
-    confirmed(watched)
-    page.wait_for_selector("#live-unwatched:visible")
-    words = "Cannot tell whether this run can still win: ValueError: no band"
-    assert page.inner_text("#live-unwatched") == words
-    assert not page.is_visible("#live-cut")
-    assert serious(page) == []
-    watched.shot("live-unwatched")
-    plant.at = lambda _plant: None
-    titled(page, "Experiment 2: write")
-    assert served.state.history.cut_short() == frozenset()
     assert watched.errors == []
 
 

@@ -32,7 +32,6 @@ from prefcal_env.study.exports import FORMATS as EXPORTS
 from prefcal_env.study.fold import step
 from prefcal_scenarios.app.cli.choices import knob_called
 from prefcal_scenarios.app.presentation.wording import printable
-from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.session.memory import agent_of, agent_state, with_constraints
 from prefcal_scenarios.scenario import load
@@ -157,7 +156,7 @@ def _scenario():
 '''
 
 
-def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path, KpiImportance]:
+def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path, LearnedCost]:
     """Write what the answers of the study called `name` teach as a Python module.
 
     Args:
@@ -166,7 +165,7 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
         out: File to write; None for STUDY_index.py in the current folder.
 
     Returns:
-        The file, and a description of the index for people.
+        The file, and what it holds.
 
     Raises:
         StudyError: If there is no such study, its scenario must be given, its answers say nothing
@@ -177,16 +176,15 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
         source = trusted_source(name, file.state, source)
         scenario = load(source)
         interview = Interview(scenario, file, ahead=False, asks=False)
-        index, importance = interview.index, interview.importance
-    description = KpiImportance.of(index, importance, scenario)
-    if index is None or description is None:
+        index = interview.index
+    if index is None:
         raise StudyError(
             f"study {name!r} says nothing about KPIs: that takes answers that prefer one "
             "experiment, and at least three experiments that differ in a KPI"
         )
     target = Path(f"{path.stem}_index.py") if out is None else out
     _write(target, module(index, source))
-    return target, description
+    return target, index
 
 
 def module(index: LearnedCost, source: str) -> str:

@@ -165,11 +165,12 @@ def index(
     With it, an agent can run unattended:
     prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
     """
+    from prefcal_scenarios.app.session.kpi_index import trust_text
+
     from .changes import export_index
 
-    file, importance = export_index(study, _named(scenario, plant), out)
-    typer.echo(importance.sentence())
-    typer.echo(importance.trust)
+    file, index = export_index(study, _named(scenario, plant), out)
+    typer.echo(trust_text(index))
     typer.echo(f"Written: {file}")
 
 

@@ -30,7 +30,7 @@ from prefcal_scenarios.app.presentation.wording import (
     printable,
 )
 from prefcal_scenarios.app.report.export import jsonable
-from prefcal_scenarios.app.report.record import verdict_text
+from prefcal_scenarios.app.report.record import VERDICTS
 from prefcal_scenarios.app.summary.counts import Counts
 from prefcal_scenarios.own.described.options import words_to_resume
 from prefcal_scenarios.own.described.resuming import resumed_source
@@ -283,7 +283,7 @@ def _answers(state: State) -> Iterator[dict[str, Any]]:
             "at": _minute(closed.at),
             "challenger": closed.challenger + 1,
             "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
-            "verdict": verdict_text(closed.answer),
+            "verdict": VERDICTS[closed.answer.preference],
             "marks": [mark.value for mark in closed.answer.marks],
             "automatic": [mark.value for mark in closed.answer.automatic],
             "comment": closed.comment,

@@ -98,11 +98,8 @@ def _results(paper: Paper, record: Record) -> None:
             ("", "form", "best", record.baseline.name, "unit"),
             [(row.name, row.form, row.best, row.before, row.unit) for row in pid],
         )
-    if record.kpi_importance is not None:
-        who = "You seem" if record.by_a_person else "The calibrator seems"
-        paper.heading("What matters")
-        paper.text(record.kpi_importance.sentence(who))
-        paper.text(record.kpi_importance.trust, SMALL)
+    if record.trust:
+        paper.text(record.trust, SMALL)
 
 
 def _experiments(paper: Paper, record: Record) -> None:

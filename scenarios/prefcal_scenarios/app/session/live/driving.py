@@ -13,9 +13,7 @@ from prefcal_scenarios.app.session.thinking import Attempt
 from prefcal_scenarios.app.session.view import Phase
 from prefcal_scenarios.own.checks import check_experiment
 
-from .chances import chances_of
 from .state import Recovery
-from .watching import watched
 
 
 def live_of(flow: Flow) -> LiveRig | None:
@@ -86,18 +84,6 @@ def stop(flow: Flow, index: int) -> None:
     flow.version += 1
 
 
-def cut(flow: Flow, index: int) -> None:
-    """Cut the run of sample `index` short, which can no longer win; the old values are restored.
-
-    Raises:
-        StaleError: If it is not in progress, or can still win.
-    """
-    if flow.live.confirmed != index or not flow.live.hopeless.is_set():
-        raise StaleError(f"experiment {index + 1} cannot be cut short now: nothing was changed")
-    flow.live.cut.set()
-    flow.version += 1
-
-
 def _recovering(flow: Flow, rig: LiveRig) -> Attempt:
     """Restore what an interrupted run left on the plant."""
     live = flow.live
@@ -144,16 +130,14 @@ def _looking(flow: Flow, rig: LiveRig, sample: Suggested) -> Attempt:
 
 def _running(flow: Flow, rig: LiveRig, sample: Suggested) -> Attempt:
     live, agreed, theta = flow.live, flow.live.changes, np.array(sample.theta)
-    chances = chances_of(flow.agent, flow.store)
 
     def run() -> Callable[[], None]:
         result: Driven | Exception
         try:
-            with watched(live, rig, theta, chances, cuts=flow.cuts):
-                result = rig.drive(
-                    theta, lambda changes: changes == agreed, stop=live.stop.is_set,
-                    closing=live.closing.is_set, cut=live.cut.is_set, tell=live.tell,
-                )  # fmt: skip
+            result = rig.drive(
+                theta, lambda changes: changes == agreed, stop=live.stop.is_set,
+                closing=live.closing.is_set, tell=live.tell,
+            )  # fmt: skip
         except Exception as error:
             result = error
         return lambda: _finish(flow, sample, result)

@@ -35,9 +35,6 @@ class LiveNow:
         stopping: Whether the run was told to stop.
         recovery: Whether the plant has its old values again. If that failed, `problem` says why,
             and nothing is written until it succeeds.
-        hopeless: Whether the run can no longer win, so that it can be cut short.
-        cutting: Whether the run is being cut short.
-        unwatched: Why it cannot be told whether the run can still win; empty if it can.
     """
 
     changes: tuple[Change, ...] | None
@@ -46,9 +43,6 @@ class LiveNow:
     curve: tuple[Sample, ...]
     stopping: bool
     recovery: Recovery = Recovery.DONE
-    hopeless: bool = False
-    cutting: bool = False
-    unwatched: str = ""
 
 
 @dataclass(slots=True)
@@ -72,12 +66,6 @@ class Live:
     """Nothing is read or written for a new run before it is done."""
     stop: threading.Event = field(default_factory=threading.Event)
     closing: threading.Event = field(default_factory=threading.Event)
-    hopeless: threading.Event = field(default_factory=threading.Event)
-    """Whether the run in progress can no longer win."""
-    cut: threading.Event = field(default_factory=threading.Event)
-    """Whether to cut the run in progress short."""
-    unwatched: str = ""
-    """Why it cannot be told whether the run in progress can still win; empty if it can."""
     _progress: Progress | None = None
     _curve: list[Sample] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -88,9 +76,8 @@ class Live:
 
     def begin(self) -> None:
         """Begin a run."""
-        for event in (self.stop, self.hopeless, self.cut):
-            event.clear()
-        self.problem, self.partial, self.unwatched = "", None, ""
+        self.stop.clear()
+        self.problem, self.partial = "", None
         with self._lock:
             self._progress, self._curve = Progress(Stage.CONNECTING, 0.0, 0.0), []
 
@@ -108,11 +95,6 @@ class Live:
                 self._curve.append((progress.elapsed, progress.values))
         self.changed()
 
-    def recorded(self) -> tuple[Sample, ...]:
-        """Return all samples of the run so far."""
-        with self._lock:
-            return tuple(self._curve)
-
     def now(self) -> LiveNow:
         """Return what a front end shows."""
         with self._lock:
@@ -120,6 +102,5 @@ class Live:
             curve = tuple(self._curve[::thin])
             progress = self._progress
         return LiveNow(
-            self.changes, self.problem, progress, curve, self.stop.is_set(), self.recovery,
-            self.hopeless.is_set(), self.cut.is_set(), self.unwatched,
-        )  # fmt: skip
+            self.changes, self.problem, progress, curve, self.stop.is_set(), self.recovery
+        )

@@ -160,7 +160,7 @@ function saved(words) {
 }
 
 export const WORDS = { left: "left is better", right: "right is better", same: "about the same",
-  "cannot tell": "can't tell", "much left": "left is much better", "much right": "right is much better" };
+  "cannot tell": "can't tell" };
 
 export async function answer(choice) {
   const { now } = state;

@@ -83,12 +83,11 @@ async function lookAgain(which) {
     return fill(place, el("p", { class: "problem" }, error.message));
   }
   const { question, verdict, comment, time_unit: unit } = asked;
-  const words = WORDS[asked.much ? `much ${verdict}` : verdict] ?? verdict;
-  const heading = `${named(which).replace(/^./, (first) => first.toUpperCase())}: ${words}`;
+  const heading = `${named(which).replace(/^./, (first) => first.toUpperCase())}: ${WORDS[verdict]}`;
   const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
   fill(place, el("div", { class: "card-head" }, el("h3", {}, heading),
     comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
-  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question, verdict === name && (asked.much ? "much preferred" : "preferred")))));
+  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question, verdict === name))));
   figures(place, question, unit);
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
@@ -100,7 +99,7 @@ function side(name, question, won) {
   const title = name === "left" ? "Left" : "Right";
   return el("section", { class: `side ${name}`, "aria-label": title },
     el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number}`),
-      won ? el("span", { class: "chip good" }, won) : null),
+      won ? el("span", { class: "chip good" }, "preferred") : null),
     el("dl", { class: "kpis" }, summary(shown, question)), thetas(shown),
     el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
 }

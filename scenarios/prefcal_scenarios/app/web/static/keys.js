@@ -9,8 +9,6 @@ import { drives, stopLive } from "./live.js";
 export const QUESTION = {
   ArrowLeft: ["← →", "left, right is better", () => answer("left")],
   ArrowRight: [null, "", () => answer("right")],
-  "shift ArrowLeft": ["shift ← →", "left, right is much better", () => answer("much left")],
-  "shift ArrowRight": [null, "", () => answer("much right")],
   ArrowDown: ["↓", "about the same", () => answer("same")],
   s: ["S", "can't tell", () => answer("cannot tell")],
   q: ["Q", "mark left as unsafe or very bad", () => mark("left", "unsafe")],
@@ -52,7 +50,7 @@ function leave() {
 const typing = (target) =>
   target instanceof Element && (target.matches("input, textarea, select, [contenteditable]"));
 
-// Listen for keys. `of(name, shifted)` returns the row of a table like those above, or nothing.
+// Listen for keys. `of(name)` returns the row of a table like those above, or nothing.
 export function keyboard(of = asked) {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || event.isComposing) return;
@@ -67,7 +65,7 @@ export function keyboard(of = asked) {
     const button = event.target instanceof Element && event.target.closest("button, summary, a");
     if (button && (event.key === " " || event.key === "Enter")) return;
     const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    const found = of(name, event.shiftKey);
+    const found = of(name);
     if (!found) return;
     event.preventDefault();
     const repeats = [",", ".", "<", ">", ";", ":"].includes(name);
@@ -77,10 +75,10 @@ export function keyboard(of = asked) {
 
 export const maneuver = (name) => (/^[1-9]$/.test(name) ? [null, "", () => showManeuver(Number(name) - 1)] : undefined);
 
-function asked(name, shift) {
+function asked(name) {
   const open = document.body.dataset.view === "now" && current()?.phase === "question";
   if (open && maneuver(name)) return maneuver(name);
-  return (open && ((shift && QUESTION[`shift ${name}`]) || QUESTION[name])) || EVERYWHERE[name];
+  return (open && QUESTION[name]) || EVERYWHERE[name];
 }
 
 export async function showKeys() {

@@ -22,11 +22,6 @@ export function stopLive() {
   return act("stop_run", { index: now.pending.index });
 }
 
-function cutShort() {
-  const now = current();
-  return act("cut_run", { index: now.pending.index });
-}
-
 export function showLive(now) {
   const { running: run, changes, problem, unrestored } = now.live;
   const kind = JSON.stringify(run ? ["run", now.pending?.index, run.recovers, run.restores] : ["confirm", now.pending?.index, changes, problem, unrestored]);
@@ -99,10 +94,6 @@ function running({ live, pending }) {
     el("p", { hidden: recovers || restores }, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration, value: 0 }), " ",
       el("span", { id: "live-left" })),
     el("p", { id: "live-problem", class: "problem", role: "alert", hidden: true }),
-    el("p", { id: "live-unwatched", class: "notice", role: "status", hidden: true }),
-    el("p", { id: "live-hopeless", class: "notice", role: "status", hidden: true },
-      el("span", {}, "This run can no longer win, by your answers and its KPIs so far. Cut short, it counts as worse than the best, and the plant gets its old values back. "),
-      el("button", { type: "button", id: "live-cut", class: "primary", on: { click: cutShort } }, "Cut it short")),
     el("p", { class: "actions", hidden: recovers || restores }, el("button", { type: "button", id: "live-stop", class: "danger", on: { click: stopLive } },
       "Stop and restore the old values ", el("kbd", {}, "K"))),
     el("div", { id: "live-curves" }));
@@ -111,15 +102,11 @@ function running({ live, pending }) {
 function progress({ live }) {
   const { running: run, duration } = live;
   const { stage, elapsed, problem, stopping, times, outputs } = run;
-  const ending = run.cutting ? "It can no longer win and is cut short" : "Stopping";
-  set("live-stage", stopping ? `${ending}: the plant gets its old values back.` : sentence(stage));
-  $("live-hopeless").hidden = !run.hopeless || stopping || !run.records;
+  set("live-stage", stopping ? "Stopping: the plant gets its old values back." : sentence(stage));
   $("live-progress").value = elapsed;
   set("live-left", run.records ? `${seconds(Math.max(duration - elapsed, 0))} left` : "");
   set("live-problem", problem);
   $("live-problem").hidden = !problem;
-  set("live-unwatched", run.unwatched ? `Cannot tell whether this run can still win: ${run.unwatched}` : "");
-  $("live-unwatched").hidden = !run.unwatched || stopping || !run.records;
   $("live-stop").disabled = stopping;
   $("stop-live").disabled = stopping;
   fill($("live-curves"), times.length ? outputs.map((output) => curve(output, times, duration)) : []);

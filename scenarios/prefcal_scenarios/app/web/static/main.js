@@ -105,7 +105,7 @@ function arrange() {
 
 function begin() {
   if (location.pathname !== "/") history.replaceState(null, "", "/");
-  for (const choice of ["left", "right", "same", "cannot-tell", "much-left", "much-right"]) {
+  for (const choice of ["left", "right", "same", "cannot-tell"]) {
     $(`verdict-${choice}`).addEventListener("click", () => answer(choice.replace("-", " ")));
   }
   $("undo").addEventListener("click", undo);

@@ -18,16 +18,15 @@ export async function showStatus(now, act) {
   }
   const chosen = document.activeElement?.id === "pace"; // a change redraws everything
   fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
-    cares(status.kpi_importance),
     outlook(status.outlook),
     el("h3", {}, "θ tried"), legend(status.tried.experiments),
     figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
     table(status.tried),
-    // An agent that learns how much each KPI matters has said so above, and knows no cost of θ.
-    status.slices || !status.kpi_importance ? el("h3", {}, "What was learned") : null,
+    el("h3", {}, "What was learned"),
+    status.trust ? el("p", { class: "faint" }, status.trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")) : null,
     status.slices ? [el("p", { class: "faint" }, "The learned cost along each knob through the best θ, with every experiment at its learned cost. Lower is better; only the order matters."),
       figures("slice", status.slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`)]
-      : status.kpi_importance ? null : el("p", {}, "Nothing has been learned yet. That needs an answer other than “can't tell”, and an agent that learns."));
+      : status.trust ? null : el("p", {}, "Nothing has been learned yet. That needs an answer other than “can't tell”, and an agent that learns."));
   if (chosen) $("pace")?.focus();
   view.querySelectorAll("[data-plot=tried]").forEach((div, k) => tried(div, status.tried.knobs[k], k, status.tried.experiments));
   view.querySelectorAll("[data-plot=slice]").forEach((div, k) => slice(div, status.slices[k]));
@@ -78,23 +77,6 @@ function pace(most, act) {
   return el("p", { class: "pace" }, el("label", { for: "pace" }, "Comparisons for each experiment, at most "), select,
     el("span", { class: "faint" }, most === 1 ? " Allow more if experiments are expensive: follow-up comparisons need no new run."
       : " Those after the first need no new run."));
-}
-
-// Show what the person seems to care about: how well each KPI agrees with the answers, 0 to 100 %.
-function cares(importance) {
-  const title = el("h3", {}, "What matters to you");
-  if (!importance) return el("div", { class: "card" }, title, el("p", { class: "faint" }, "There is nothing to show yet. That needs answers about experiments that differ in their KPIs."));
-  const rows = importance.bars.map(({ title: words, text, share }) => {
-    const bar = el("span", { class: "share" }, el("span", {}));
-    bar.firstChild.style.width = `${100 * share}%`;
-    return el("tr", {}, el("th", { scope: "row" }, symbol(words)), el("td", { class: "number" }, text), el("td", { "aria-hidden": "true" }, bar));
-  });
-  const finding = el("p", { class: "finding" }, symbol(importance.sentence));
-  if (!rows.length) return el("div", { class: "card cares" }, title, finding);
-  return el("div", { class: "card cares" }, title, finding,
-    el("p", { class: "faint" }, importance.caption),
-    el("table", { class: "shares", "aria-label": importance.caption }, el("tbody", {}, rows)),
-    el("p", { class: "faint" }, importance.trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")));
 }
 
 function table({ knobs, experiments }) {

@@ -5,7 +5,7 @@ from typing import Any
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import Comparison
 from prefcal_scenarios.app.presentation.wording import marks_text
-from prefcal_scenarios.app.report.record import verdict_text
+from prefcal_scenarios.app.report.record import VERDICTS
 from prefcal_scenarios.app.session import Interview
 
 from .seen import Seen
@@ -40,7 +40,7 @@ def _answer_view(closed: Comparison, numbers: dict[int | None, int]) -> dict[str
         "at": closed.at,
         "challenger": closed.challenger + 1,
         "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
-        "text": verdict_text(closed.answer),
+        "text": VERDICTS[closed.answer.preference],
         "winner": _WINNERS.get(closed.answer.preference, "none"),  # type: ignore[arg-type]
         "comment": closed.comment,
         "blind": closed.blind,
@@ -67,7 +67,6 @@ def asked_view(
             question, interview.scenario, blind=blind, seen=(seen or Seen()).look(interview)
         ),
         "verdict": question.choice(closed.answer.preference).value,
-        "much": closed.answer.much_better,
         "retracted": closed.retracted,
         "comment": closed.comment,
         "time_unit": question.left.experiment.channels.time_unit,

@@ -87,10 +87,7 @@ def _running(rig: LiveRig, live: LiveNow) -> dict[str, Any] | None:
         "records": progress.stage is Stage.RECORDING,
         "elapsed": progress.elapsed,
         "problem": progress.problem,
-        "stopping": live.stopping or live.cutting,
-        "hopeless": live.hopeless,
-        "cutting": live.cutting,
-        "unwatched": live.unwatched,
+        "stopping": live.stopping,
         "times": [time for time, _ in live.curve],
         "outputs": [_curve(tag, rig, live) for tag in rig.tags if tag.role == "output"],
     }

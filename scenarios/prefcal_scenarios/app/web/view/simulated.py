@@ -52,13 +52,12 @@ def why_view(interview: Interview, now: Now) -> str:
     if screened is None or screened.reason is None:
         return f"{side} is shown because you asked for it." if requested else ""
     other = question.right if new is question.left else question.left
-    scenario, importance = interview.scenario, interview.importance
+    scenario = interview.scenario
     return why(
         as_shown(screened.reason, scenario, new.experiment, other.experiment),
         scenario,
         side=side,
         requested=requested,
-        wanted=() if importance is None else importance.named,
         learned=screened.prospect is not None,
         missed=[
             kpi.title

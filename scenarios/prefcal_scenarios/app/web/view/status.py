@@ -9,9 +9,9 @@ from jaxtyping import Float
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.presentation.wording import knob_number
-from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.report.record import VERDICTS, above
 from prefcal_scenarios.app.session import Consistency, Interview, Now
+from prefcal_scenarios.app.session.kpi_index import trust_text
 from prefcal_scenarios.app.session.order import to_repeat
 
 from .end import outlook_view, report_view
@@ -41,7 +41,7 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
         "verdicts": _verdicts(interview),
         "questions": interview.questions,
         "simulated": simulated_view(now),
-        "kpi_importance": _kpi_importance(interview),
+        "trust": "" if (index := interview.index) is None else trust_text(index),
         "report": report_view(report),
     }
 
@@ -126,19 +126,6 @@ def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.n
     z[:, k] = np.linspace(0.0, 1.0, _POINTS)
     thetas = np.unique(np.array([space.decode(row) for row in z]), axis=0)
     return np.asarray(thetas[np.argsort(thetas[:, k])])
-
-
-def _kpi_importance(interview: Interview) -> Any:
-    """Return what the person seems to care about; None if nothing can be said yet."""
-    found = KpiImportance.of(interview.index, interview.importance, interview.scenario)
-    if found is None:
-        return None
-    return {
-        "sentence": found.sentence(),
-        "caption": found.caption,
-        "trust": found.trust,
-        "bars": [{"title": b.title, "text": b.text, "share": b.share} for b in found.bars],
-    }
 
 
 def _verdicts(interview: Interview) -> dict[str, int]:

@@ -2,13 +2,10 @@
 
 import asyncio
 import threading
-from dataclasses import replace
 
 import httpx
 import pytest
 
-from prefcal_env.preferences.answer import Strength
-from prefcal_env.study import export_csv
 from prefcal_scenarios.app.session import Choice, Given, Interview, Phase
 from prefcal_scenarios.app.web.api import Pace
 from support.interviews import begin, proceed
@@ -70,21 +67,6 @@ def test_an_answer_is_recorded_with_what_belongs_to_it(room):
     (closed,) = room.interview.now().state.history.comparisons[1:]
     assert (closed.question, closed.comment, closed.blind) == (asked.id, "θ: it swings", True)
     assert closed.answer.preference is asked.preference(Choice.RIGHT)
-
-
-@pytest.mark.parametrize(("choice", "side"), [("much left", LEFT), ("much right", RIGHT)])
-def test_much_better_is_stored_shown_and_exported(room, tmp_path, choice, side):
-    asked = room.interview.now().question
-    assert room.post("answer", **verdict(room, choice=choice)).status_code == 200
-    (closed,) = room.interview.now().state.history.comparisons[1:]
-    assert replace(closed.answer, outcomes=None) == asked.answer(side, Strength.MUCH_BETTER)
-    (shown,) = room.page().get("/api/history").json()["answers"]
-    assert shown["text"] in ("newer much better", "older much better")
-    again = room.page().get("/api/history/1").json()
-    assert (again["verdict"], again["much"]) == (side.value, True)
-    export_csv(room.interview.study, tmp_path)
-    row = (tmp_path / "comparisons.csv").read_text().splitlines()[1].split(",")
-    assert float(row[5]) == 3
 
 
 @pytest.mark.parametrize("choice", ["left", "right", "same", "cannot tell"])

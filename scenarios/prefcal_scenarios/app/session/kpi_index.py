@@ -1,16 +1,13 @@
-"""Find what the answers of a study, with the KPIs of its experiments, say about the person."""
+"""Learn the weighted sum of KPIs that explains the answers of a study best."""
 
 from dataclasses import replace
 
 from prefcal_agents.history.censored import judged
 from prefcal_agents.history.lessons import Memory
-from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.qp import make_backend
 from prefcal_env.study import State
-from prefcal_scenarios.kpis import reading, seen
-from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore
 from .memory import agent_state
@@ -35,9 +32,11 @@ def index_of(history: History, seed: int) -> LearnedCost | None:
     return LearnedCost.of(Memory.of(history).history, seed, make_backend("piqp"))
 
 
-def importance_of(history: History, scenario: Scenario) -> Importance | None:
-    """Return which of the scenario's KPIs matter in the answers of `history`."""
-    return Importance.of(history, seen(scenario), reading(scenario))
+def trust_text(index: LearnedCost) -> str:
+    """Return how reliable a learned sum of KPIs is."""
+    right = f"{index.predicted} of {index.answers} answers that it had not learned from"
+    doubt = "" if index.explains else ": not clearly better than chance"
+    return f"A weighted sum of the KPIs predicted {right}{doubt}."
 
 
 def _known(comparison: Comparison, store: ExperimentStore) -> Comparison:

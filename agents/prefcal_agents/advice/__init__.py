@@ -1,1 +1,0 @@
-"""Advice about a study: whether to continue, and how to start from an earlier one."""
