@@ -83,7 +83,7 @@ RUNS: Mapping[str, Sequence[str]] = {
     ),
     "look": ("look a.csv b.csv --reference level=2 --inputs valve --out pair.png",
              "look s.prefcal:1 s.prefcal:best --json"),
-    "report": ("report s.prefcal --out again --pdf",),
+    "report": ("report s.prefcal --out again",),
     "studies list": ("studies list",),
     "studies show": ("studies show s.prefcal",),
     "studies export": ("studies export s.prefcal", "studies export s.prefcal --format csv",

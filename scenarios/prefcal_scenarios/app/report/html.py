@@ -15,12 +15,13 @@ from .export import rebuild, versions
 from .pictures import Drawn
 from .record import Record
 from .tables import (
-    comparison_headings,
     comparison_rows,
+    experiment_rows,
     gain_rows,
     pid_rows,
     result_columns,
     result_rows,
+    value_headings,
 )
 
 
@@ -60,7 +61,8 @@ def _view(record: Record) -> dict[str, Any]:
     view: dict[str, Any] = {"lead": lead(record)}
     view["who"] = "You seem" if record.by_a_person else "The calibrator seems"
     if record.best is not None:
-        view["comparison_headings"] = comparison_headings(record)
+        view["headings"] = value_headings(record)
+        view["experiment_rows"] = experiment_rows(record)
         view["comparison_rows"] = comparison_rows(record)
         theta = record.scenario.space.named(record.best.experiment.theta)
         view["best_values"] = [

@@ -160,13 +160,6 @@ def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):
     assert (tmp_path / "again" / "best.json").read_text() == first
 
 
-def test_a_report_as_pdf_is_named_and_written(prefcal, study, tmp_path):
-    code, _, err = prefcal("report", "mine", "--scenario", TOY, "--out", "again", "--pdf")
-    assert code == 0, err
-    assert "PDF: again/report.pdf" in err
-    assert (tmp_path / "again" / "report.pdf").read_bytes().startswith(b"%PDF")
-
-
 def test_a_study_is_exported_as_parquet_with_its_dictionary(prefcal, study, tmp_path):
     code, out, err = prefcal("studies", "export", "mine", "--format", "parquet")
     assert (code, out) == (0, "Written: mine\n"), err
