@@ -76,7 +76,7 @@ def test_a_person_cuts_a_run_short_that_cannot_win(scenario, plant, tmp_path):
     (offered, live), cutting = seen
     assert offered["hopeless"]
     assert not offered["stopping"]
-    assert "c cuts it short" in _live_words(live)
+    assert "c and Enter cuts it short" in _live_words(live)
     assert cutting["cutting"]
     assert cutting["stopping"]
     assert now.phase is Phase.CONFIRM
