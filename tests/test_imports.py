@@ -74,7 +74,6 @@ POLICIES_MAY_USE = (*AGENTS_MAY_USE, "experiments")
 """A policy that was learned on a plant is a controller; that is all of `prefcal_agents.rl`."""
 ALONE = {
     "piqp": "prefcal_env.qp",
-    "daqp": "prefcal_env.qp",
     "torch": ("prefcal_agents.rl", "prefcal_agents.peers"),
     "stable_baselines3": "prefcal_agents.rl",
     "glis": "prefcal_agents.peers",
