@@ -243,7 +243,7 @@ def main() -> None:
     """Check everything; exit with code 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, help="keep the distributions in this folder")
-    parser.add_argument("--extra", default="", help="extras to install, separated by commas")
+    parser.add_argument("--extra", default="parquet", help="extras to install, separated by commas")
     parser.add_argument("--newest", action="store_true", help="no pins from constraints.txt")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:

@@ -4,6 +4,7 @@ import io
 import json
 import socket
 import sqlite3
+import sys
 
 import pytest
 
@@ -166,6 +167,14 @@ def test_a_study_is_exported_as_parquet_with_its_dictionary(prefcal, study, tmp_
     names = {path.name for path in (tmp_path / "mine").iterdir()}
     tables = {f"{name}.parquet" for name in ("experiments", "comparisons", "trajectories")}
     assert names == tables | {"dictionary-parquet.csv"}
+
+
+def test_parquet_without_its_extra_is_refused_with_the_extra(prefcal, study, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    code, _, err = prefcal("studies", "export", "mine", "--format", "parquet")
+    assert code == 2
+    assert "Parquet needs pyarrow: pip install 'prefcal[parquet]', or use CSV" in err
+    assert not (tmp_path / "mine").exists()
 
 
 def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp_path):
