@@ -87,7 +87,7 @@ def kernels() -> Iterator[Kernel]:
 
 
 def _of_the_solver() -> Iterator[Kernel]:
-    """Yield what PIQP and DAQP need; other controllers need them only if a step is not solved."""
+    """Yield what PIQP needs; other controllers need them only if a step is not solved."""
     from numba import float64
 
     from prefcal_env.qp import _kernels

@@ -25,7 +25,7 @@ AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain")
 LAYERS = {
     "prefcal_env": (
         {"errors", "jit", "wording"},
-        {"knobs", "experiments", "qp", "plain", "described"},
+        {"knobs", "experiments", "qp", "plain", "described", "parquet"},
         {"preferences", "plants", "tables"},
         {"mpc", "envs", "rig", "live", "calibrators", "study", "fmu"},
         {"compiling", "controllers"},
@@ -74,7 +74,7 @@ POLICIES_MAY_USE = (*AGENTS_MAY_USE, "experiments")
 """A policy that was learned on a plant is a controller; that is all of `prefcal_agents.rl`."""
 ALONE = {
     "piqp": "prefcal_env.qp",
-    "daqp": "prefcal_env.qp",
+    "pyarrow": "prefcal_env.parquet",
     "torch": ("prefcal_agents.rl", "prefcal_agents.peers"),
     "stable_baselines3": "prefcal_agents.rl",
     "glis": "prefcal_agents.peers",

@@ -83,7 +83,7 @@ RUNS: Mapping[str, Sequence[str]] = {
     ),
     "look": ("look a.csv b.csv --reference level=2 --inputs valve --out pair.png",
              "look s.prefcal:1 s.prefcal:best --json"),
-    "report": ("report s.prefcal --out again --pdf",),
+    "report": ("report s.prefcal --out again",),
     "studies list": ("studies list",),
     "studies show": ("studies show s.prefcal",),
     "studies export": ("studies export s.prefcal", "studies export s.prefcal --format csv",
@@ -243,7 +243,7 @@ def main() -> None:
     """Check everything; exit with code 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, help="keep the distributions in this folder")
-    parser.add_argument("--extra", default="", help="extras to install, separated by commas")
+    parser.add_argument("--extra", default="parquet", help="extras to install, separated by commas")
     parser.add_argument("--newest", action="store_true", help="no pins from constraints.txt")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:

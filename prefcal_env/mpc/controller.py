@@ -72,7 +72,7 @@ class LinearMPC:
             s.tolerances.max_iterations,
         )  # fmt: skip
         # What the compiled method does not solve, PIQP may.
-        self._backend = make_backend("piqp" if self._solver[0] else s.backend, s.tolerances)
+        self._backend = make_backend("piqp", s.tolerances)
         n = s.N_u * n_u + (1 if limits.soft else 0)
         self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
 

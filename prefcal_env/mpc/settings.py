@@ -45,7 +45,7 @@ class MPCSettings:
         linearization: "point" uses one model, at the present state and input, for the whole
             horizon. "trajectory" uses one along the nominal trajectory of the last plan (eq.
             MPCsys).
-        backend: QP solver: "active-set", which is compiled into the step, "piqp" or "daqp".
+        backend: QP solver: "active-set", which is compiled into the step, or "piqp".
         tolerances: Tolerances of the QP solver.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Quadratic programs: one problem type, three backends, and checked solutions."""
+"""Quadratic programs: one problem type, two backends, and checked solutions."""
 
 from prefcal_env.errors import SettingsError
 
@@ -10,7 +10,7 @@ from .problem import Status as Status
 from .problem import Tolerances as Tolerances
 
 ACTIVE_SET = "active-set"
-BACKENDS = (ACTIVE_SET, "piqp", "daqp")
+BACKENDS = (ACTIVE_SET, "piqp")
 
 
 def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Backend:
@@ -18,7 +18,6 @@ def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Ba
 
     Raises:
         SettingsError: If the name is unknown.
-        MissingExtraError: If "daqp" is requested but its extra is not installed.
     """
     if name == ACTIVE_SET:
         from .active_set_backend import ActiveSetBackend
@@ -28,8 +27,4 @@ def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Ba
         from .piqp_backend import PIQPBackend
 
         return PIQPBackend(tolerances)
-    if name == "daqp":
-        from .daqp_backend import DAQPBackend
-
-        return DAQPBackend(tolerances)
     raise SettingsError(f"QP backend must be one of {BACKENDS}, got {name!r}")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_env.errors import StudyError
+from prefcal_env.parquet import pyarrow
 
 from .tables import (
     Column,
@@ -66,10 +67,9 @@ def export_parquet(study: StudyFile, folder: Path | str) -> Path:
     Columns are named without units; their fields have the metadata "unit" and "meaning", which
     dictionary-parquet.csv repeats. All trajectories are in one table, with the number of their
     experiment. The folder may exist: files of an earlier export as Parquet are replaced. Raises
-    StudyError if it cannot be written.
+    StudyError if it cannot be written, and MissingExtraError without the extra `parquet`.
     """
-    import pyarrow.parquet as pq
-
+    write = pyarrow().parquet.write_table
     target = Path(folder)
     experiments = finished(study)
     trajectories = {i + 1: trajectory_of(e) for i, e in experiments.items()}
@@ -78,7 +78,7 @@ def export_parquet(study: StudyFile, folder: Path | str) -> Path:
     with told(target, "write", what="the folder"):
         target.mkdir(parents=True, exist_ok=True)
         for name, table in tables.items():
-            pq.write_table(_arrow(table), target / f"{name}.parquet")
+            write(_arrow(table), target / f"{name}.parquet")
         columns = {f"{name}.parquet": table.columns for name, table in tables.items()}
         _write_csv(target / dictionary_file("parquet"), dictionary(columns))
     return target
@@ -164,8 +164,7 @@ def _unused(column: Column, others: Collection[Column]) -> Column:
 
 def _arrow(table: Table) -> Any:
     """Return a table of pyarrow, with unit and meaning in the metadata of each field."""
-    import pyarrow as pa
-
+    pa = pyarrow()
     types = {"integer": pa.int64(), "number": pa.float64(), "text": pa.string(),
              "boolean": pa.bool_()}  # fmt: skip
     fields, arrays = [], []

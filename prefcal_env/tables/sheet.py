@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_env.errors import RecordError
+from prefcal_env.parquet import pyarrow
 from prefcal_env.wording import and_more, did_you_mean
 
 from .cells import advice, almost_a_number
@@ -204,10 +205,11 @@ def _content(path: Path) -> bytes:
 
 def _parquet(content: bytes) -> Any:
     import pandas as pd
-    from pyarrow.parquet import ParquetFile
 
+    parquet = pyarrow().parquet
     try:
-        about = ParquetFile(io.BytesIO(content)).metadata  # a small file may hold very many rows
+        # A small file may hold very many rows.
+        about = parquet.ParquetFile(io.BytesIO(content)).metadata
         _check_size(about.num_rows, about.num_columns)
         return pd.read_parquet(io.BytesIO(content))
     except RecordError:

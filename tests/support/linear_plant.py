@@ -11,7 +11,8 @@ from scipy.linalg import expm
 
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Jacobians
-from prefcal_env.qp import QP, make_backend
+from prefcal_env.qp import QP
+from support.daqp_backend import DAQPBackend
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,6 @@ def dense_moves(plant, s, m):
     G.append(-np.eye(n_z)[-1])
     high.append(0.0)
     qp = QP(H[:-1, :-1], H[:-1, -1], np.array(G), np.full(len(G), -np.inf), np.array(high))
-    solution = make_backend("daqp").solve(qp)
+    solution = DAQPBackend().solve(qp)
     assert solution.solved
     return solution.z[:n_u], solution.z[-1]

@@ -48,7 +48,7 @@ EXTENDED = {
         "agents/glisp/test_[cknqs]*.py", "agents/history/test_lessons.py",
         "agents/models/test_learned_cost.py", "agents/screening/test_[abcg]*.py",
         "env/mpc/test_exact.py", "env/plants/test_function_plant.py",
-        "env/plants/test_integrate.py", "scenarios/app/report/test_pdf.py",
+        "env/plants/test_integrate.py",
         "scenarios/app/session/test_[cfps]*.py", "scenarios/app/web/view/test_now.py",
         "scenarios/cases/overtake/pictures/*", "scenarios/own/test_*_scenario.py",
         "scenarios/tastes/test_rule.py",

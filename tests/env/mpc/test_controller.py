@@ -11,7 +11,7 @@ from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.plants.cstr import CSTR, FEED
-from prefcal_env.qp import Tolerances
+from prefcal_env.qp import BACKENDS, Tolerances
 from support.linear_plant import dense_moves, random_plant
 
 BASE = MPCSettings(T_s=0.3, N_p=9, N_u=4, Q_y=np.eye(2), Q_du=0.1 * np.eye(2))
@@ -41,7 +41,7 @@ def measurement(seed, preview=False):
     )
 
 
-@pytest.mark.parametrize("backend", ["piqp", "daqp"])
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("linearization", ["point", "trajectory"])
 @pytest.mark.parametrize("option", OPTIONS)
 def test_first_move_is_that_of_eq_mpc_written_down(option, linearization, backend):

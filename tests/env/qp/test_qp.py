@@ -1,4 +1,4 @@
-"""Both backends solve what can be solved, and say so where nothing can be."""
+"""All backends, and DAQP, solve what can be solved, and say so where nothing can be."""
 
 from dataclasses import replace
 
@@ -9,13 +9,18 @@ from hypothesis import strategies as st
 
 from prefcal_env.errors import QPError, SettingsError
 from prefcal_env.qp import BACKENDS, QP, Box, Status, Tolerances, make_backend
+from support.daqp_backend import DAQPBackend
 
 INF = np.inf
 
 
-@pytest.fixture(params=BACKENDS)
+@pytest.fixture(params=[*BACKENDS, "daqp"])
 def backend(request):
-    return make_backend(request.param)
+    return made(request.param)
+
+
+def made(name):
+    return DAQPBackend() if name == "daqp" else make_backend(name)
 
 
 def qp(P, q, G=None, lower=None, upper=None):
@@ -126,7 +131,7 @@ def test_rows_are_checked_also_when_the_cost_is_reused():
 
 
 def test_unknown_backend_and_impossible_tolerances_are_refused():
-    with pytest.raises(SettingsError, match=r"piqp.*daqp.*'osqp'"):
+    with pytest.raises(SettingsError, match=r"active-set.*piqp.*'osqp'"):
         make_backend("osqp")
     with pytest.raises(SettingsError, match="absolute QP tolerance"):
         Tolerances(absolute=-1)
@@ -148,9 +153,10 @@ def test_what_is_called_solved_is_optimal(seed, n, m):
         around - rng.random(m),
         around + rng.random(m),
     )
-    results = [make_backend(name).solve(problem) for name in BACKENDS]
+    results = [made(name).solve(problem) for name in (*BACKENDS, "daqp")]
     assert all(r.solved for r in results)
-    np.testing.assert_allclose(results[0].z, results[1].z, atol=1e-5)
+    for other in results[1:]:
+        np.testing.assert_allclose(results[0].z, other.z, atol=1e-5)
     z, y = results[0].z, results[0].multipliers
     np.testing.assert_allclose(problem.P @ z + problem.q + G.T @ y, 0, atol=1e-5)
     assert np.all(G @ z <= problem.upper + 1e-6)

@@ -1,6 +1,7 @@
 """Tables of logged data: what is read, what is mended if allowed, and what is refused in words."""
 
 import re
+import sys
 from dataclasses import replace
 from inspect import signature
 
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env import Channel, Channels, End, Rig, TableColumns, combined, from_frame, recorded
-from prefcal_env.errors import RecordError, SettingsError
+from prefcal_env.errors import MissingExtraError, RecordError, SettingsError
 
 GOOD = "time [s],level [m],valve [%],note\n0,1,5,a\n1,2.5,6,b\n2,3,7,c\n3,4,8,d\n"
 USE = {"outputs": ["level"], "inputs": ["valve"]}
@@ -92,6 +93,12 @@ def test_headings_that_are_mapped_leave_the_other_columns_as_they_are():
 def test_without_names_all_columns_of_numbers_are_outputs():
     e = from_frame(GOOD, 1.0)
     assert [c.label for c in e.channels.y] == ["level [m]", "valve [%]"]
+
+
+def test_parquet_without_its_extra_is_refused_with_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(MissingExtraError, match=r"prefcal\[parquet\]', or use CSV"):
+        from_frame(b"PAR1xxxx", 1.0)
 
 
 def test_a_reference_comes_from_a_column_or_a_number():

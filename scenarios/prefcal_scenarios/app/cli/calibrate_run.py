@@ -317,14 +317,14 @@ def _print_link(link: str, work: CalibrateRun) -> None:
 
 def _in_terminal(work: CalibrateRun) -> None:
     """Ask in the terminal until the person stops."""
-    from prefcal_scenarios.app.terminal import converse, keys_of
+    from prefcal_scenarios.app.terminal import converse
 
     # With --json, standard output belongs to the result.
     console = work.reporter.messages if work.options.json else Console(emoji=False)
     with Background(work.interview):
         try:
             with work.ctrl_c.allowed():
-                converse(work.interview, console, keys_of(console))
+                converse(work.interview, console)
         except KeyboardInterrupt:
             pass
     work.reporter.tell(work.reporter.write())

@@ -74,13 +74,12 @@ class Reporter:
             return True
         return worth_keeping(file, self.interview.scenario)
 
-    def write(self, *, failed: bool = False, pdf: bool = False) -> Record:
+    def write(self, *, failed: bool = False) -> Record:
         """Write the report of the study as it stands, if there is anything to report.
 
         Args:
             failed: Whether the scenario has just failed: no references run, and nothing more is
                 said about its cost.
-            pdf: Whether to write report.pdf, too.
 
         Raises:
             StudyError: If it cannot be written, for example because the disk is full.
@@ -93,10 +92,10 @@ class Reporter:
         if trouble and not failed:
             self.say(f"prefcal: the report has no costs: {trouble}")
         if wanted:
-            self._write(record, pdf)
+            self._write(record)
         return record
 
-    def _write(self, record: Record, pdf: bool) -> None:
+    def _write(self, record: Record) -> None:
         # Imported here: plotting takes half a second, and invalid options must fail fast.
         from prefcal_scenarios.app.report.write import write_report
 
@@ -104,7 +103,7 @@ class Reporter:
         pictures = () if scenario.pictures is None else scenario.pictures()
         try:
             self.claim.renew()
-            write_report(record, self.claim.folder, pictures, pdf=pdf)
+            write_report(record, self.claim.folder, pictures)
         except OSError as error:
             raise StudyError(
                 f"cannot write the report into {self.claim.folder}: {error.strerror or error}. "
@@ -146,13 +145,7 @@ class Reporter:
 
 
 def report_of(
-    name: str,
-    source: str | None,
-    cost: str | None,
-    *,
-    out: Path | None,
-    json: bool,
-    pdf: bool = False,
+    name: str, source: str | None, cost: str | None, *, out: Path | None, json: bool
 ) -> None:
     """Write the report of the study called `name`.
 
@@ -162,7 +155,6 @@ def report_of(
         cost: Cost that the user gives, perhaps a program that they trust; None if not given.
         out: Folder of the report; None for the default.
         json: Whether to print the result as JSON.
-        pdf: Whether to write report.pdf, too.
 
     Raises:
         StudyError: If there is no such study, or its scenario must be given.
@@ -188,9 +180,7 @@ def report_of(
         claim = claim_folder(opened, scenario.name)
         try:
             reporter = Reporter(interview, opened, claim, Console(stderr=True, emoji=False))
-            reporter.tell(reporter.write(pdf=pdf))
-            if pdf:
-                reporter.say(f"PDF: {claim.folder / 'report.pdf'}")
+            reporter.tell(reporter.write())
         finally:
             claim.release()
 

@@ -15,12 +15,13 @@ from .export import rebuild, versions
 from .pictures import Drawn
 from .record import Record
 from .tables import (
-    comparison_headings,
     comparison_rows,
+    experiment_rows,
     gain_rows,
     pid_rows,
     result_columns,
     result_rows,
+    value_headings,
 )
 
 
@@ -59,7 +60,8 @@ def _view(record: Record) -> dict[str, Any]:
     """Return the values that the template needs besides the record itself."""
     view: dict[str, Any] = {"lead": lead(record)}
     if record.best is not None:
-        view["comparison_headings"] = comparison_headings(record)
+        view["headings"] = value_headings(record)
+        view["experiment_rows"] = experiment_rows(record)
         view["comparison_rows"] = comparison_rows(record)
         theta = record.scenario.space.named(record.best.experiment.theta)
         view["best_values"] = [

@@ -62,6 +62,16 @@ class ResultRow:
 
 
 @dataclass(frozen=True, slots=True)
+class ExperimentRow:
+    """An experiment: its number, starting at 1, its values, and how it ended."""
+
+    number: int
+    best: bool
+    values: tuple[Value, ...]
+    ended: str
+
+
+@dataclass(frozen=True, slots=True)
 class Compared:
     """One side of a comparison: the experiment's number, starting at 1, and its values."""
 
@@ -171,10 +181,20 @@ def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple
     return grouped(kpis, *shown)
 
 
-def comparison_headings(record: Record) -> list[tuple[str, str]]:
-    """Return the name and unit of each value that a comparison shows for one side."""
+def value_headings(record: Record) -> list[tuple[str, str]]:
+    """Return the name and unit of each value that tables show of an experiment."""
     knobs = [(k.name, k.unit) for k in record.scenario.space]
     return knobs + [(k.title, k.unit) for k in shown_values(record)]
+
+
+def experiment_rows(record: Record) -> Iterator[ExperimentRow]:
+    """Yield every experiment with its values, in the order of their numbers."""
+    assert record.best is not None
+    kpis = shown_values(record)
+    for trial in record.trials:
+        values = _values(record, kpis, trial.experiment)
+        best = trial.index == record.best.index
+        yield ExperimentRow(trial.number, best, values, ended_text(trial.experiment))
 
 
 def comparison_rows(record: Record) -> Iterator[ComparisonRow]:

@@ -10,15 +10,11 @@ from .acceptance import FILE, sheet
 from .comparisons import comparisons_as_csv
 from .export import best_as_json
 from .html import page
-from .pdf import FILE as PDF
-from .pdf import document
 from .pictures import PICTURES, draw
 from .record import Record
 
 
-def write_report(
-    record: Record, folder: Path, extra: Sequence[Picture] = (), *, pdf: bool = False
-) -> Path:
+def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) -> Path:
     """Write the report's files into `folder`; return the path of report.html.
 
     Equal studies give equal bytes. Files of an earlier report in `folder` are replaced.
@@ -27,7 +23,6 @@ def write_report(
         record: Record of the study, complete or not.
         folder: Existing folder.
         extra: Additional figures of the scenario.
-        pdf: Whether to write report.pdf, too.
     """
     if record.best is not None:
         put(folder / "best.json", best_as_json(record).encode())
@@ -43,10 +38,6 @@ def write_report(
         put(folder / FILE, sheet(record).encode())
     else:
         (folder / FILE).unlink(missing_ok=True)
-    if pdf and record.best is not None:
-        put(folder / PDF, document(record, drawn))
-    else:
-        (folder / PDF).unlink(missing_ok=True)
     report = folder / "report.html"
     put(report, page(record, drawn).encode())
     return report

@@ -1,4 +1,3 @@
 """Run the interview in a terminal, on a machine without a browser."""
 
 from .converse import converse as converse
-from .keys import keys_of as keys_of

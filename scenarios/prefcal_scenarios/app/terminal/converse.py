@@ -1,8 +1,9 @@
-"""Hold the conversation in a terminal: show a question, read a key, act on it, and repeat."""
+"""Hold the conversation in a terminal: show a question, read the answer, and repeat."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 
@@ -18,15 +19,16 @@ from prefcal_scenarios.app.presentation.wording import theta_text
 from prefcal_scenarios.app.session import Choice, Given, Interview, Now, Phase
 from prefcal_scenarios.app.session.live.state import LiveNow, Recovery
 from prefcal_scenarios.app.session.view import GOOD_ENOUGH, UNSAFE
-from prefcal_scenarios.app.web.view import Seen, comparison_view, preview_view
+from prefcal_scenarios.app.web.view import Seen, preview_view
 
 from .briefing import show_brief
-from .keys import END, ESCAPE, ask_line, pressed
+from .lines import END, ask_line, typed
 from .looking import show_history, show_status
-from .pairs import show_rows
 from .showing import show_changes, show_keys, show_next, show_question
 
-# Keys that the page has too mean the same there.
+ANSWER = "answer"
+"""Words that ask for an answer."""
+# Letters that the page has as keys mean the same there.
 CHOICES = {
     "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
     "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
@@ -39,7 +41,7 @@ STOP = ("x", "stop")
 STOP_RUN = "k"
 RESTORE = ("g", "again")
 _LOOK = 0.2
-"""Interval, in seconds, at which a waiting conversation reads the keyboard."""
+"""Interval, in seconds, at which a waiting conversation reads what was typed."""
 _EXPLAINED = 2.0
 """Longest wait, in seconds, for the reason of a question: it is asked without one then."""
 _LARGEST = 20 << 20
@@ -50,19 +52,17 @@ _LARGEST = 20 << 20
 class _Conversation:
     interview: Interview
     console: Console
-    keys: Callable[[], str]
     line: Callable[[str], str]
     blind: bool = False
     comment: str = ""
     shown: object = None
     """What was printed last: a question, or the version at which a record was asked for."""
     seen: Seen = field(default_factory=Seen)
-    maneuver: int = 0
     compiles: bool = False
     dialed: tuple[float, ...] | None = None
     missing: object = None
     """Where it was last said that the plant lacks its old values."""
-    pressed: Callable[[], AbstractContextManager[Callable[[], str]]] = pressed
+    typed: Callable[[], str | None] = typed
 
     def run(self) -> None:
         """Ask until the study is over or stopped."""
@@ -78,13 +78,13 @@ class _Conversation:
             self.interview.wait_for_screened(_EXPLAINED)
 
     def _wait(self, now: Now) -> None:
-        with self.console.status(_waiting(now)) as status, self.pressed() as pressed:
+        with self.console.status(_waiting(now)) as status:
             while now.phase is Phase.RUNNING:
                 self._compiling(now)
                 status.update(_waiting(now))
                 can_stop = now.run_limit is not None or now.live is not None
-                key = pressed()
-                if key == STOP_RUN and can_stop and now.pending is not None:
+                said = self.typed()
+                if said == STOP_RUN and can_stop and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
                         self.interview.stop_run(now.pending.index)
                 now = self.interview.wait(now.version, _LOOK)
@@ -116,57 +116,56 @@ class _Conversation:
         if now.question is None:  # it changed meanwhile
             return True
         if self.shown is not now.question:
-            show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen,
-                          maneuver=self.maneuver)  # fmt: skip
+            show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
             self.shown = now.question
         self._unrestored(now)
-        key = self.keys()
-        if key in STOP:
+        said = self._said()
+        if said in STOP:
             return False
-        if key in CHOICES:
-            self._answer(now.question.id, CHOICES[key])
-        elif key in MARKS:
-            side, mark = MARKS[key]
+        if said in CHOICES:
+            self._answer(now.question.id, CHOICES[said])
+        elif said in MARKS:
+            side, mark = MARKS[said]
             on = mark not in getattr(now.question, side).marks
             self.interview.mark(now.question.id, side, mark, on)
             self._say(f"{side.capitalize()}: {mark}" + ("." if on else ", no longer."))
-        elif key in RESTORE and now.live is not None:
+        elif said in RESTORE and now.live is not None:
             self._restore()
         else:
-            self._other(key, now)
+            self._other(said, now)
         return True
+
+    def _said(self) -> str:
+        return self.line(ANSWER).lower()
 
     def _answer(self, question: int, choice: Choice) -> None:
         self.interview.answer(question, choice, comment=self.comment, blind=self.blind)
         self.comment = ""  # after the answer is saved: on a full disk it is repeated
         self._say(f"Saved: {choice.value}.")
 
-    def _other(self, key: str, now: Now) -> None:
-        if key == "z" or (key == ESCAPE and now.question and now.question.repeats is not None):
+    def _other(self, said: str, now: Now) -> None:
+        if said == "z":
             self._undo(now)
-        elif key == "c":
-            said = self.line("comment on the next answer")
+        elif said == "c":
+            comment = self.line("comment on the next answer")
             # END means Ctrl-D: no comment.
-            self.comment = "" if said == END else said
-        elif key == "b":
+            self.comment = "" if comment == END else comment
+        elif said == "b":
             self.blind, self.shown = not self.blind, None
-        elif key == "j":
-            self.maneuver, self.shown = self.maneuver + 1, None
-        elif key == "t" and now.question is not None:
-            seen = self.seen.look(self.interview)
-            show_rows(comparison_view(now.question, self.interview.scenario, seen), self.console)
-        elif key == "p":
+        elif said == "t":
+            self.shown = None
+        elif said == "p":
             self.interview.repeat()
-        elif key == "f":
-            # Asks again, since the key is beside those of the marks.
-            self._say("Press f again to finish the study.")
-            if self.keys() == "f":
+        elif said == "f":
+            # Asks again, since one letter is easily mistyped.
+            self._say("Type f again to finish the study.")
+            if self._said() == "f":
                 self.interview.finish()
-        elif key in ("h", "w") and self.blind:
+        elif said in ("h", "w") and self.blind:
             self._say("That would show which experiment is which: end blind mode first (b).")
-        elif key == "h":
+        elif said == "h":
             show_history(self.interview, self.console)
-        elif key == "w":
+        elif said == "w":
             show_status(self.interview, self.console)
         else:
             show_brief(self.interview, self.console)
@@ -234,16 +233,16 @@ class _Conversation:
         here = (now.phase, now.question, now.live.problem)
         if self.missing != here:
             self._say(f"The plant does not have its old values yet: {now.live.problem}.")
-            self._say("[g] or again tries to restore them.")
+            self._say("g or again tries to restore them.")
             self.missing = here
 
     def _restore(self) -> None:
-        """Try to restore the plant's old values; any key ends the wait, not the attempt."""
+        """Try to restore the plant's old values; a line ends the wait, not the attempt."""
         self.interview.retry()
         self.missing, now = None, self.interview.now()
-        words = "restoring the old values on the plant; any key goes on meanwhile"
-        with self.console.status(words), self.pressed() as pressed:
-            while _is_restoring(now.live) and not pressed():
+        words = "restoring the old values on the plant; Enter goes on meanwhile"
+        with self.console.status(words):
+            while _is_restoring(now.live) and self.typed() is None:
                 now = self.interview.wait(now.version, _LOOK)
         if now.live is not None and now.live.recovery is Recovery.DONE:
             self._say("The old values are restored.")
@@ -289,17 +288,17 @@ class _Conversation:
     def _failed(self, now: Now) -> bool:
         self._say(f"That did not work: {now.problem}")
         self._unrestored(now)
-        self._say("[t] try again   [f] count it as failed   [z] undo   [x] stop")
-        key = self.keys()
-        if key in STOP:
+        self._say("t: try again, f: count it as failed, z: undo, x: stop")
+        said = self._said()
+        if said in STOP:
             return False
-        if key in RESTORE and _lacks_old_values(now.live):
+        if said in RESTORE and _lacks_old_values(now.live):
             self._restore()
-        elif key == "t":
+        elif said == "t":
             self.interview.retry()
-        elif key == "f" and now.pending is not None:
+        elif said == "f" and now.pending is not None:
             self.interview.fail(now.pending.index, now.problem or "")
-        elif key == "z":
+        elif said == "z":
             self.interview.undo(now.version)
         return True
 
@@ -323,7 +322,7 @@ def _waiting(now: Now) -> str:
     if now.run_limit is None:
         return words
     limit = f"at most {in_time(now.run_limit)}; " if isfinite(now.run_limit) else ""
-    return f"{words} ({limit}k stops it)"
+    return f"{words} ({limit}k and Enter stops it)"
 
 
 def _lacks_old_values(live: LiveNow | None) -> bool:
@@ -345,7 +344,7 @@ def _live_words(live: LiveNow) -> str:
                        if not key.startswith("reference"))  # fmt: skip
     shown = f" ({values})" if values else ""
     problem = f"; {progress.problem}" if progress.problem else ""
-    return f": {progress.stage.value}{time}{shown}{problem}; k stops it"
+    return f": {progress.stage.value}{time}{shown}{problem}; k and Enter stops it"
 
 
 def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:
@@ -370,18 +369,13 @@ def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:
 
 
 def converse(
-    interview: Interview,
-    console: Console,
-    keys: Callable[[], str],
-    line: Callable[[str], str] | None = None,
+    interview: Interview, console: Console, line: Callable[[str], str] | None = None
 ) -> None:
     """Ask in a terminal until the study is over or the person stops.
 
     Args:
         interview: Interview whose background work runs elsewhere, for example in a `Background`.
         console: Console to print to, at least 80 columns wide.
-        keys: Function that returns the next key.
         line: Function that asks for a line of text; None to read standard input.
     """
-    asks = line or (lambda words: ask_line(console, words))
-    _Conversation(interview, console, keys, asks).run()
+    _Conversation(interview, console, line or partial(ask_line, console)).run()

@@ -1,6 +1,7 @@
 """Write raw results as a Parquet file that others can use, and read the curves of worth from it.
 
-raw.parquet has a row for each comparison, and for each experiment that was never a challenger:
+raw.parquet (raw.csv without the extra `parquet`) has a row for each comparison, and for each
+experiment that was never a challenger:
 
     agent, loop, taste, seed   the study: its agent, problem, calibrator and seed
     n_init, n_max              experiments before the agent learns, and in all
@@ -14,26 +15,45 @@ raw.parquet has a row for each comparison, and for each experiment that was neve
     simulated                  number of θ that the agent simulated in the study; else missing
     agent_version, problem_version, prefcal
 
-Lists of numbers and of names are read by pandas, polars and DuckDB alike. The incumbent's θ and
-KPIs are in the row of the same study whose experiment it is.
+Lists of numbers and of names are read by pandas, polars and DuckDB alike; in CSV they are JSON. The
+incumbent's θ and KPIs are in the row of the same study whose experiment it is.
 """
 
+import csv
+import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
+from functools import partial
+from importlib.util import find_spec
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from prefcal_env.errors import PrefcalError, SettingsError
+from prefcal_env.parquet import pyarrow
 from prefcal_scenarios.bench.problems import problem
 from prefcal_scenarios.bench.result import Result
 from prefcal_scenarios.bench.roster import entry, package_version
 
 VERSIONS = ("agent_version", "problem_version")
+_KINDS = {
+    "agent": "word", "loop": "word", "taste": "word", "seed": "integer",
+    "n_init": "integer", "n_max": "integer", "after": "integer",
+    "experiment": "integer", "incumbent": "integer", "answer": "sign",
+    "answers": "integer", "theta": "numbers", "kpis": "numbers",
+    "kpi_names": "words", "worth": "number", "simulated": "integer",
+    "agent_version": "word", "problem_version": "word", "prefcal": "word",
+}  # fmt: skip
+"""Columns, and what they hold."""
 _BATCH = 500
 """Number of studies that are converted at a time: memory stays small for a large campaign."""
+
+
+def raw_file(folder: Path) -> Path:
+    """Return the file of raw results in a folder: raw.csv if the extra `parquet` is missing."""
+    return folder / ("raw.csv" if find_spec("pyarrow") is None else "raw.parquet")
 
 
 def write_raw(results: Iterable[Result], path: Path) -> Path:
@@ -44,16 +64,13 @@ def write_raw(results: Iterable[Result], path: Path) -> Path:
 
     Raises:
         SettingsError: If the file cannot be written.
+        MissingExtraError: If it is not called .csv, and the extra `parquet` is not installed.
     """
-    import pyarrow.parquet as pq
-
-    schema = _schema()
+    write = _as_csv if path.suffix == ".csv" else partial(_as_parquet, pyarrow())
     ordered = iter(sorted((r for r in results if not r.failure), key=lambda r: r.cell))
     beside = path.with_name(f".{path.name}.part")
     try:
-        with pq.ParquetWriter(beside, schema, compression="zstd") as writer:
-            while batch := list(islice(ordered, _BATCH)):
-                writer.write_table(_table(batch, schema))
+        write(ordered, beside)
         os.replace(beside, path)
     except OSError as error:
         raise SettingsError(f"cannot write {path}: {error}") from error
@@ -82,45 +99,47 @@ def read_curves(path: str | Path) -> pd.DataFrame:
 
 
 def read(path: str | Path, columns: Sequence[str]) -> pd.DataFrame:
-    """Return columns of a Parquet file.
+    """Return columns of a Parquet file, or of a CSV file of that name.
 
     Raises:
         SettingsError: If there is no such file, or it lacks one of the columns.
+        MissingExtraError: If it is Parquet, and the extra `parquet` is not installed.
     """
-    import pyarrow as pa
-
     try:
+        if Path(path).suffix == ".csv":
+            missing = {"worth": [""]}  # elsewhere, an empty cell is an empty word
+            return pd.read_csv(
+                path, usecols=list(columns), keep_default_na=False, na_values=missing
+            )
+        pyarrow()
         return pd.read_parquet(path, columns=list(columns))
-    except (OSError, pa.ArrowInvalid) as error:
+    except (OSError, ValueError) as error:  # pyarrow's are ValueErrors, too
         words = str(error).splitlines()[0]
         raise SettingsError(f"{path} holds no results of the benchmark: {words}") from error
 
 
-def _schema() -> Any:
-    import pyarrow as pa
-
-    word = pa.dictionary(pa.int32(), pa.string())
-    numbers = pa.list_(pa.float64())
-    return pa.schema([
-        ("agent", word), ("loop", word), ("taste", word), ("seed", pa.int32()),
-        ("n_init", pa.int32()), ("n_max", pa.int32()), ("after", pa.int32()),
-        ("experiment", pa.int32()), ("incumbent", pa.int32()), ("answer", pa.int8()),
-        ("answers", pa.int32()), ("theta", numbers), ("kpis", numbers),
-        ("kpi_names", pa.list_(word)), ("worth", pa.float64()), ("simulated", pa.int32()),
-        ("agent_version", word), ("problem_version", word), ("prefcal", word),
-    ])  # fmt: skip
+def _as_csv(results: Iterator[Result], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_KINDS)
+        for row in chain.from_iterable(map(_rows, results)):
+            writer.writerow(json.dumps(c) if isinstance(c, list | tuple) else c for c in row)
 
 
-def _table(results: Sequence[Result], schema: Any) -> Any:
-    import pyarrow as pa
-
-    rows = [row for result in results for row in _rows(result)]
-    columns = dict(zip(schema.names, zip(*rows, strict=True), strict=True))
-    return pa.table({name: list(column) for name, column in columns.items()}, schema=schema)
+def _as_parquet(pa: Any, results: Iterator[Result], path: Path) -> None:
+    word, number = pa.dictionary(pa.int32(), pa.string()), pa.float64()
+    types = {"word": word, "words": pa.list_(word), "numbers": pa.list_(number), "number": number,
+             "integer": pa.int32(), "sign": pa.int8()}  # fmt: skip
+    schema = pa.schema([(name, types[kind]) for name, kind in _KINDS.items()])
+    with pa.parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        while batch := list(islice(results, _BATCH)):
+            rows = chain.from_iterable(map(_rows, batch))
+            columns = dict(zip(_KINDS, map(list, zip(*rows, strict=True)), strict=True))
+            writer.write_table(pa.table(columns, schema=schema))
 
 
 def _rows(result: Result) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of one study, in the order of the schema."""
+    """Yield the rows of one study, in the order of the columns."""
     cell = result.cell
     study = (cell.agent, cell.problem, cell.calibrator, cell.seed, cell.n_init, cell.n_max)
     versions = (

@@ -4,6 +4,7 @@ import io
 import json
 import socket
 import sqlite3
+import sys
 
 import pytest
 
@@ -160,19 +161,20 @@ def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):
     assert (tmp_path / "again" / "best.json").read_text() == first
 
 
-def test_a_report_as_pdf_is_named_and_written(prefcal, study, tmp_path):
-    code, _, err = prefcal("report", "mine", "--scenario", TOY, "--out", "again", "--pdf")
-    assert code == 0, err
-    assert "PDF: again/report.pdf" in err
-    assert (tmp_path / "again" / "report.pdf").read_bytes().startswith(b"%PDF")
-
-
 def test_a_study_is_exported_as_parquet_with_its_dictionary(prefcal, study, tmp_path):
     code, out, err = prefcal("studies", "export", "mine", "--format", "parquet")
     assert (code, out) == (0, "Written: mine\n"), err
     names = {path.name for path in (tmp_path / "mine").iterdir()}
     tables = {f"{name}.parquet" for name in ("experiments", "comparisons", "trajectories")}
     assert names == tables | {"dictionary-parquet.csv"}
+
+
+def test_parquet_without_its_extra_is_refused_with_the_extra(prefcal, study, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    code, _, err = prefcal("studies", "export", "mine", "--format", "parquet")
+    assert code == 2
+    assert "Parquet needs pyarrow: pip install 'prefcal[parquet]', or use CSV" in err
+    assert not (tmp_path / "mine").exists()
 
 
 def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp_path):

@@ -1,14 +1,39 @@
 """The pages of a report fit on screens of any width, and curves on paper are large."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.report.acceptance import sheet
 from prefcal_scenarios.app.report.html import page as page_of
 from prefcal_scenarios.app.report.trajectories import before_and_after
 from toy_study import toy_record
+
+PAPER = 703
+"""Width of a line on A4 paper, in pixels."""
+
+
+def many_knobs(record, count):
+    """The record with as many knobs, and with values as long as numbers get."""
+    knobs = KnobSpace([Knob(f"weight_{k}", -1.0, 1.0, unit="kJ/kg") for k in range(count)])
+
+    def moved(comparison):
+        sides = {
+            name: replace(side, theta=np.full(count, -1.234e-5))
+            for name in ("challenger", "incumbent")
+            if (side := getattr(comparison, name)) is not None
+        }
+        return replace(comparison, **sides)
+
+    return replace(
+        record, scenario=replace(record.scenario, space=knobs, references={}), references={},
+        comparisons=tuple(map(moved, record.comparisons)), surrogate=None,
+    )  # fmt: skip
 
 
 @pytest.fixture
@@ -41,6 +66,24 @@ def test_on_a_phone_what_was_gained_needs_no_scrolling(browser, text):
     page.set_content(text)
     box = page.locator("[aria-label='What was gained']")
     assert box.evaluate("box => box.scrollWidth <= box.clientWidth")
+
+
+@pytest.mark.parametrize("knobs", [3, 20])
+def test_a_printed_report_names_every_experiment_and_cuts_nothing_off(browser, knobs):
+    record = toy_record() if knobs == 3 else many_knobs(toy_record(), knobs)
+    page = browser.new_page(viewport={"width": PAPER, "height": 1000}, color_scheme="dark")
+    page.set_content(page_of(record, []))
+    page.emulate_media(media="print")
+    assert page.evaluate("document.documentElement.scrollWidth") == PAPER
+    too_wide = "all => all.filter(b => b.scrollWidth > b.clientWidth).length"
+    assert page.eval_on_selector_all(".scroll", too_wide) == 0
+    tried = page.locator("[aria-label=Experiments] tbody")
+    assert tried.locator("tr").count() == len(record.trials)
+    assert tried.locator("th.best").inner_text() == str(record.best.number)
+    asked = page.locator("[aria-label=Comparisons] tbody tr").first.locator("th, td")
+    assert [cell.is_visible() for cell in asked.all()].count(True) == 4
+    printed = page.pdf(format="A4", prefer_css_page_size=True)
+    assert len(re.findall(rb"/Type\s*/Page[^s]", printed)) in (3, 4)
 
 
 def test_curves_take_the_room_that_tables_leave_and_before_differs_from_after(browser):

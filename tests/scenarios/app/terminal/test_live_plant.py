@@ -2,7 +2,6 @@
 
 import io
 import time
-from contextlib import contextmanager
 
 import pytest
 from rich.console import Console
@@ -10,7 +9,7 @@ from rich.console import Console
 from prefcal_env.live import LiveRig
 from prefcal_scenarios.app.session import Background, Phase
 from prefcal_scenarios.app.session.live.state import Recovery
-from prefcal_scenarios.app.terminal.converse import _Conversation
+from prefcal_scenarios.app.terminal.converse import ANSWER, _Conversation
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import begin
 from support.live import Memory, memory_rig
@@ -45,15 +44,14 @@ def interview(plant, tmp_path, monkeypatch):
 
 
 def talk(interview, lines, *, stops=lambda: False, keys=lambda: "x"):
-    """The conversation with these lines and keys; `k` is pressed whenever `stops` says so."""
+    """The conversation with these lines and answers; `k` is typed whenever `stops` says so."""
     console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
     written = iter(lines)
 
-    @contextmanager
-    def pressed():
-        yield lambda: "k" if stops() else ""
+    def said(words):
+        return keys() if words == ANSWER else next(written)
 
-    talking = _Conversation(interview, console, keys, lambda words: next(written), pressed=pressed)
+    talking = _Conversation(interview, console, said, typed=lambda: "k" if stops() else None)
     with Background(interview):
         talking.run()
     return console.export_text()
@@ -102,7 +100,7 @@ def test_a_plant_without_its_old_values_is_named_beside_a_question_and_tried_aga
     assert interview.now().phase is Phase.QUESTION
     missing = "The plant does not have its old values yet: "
     assert "set-point: the server memory refuses" in out[out.index(missing) :]
-    assert "[g] or again tries to restore them" in out
+    assert "g or again tries to restore them" in out
     assert "The old values are restored." in out
     assert plant.values["sp"] == pytest.approx(1.0)
 

@@ -12,7 +12,7 @@ from prefcal_scenarios.app.terminal import converse
 from prefcal_scenarios.app.terminal.showing import show_question
 from support.interviews import begin, proceed
 from support.looks import toy
-from support.screened import explained, screening
+from support.screened import screening
 
 FIRST, WHY = "Nothing learned yet: ", "(chance that you prefer it: 70 %)."
 OFFER = "Stop here, or go on? (f f finishes)"
@@ -31,7 +31,7 @@ def talk(interview, keys, width=200):
     console = Console(file=io.StringIO(), width=width, record=True, force_terminal=False)
     typed = iter(keys)
     with Background(interview):
-        converse(interview, console, lambda: next(typed), lambda words: "")
+        converse(interview, console, lambda words: next(typed))
     return console.export_text()
 
 
@@ -56,16 +56,6 @@ def test_where_are_we_tells_what_the_simulations_promise():
     out = talk(screening(), "llwx")
     assert "simulated is better than the best so far is 8 %" in out.partition("Saved: left.")[2]
     assert "would bring nothing better" not in out
-
-
-@pytest.mark.parametrize(("width", "height"), [(120, 40), (80, 50)])
-def test_the_curves_leave_room_for_the_reason(width, height):
-    interview = explained(screening())
-    console = Console(
-        file=io.StringIO(), width=width, height=height, record=True, force_terminal=True
-    )
-    show_question(interview, interview.now(), console, blind=False)
-    assert len(console.export_text().splitlines()) < height
 
 
 def test_other_agents_give_no_reason():

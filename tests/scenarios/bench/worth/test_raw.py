@@ -1,13 +1,16 @@
 """Raw results as Parquet."""
 
+import json
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import MissingExtraError, SettingsError
 from prefcal_scenarios.bench.roster import entry
 from prefcal_scenarios.bench.worth.curves import curves_of, frame_of
-from prefcal_scenarios.bench.worth.raw import read_curves, write_raw
+from prefcal_scenarios.bench.worth.raw import raw_file, read_curves, write_raw
 from support.campaigns import failed, result
 from support.worths import study, walks
 
@@ -95,6 +98,24 @@ def test_the_curves_are_those_of_the_results(tmp_path):
     ours, theirs = curves_of(frame_of(results)).studies, curves_of(read).studies
     assert all(map(np.array_equal, ours["asked"], theirs["asked"]))
     assert all(map(np.allclose, ours["worth"], theirs["worth"]))
+
+
+def test_without_its_extra_raw_results_are_csv(tmp_path, monkeypatch):
+    results = walks({"GLISp": 1.3, "Own": 1.1}, n_max=7)
+    columnar = write_raw(results, raw_file(tmp_path))
+    with monkeypatch.context() as without:  # pandas itself has loaded it
+        without.setitem(sys.modules, "pyarrow", None)
+        path = write_raw(results, raw_file(tmp_path))
+        for refused in (lambda: read_curves(columnar), lambda: write_raw(results, columnar)):
+            with pytest.raises(MissingExtraError, match=r"prefcal\[parquet\]"):
+                refused()
+    assert (columnar.name, path.name) == ("raw.parquet", "raw.csv")
+    whole, table = pd.read_parquet(columnar), pd.read_csv(path)
+    assert [*table.columns] == [*whole.columns]
+    for name in ("theta", "kpis", "kpi_names"):
+        assert [json.loads(cell) for cell in table[name]] == [[*cell] for cell in whole[name]]
+    curves = read_curves(columnar).astype(read_curves(path).dtypes)
+    pd.testing.assert_frame_equal(read_curves(path), curves)
 
 
 def test_other_files_are_refused(tmp_path):

@@ -6,7 +6,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_scenarios.app.cli.interrupt import INTERRUPTED
 from prefcal_scenarios.bench.results import write
 from prefcal_scenarios.bench.worth.published import PUBLISHED, Plan, plan, read_published
-from prefcal_scenarios.bench.worth.raw import write_raw
+from prefcal_scenarios.bench.worth.raw import raw_file, write_raw
 
 from .options import CompareOptions
 from .run import as_json, run_all, show
@@ -28,7 +28,7 @@ def compare(options: CompareOptions) -> int:
         finished.results, (), options.out, command=command_of(options), digest=finished.digest,
         notes=(*planned.notes, *suite.left_out), baseline=mine, published=planned.published,
     )  # fmt: skip
-    write_raw(finished.results, options.out / "raw.parquet")
+    write_raw(finished.results, raw_file(options.out))
     if options.json:
         print(as_json(finished, suite, page, planned.published))
     else:

@@ -18,7 +18,7 @@ from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Sui
 from prefcal_scenarios.bench.engine import Workers
 from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
 from prefcal_scenarios.bench.worth.curves import curves_of, frame_of, joined
-from prefcal_scenarios.bench.worth.raw import write_raw
+from prefcal_scenarios.bench.worth.raw import raw_file, write_raw
 from prefcal_scenarios.bench.worth.rows import worth_table
 from prefcal_scenarios.processes.cores import usable_cores
 
@@ -108,7 +108,7 @@ def run(options: BenchOptions) -> int:
         finished.results, finished.duels, options.out, command=command_of(options),
         digest=finished.digest, notes=(*suite.left_out, *finished.trouble), baseline=suite.baseline,
     )  # fmt: skip
-    write_raw(finished.results, options.out / "raw.parquet")
+    write_raw(finished.results, raw_file(options.out))
     if options.json:
         print(as_json(finished, suite, page))
     elif options.csv:

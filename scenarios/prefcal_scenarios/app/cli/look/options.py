@@ -38,7 +38,7 @@ class LookOptions:
         tuple[str, ...], Option(metavar="NAME=HEADING", help="Name of your own for a column.")
     ] = ()
     align: Annotated[bool, Option("--align", help="Let all runs start at time 0.")] = False
-    terminal: Annotated[bool, Option("--terminal", help="Show them in this terminal.")] = False
+    terminal: Annotated[bool, Option("--terminal", help="Show KPIs in this terminal.")] = False
     browser: Annotated[bool, Option("--no-browser", help="Only print the link.")] = True
     host: Annotated[str, Option(metavar="ADDRESS", help="Address of the page.")] = "127.0.0.1"
     port: Annotated[int, Option(metavar="N", help="Port of the page; 0: any free one.")] = 0

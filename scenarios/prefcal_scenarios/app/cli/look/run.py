@@ -51,11 +51,10 @@ def run(options: LookOptions) -> int:
     if picture is not None:
         print(f"Picture: {picture}", flush=True)
     elif options.terminal:
-        from prefcal_scenarios.app.terminal.pairs import show_runs
+        from prefcal_scenarios.app.terminal.pairs import show_kpis
 
-        sides = {"left": look.pair.left, "right": look.pair.right}
-        shown = {side: (each.name, each.experiment) for side, each in sides.items()}
-        show_runs(shown, look.pair.panels, look.kpis(), Console(emoji=False))
+        names = {"left": look.pair.left.name, "right": look.pair.right.name}
+        show_kpis(look.kpis(), Console(emoji=False), names)
     else:
         _serve(runs, options)
     return 0

@@ -259,9 +259,6 @@ REPORT_EPILOG = """\
 [cyan]prefcal report mine[/cyan]
   Write the report of the study called mine into the folder prefcal-mine.
 
-[cyan]prefcal report mine --pdf[/cyan]
-  Also report.pdf: the acceptance sheet, figures and tables on A4 pages.
-
 [cyan]prefcal report plant-1 --scenario own.py:plant --out latest[/cyan]
   For a study of your own scenario, into a folder of your choice.
 
@@ -290,9 +287,6 @@ def report(
             show_default="./prefcal-STUDY",
         ),
     ] = None,
-    pdf: Annotated[
-        bool, typer.Option("--pdf", metavar="", help="Write report.pdf, too, on A4 pages.")
-    ] = False,
     json: Annotated[
         bool,
         typer.Option(
@@ -305,4 +299,4 @@ def report(
     """Write the report of a study as it stands, complete or not."""
     from prefcal_scenarios.app.cli.report import report_of
 
-    report_of(study, _named(scenario, plant), cost, out=out, json=json, pdf=pdf)
+    report_of(study, _named(scenario, plant), cost, out=out, json=json)

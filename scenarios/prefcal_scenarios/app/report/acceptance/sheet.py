@@ -50,7 +50,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """Content of an acceptance sheet, for HTML and for PDF.
+    """Content of an acceptance sheet.
 
     Args:
         facts: Paragraphs on the study: what it consists of, who answered and when, what before and
@@ -85,7 +85,7 @@ def sheet(record: Record) -> str:
     lines = sum(
         1 + max(len(text) // room for text, room in zip(row, _LINE, strict=True)) for row in rows
     )
-    picture = curves(record, height=min(5.0, max(2.0, 2.4 + _HIGH * (2 * _MOST - lines))))
+    picture = _curves(record, height=min(5.0, max(2.0, 2.4 + _HIGH * (2 * _MOST - lines))))
     template = environment().get_template("app/report/acceptance/acceptance.html.j2")
     return template.render(
         record=record, sheet=content, curves=picture and data_uri(picture, "curves.png")
@@ -155,7 +155,7 @@ def _kpis(record: Record) -> list[Line]:
     ]
 
 
-def curves(record: Record, *, height: float) -> bytes:
+def _curves(record: Record, *, height: float) -> bytes:
     """Return a PNG of the curves before and after; empty if neither run has a record.
 
     Args:

@@ -67,7 +67,7 @@ def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):
     console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
     keys = iter("wlx")
     with Background(interview):
-        converse(interview, console, lambda: next(keys), lambda words: "")
+        converse(interview, console, lambda words: next(keys))
     out = console.export_text()
     assert " simulated, 2 shown" in out
     assert out.count("Question 1 of 3") == 1  # not once more for each simulation
