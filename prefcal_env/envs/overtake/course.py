@@ -14,6 +14,7 @@ from prefcal_env.errors import PlantError, ProtocolError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channels, End
 from prefcal_env.experiments.trajectory import Record
+from prefcal_env.plants.bicycle import Bicycle
 
 from .drive import ROAD_MARGIN, Mishap
 from .episode import Driven, Episode
@@ -25,7 +26,7 @@ class Course:
     """A `ClosedLoopEnv` that drives episodes of the overtaking; `rollout` accepts it as it is.
 
     `OvertakeEnv` adds the spaces, rewards and pictures of an environment. This class does not load
-    highway-env unless the traffic contains a `Driver`.
+    highway-env unless there are drivers.
 
     Args:
         options: Differences from the paper; None for none.
@@ -33,7 +34,7 @@ class Course:
 
     def __init__(self, options: OvertakeOptions | None = None) -> None:
         self.options = options or OvertakeOptions()
-        self.plant = self.options.car.plant
+        self.plant = Bicycle()
         self.low, self.high = np.array([(c.low, c.high) for c in self.plant.inputs]).T
         self.channels = Channels(self.plant.states, self.plant.inputs, self.plant.outputs)
         self._episode: Episode | None = None
@@ -42,8 +43,7 @@ class Course:
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode, with the options `T_s` [s] and `x0` as in `begin`.
 
-        The seed determines measurement noise and random traffic; None continues the random
-        numbers of the previous seed.
+        The seed determines the drivers; None continues the random numbers of the previous seed.
         """
         given = known_options(options, ("T_s", "x0"))
         if seed is not None or self._rng is None:
@@ -97,7 +97,7 @@ class Course:
         return episode.apply(np.minimum(np.maximum(u, self.low), self.high))
 
     def measurement(self) -> Measurement:
-        """Return what a controller knows: x is the measured pose, d is (x_o, y_o, v_o) of each.
+        """Return what a controller knows: x is the pose, d is (x_o, y_o, v_o) of each.
 
         d has one row for each other vehicle. `y_ref` is (x_f, 0, 0), for lane keeping; references
         that depend on the phase are up to the controller. Raises ProtocolError before the first

@@ -28,7 +28,7 @@ _OBSERVED = np.array([
 
 
 class OvertakeObservation(ObservationType):  # type: ignore[misc]
-    """The measured last v and δ_s, y_f, θ, gap and y_f - y_o to the nearest vehicle, and phase.
+    """The last v and δ_s, y_f, θ, gap and y_f - y_o to the nearest vehicle, and phase.
 
     float32, shape (7,): each value is scaled to [-1, 1] and clipped.
     """
@@ -40,9 +40,7 @@ class OvertakeObservation(ObservationType):  # type: ignore[misc]
     def observe(self) -> Float[np.ndarray, " 7"]:
         """Return the current observation."""
         episode = self.env.episode
-        _, y, yaw = episode.measured
-        distance, offset = episode.nearest(episode.measured)
-        raw = np.array([*episode.u, y, yaw, distance, offset, episode.phase])
+        raw = np.array([*episode.u, *episode.x[1:], *episode.nearest(), episode.phase])
         low, high = _OBSERVED.T
         scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
         return scaled.astype(np.float32)

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_env.envs.overtake.road.geometry import distance
-from prefcal_env.envs.overtake.road.rules import LANE_WIDTH, ROAD, Phase
+from prefcal_env.envs.overtake.road.rules import ROAD, Phase
 from prefcal_env.experiments.experiment import Experiment
 
 
@@ -46,12 +46,6 @@ def road_of(experiment: Experiment) -> tuple[float, float]:
     """Return right and left edge of the road, y [m]."""
     left = experiment.signals.get("road_left", np.zeros(0))
     return ROAD[0], float(left.max(initial=ROAD[1]))
-
-
-def lines_of(road: tuple[float, float]) -> list[float]:
-    """Return the positions of the broken lines between lanes, y [m]."""
-    right, left = road
-    return np.arange(right + LANE_WIDTH, left - LANE_WIDTH / 2, LANE_WIDTH).tolist()
 
 
 def clearance(experiment: Experiment) -> float:

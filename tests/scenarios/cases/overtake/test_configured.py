@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from prefcal_scenarios.cases.overtake.pictures.drawing import animation
+from prefcal_scenarios.cases.overtake.robust import VARIANTS
 
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.overtake import overtake
 from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, mpc_settings
-from prefcal_scenarios.cases.overtake.pictures.drawing import animation
-from prefcal_scenarios.cases.overtake.robust import VARIANTS
 from prefcal_scenarios.cases.overtake.scene import lines_of
 from prefcal_scenarios.own.source import joined_source, split_source
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from prefcal_env.mpc.computation import Processor
 
 from prefcal_agents import GLISp
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.mpc.computation import Processor
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios.cases.overtake import overtake

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from prefcal_scenarios.cases.overtake.pictures.drawing import BODY, Drawing, animation
 
 from prefcal_env.envs.overtake.road.geometry import corners
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.overtake import overtake
-from prefcal_scenarios.cases.overtake.pictures.drawing import BODY, Drawing, animation
 from prefcal_scenarios.own.source import joined_source
 
 RUN = overtake.run(overtake.references["paper, preferences"])

@@ -10,6 +10,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from PIL import Image
+from prefcal_scenarios.cases.overtake.pictures.film import RATE
+from prefcal_scenarios.cases.overtake.pictures.moments import moments
+from prefcal_scenarios.cases.overtake.pictures.pictures import PICTURES
 
 from prefcal_agents import RandomSearch
 from prefcal_env.experiments.experiment import End
@@ -20,9 +23,6 @@ from prefcal_scenarios.app.report.record import Record
 from prefcal_scenarios.app.report.write import write_report
 from prefcal_scenarios.cases.cstr import cstr
 from prefcal_scenarios.cases.overtake import overtake
-from prefcal_scenarios.cases.overtake.pictures.film import RATE
-from prefcal_scenarios.cases.overtake.pictures.moments import moments
-from prefcal_scenarios.cases.overtake.pictures.pictures import PICTURES
 
 PAPER = overtake.run(overtake.references["paper, preferences"])
 SLUGGISH = overtake.run(np.array([0.5, 0.2, 12.0, 1.0, -1.0]))

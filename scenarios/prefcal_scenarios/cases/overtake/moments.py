@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float
 
 from prefcal_env.envs.overtake.road.rules import Phase
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.cases.overtake.scene import obstacles, phases
+
+from .scene import obstacles, phases
 
 _HOME = 0.1
 """|y_f| at which the car is back in its lane [m]."""
