@@ -26,7 +26,6 @@ import numpy as np
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_env import Answer, End, Experiment, Mark, Preference, calibrate
-from prefcal_env.envs.overtake import Obstacle, OvertakeOptions
 from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_scenarios import Scenario, load, outcome
 from prefcal_scenarios.cases.functions import FUNCTIONS, TestFunction
@@ -114,8 +113,6 @@ Found = tuple[int, np.ndarray, Experiment]
 HEATING = 8.5
 """Heating rate of the reactor [K/h] above which an alarm stops the run, as in 30 % of the box; the
 best known θ stays below, at 8.26."""
-BRAKING = OvertakeOptions(traffic=(Obstacle(deceleration=4.0, brakes_at=2.5),))
-"""The car ahead brakes with 4 m/s² after 2.5 s: a third of the box runs into it."""
 
 
 def alarmed(theta: np.ndarray, seed: int = 0) -> Experiment:
@@ -134,14 +131,11 @@ def alarmed(theta: np.ndarray, seed: int = 0) -> Experiment:
 
 @cache
 def scenes() -> Mapping[str, Scenario]:
-    """Return the scenarios by name, and variants of two with an unsafe third of the box."""
-    from prefcal_scenarios.cases.overtake import overtake_variants
-
+    """Return the scenarios by name, and the reactor with an unsafe third of the box."""
     return {
         "cstr": load("cstr"),
         "overtake": load("overtake"),
         "cstr, alarm": replace(load("cstr"), run=alarmed),
-        "overtake, braking": overtake_variants({"braking": BRAKING}, estimator=None),
     }
 
 

@@ -69,7 +69,7 @@ class Picture:
     Its functions take the report's record of the study, see `app/report/record.py`.
 
     Args:
-        file: Name of its file, .png or .gif.
+        file: Name of its file, .png.
         title: Heading.
         caption: Description in a sentence or two, or a function of the record that returns it.
         alt: Function of the record that returns a text for people who cannot see the figure.

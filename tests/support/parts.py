@@ -51,7 +51,7 @@ EXTENDED = {
         "env/mpc/test_exact.py", "env/plants/test_function_plant.py",
         "env/plants/test_integrate.py", "scenarios/app/report/test_pdf.py",
         "scenarios/app/session/test_[cfps]*.py", "scenarios/app/web/view/test_now.py",
-        "scenarios/cases/overtake/pictures/*", "scenarios/own/test_*_scenario.py",
+        "scenarios/cases/overtake/test_picture.py", "scenarios/own/test_*_scenario.py",
         "scenarios/tastes/test_rule.py", "scenarios/test_cutting.py",
         "scenarios/test_failed_runs.py", "scenarios/test_report.py", "test_imports.py",
         "test_trace_proposal.py",

@@ -13,13 +13,11 @@ from prefcal_env.envs.overtake.road.rules import T_S_RANGE
 from prefcal_env.envs.overtake.road.vehicles import CRASHED, OWN, place, road_of
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement
-from prefcal_env.experiments.experiment import Channels, End
+from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.trajectory import Record
-from prefcal_env.plants.plant import Plant
 
-from .course import Course
+from .course import Course, Driven
 from .drive import Mishap
-from .episode import Driven, Episode
 from .reward import MISHAP_COST, stage_cost
 from .spaces import ACTION, OBSERVATION, action_of, check_pictures, observation_of
 from .viewer import RoadViewer
@@ -138,24 +136,9 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self.metadata["render_fps"] = video_real_time_ratio / self.T_s
 
     @property
-    def plant(self) -> Plant:
-        """Plant that moves the ego vehicle."""
-        return self.course.plant
-
-    @property
-    def channels(self) -> Channels:
-        """Channels of the experiments."""
-        return self.course.channels
-
-    @property
     def T_s(self) -> float:
         """Sampling time of this episode [s]."""
         return float(self._once.get("T_s") or self._usual_T_s)
-
-    @property
-    def episode(self) -> Episode:
-        """Current or last episode. Raises ProtocolError before the first."""
-        return self.course.episode
 
     @property
     def end(self) -> End | None:
@@ -214,10 +197,6 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self._place()
         return driven
 
-    def observe(self) -> Any:
-        """Return the current observation, as `reset` and `step` do."""
-        return self.observation_type.observe()
-
     def measurement(self) -> Measurement:
         """Return what a controller knows; see `Course.measurement`."""
         return self.course.measurement()
@@ -238,34 +217,34 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return self.__dict__ | {"viewer": None}  # pictures cannot be pickled; they are redrawn
 
     def _reset(self) -> None:
-        self.course.begin(self.T_s, self._once.get("x0"), self.np_random)
-        episode = self.episode
-        if episode.simulation is None:
-            self.road = road_of(self.options, episode.x, self.np_random)
+        course = self.course
+        course.begin(self.T_s, self._once.get("x0"), self.np_random)
+        if course.simulation is None:
+            self.road = road_of(self.options, course.x, self.np_random)
         else:
-            self.road = episode.simulation.road
+            self.road = course.simulation.road
         self.road.record_history = self.config["show_trajectories"]
         self.vehicle = self.road.vehicles[0]
         self.viewer = None  # its size may have changed
 
     def _simulate(self, action: Any = None) -> None:
         self.apply(self.inputs(action))
-        self.time = self.episode.t
+        self.time = self.course.t
 
     def _place(self) -> None:
         """Put the ego vehicle and the obstacle where they are; drivers are there already.
 
         But if a mishap ended the period early, drivers have driven on to its end.
         """
-        episode, (own, obstacle, *drivers) = self.episode, self.road.vehicles
-        own.put(episode.x, episode.u)
-        own.act({"speed": own.speed, "steering": -float(episode.u[1]), "acceleration": 0.0})
-        own.crashed = self.mishap is Mishap.COLLISION
+        course, (own, obstacle, *drivers) = self.course, self.road.vehicles
+        own.put(course.x, course.u)
+        own.act({"speed": own.speed, "steering": -float(course.u[1]), "acceleration": 0.0})
+        own.crashed = course.mishap is Mishap.COLLISION
         own.color = CRASHED if own.crashed else OWN
-        obstacle.put(episode.t)
-        if self.mishap is not None:
-            for driver, mover in zip(drivers, episode.movers[1:], strict=True):
-                place(driver, *mover.poses(np.array([episode.t]))[0].tolist())
+        obstacle.put(course.t)
+        if course.mishap is not None:
+            for driver, mover in zip(drivers, course.movers[1:], strict=True):
+                place(driver, *mover.poses(np.array([course.t]))[0].tolist())
 
     def _reward(self, action: Any) -> float:
         driven = self._driven
@@ -283,15 +262,15 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return self.end is End.TIME_UP
 
     def _info(self, obs: Any, action: Any = None) -> dict[str, Any]:
-        episode = self.episode
-        distance, offset = episode.nearest()
+        course = self.course
+        distance, offset = course.nearest()
         info: dict[str, Any] = {
-            "t": episode.t, "x": episode.x.copy(), "u": episode.u.copy(),
+            "t": course.t, "x": course.x.copy(), "u": course.u.copy(),
             "speed": float(self.vehicle.speed), "crashed": bool(self.vehicle.crashed),
-            "gap": distance, "lateral_offset": offset, "phase": int(episode.phase),
+            "gap": distance, "lateral_offset": offset, "phase": int(course.phase),
         }  # fmt: skip
-        if episode.end is not None:
-            info["end"] = episode.end.value
-        if episode.mishap is not None:
-            info["mishap"] = episode.mishap.value
+        if course.end is not None:
+            info["end"] = course.end.value
+        if course.mishap is not None:
+            info["mishap"] = course.mishap.value
         return info

@@ -124,7 +124,7 @@ class Paper:
         self._y -= 0.06
 
     def image(self, content: bytes, most: float = HIGH) -> None:
-        """Show a picture, as wide as a line and at most `most` inches high; of a film, the end."""
+        """Show a picture, as wide as a line and at most `most` inches high."""
         wide, high = size_of(content, most)
         self._room(high)
         self._y -= high
@@ -268,9 +268,8 @@ def size_of(content: bytes, most: float = HIGH) -> tuple[float, float]:
 
 
 def _pixels(content: bytes) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture without transparency, of a film the last one."""
+    """Return a picture without transparency."""
     with Image.open(BytesIO(content)) as file:
-        file.seek(getattr(file, "n_frames", 1) - 1)
         drawn = file.convert("RGBA")
     white = Image.new("RGBA", drawn.size, "white")
     return np.asarray(Image.alpha_composite(white, drawn).convert("RGB"))
