@@ -171,7 +171,8 @@ CAR: tuple[Deviation, ...] = (
         "Modeled from iterations and problem size, for the paper's laptop",
         "Measured on a busy machine, it would depend on luck; the same study must give the same "
         "answers",
-        "0.081 s at the paper's θ by construction; docs/overtaking.md shows how well the model fits",
+        "0.081 s at the paper's θ by construction; docs/overtaking.md shows how well the model "
+        "fits",
     ),
     Deviation(
         "(ii) to (vi) are given in words: close to, reasonable, not aggressive (IV-B)",

@@ -118,8 +118,6 @@ def _path(axes: Axes, run: Shown) -> None:
             axes.fill(*body.T, color=color, linewidth=0, zorder=3)
             at: Any = {"ha": "center", "va": "center_baseline", "fontsize": 7, "fontweight": "bold"}
             axes.annotate(str(n), body.mean(axis=0), color="white", **at)
-    reach = [low - 0.5, high + 0.5, *axes.get_ylim()]
-    axes.set_ylim(min(reach), max(reach))
     axes.set_yticks([0, 3, 6])
     axes.set_ylabel("lateral position [m]")
     axes.grid(visible=False)
