@@ -204,7 +204,7 @@ PICTURED = {
     "environment_cstr.png": ("CSTR-v0", {}),
     "environment_cstr_tuning.png": ("CSTRTuning-v0", {}),
     "environment_overtake.png": ("Overtake-v0", {"config": {
-        "lanes_count": 3, "vehicles_count": 3, "vehicles_density": 3,
+        "lanes_count": 3, "vehicles_count": 3,
     }}),
     "environment_overtake_tuning.png": ("OvertakeTuning-v0", {}),
 }  # fmt: skip

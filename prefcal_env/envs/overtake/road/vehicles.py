@@ -20,7 +20,7 @@ from jaxtyping import Float
 from prefcal_env.plants.bicycle import Bicycle
 
 from .options import OvertakeOptions
-from .rules import KEEPING_SPEED, LANE_WIDTH, LENGTH, WIDTH
+from .rules import KEEPING_SPEED, LANE_WIDTH, LENGTH, OVERTAKING_SPEED, WIDTH
 from .traffic import Obstacle
 
 OWN, OTHER, CRASHED = (64, 156, 255), (255, 176, 46), (230, 57, 70)
@@ -30,13 +30,13 @@ _PLANT, _NONE = Bicycle(), np.zeros(0)
 
 
 def network_of(options: OvertakeOptions) -> RoadNetwork:
-    """Return the lanes of 4 m, ours rightmost, with a speed limit of 50 km/h for drivers."""
+    """Return the lanes of 4 m, ours rightmost, with a speed limit of 60 km/h for drivers."""
     network = RoadNetwork()
     solid, dashed, none = LineType.CONTINUOUS_LINE, LineType.STRIPED, LineType.NONE
     for n in reversed(range(options.lanes_count)):
         lines = (solid if n == options.lanes_count - 1 else dashed, solid if n == 0 else none)
         ends = np.array([[x, -LANE_WIDTH * n] for x in (_ROAD_START, _ROAD_END)])
-        lane = StraightLane(*ends, LANE_WIDTH, lines, speed_limit=KEEPING_SPEED)
+        lane = StraightLane(*ends, LANE_WIDTH, lines, speed_limit=OVERTAKING_SPEED)
         network.add_lane("start", "end", lane)
     return network
 
