@@ -85,7 +85,7 @@ def moments(experiment: Experiment) -> list[int]:
     overtaking = phases(experiment) == Phase.OVERTAKING
     begin, last = _first(overtaking, 0), len(t) - 1
     ahead = obstacles(experiment)[:1, :, 0]
-    beside = _first((x >= ahead).any(axis=0), begin or 0)
+    beside = _first(np.asarray((x >= ahead).any(axis=0)), begin or 0)
     end = _first(~overtaking, begin or 0)
     if begin is not None and beside is not None and end is not None:
         home = _first(np.abs(y) <= _HOME, end)
@@ -94,7 +94,7 @@ def moments(experiment: Experiment) -> list[int]:
         if all(a < b for a, b in pairwise(found)):
             return found
     spaced = np.linspace(t[begin or 0], t[-1], 5)
-    return np.abs(t - spaced[:, None]).argmin(axis=1).tolist()
+    return [int(np.abs(t - s).argmin()) for s in spaced]
 
 
 def _first(holds: Bool[np.ndarray, " K"], start: int) -> int | None:
