@@ -132,7 +132,7 @@ def overtaking(folder: Path) -> tuple[Pictures, Story]:
     """Draw the README's overtaking: the best run beside the first one."""
     found = study("overtake", folder)
     story = {"experiments": found["experiments"], "comparisons": found["questions"]}
-    return {"overtaking.png": (folder / "comparison.png").read_bytes()}, story
+    return {"overtaking.png": (folder / "overtaking.png").read_bytes()}, story
 
 
 def reactor_index(folder: Path) -> tuple[Pictures, Story]:
@@ -186,13 +186,6 @@ def algorithm(folder: Path) -> tuple[Pictures, Story]:
     return studies()
 
 
-def film(folder: Path) -> tuple[Pictures, Story]:
-    """Make the moving picture of the site's first page."""
-    from film import film as calibration
-
-    return calibration(folder, prefcal)
-
-
 def worth(folder: Path) -> tuple[Pictures, Story]:
     """Draw the worth on closed loops from the published studies."""
     curves = curves_of(read_published())
@@ -208,11 +201,7 @@ PICTURED = {
     "environment_cstr.png": ("CSTR-v0", {}),
     "environment_cstr_tuning.png": ("CSTRTuning-v0", {}),
     "environment_overtake.png": ("Overtake-v0", {"config": {
-        "oncoming_lanes_count": 1,
-        "traffic": [
-            {"type": "idm", "x": 30}, {"type": "cut-in", "x": 45, "moves_at": 4},
-            {"type": "oncoming", "x": 215, "y": 8},
-        ],
+        "lanes_count": 3, "vehicles_count": 3,
     }}),
     "environment_overtake_tuning.png": ("OvertakeTuning-v0", {}),
 }  # fmt: skip
@@ -262,7 +251,6 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "index": (reactor_index, ("reactor_index.png",)),
     "window": (window, ("query_window.png",)),
     "algorithm": (algorithm, ("learning.png", "simulated.png")),
-    "film": (film, ("film.webp", "film_still.webp")),
     "look": (looking, ("look.png",)),
     "maneuvers": (maneuvers, ("maneuvers.png",)),
     "worth": (worth, tuple(WORTH)),
@@ -271,7 +259,7 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
 """Functions that draw the figures, by name."""
 SHOWN = re.compile(r"""(?:\]\(|src(?:set)?=")(?:[\w./]*/)?figures/([\w.-]+)[")]""")
 """How pages show a figure, in Markdown or in HTML."""
-UNCHECKED = ("film", "examples")
+UNCHECKED = ("examples",)
 """Too slow for `--check`, unless `--only` names them; the tests of the docs run the examples."""
 
 

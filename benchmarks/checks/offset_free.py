@@ -3,8 +3,7 @@
     python benchmarks/checks/offset_free.py     # a few seconds
 
 The reactor runs at the paper's θ by preferences with settling switched off: an experiment that
-stops once it has settled would not show the remaining offset. The car runs on a free road with its
-steering off by 1°. Prints Markdown.
+stops once it has settled would not show the remaining offset. Prints Markdown.
 """
 
 import argparse
@@ -14,21 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from prefcal_env.envs.cstr import cstr_task
-from prefcal_env.envs.overtake import Car, Course, Obstacle, OvertakeOptions
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import never
 from prefcal_env.experiments.control import Controller, Measurement
 from prefcal_env.experiments.rollout import rollout
 from prefcal_env.mpc import EstimatingMPC
 from prefcal_env.plants import CSTR
-from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import FEED, CSTRParams
-from prefcal_env.plants.function_plant import FunctionPlant
 from prefcal_scenarios.cases.cstr import controller as reactor
-from prefcal_scenarios.cases.overtake import controller as car
 
 THETA = np.array([0.31, 26.0, -1.79])
-CAR = np.array([0.085, 0.31, 16.0, 0.261, 0.918])
 NOISE = np.array([0.3, 0.03])
 PLANTS: Mapping[str, CSTRParams] = {
     "k_0 5 % higher": CSTRParams(k_0=1.05 * CSTRParams().k_0),
@@ -74,17 +68,6 @@ def noise_left(steps: int = 150, seed: int = 0) -> tuple[float, float]:
     return float(shares[0]), float(shares[1])
 
 
-def off_center(estimating: bool) -> float:
-    """Return |y_f| at the end of a free road with the steering off by 1° [m]."""
-    bicycle, bias = Bicycle(), np.array([0.0, np.pi / 180])
-    plant = FunctionPlant(
-        lambda x, u, d: bicycle.f(x, u + bias, d), states=bicycle.states, inputs=bicycle.inputs
-    )
-    env = Course(OvertakeOptions(car=Car(plant), traffic=(Obstacle(x=500.0),)))
-    driver = car.controller(CAR, estimator=car.ESTIMATOR if estimating else None)
-    return abs(float(rollout(env, driver, CAR).x[-1, 1]))
-
-
 def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     print("| what differs in the plant | MPC alone | offset-free |\n| --- | --- | --- |")
@@ -92,8 +75,6 @@ def main() -> None:
         print(f"| {name} | {plain:.3f} | {free:.3f} |")
     T, C_A = noise_left()
     print(f"\nError of the estimate / of the measurement: T {T:.2f}, C_A {C_A:.2f}")
-    plain, free = (100 * off_center(estimating) for estimating in (False, True))
-    print(f"Steering off by 1°: {plain:.1f} cm off the lane's center, estimator {free:.1f} cm")
 
 
 if __name__ == "__main__":

@@ -60,9 +60,6 @@ print(min(least))
 FILES: Mapping[str, str] = {
     "a.csv": "time,level [m],valve\n0,0,1\n1,1.2,0.4\n2,2,0\n3,2,0\n",
     "b.csv": "time,level [m],valve\n0,0,0.5\n1,0.5,0.5\n2,1,0.5\n3,1.5,0.5\n",
-    "cycles.csv": "phase,N_p,N_u,iterations,cycles\n"
-    "lane keeping,10,3,6,412000\novertaking,16,5,9,1270000\novertaking,24,4,11,1520000\n"
-    "lane keeping,12,4,5,455000\novertaking,20,3,7,990000\n",
     "tuned.py": "from prefcal_scenarios import load_controller\n"
     "print(load_controller('report/best.json').T_s)\n",
 }
@@ -94,8 +91,6 @@ RUNS: Mapping[str, Sequence[str]] = {
     "studies respace": ("studies respace ./second.prefcal --knob T_s=0.2:0.6",),
     "studies rename": ("studies rename ./second.prefcal ./third.prefcal",),
     "studies rm": ("studies rm ./third.prefcal --yes",),
-    "processor measure": ("processor measure --rounds 1 --out here.json",),
-    "processor from-cycles": ("processor from-cycles cycles.csv --clock-mhz 300 --out to.json",),
     "bench": ("bench --quick --problems servo,branin --calibrators weights,perfect --seeds 1 "
               "--n-max 8 --agents GLISp,RandomSearch --jobs 1",),
     "bench compare": ("bench compare RandomSearch --problems servo --calibrators weights --seeds 1 "
@@ -210,7 +205,7 @@ def smoke(place: Place) -> None:
     started(place)
     for name, content in FILES.items():
         (place.folder / name).write_text(content, encoding="utf-8")
-    groups = {"bench", "studies", "processor"}
+    groups = {"bench", "studies"}
     commands = [line for line in place.run("-c", COMMANDS).splitlines() if line]
     untried = set(commands) - set(RUNS) - groups
     if untried or not commands:

@@ -1,4 +1,4 @@
-"""Compiled equations of the bicycle and of the cars, and the exact hold of the bicycle.
+"""Compiled equations of the bicycle, and its exact hold.
 
 In numpy the hold takes five times as long, because most periods have a few instants only.
 """
@@ -33,31 +33,6 @@ def bicycle_jacobians(x, u, d, p, out):  # type: ignore[no-untyped-def]
     out[11], out[12] = s, v * c
     out[13], out[14] = math.sin(u[1]) / p[0], v * math.cos(u[1]) / p[0]
     out[15], out[19], out[23] = 1.0, 1.0, 1.0
-
-
-@equation()
-def slip(x, u, d, p, out):  # type: ignore[no-untyped-def]
-    """Write ẋ of `slip_bicycle`; p are its parameters."""
-    yaw, v, beta = x[2], x[3], math.atan(math.tan(u[1]) / 2)
-    rate = v * math.sin(beta) / (p[0] / 2)
-    swing = rate * p[0] / 2
-    out[0] = v * math.cos(yaw + beta) - swing * math.sin(yaw)
-    out[1] = v * math.sin(yaw + beta) + swing * math.cos(yaw)
-    out[2], out[3] = rate, (u[0] - v) / p[1]
-
-
-@equation()
-def dynamic(x, u, d, p, out):  # type: ignore[no-untyped-def]
-    """Write ẋ of `dynamic_bicycle`; p are its parameters."""
-    yaw, v, rate = x[2], x[3], x[5]
-    front_speed, rear_speed = x[4] + p[0] * rate, x[4] - p[1] * rate
-    lateral = -p[4] * (math.atan2(front_speed, v) - u[1]) * math.cos(u[1])
-    rear = -p[5] * math.atan2(rear_speed, v)
-    out[0] = v * math.cos(yaw) - front_speed * math.sin(yaw)
-    out[1] = v * math.sin(yaw) + front_speed * math.cos(yaw)
-    out[2], out[3] = rate, (u[0] - v) / p[6]
-    out[4] = (lateral + rear) / p[2] - v * rate
-    out[5] = (p[0] * lateral - p[1] * rear) / p[3]
 
 
 @kernel()

@@ -32,7 +32,6 @@ from prefcal_scenarios.own.tracking import within as _within
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from prefcal_env.mpc.computation import Processor
 
 _LOOPS = "prefcal_scenarios.cases.loops"
 CLOSED_LOOPS = (
@@ -44,7 +43,6 @@ CLOSED_LOOPS = (
 BUILT_IN: Mapping[str, str] = {
     "cstr": "prefcal_scenarios.cases.cstr:cstr",
     "overtake": "prefcal_scenarios.cases.overtake:overtake",
-    "overtake-robust": "prefcal_scenarios.cases.overtake:overtake_robust",
     **{name: f"{_LOOPS}:{name}" for name in CLOSED_LOOPS},
 }
 """Scenario name to "module:attribute"; the module is imported on first use."""
@@ -70,14 +68,12 @@ class Picture:
     Its functions take the report's record of the study, see `app/report/record.py`.
 
     Args:
-        file: Name of its file, .png or .gif.
+        file: Name of its file, .png.
         title: Heading.
         caption: Description in a sentence or two, or a function of the record that returns it.
         alt: Function of the record that returns a text for people who cannot see the figure.
         draw: Function of the record that returns a figure, or the content of the file.
         applies: Function that tells whether the study has the necessary data; by default, always.
-        markup: Function that returns HTML to show in report.html in place of the picture. It is
-            trusted and must be self-contained. None to show the picture itself.
     """
 
     file: str
@@ -86,7 +82,6 @@ class Picture:
     alt: Callable[[Any], str]
     draw: "Callable[[Any], Figure | bytes]"
     applies: Callable[[Any], bool] = lambda record: True
-    markup: Callable[[Any], str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,13 +212,9 @@ class Scenario:
         controller: Function that builds the tuned controller for a θ.
         settings: Function that returns the controller's settings for a θ as JSON-able data, for
             the export.
-        scene: Function that returns the animation of an experiment for the query window as
-            JSON-able data; see `prefcal_scenarios.cases.overtake.pictures.drawing.Drawing.as_json`.
         brief: Description of the task in a few sentences, for the person who compares.
         configured: Function that returns the scenario for another configuration, given as plain
             data, as read by `--config`.
-        on_processor: Function that returns the scenario with computation times evaluated for a
-            `Processor`; None if computation time is not a criterion.
         simulated: Whether `prefcal calibrate` simulates many experiments unseen; they must be
             quick simulations.
         pictures: Function that returns the scenario's own figures, shown above the report's
@@ -247,11 +238,9 @@ class Scenario:
     calibrators: Mapping[str, Callable[..., Calibrator[Experiment]]] = field(default_factory=dict)
     controller: Callable[[Float[np.ndarray, " n"]], Controller] | None = None
     settings: Callable[[Float[np.ndarray, " n"]], dict[str, Any]] | None = None
-    scene: Callable[[Experiment], dict[str, Any]] | None = None
     pictures: Callable[[], Sequence[Picture]] | None = None
     configured: "Callable[[Mapping[str, Any]], Scenario] | None" = None
     brief: str = ""
-    on_processor: "Callable[[Scenario, Processor], Scenario] | None" = None
     simulated: bool = False
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ import pytest
 
 from prefcal_env.wording import did_you_mean
 
-SCENARIOS = ("cstr", "overtake", "overtake-robust")
+SCENARIOS = ("cstr", "overtake", "quadruple-tank")
 
 
 @pytest.mark.parametrize(
@@ -13,7 +13,7 @@ SCENARIOS = ("cstr", "overtake", "overtake-robust")
         ("cst", SCENARIOS, "cstr"),
         ("CSTR", SCENARIOS, "cstr"),
         ("overtke", SCENARIOS, "overtake"),
-        ("overtake_robust", SCENARIOS, "overtake-robust"),
+        ("quadruple_tank", SCENARIOS, "quadruple-tank"),
         ("Ts", ("T_s", "N_p", "log Q_Δu"), "T_s"),
         ("glips", ("glis", "glisp", "random"), "glisp"),  # letters that changed places
     ],

@@ -50,7 +50,7 @@ EXTENDED = {
         "env/mpc/test_exact.py", "env/plants/test_function_plant.py",
         "env/plants/test_integrate.py",
         "scenarios/app/session/test_[cfps]*.py", "scenarios/app/web/view/test_now.py",
-        "scenarios/cases/overtake/pictures/*", "scenarios/own/test_*_scenario.py",
+        "scenarios/cases/overtake/test_picture.py", "scenarios/own/test_*_scenario.py",
         "scenarios/tastes/test_rule.py",
         "scenarios/test_failed_runs.py", "scenarios/test_report.py", "test_imports.py",
         "test_trace_proposal.py",

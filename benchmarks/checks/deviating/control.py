@@ -18,7 +18,6 @@ from prefcal_env.experiments.rollout import rollout
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.mpc.kernels import step
 from prefcal_env.plants import CSTR
-from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.cases.cstr import controller as cstr_tuning
 from prefcal_scenarios.cases.cstr.kpis import compute_kpis as cstr_kpis
@@ -71,7 +70,7 @@ def drive(
     at = np.array(theta, dtype=float)
     at[3:] *= np.log10(base)
     tuned = {p: change(car_tuning.mpc_settings(at, p, fixed)) for p in Phase}
-    driver = Supervisor(Bicycle(), tuned)
+    driver = Supervisor(tuned)
     return rollout(Course(), driver, np.array(theta, dtype=float), kpis=car_kpis)
 
 

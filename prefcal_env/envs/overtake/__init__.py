@@ -5,13 +5,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from prefcal_env.envs.overtake.road.options import Car as Car
 from prefcal_env.envs.overtake.road.options import OvertakeOptions as OvertakeOptions
-from prefcal_env.envs.overtake.road.options import dynamic_car as dynamic_car
-from prefcal_env.envs.overtake.road.options import slipping_car as slipping_car
-from prefcal_env.envs.overtake.road.random_traffic import RandomTraffic as RandomTraffic
-from prefcal_env.envs.overtake.road.traffic import Driver as Driver
-from prefcal_env.envs.overtake.road.traffic import Obstacle as Obstacle
 
 from .course import Course as Course
 from .drive import Mishap as Mishap

@@ -1,31 +1,58 @@
 """The overtaking as a closed loop, which `OvertakeEnv` shows on highway-env's road."""
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
 from jaxtyping import Float
 
 from prefcal_env.envs.checks import known_options, number, vector
-from prefcal_env.envs.overtake.road.geometry import outside, overlap
+from prefcal_env.envs.overtake.road.contact import Times
+from prefcal_env.envs.overtake.road.geometry import Poses, outside, overlap
 from prefcal_env.envs.overtake.road.options import OvertakeOptions
-from prefcal_env.envs.overtake.road.rules import T_S_RANGE
+from prefcal_env.envs.overtake.road.rules import KEEPING_SPEED, T_S_RANGE, Phase, gap, next_phase
+from prefcal_env.envs.overtake.road.traffic import Mover, Obstacle
 from prefcal_env.errors import PlantError, ProtocolError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channels, End
-from prefcal_env.experiments.trajectory import Record
+from prefcal_env.experiments.trajectory import Record, Trajectory
+from prefcal_env.plants.bicycle import Bicycle
 
-from .drive import ROAD_MARGIN, Mishap
-from .episode import Driven, Episode
+from .drive import ROAD_MARGIN, Mishap, drive, instants
+from .signals import signals_of
 
 DEFAULT_T_S = 0.1
+_PLANT = Bicycle()
+CHANNELS = Channels(_PLANT.states, _PLANT.inputs, _PLANT.outputs)
+LOW, HIGH = np.array([(c.low, c.high) for c in _PLANT.inputs]).T
+"""Limits of v [m/s] and δ_s [rad]."""
+
+
+class Driven(NamedTuple):
+    """A completed period: its instants (including the start), the poses, and the held input.
+
+    Args:
+        t: Instants [s], shape (M,).
+        poses: Poses at `t`, shape (M, 3).
+        u: Held input (v [m/s], δ_s [rad]), shape (2,).
+        phase: Phase at the start of the period.
+    """
+
+    t: Times
+    poses: Poses
+    u: Float[np.ndarray, " 2"]
+    phase: Phase
 
 
 class Course:
     """A `ClosedLoopEnv` that drives episodes of the overtaking; `rollout` accepts it as it is.
 
     `OvertakeEnv` adds the spaces, rewards and pictures of an environment. This class does not load
-    highway-env unless the traffic contains a `Driver`.
+    highway-env unless there are drivers.
+
+    `t` [s], `x`, `u`, `phase`, `obstacles` (rows of (x_o, y_o [m], v_o [m/s])), `end` and `mishap`
+    are those of the current or last episode.
 
     Args:
         options: Differences from the paper; None for none.
@@ -33,17 +60,15 @@ class Course:
 
     def __init__(self, options: OvertakeOptions | None = None) -> None:
         self.options = options or OvertakeOptions()
-        self.plant = self.options.car.plant
-        self.low, self.high = np.array([(c.low, c.high) for c in self.plant.inputs]).T
-        self.channels = Channels(self.plant.states, self.plant.inputs, self.plant.outputs)
-        self._episode: Episode | None = None
+        self.end: End | None = None
+        self.mishap: Mishap | None = None
         self._rng: np.random.Generator | None = None
+        self._trajectory: Trajectory | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode, with the options `T_s` [s] and `x0` as in `begin`.
 
-        The seed determines measurement noise and random traffic; None continues the random
-        numbers of the previous seed.
+        The seed determines the drivers; None continues the random numbers of the previous seed.
         """
         given = known_options(options, ("T_s", "x0"))
         if seed is not None or self._rng is None:
@@ -60,28 +85,32 @@ class Course:
         """
         T_s = number(T_s, T_S_RANGE, "T_s")
         pose = vector(self.options.x0 if x0 is None else x0, 3, "initial pose x0")
-        episode, now = Episode(self.options, pose, T_s, rng), np.zeros(1)
-        touching = any(overlap(pose[None], o.poses(now))[0] for o in episode.movers)
+        simulation, movers = self._traffic(pose, rng)
+        touching = any(overlap(pose[None], o.poses(np.zeros(1)))[0] for o in movers)
         if touching or outside(pose[None], self.options.road)[0] > ROAD_MARGIN:
             raise PlantError(f"the initial pose x0 is in a collision or off the road: {pose}")
-        self._episode = episode
+        self.simulation, self.movers = simulation, movers
+        self.t, self.x, self.u = 0.0, pose, np.array([KEEPING_SPEED, 0.0])
+        self.end, self.mishap = None, None
+        self._trajectory = Trajectory(self.x, self.u)
+        self._phases: list[tuple[Phase, int]] = []
+        self._times = instants(T_s, int(self.options.duration / T_s) + 2)
+        # The obstacle's poses, all at once: faster than one by one.
+        self._ahead = Obstacle().poses(self._times.ravel()).reshape(*self._times.shape, 3)
+        self.phase = Phase.LANE_KEEPING
+        self._look()
 
-    @property
-    def episode(self) -> Episode:
-        """Current or last episode. Raises ProtocolError before the first."""
-        if self._episode is None:
-            raise ProtocolError("no episode yet: call reset() first")
-        return self._episode
+    def _traffic(
+        self, pose: Float[np.ndarray, " 3"], rng: np.random.Generator
+    ) -> tuple[Any, tuple[Mover, ...]]:
+        """Return the simulation of the drivers, None if there are none, and all other vehicles."""
+        if not self.options.vehicles_count:
+            return None, (Obstacle(),)
+        # Imported here so that highway-env is loaded only if there are drivers.
+        from .simulation import Simulation
 
-    @property
-    def end(self) -> End | None:
-        """Why the episode ended; None before the first episode and while one goes on."""
-        return None if self._episode is None else self._episode.end
-
-    @property
-    def mishap(self) -> Mishap | None:
-        """Reason why the episode ended early; None if it did not."""
-        return None if self._episode is None else self._episode.mishap
+        simulation = Simulation(self.options, pose, rng)
+        return simulation, simulation.movers
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
@@ -90,20 +119,43 @@ class Course:
             PlantError: If the inputs have the wrong shape or are NaN.
             ProtocolError: If no episode is running.
         """
-        episode = self.episode
-        if episode.end is not None:
+        trajectory = self._begun()
+        if self.end is not None:
             raise ProtocolError("the episode is over: call reset() first")
-        u = vector(u, 2, "input u", finite=False)
-        return episode.apply(np.minimum(np.maximum(u, self.low), self.high))
+        u = np.minimum(np.maximum(vector(u, 2, "input u", finite=False), LOW), HIGH)
+        step = len(self._phases)
+        times = self._times[step]
+        if self.simulation is not None:
+            self.simulation.drive(self.x, u, self.t, float(times[-1]))
+        others = np.stack([self._ahead[step], *(o.poses(times) for o in self.movers[1:])])
+        t, x, self.mishap = drive(self.x, u, times, self.movers, others, self.options.road)
+        trajectory.add(t[1:], x[1:], u, self._y_ref())
+        self._phases.append((self.phase, len(t) - 1))
+        driven = Driven(t, x, u, self.phase)
+        self.t, self.x, self.u = float(t[-1]), x[-1], u
+        self._look()
+        if self.mishap is not None:
+            self.end = End.UNSAFE
+        elif self.t >= self.options.duration * (1 - 1e-12):
+            self.end = End.TIME_UP
+        return driven
 
     def measurement(self) -> Measurement:
-        """Return what a controller knows: x is the measured pose, d is (x_o, y_o, v_o) of each.
+        """Return what a controller knows: x is the pose, d is (x_o, y_o, v_o) of each.
 
         d has one row for each other vehicle. `y_ref` is (x_f, 0, 0), for lane keeping; references
         that depend on the phase are up to the controller. Raises ProtocolError before the first
         episode.
         """
-        return self.episode.measurement()
+        self._begun()
+        seen = self.x.copy()
+        return Measurement(self.t, seen, self.u, self.obstacles.flatten(), self._y_ref(), y=seen)
+
+    def nearest(self) -> tuple[float, float]:
+        """Return gap and y_f - y_o to the vehicle nearest along the road [m]."""
+        x, y = self.x[:2].tolist()
+        x_o, y_o, _ = min(self.obstacles.tolist(), key=lambda row: abs(row[0] - x))
+        return gap(x, x_o), y - y_o
 
     def record(self) -> Record:
         """Return the current or last episode. Raises ProtocolError if there is none.
@@ -111,4 +163,23 @@ class Course:
         The record has n sub-steps of T_s/n in each period, of at most 0.02 s, and the end; a
         collision is recorded at its exact time. Its signals are those of `signals_of`.
         """
-        return self.episode.record(self.channels)
+        record = self._begun().record(CHANNELS, self.end)
+        last = self._phases[-1][0] if self._phases else self.phase
+        held = np.array([*self._phases, (last, 1)], dtype=int)
+        phases = np.repeat(held[:, 0].astype(float), held[:, 1])
+        signals = signals_of(record.t, record.x, phases, self.movers, self.options.road)
+        return replace(record, signals=signals)
+
+    def _begun(self) -> Trajectory:
+        if self._trajectory is None:
+            raise ProtocolError("no episode yet: call reset() first")
+        return self._trajectory
+
+    def _y_ref(self) -> Float[np.ndarray, " 3"]:
+        """Return the reference of lane keeping: straight ahead from here, shape (3,)."""
+        return np.array([self.x[0], 0.0, 0.0])
+
+    def _look(self) -> None:
+        """Update where every vehicle is at this sampling instant."""
+        self.obstacles = np.array([o.row(self.t) for o in self.movers])
+        self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)

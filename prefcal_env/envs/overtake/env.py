@@ -5,23 +5,19 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
-from highway_env.vehicle import behavior
 from jaxtyping import Float
 
 from prefcal_env.envs.checks import check_render_mode, known_options, number, vector
 from prefcal_env.envs.overtake.road.options import OvertakeOptions, paper_scene
 from prefcal_env.envs.overtake.road.rules import T_S_RANGE
-from prefcal_env.envs.overtake.road.traffic import Driver
-from prefcal_env.envs.overtake.road.vehicles import CRASHED, OWN, road_of
+from prefcal_env.envs.overtake.road.vehicles import CRASHED, OWN, place, road_of
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement
-from prefcal_env.experiments.experiment import Channels, End
+from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.trajectory import Record
-from prefcal_env.plants.plant import Plant
 
-from .course import Course
+from .course import Course, Driven
 from .drive import Mishap
-from .episode import Driven, Episode
 from .reward import MISHAP_COST, stage_cost
 from .spaces import ACTION, OBSERVATION, action_of, check_pictures, observation_of
 from .viewer import RoadViewer
@@ -50,7 +46,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
     - Options of `reset`: any `T_s` in [0.085, 0.5] s; `x0`, the pose (x_f, y_f, θ); `config`.
 
     Measured disturbances are (x_o, y_o, v_o) of every other vehicle. The seed of `reset`
-    determines measurement noise and random traffic, if there is any.
+    determines highway-env's drivers, if the configuration asks for any.
 
     Deviation from highway-env: its step counts frames by a rounded ratio, which loses some frames
     if T_s is odd, and its frames cost more than a whole experiment may. So we simulate a step
@@ -136,34 +132,13 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             self.action_space = done
 
     def update_metadata(self, video_real_time_ratio: float = 1.0) -> None:
-        """Set the frame rate to real time: one picture for each step, or those that are filmed."""
-        pictures = 1 if self._record_video_wrapper is None else self._frames
-        self.metadata["render_fps"] = video_real_time_ratio * pictures / self.T_s
-
-    @property
-    def _frames(self) -> int:
-        """Number of pictures of a step, for a video recorder."""
-        return int(max(1, round(self.config["simulation_frequency"] * self.T_s)))
-
-    @property
-    def plant(self) -> Plant:
-        """Plant that moves the ego vehicle."""
-        return self.course.plant
-
-    @property
-    def channels(self) -> Channels:
-        """Channels of the experiments."""
-        return self.course.channels
+        """Set the frame rate of videos to real time: one picture for each step."""
+        self.metadata["render_fps"] = video_real_time_ratio / self.T_s
 
     @property
     def T_s(self) -> float:
         """Sampling time of this episode [s]."""
         return float(self._once.get("T_s") or self._usual_T_s)
-
-    @property
-    def episode(self) -> Episode:
-        """Current or last episode. Raises ProtocolError before the first."""
-        return self.course.episode
 
     @property
     def end(self) -> End | None:
@@ -219,12 +194,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         """
         self._driven = driven = self.course.apply(u)
         self.steps += 1
-        self._place(self.episode.t, self.episode.x)
+        self._place()
         return driven
-
-    def observe(self) -> Any:
-        """Return the current observation, as `reset` and `step` do."""
-        return self.observation_type.observe()
 
     def measurement(self) -> Measurement:
         """Return what a controller knows; see `Course.measurement`."""
@@ -246,51 +217,34 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return self.__dict__ | {"viewer": None}  # pictures cannot be pickled; they are redrawn
 
     def _reset(self) -> None:
-        self.course.begin(self.T_s, self._once.get("x0"), self.np_random)
-        episode, history = self.episode, self.config["show_trajectories"]
-        if episode.simulation is None:
-            self.road = road_of(
-                self.options, episode.vehicles, episode.x, self.np_random, record_history=history
-            )
+        course = self.course
+        course.begin(self.T_s, self._once.get("x0"), self.np_random)
+        if course.simulation is None:
+            self.road = road_of(self.options, course.x, self.np_random)
         else:
-            self.road = episode.simulation.road
-            self.road.record_history = history
+            self.road = course.simulation.road
+        self.road.record_history = self.config["show_trajectories"]
         self.vehicle = self.road.vehicles[0]
         self.viewer = None  # its size may have changed
 
     def _simulate(self, action: Any = None) -> None:
-        driven = self.apply(self.inputs(action))
-        self.time = self.episode.t
-        self._film(driven)
+        self.apply(self.inputs(action))
+        self.time = self.course.t
 
-    def _film(self, driven: Driven) -> None:
-        """Show instants within the period to a video recorder that asks for them."""
-        if self._record_video_wrapper is None or self.viewer is None:
-            return
-        drivers = [v for v in self.road.vehicles if isinstance(v, behavior.IDMVehicle)]
-        there = [(v.position, v.heading) for v in drivers]
-        shown = np.linspace(0, len(driven.t) - 1, self._frames + 1).round().astype(int)[1:-1]
-        for k in shown.tolist():
-            x = np.append(driven.poses[k], self.episode.x[3:])
-            self._place(float(driven.t[k]), x)
-            self._automatic_rendering()
-        self._place(self.episode.t, self.episode.x)
-        for driver, (position, heading) in zip(drivers, there, strict=True):
-            driver.position, driver.heading = position, heading
-            driver.on_state_update()
+    def _place(self) -> None:
+        """Put the ego vehicle and the obstacle where they are; drivers are there already.
 
-    def _place(self, t: float, x: Float[np.ndarray, " n_x"]) -> None:
-        """Put every vehicle where it is at `t` [s], the ego vehicle at its state `x`."""
-        episode, (own, *others) = self.episode, self.road.vehicles
-        own.put(x, episode.u)
-        own.act({"speed": own.speed, "steering": -float(episode.u[1]), "acceleration": 0.0})
-        own.crashed = self.mishap is Mishap.COLLISION
+        But if a mishap ended the period early, drivers have driven on to its end.
+        """
+        course, (own, obstacle, *drivers) = self.course, self.road.vehicles
+        own.put(course.x, course.u)
+        own.act({"speed": own.speed, "steering": -float(course.u[1]), "acceleration": 0.0})
+        own.crashed = course.mishap is Mishap.COLLISION
         own.color = CRASHED if own.crashed else OWN
-        for vehicle, mover, other in zip(episode.vehicles, episode.movers, others, strict=True):
-            if not isinstance(vehicle, Driver):
-                other.put(t)
-            elif t != episode.simulation.t:  # otherwise it is already there
-                other.put(*mover.poses(np.array([t]))[0].tolist())
+        obstacle.put(course.t)
+        if course.mishap is not None:
+            for driver, mover in zip(drivers, course.movers[1:], strict=True):
+                place(driver, *mover.poses(np.array([course.t]))[0].tolist())
 
     def _reward(self, action: Any) -> float:
         driven = self._driven
@@ -308,15 +262,15 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return self.end is End.TIME_UP
 
     def _info(self, obs: Any, action: Any = None) -> dict[str, Any]:
-        episode = self.episode
-        distance, offset = episode.nearest(episode.x)
+        course = self.course
+        distance, offset = course.nearest()
         info: dict[str, Any] = {
-            "t": episode.t, "x": episode.x.copy(), "u": episode.u.copy(),
+            "t": course.t, "x": course.x.copy(), "u": course.u.copy(),
             "speed": float(self.vehicle.speed), "crashed": bool(self.vehicle.crashed),
-            "gap": distance, "lateral_offset": offset, "phase": int(episode.phase),
+            "gap": distance, "lateral_offset": offset, "phase": int(course.phase),
         }  # fmt: skip
-        if episode.end is not None:
-            info["end"] = episode.end.value
-        if episode.mishap is not None:
-            info["mishap"] = episode.mishap.value
+        if course.end is not None:
+            info["end"] = course.end.value
+        if course.mishap is not None:
+            info["mishap"] = course.mishap.value
         return info

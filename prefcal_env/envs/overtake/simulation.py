@@ -1,14 +1,12 @@
 """A road with drivers who react to each other, moved by highway-env. Loads highway-env."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from highway_env.road.road import Road
 from jaxtyping import Float
 
 from prefcal_env.envs.overtake.road.options import OvertakeOptions
-from prefcal_env.envs.overtake.road.traffic import Driver, Mover, Obstacle, Track
-from prefcal_env.envs.overtake.road.vehicles import CourseVehicle, road_of
+from prefcal_env.envs.overtake.road.traffic import Mover, Obstacle, Track
+from prefcal_env.envs.overtake.road.vehicles import pose, road_of
 
 
 class Simulation:
@@ -19,35 +17,26 @@ class Simulation:
 
     Args:
         options: Options of the scene.
-        vehicles: Other vehicles, in order.
-        x: Initial state of the ego plant, shape (n_x,).
+        x: Initial state of the ego plant, shape (3,).
         rng: Random generator of the episode.
     """
 
     def __init__(
-        self,
-        options: OvertakeOptions,
-        vehicles: Sequence[Obstacle | Driver],
-        x: Float[np.ndarray, " n_x"],
-        rng: np.random.Generator,
+        self, options: OvertakeOptions, x: Float[np.ndarray, " 3"], rng: np.random.Generator
     ) -> None:
         self._frequency = options.simulation_frequency
-        self.road: Road = road_of(options, vehicles, x, rng)
-        self._tracks = {i: Track() for i, v in enumerate(vehicles) if isinstance(v, Driver)}
-        self.movers: tuple[Mover, ...] = tuple(
-            v if isinstance(v, Obstacle) else self._tracks[i] for i, v in enumerate(vehicles)
-        )
+        self.road: Road = road_of(options, x, rng)
+        self._tracks = [Track() for _ in range(options.vehicles_count)]
+        self.movers: tuple[Mover, ...] = (Obstacle(), *self._tracks)
         self._note(0.0)
 
     def drive(
-        self, x: Float[np.ndarray, " n_x"], u: Float[np.ndarray, " 2"], start: float, end: float
+        self, x: Float[np.ndarray, " 3"], u: Float[np.ndarray, " 2"], start: float, end: float
     ) -> None:
         """Drive all vehicles from `start` to `end` [s], ours from its state `x` with `u` held."""
-        own, *others = self.road.vehicles
+        own, obstacle, *_ = self.road.vehicles
         own.put(x, u)
-        for other in others:
-            if isinstance(other, CourseVehicle):
-                other.put(start)  # exact position, without summing steps
+        obstacle.put(start)  # exact position, without summing steps
         own.act({"speed": float(u[0]), "steering": -float(u[1]), "acceleration": 0.0})
         n = max(1, int(np.ceil((end - start) * self._frequency - 1e-9)))
         for i in range(n):
@@ -56,7 +45,5 @@ class Simulation:
             self._note(end - (end - start) * (n - 1 - i) / n)
 
     def _note(self, t: float) -> None:
-        self.t = t
-        for i, track in self._tracks.items():
-            driver = self.road.vehicles[1 + i]
-            track.add(t, driver.pose(), driver.velocity_along())
+        for track, driver in zip(self._tracks, self.road.vehicles[2:], strict=True):
+            track.add(t, *pose(driver), float(driver.speed * np.cos(driver.heading)))

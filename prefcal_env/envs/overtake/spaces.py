@@ -14,6 +14,8 @@ from prefcal_env.envs.overtake.road.vehicles import OwnVehicle
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.bicycle import KMH
 
+from .course import HIGH, LOW
+
 Array = np.ndarray[Any, Any]
 OBSERVATION, ACTION = "OvertakeObservation", "SpeedSteeringAction"
 OBSERVATIONS = (OBSERVATION, "Kinematics", "OccupancyGrid", "LidarObservation", "TupleObservation")
@@ -28,7 +30,7 @@ _OBSERVED = np.array([
 
 
 class OvertakeObservation(ObservationType):  # type: ignore[misc]
-    """The measured last v and δ_s, y_f, θ, gap and y_f - y_o to the nearest vehicle, and phase.
+    """The last v and δ_s, y_f, θ, gap and y_f - y_o to the nearest vehicle, and phase.
 
     float32, shape (7,): each value is scaled to [-1, 1] and clipped.
     """
@@ -39,10 +41,8 @@ class OvertakeObservation(ObservationType):  # type: ignore[misc]
 
     def observe(self) -> Float[np.ndarray, " 7"]:
         """Return the current observation."""
-        episode = self.env.episode
-        _, y, yaw = episode.measured
-        distance, offset = episode.nearest(episode.measured)
-        raw = np.array([*episode.u, y, yaw, distance, offset, episode.phase])
+        course = self.env.course
+        raw = np.array([*course.u, *course.x[1:], *course.nearest(), course.phase])
         low, high = _OBSERVED.T
         scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
         return scaled.astype(np.float32)
@@ -59,8 +59,7 @@ class SpeedSteeringAction(ActionType):  # type: ignore[misc]
 
     def act(self, action: Any) -> None:
         """Pass `action` to the ego vehicle. Raises PlantError if it is not 2 finite numbers."""
-        low, high = self.env.course.low, self.env.course.high
-        v, steering = (low + (vector(action, 2, "action") + 1) / 2 * (high - low)).tolist()
+        v, steering = (LOW + (vector(action, 2, "action") + 1) / 2 * (HIGH - LOW)).tolist()
         self.controlled_vehicle.act({"speed": v, "steering": -steering, "acceleration": 0.0})
 
 

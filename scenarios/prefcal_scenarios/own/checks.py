@@ -66,7 +66,7 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
         if isinstance(values, list):  # a tuple may say that the KPIs are left out
             object.__setattr__(scenario, field, tuple(values))
     for field in (
-        "cost", "controller", "settings", "scene", "pictures", "configured", "on_processor",
+        "cost", "controller", "settings", "pictures", "configured",
     ):  # fmt: skip
         value = getattr(scenario, field)
         if value is not None and not callable(value):

@@ -17,7 +17,6 @@ from .check import EPILOG as CHECK_EPILOG
 from .check import check
 from .look.command import EPILOG as LOOK_EPILOG
 from .look.command import look
-from .processor import app as processor
 from .reproduce import EPILOG as REPRODUCE_EPILOG
 from .reproduce import reproduce
 from .starters.command import EPILOG as NEW_EPILOG
@@ -39,7 +38,6 @@ app.command(epilog=REPORT_EPILOG)(report)
 app.command(no_args_is_help=True, epilog=REPRODUCE_EPILOG)(reproduce)
 app.add_typer(bench)
 app.add_typer(studies)
-app.add_typer(processor)
 
 
 def _version(asked: bool) -> None:

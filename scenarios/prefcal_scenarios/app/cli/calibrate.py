@@ -46,10 +46,7 @@ EPILOG = """\
   Unattended, scored by the cost learned from your answers (`prefcal studies index`).
 
 [cyan]prefcal calibrate overtake --config traffic.json[/cyan]
-  The overtaking on another road, in other traffic (see docs/overtaking.md).
-
-[cyan]prefcal calibrate overtake --processor target.json[/cyan]
-  The controller must run in real time on your own target.
+  The overtaking on a wider road, among highway-env's drivers (see docs/overtaking.md).
 
 [cyan]prefcal calibrate own.py:plant --agent random --n-max 20[/cyan]
   Your own scenario, simulated or a rig that you run yourself; random search.

@@ -48,7 +48,7 @@ from prefcal_scenarios.app.summary.counts import Counts
 from prefcal_scenarios.own.described.options import words_to_resume
 from prefcal_scenarios.scenario import Scenario, is_own, load
 
-from .choices import make_calibrator, on_target
+from .choices import make_calibrator
 from .cost_file import with_cost
 from .describing.source import cost_of, source_of
 from .interrupt import INTERRUPTED, Interruption, interruption
@@ -90,8 +90,7 @@ def run(given: Mapping[str, Any]) -> int:
 
             opened = open_study(given, scenario, given["study"])
             with kept_if_worth_it(opened, scenario, say):
-                judged = on_target(scenario, opened.file.state.configuration)
-                return _run(opened, judged, ctrl_c, messages)
+                return _run(opened, scenario, ctrl_c, messages)
 
 
 def _say(messages: Console, text: str) -> None:

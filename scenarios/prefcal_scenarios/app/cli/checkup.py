@@ -93,7 +93,6 @@ class Checkup:
             ("running the references", "references", self._references),
             ("making the controller", "controller", self._controller),
             ("storing the experiment", "study file", self._stored),
-            ("making the scene", "scene", self._scene),
         ):
             yield words, self._step(what, check)
 
@@ -255,13 +254,6 @@ class Checkup:
         content = encode(self._ran())
         same = decode(content) == self._ran()
         yield Finding("study file", same, f"{len(content) / 1000:.0f} kB an experiment, unpacked")
-
-    def _scene(self) -> Iterator[Finding]:
-        e = self._ran()
-        if self.scenario.scene is None or not len(e.t):
-            return
-        json.dumps(self.scenario.scene(e.runs[0] if e.runs else e))
-        yield Finding("scene", True, "it can be animated")
 
 
 def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:

@@ -1,7 +1,7 @@
-"""Turn command-line values into agents, calibrators, θ and processors."""
+"""Turn command-line values into agents, calibrators and θ."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from prefcal_agents.protocol.agent import Agent
 
 Thetas = Sequence[Float[np.ndarray, " n"]]
-
-_PROCESSOR = "processor"
-"""Key of the processor in a study's configuration."""
 
 
 def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Agent":
@@ -287,73 +284,3 @@ def knob_called(word: str, space: KnobSpace) -> str:
         names = ", ".join(plain)
         raise SettingsError(f"knob must be one of {names}, got {word!r}.{hint}".rstrip("."))
     return found[0]
-
-
-def target_of(path: str | None, scenario: Scenario) -> dict[str, Any]:
-    """Return the entry of a new study's configuration for the processor in the file `path`.
-
-    It is empty without a file, so that configurations without the option stay the same.
-
-    Raises:
-        SettingsError: If the file does not describe a processor, or `scenario` does not evaluate
-            computation times.
-    """
-    if path is None:
-        return {}
-    if scenario.on_processor is None:
-        raise SettingsError(
-            f"--processor is for scenarios that judge computation times (overtake, "
-            f"overtake-robust), not {scenario.name!r}"
-        )
-    return {_PROCESSOR: _target(path)}
-
-
-def _target(path: str) -> dict[str, Any]:
-    """Return the processor in the file `path`."""
-    # Here, since it loads the compiler, which takes half a second.
-    from prefcal_env.mpc.processors import as_dict, read_processor
-
-    return as_dict(read_processor(path))
-
-
-def check_target(path: str | None, configuration: Mapping[str, Any]) -> None:
-    """Check that the file `path` holds the processor that the study was started with.
-
-    Raises:
-        SettingsError: If it holds another processor, or the study was started without one.
-    """
-    if path is None:
-        return
-    kept = configuration.get(_PROCESSOR)
-    if kept is None:
-        raise SettingsError(
-            f"the study was started with no --processor, got --processor {path}: leave the option "
-            "out, or start another study"
-        )
-    if _target(path) != kept:
-        raise SettingsError(
-            f"the study judges computation times on {kept.get('name')!r}, which it keeps; "
-            f"--processor {path} holds another one: leave the option out, or start another study"
-        )
-
-
-def on_target(scenario: Scenario, configuration: Mapping[str, Any]) -> Scenario:
-    """Return `scenario`, evaluated on the study's processor if the study has one.
-
-    Raises:
-        SettingsError: If the study's processor is invalid, or `scenario` does not take one.
-    """
-    kept = configuration.get(_PROCESSOR)
-    if kept is None:
-        return scenario
-    if scenario.on_processor is None:
-        raise SettingsError(f"scenario {scenario.name!r} no longer judges computation times")
-    from prefcal_env.mpc.processors import processor_of
-
-    return scenario.on_processor(scenario, processor_of(kept, "the processor of the study"))
-
-
-def target_settings(configuration: Mapping[str, Any]) -> dict[str, str]:
-    """Return the processor's name for the report's list of settings."""
-    kept = configuration.get(_PROCESSOR)
-    return {} if kept is None else {"processor": str(kept.get("name"))}

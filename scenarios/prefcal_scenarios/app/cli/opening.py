@@ -45,12 +45,9 @@ from prefcal_scenarios.scenario import Scenario, is_built_in
 
 from .choices import (
     check_agent_takes,
-    check_target,
     make_agent,
     make_calibrator,
-    on_target,
     start_of,
-    target_of,
 )
 from .earlier import taken_from
 from .options import Options
@@ -152,7 +149,7 @@ def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile
     # Check everything before creating the file.
     configuration = _configuration(options, scenario)
     if not options.by_a_person:
-        make_calibrator(options, on_target(scenario, configuration))
+        make_calibrator(options, scenario)
     if path != IN_MEMORY:
         # Not in memory: there, an edited scenario would count as another study's report folder.
         configuration["fingerprint"] = fingerprint(options.scenario)
@@ -173,7 +170,6 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
         "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
         "agent": agent_as_dict(make_agent(options, scenario, [*mine, *theirs])),
         **({} if taken is None else {"earlier": taken.as_dict()}),
-        **target_of(options.processor, scenario),
         "n_max": options.n_max,
         "seed": options.seed,
         "options": options.as_dict(),
@@ -201,8 +197,7 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
         if given.get("n_max") == state.configuration["options"]["n_max"]:
             # The same command again: keep the experiments that were added on the page.
             given = {**given, "n_max": None}
-        check_target(given.get("processor"), state.configuration)
-        options = Options.resumed(by_now(state), {**given, "processor": None})
+        options = Options.resumed(by_now(state), given)
         if options.questions_per_experiment != questions_of(state.configuration):
             check_agent_takes(options)
             file.append(Adjusted({QUESTIONS: options.questions_per_experiment}))

@@ -245,16 +245,6 @@ class Options:
             help="Configuration of the scenario, for example the road and traffic of overtake.",
         ),
     ] = None
-    processor: Annotated[
-        str | None,
-        Option(
-            metavar="FILE.json",
-            help="Evaluate computation times on this processor (`prefcal processor` writes the "
-            "file). The study keeps a copy.",
-            show_default="the scenario's",
-        ),
-        Kept(),
-    ] = None
     out: Annotated[
         Path | None,
         Option(

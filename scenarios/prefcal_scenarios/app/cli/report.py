@@ -36,7 +36,7 @@ from prefcal_scenarios.app.summary.gain import Baseline
 from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.scenario import Scenario, load
 
-from .choices import follows_cost, on_target, target_settings
+from .choices import follows_cost
 from .cost_file import kept_cost, with_cost
 from .opening import Opened, by_now, claim_folder, worth_keeping
 from .options import Options
@@ -175,7 +175,6 @@ def report_of(
         if not file.state.history.answered:
             raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")
         # A page may have the study open: writing an event here would make its next answer fail.
-        scenario = on_target(scenario, file.state.configuration)
         interview = Interview(scenario, file, ahead=False, asks=False)
         claim = claim_folder(opened, scenario.name)
         try:
@@ -205,7 +204,7 @@ def record_of(
         held=_best_after_each(now),
         waiting=_waiting(interview, now),
         references=references,
-        settings=dict(options.settings()) | earlier | target_settings(state.configuration),
+        settings=dict(options.settings()) | earlier,
         agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items()},
         n_init=options.n_init,
         n_max=interview.n_max,

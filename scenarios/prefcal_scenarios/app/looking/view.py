@@ -24,7 +24,6 @@ def pair_view(pair: Pair) -> dict[str, Any]:
         **first,
         "left": {**_side(pair.left, pair), **first["left"]},
         "right": {**_side(pair.right, pair), **first["right"]},
-        "has_scene": False,
         "others": others,
         "notes": list(pair.notes),
     }
@@ -56,7 +55,7 @@ def _drawn(pair: Pair, maneuver: str, left: Experiment, right: Experiment) -> di
 
 def _curves(run: Experiment, pair: Pair) -> dict[str, Any]:
     part = numbers_of(run, pair.kpis) if run.maneuver else None
-    return {**curves_view(run, pair.panels), "scene": None, "part": part, "empty": not len(run.t)}
+    return {**curves_view(run, pair.panels), "part": part, "empty": not len(run.t)}
 
 
 def _side(run: Run, pair: Pair) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.study import State, study_path
 from prefcal_scenarios.app.cli.calibrate_run import simulator_of
-from prefcal_scenarios.app.cli.choices import make_calibrator, on_target
+from prefcal_scenarios.app.cli.choices import make_calibrator
 from prefcal_scenarios.app.cli.opening import claim_folder, open_study
 from prefcal_scenarios.app.cli.options import Options
 from prefcal_scenarios.app.cli.report import Reporter
@@ -112,15 +112,14 @@ class Asking:
                 scenario = stack.enter_context(isolation(source, limit))(load(source))
             opened = open_study(given, scenario, given["study"])
             stack.enter_context(opened.file)
-            judged = on_target(scenario, opened.file.state.configuration)
             claim = claim_folder(opened, scenario.name)
             stack.callback(claim.release)
             # Of a scenario that was made here, the file of the study does not know the code.
-            simulator = stack.enter_context(simulator_of(opened, judged, keep=not made_here))
+            simulator = stack.enter_context(simulator_of(opened, scenario, keep=not made_here))
             person = opened.options.by_a_person
-            self._interview = Interview(judged, opened.file, ahead=person, simulator=simulator)
+            self._interview = Interview(scenario, opened.file, ahead=person, simulator=simulator)
             self._reporter = Reporter(self._interview, opened, claim, Console(quiet=True))
-            self._calibrator = None if person else make_calibrator(opened.options, judged)
+            self._calibrator = None if person else make_calibrator(opened.options, scenario)
             self._person = person
             self._window = stack.enter_context(
                 Window(self._interview, port=opened.options.port, framed=True)

@@ -51,9 +51,9 @@ def page(record: Record, drawn: Sequence[Drawn]) -> str:
     )
 
 
-def data_uri(content: bytes, file: str) -> str:
-    """Return a data URI with the image `content`; the suffix of `file` (.png, .gif) is its type."""
-    return f"data:image/{file.rpartition('.')[2]};base64,{b64encode(content).decode('ascii')}"
+def data_uri(content: bytes) -> str:
+    """Return a data URI with the PNG `content`."""
+    return f"data:image/png;base64,{b64encode(content).decode('ascii')}"
 
 
 def _view(record: Record) -> dict[str, Any]:

@@ -21,12 +21,11 @@ from .tried import tried
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A picture, the content of its file, and HTML to show in its place, if any."""
+    """A picture and the content of its file."""
 
     picture: Picture
     alt: str
     content: bytes
-    markup: str | None = None
     caption: str = ""
 
 
@@ -38,11 +37,10 @@ def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
     with style():
         for picture in (*extra, *PICTURES):
             if picture.applies(record):
-                markup = None if picture.markup is None else picture.markup(record)
                 content = _content(picture.draw(record))
                 words = picture.caption
                 caption = words if isinstance(words, str) else words(record)
-                drawn.append(Drawn(picture, picture.alt(record), content, markup, caption))
+                drawn.append(Drawn(picture, picture.alt(record), content, caption))
     return drawn
 
 

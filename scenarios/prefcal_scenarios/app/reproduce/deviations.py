@@ -168,11 +168,11 @@ CAR: tuple[Deviation, ...] = (
     ),
     Deviation(
         "(i): worst t_comp on an i7-8550U, measured",
-        "Modeled from iterations and problem size, for a given processor",
+        "Modeled from iterations and problem size, for the paper's laptop",
         "Measured on a busy machine, it would depend on luck; the same study must give the same "
         "answers",
         "0.081 s at the paper's θ by construction; docs/overtaking.md shows how well the model "
-        "fits. For another computer: prefcal calibrate overtake --processor FILE",
+        "fits",
     ),
     Deviation(
         "(ii) to (vi) are given in words: close to, reasonable, not aggressive (IV-B)",

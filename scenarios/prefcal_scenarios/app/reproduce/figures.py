@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_scenarios.app.presentation.style import BEST, FIRST, OTHERS, save, style
 from prefcal_scenarios.app.report.trajectories import figure as side_by_side
-from prefcal_scenarios.cases.overtake.pictures.figures import compared, wide
-from prefcal_scenarios.cases.overtake.pictures.shown import Shown
+from prefcal_scenarios.cases.overtake.picture import Shown, drawn
 
 from .results import Found
 
@@ -83,7 +82,7 @@ def _car_query(result: Found) -> Pictured:
         "preferred because the left one moves far to the side.",
         "Among the comparisons with seed 0 between two controllers that compute in time, the one "
         "with the largest difference in how far they move to the side.",
-        _png(compared(*pair, result.scenario.space)),
+        _png(drawn(pair, result.scenario.space)),
     )
 
 
@@ -95,8 +94,8 @@ def _car_final(result: Found) -> Pictured:
         "Fig. car_finalPerf",
         "Performance of the calibrated controller.",
         "Top: at the paper's θ, simulated here. Bottom: as calibrated here with seed 0.",
-        _png(wide(shown, space)),
-        _png(wide(printed, space)),
+        _png(drawn((shown,), space)),
+        _png(drawn((printed,), space)),
     )
 
 

@@ -117,7 +117,6 @@ def key_of(
         "knobs": knobs_as_dicts(scenario.space),
         "within": within_as_dict(scenario.space),
         "kpis": [(k.name, k.goal, k.at_most, k.at_least) for k in scenario.kpis],
-        "processor": configuration.get("processor"),
         "versions": dict(versions),
     }
     return sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()

@@ -6,7 +6,6 @@ from pathlib import Path
 
 TYPES: Mapping[str, str] = {
     ".png": "image/png",
-    ".gif": "image/gif",
     ".csv": "text/csv; charset=utf-8",
     ".json": "application/json",
     ".html": "text/html; charset=utf-8",

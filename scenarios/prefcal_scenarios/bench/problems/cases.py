@@ -121,10 +121,10 @@ def _run_reactor(theta: Float[np.ndarray, " 3"]) -> Outcome:
 
 def overtaking() -> Problem:
     """Return the paper's overtaking, judged by criteria in their order, without a cost."""
+    from prefcal_scenarios.cases.overtake import calibrator
     from prefcal_scenarios.cases.overtake import overtake as scenario
-    from prefcal_scenarios.cases.overtake.criteria import synthetic
 
-    referee = synthetic()
+    referee = calibrator()
     return Problem(
         name="overtake",
         space=scenario.space,

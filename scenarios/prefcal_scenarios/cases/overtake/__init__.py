@@ -2,10 +2,7 @@
 
 from .criteria import calibrator as calibrator
 from .kpis import compute_kpis as compute_kpis
-from .robust import overtake_robust as overtake_robust
-from .robust import overtake_variants as overtake_variants
 from .scenario import make_tuning_env as make_tuning_env
 from .scenario import make_tuning_vector as make_tuning_vector
 from .scenario import overtake as overtake
-from .scenario import overtake_on as overtake_on
 from .supervisor import Supervisor as Supervisor

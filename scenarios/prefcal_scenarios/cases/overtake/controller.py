@@ -18,9 +18,7 @@ from prefcal_env.envs.overtake.road.rules import (
 )
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.mpc import EstimatorSettings, MPCSettings, control_horizon
-from prefcal_env.mpc.settings import Linearization
-from prefcal_env.plants.bicycle import Bicycle
+from prefcal_env.mpc import MPCSettings, control_horizon
 
 from .supervisor import Supervisor
 
@@ -52,19 +50,13 @@ class Fixed:
     Args:
         steering_rate: Largest rate of δ_s from one step to the next [rad/s].
         steering_move: Largest move of δ_s in one step [rad].
-        speed_move: Largest move of v in one step [m/s]; the paper has none.
         Q_eps: Weight of the slack. Deviation: the paper has no value. With 1e5, a toolbox's
             default, the one slack makes the car swerve off the road at the paper's optimum.
-        softness: Share of ε by which the limits of (x_f, y_f, θ) give way.
-        linearization: How the model is linearized, "point" or "trajectory".
     """
 
     steering_rate: float = 0.0873
     steering_move: float = inf
-    speed_move: float = inf
     Q_eps: float = 10.0
-    softness: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    linearization: Linearization = "point"
 
 
 PAPER = Fixed()
@@ -74,13 +66,6 @@ STEERING_LIMITS: Mapping[str, Fixed] = {
     "per step": Fixed(steering_rate=inf, steering_move=0.0873),
 }
 """What 0.0873 limits: the rate of δ_s, or its move per step for any sampling time."""
-
-ESTIMATOR = EstimatorSettings(
-    noise=(0.1, 0.05, 0.01), process=(0.1, 0.05, 0.02), drift=(0.01,), on_inputs=(1,)
-)
-"""Beyond the paper: for a pose measured with 0.1 m, 0.05 m and 0.01 rad of noise. The integrating
-disturbance acts on δ_s: one of a position cannot be distinguished from the position, and v needs
-none, since the reference of x_f runs ahead of the car."""
 
 
 def mpc_settings(
@@ -112,10 +97,9 @@ def _settings(theta: tuple[float, ...], phase: Phase, fixed: Fixed) -> MPCSettin
         Q_y=np.diag([1.0, 1.0, 0.0]), Q_u=np.zeros((2, 2)),
         Q_du=np.diag([10.0**log_q11, 10.0**log_q22]),
         u_min=[low, -_ANGLE], u_max=[high, _ANGLE],
-        du_min=[-fixed.speed_move, -steering_move],
-        du_max=[fixed.speed_move, steering_move],
+        du_min=[-inf, -steering_move], du_max=[inf, steering_move],
         y_min=[-inf, beside, -_ANGLE], y_max=[inf, inf, _ANGLE],
-        Q_eps=fixed.Q_eps, softness=fixed.softness, linearization=fixed.linearization,
+        Q_eps=fixed.Q_eps, softness=(1.0, 1.0, 1.0),
         backend="piqp",  # t_comp is modeled from its iterations (`computation_time`)
     )  # fmt: skip
 
@@ -123,19 +107,15 @@ def _settings(theta: tuple[float, ...], phase: Phase, fixed: Fixed) -> MPCSettin
 def controller(
     theta: Float[np.ndarray, " 5"],
     fixed: Fixed = PAPER,
-    estimator: EstimatorSettings | None = None,
     space: KnobSpace = SPACE,
 ) -> Supervisor:
-    """Create a supervised MPC tuned by θ, shape (5,), physical. Raises like `mpc_settings`.
-
-    The paper uses no estimator; `ESTIMATOR` is one.
-    """
+    """Create a supervised MPC tuned by θ, shape (5,), physical. Raises like `mpc_settings`."""
     tuned = {phase: mpc_settings(theta, phase, fixed, space) for phase in Phase}
-    return Supervisor(Bicycle(), tuned, estimator)
+    return Supervisor(tuned)
 
 
 def settings(
-    theta: Float[np.ndarray, " 5"], space: KnobSpace = SPACE, fixed: Fixed = PAPER
+    theta: Float[np.ndarray, " 5"], fixed: Fixed = PAPER, space: KnobSpace = SPACE
 ) -> dict[str, Any]:
     """Return the MPC settings as plain data, by name of the phase."""
     return {

@@ -5,28 +5,24 @@ from functools import partial
 
 from prefcal_env.calibrators import Criterion, Lexicographic
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.mpc.computation import Processor
 
-from .computation_time import PAPER_PROCESSOR, SERVER_CORE, overrun
+from .computation_time import overrun
 from .kpis import SHORTEST_DISTANCE
 
 
-def calibrator(processor: Processor) -> Lexicographic:
-    """Return a calibrator with criteria (i) to (v), in the priority of (vi).
+def calibrator(seed: int = 0) -> Lexicographic:
+    """Return a calibrator with criteria (i) to (v), in the priority of (vi), whatever the `seed`.
 
     Deviation: the just noticeable differences, and the order among (ii) to (v), are ours. The
     effect of other differences is in docs/deviations.md.
 
-    Real time comes first: the worst t_comp on `processor` must be below T_s; otherwise the smaller
-    excess is better. Next come interruptions (collision, off the road; later is better), then
-    distance and road, where only a lack of safety counts; then comfort, speed and steering.
+    Real time comes first: the worst t_comp on the paper's laptop must be below T_s; otherwise the
+    smaller excess is better. Next come interruptions (collision, off the road; later is better),
+    then distance and road, where only a lack of safety counts; then comfort, speed and steering.
 
     If a difference is not noticeable, the next criterion decides. So no cost function, not even
     one with a tie band, has these preferences: they can form a cycle (a test shows three such θ).
     """
-    real_time = Criterion(
-        "(i) worst t_comp above T_s [share]", partial(overrun, processor=processor)
-    )
     return Lexicographic(
         [
             Criterion("(iii) lateral distance too small by [m]", _too_near),
@@ -42,23 +38,8 @@ def calibrator(processor: Processor) -> Lexicographic:
             Criterion("(v) RMS rate of δ_s [°/s]", _kpi("steering_rate_rms"), 1.0),
             Criterion("(v) largest move of δ_s [°]", _kpi("steering_move"), 0.2),
         ],
-        first=[real_time],
+        first=[Criterion("(i) worst t_comp above T_s [share]", overrun)],
     )
-
-
-def on_processor(processor: Processor, seed: int = 0) -> Lexicographic:
-    """Return the calibrator for `processor`, whatever the `seed`."""
-    return calibrator(processor)
-
-
-def synthetic(seed: int = 0) -> Lexicographic:
-    """Return the calibrator for the paper's slow processor, on which criterion (i) matters."""
-    return calibrator(PAPER_PROCESSOR)
-
-
-def fast(seed: int = 0) -> Lexicographic:
-    """Return the calibrator for a modern processor, on which every tuning runs in real time."""
-    return calibrator(SERVER_CORE)
 
 
 def _too_near(experiment: Experiment) -> float:

@@ -15,15 +15,11 @@ from prefcal_env.envs.overtake.road.rules import (
     Phase,
 )
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.mpc.computation import Processor
 from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.scenario import KPI
 
-from .computation_time import PAPER_PROCESSOR, t_comp
+from .computation_time import t_comp
 from .scene import clearance, in_lane, obstacles, phase_at_control
-
-HIGHER_IS_BETTER = ("lateral_distance", "clearance")
-"""KPIs whose smallest value is the worst; for all others it is the largest."""
 
 SHORTEST_DISTANCE = MIN_LATERAL_DISTANCE - 0.1
 """Smallest "reasonable safety distance" beside the obstacle, criterion (iii) [m]."""
@@ -59,11 +55,9 @@ KPIS = (
 """KPIs, most important first. An infinite time means never, an infinite distance no obstacle."""
 
 
-def compute_kpis(
-    experiment: Experiment, processor: Processor = PAPER_PROCESSOR
-) -> dict[str, float]:
-    """Return the values of `KPIS`, in their units. t_comp is modeled on `processor`."""
-    seconds = t_comp(experiment, processor)
+def compute_kpis(experiment: Experiment) -> dict[str, float]:
+    """Return the values of `KPIS`, in their units."""
+    seconds = t_comp(experiment)
     found = {
         "t_comp_worst": seconds.max(),
         "t_comp_99": np.percentile(seconds, 99),

@@ -1,30 +1,28 @@
 """Define the overtaking scenario, section IV-B."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake import Course
+from prefcal_env.envs.overtake import Course, OvertakeOptions
 from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.mpc.computation import Processor
 from prefcal_env.plants.bicycle import KMH
-from prefcal_scenarios.cases.overtake.pictures.drawing import animation
 from prefcal_scenarios.scenario import Panel, Picture, Scenario, described
 
 from . import wording as words
-from .configured import configured
-from .controller import SPACE, controller, settings
-from .criteria import fast, synthetic
+from .controller import PAPER, SPACE, STEERING_LIMITS, Fixed, controller, settings
+from .criteria import calibrator
 from .kpis import KPIS, compute_kpis
-from .target import on_target
 
 PANELS = (
     Panel("lateral position", reference="lateral_reference"),
@@ -38,27 +36,52 @@ PANELS = (
 REFERENCES = {"paper, preferences": np.array([0.085, 0.31, 16.0, 0.261, 0.918])}
 
 
-def run(theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE) -> Experiment:
+def run(
+    theta: Float[np.ndarray, " 5"],
+    seed: int = 0,
+    fixed: Fixed = PAPER,
+    options: OvertakeOptions | None = None,
+    space: KnobSpace = SPACE,
+) -> Experiment:
     """Run one experiment of θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22), shape (5,).
 
-    It is 15 s of the paper's scene and deterministic; θ is physical, in `space`.
+    It is 15 s of the paper's scene, or that of `options`; θ is physical, in `space`. The seed
+    determines the drivers, if there are any.
 
     Raises:
         KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     theta = space.check(theta)
-    driver = controller(theta, space=space)
-    return rollout(Course(), driver, theta, seed=seed, kpis=compute_kpis)
+    driver = controller(theta, fixed, space)
+    return rollout(Course(options), driver, theta, seed=seed, kpis=compute_kpis)
 
 
 def _pictures() -> Sequence[Picture]:
-    from prefcal_scenarios.cases.overtake.pictures.pictures import PICTURES  # loads the plots
+    from .picture import PICTURE  # loads the plots
 
-    return PICTURES
+    return (PICTURE,)
 
 
 def _configured(config: Mapping[str, Any]) -> Scenario:
-    return configured(overtake, None, 1, config)
+    """Return the overtaking with the scene of `OvertakeOptions.of`, and a "steering_limit".
+
+    Raises:
+        SettingsError: If a key is unknown or a value has the wrong type.
+    """
+    scene = dict(config)
+    limit = scene.pop("steering_limit", "per second")
+    if limit not in STEERING_LIMITS:
+        raise SettingsError(
+            f"steering_limit must be one of {sorted(STEERING_LIMITS)}, got {limit!r}"
+        )
+    fixed = STEERING_LIMITS[limit]
+    return replace(
+        overtake,
+        run=partial(run, fixed=fixed, options=OvertakeOptions.of(scene)),
+        controller=partial(controller, fixed=fixed),
+        settings=partial(settings, fixed=fixed),
+        brief=words.CONFIGURED,
+    )
 
 
 overtake = Scenario(
@@ -69,22 +92,15 @@ overtake = Scenario(
     kpis=described(KPIS, words.KPIS),
     panels=PANELS,
     references=REFERENCES,
-    calibrators={"synthetic": synthetic, "fast-processor": fast},
+    calibrators={"synthetic": calibrator},
     controller=controller,
     settings=settings,
     pictures=_pictures,
-    scene=animation,
     brief=words.BRIEF,
     configured=_configured,
-    on_processor=on_target,
     simulated=True,
 )
 """The scenario has no cost, since there is no single score."""
-
-
-def overtake_on(processor: Processor) -> Scenario:
-    """Return the overtaking with criterion (i) judged on `processor`."""
-    return on_target(overtake, processor)
 
 
 @makes(TuningEnv)
@@ -100,7 +116,7 @@ def make_tuning_env(
     `PreferenceReward` with a calibrator of the scenario turns preferences into rewards.
 
     Args:
-        config: Scene, as in `prefcal/Overtake-v0`, and the study's "scenes" and "steering_limit".
+        config: Scene, as in `prefcal/Overtake-v0`, and the study's "steering_limit".
         T_s: Fixed sampling time of θ [s], if given.
         x0: Pose (x_f, y_f [m], θ [rad]) at the start of every experiment.
         render_mode: None or "rgb_array".

@@ -1,11 +1,16 @@
 """Read phases, obstacles and distances from the signals of an overtaking experiment."""
 
+from itertools import pairwise
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_env.envs.overtake.road.geometry import distance
-from prefcal_env.envs.overtake.road.rules import LANE_WIDTH, ROAD, Phase
+from prefcal_env.envs.overtake.road.rules import ROAD, Phase
 from prefcal_env.experiments.experiment import Experiment
+
+_HOME = 0.1
+"""|y_f| at which the car is back in its lane [m]."""
 
 
 def phases(experiment: Experiment) -> Int[np.ndarray, " K"]:
@@ -48,28 +53,50 @@ def road_of(experiment: Experiment) -> tuple[float, float]:
     return ROAD[0], float(left.max(initial=ROAD[1]))
 
 
-def lines_of(road: tuple[float, float]) -> list[float]:
-    """Return the positions of the broken lines between lanes, y [m]."""
-    right, left = road
-    return np.arange(right + LANE_WIDTH, left - LANE_WIDTH / 2, LANE_WIDTH).tolist()
-
-
 def clearance(experiment: Experiment) -> float:
     """Return the smallest distance of the outlines [m]: 0 on contact, inf without an obstacle."""
     pose = experiment.x[:, :3]
     return min((float(distance(pose, o).min()) for o in bodies(experiment)), default=np.inf)
 
 
-def in_lane(experiment: Experiment, tolerance: float = 0.1) -> Bool[np.ndarray, " K"]:
+def in_lane(experiment: Experiment) -> Bool[np.ndarray, " K"]:
     """Return where the car keeps its lane, shape (K,), without the way back after overtaking.
 
-    The way back ends when |y_f| first falls to `tolerance` [m]; a later overshoot counts. If the
+    The way back ends when |y_f| first falls to 0.1 m; a later overshoot counts. If the
     way back does not end, only its last instant counts.
     """
     keeping = phases(experiment) == Phase.LANE_KEEPING
-    near = np.abs(experiment.x[:, 1]) <= tolerance
+    near = np.abs(experiment.x[:, 1]) <= _HOME
     found = keeping.copy()
     for first in np.flatnonzero(keeping & ~np.append(False, keeping[:-1])):
         ends = np.flatnonzero((near | ~keeping)[first:])
         found[first : first + ends[0] if len(ends) else len(keeping) - 1] = False
     return np.asarray(found)
+
+
+def moments(experiment: Experiment) -> list[int]:
+    """Return five instants, indices into `t`, at which a figure shows the vehicles.
+
+    They are: overtaking begins, the lane is changed, beside the first obstacle, overtaking ends,
+    and back in the lane, or the end of the run. If the run misses any other of these, they are
+    equally spaced from the start of overtaking (or of the run) to its end.
+    """
+    t, x, y = experiment.t, experiment.x[:, 0], experiment.x[:, 1]
+    overtaking = phases(experiment) == Phase.OVERTAKING
+    begin, last = _first(overtaking, 0), len(t) - 1
+    ahead = obstacles(experiment)[:1, :, 0]
+    beside = _first(np.asarray((x >= ahead).any(axis=0)), begin or 0)
+    end = _first(~overtaking, begin or 0)
+    if begin is not None and beside is not None and end is not None:
+        home = _first(np.abs(y) <= _HOME, end)
+        changing = int(np.argmin(np.abs(t - (t[begin] + t[beside]) / 2)))
+        found = [begin, changing, beside, end, last if home is None else home]
+        if all(a < b for a, b in pairwise(found)):
+            return found
+    spaced = np.linspace(t[begin or 0], t[-1], 5)
+    return [int(np.abs(t - s).argmin()) for s in spaced]
+
+
+def _first(holds: Bool[np.ndarray, " K"], start: int) -> int | None:
+    found = np.flatnonzero(holds[start:])
+    return start + int(found[0]) if len(found) else None

@@ -1,7 +1,6 @@
 """Combine two MPCs in one controller: lane keeping, and overtaking while an obstacle is near."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -16,9 +15,8 @@ from prefcal_env.envs.overtake.road.rules import (
 )
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.control import Measurement, Move
-from prefcal_env.mpc import DisturbanceEstimator, EstimatorSettings, LinearMPC, MPCSettings
+from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.plants.bicycle import Bicycle
-from prefcal_env.plants.plant import Plant
 
 _NONE = np.zeros(0)
 
@@ -39,31 +37,19 @@ class Supervisor:
     front end and, while overtaking, to the obstacle's center line. So the limits need no change if
     an obstacle moves sideways.
 
-    When the phase changes, the last v may be below the new limit. The reachable value is then the
-    bound, so the QP stays feasible (`mpc.kernels.rows.reach`).
+    When the phase changes, the last v may be below the new limit; since its moves are not limited,
+    the QP stays feasible.
 
     Args:
-        plant: Model of the MPCs.
         settings: MPC settings of each phase, with the same sampling time; while overtaking, y_min
             of y_f is relative to the obstacle's center line.
-        estimator: Settings of an estimator for noisy `Measurement.x`; phases and MPCs then use the
-            estimated pose and disturbances. None, as in the paper, uses the measurement.
 
     Raises:
         SettingsError: If the settings do not fit the plant.
     """
 
-    def __init__(
-        self,
-        plant: Bicycle,
-        settings: Mapping[Phase, MPCSettings],
-        estimator: EstimatorSettings | None = None,
-    ) -> None:
-        T_s = settings[Phase.LANE_KEEPING].T_s
-        seeing = None if estimator is None else DisturbanceEstimator(plant, estimator, T_s)
-        model: Plant = plant if seeing is None else seeing.model
-        self._estimator = seeing
-        self._mpc = {phase: LinearMPC(model, settings[phase]) for phase in Phase}
+    def __init__(self, settings: Mapping[Phase, MPCSettings]) -> None:
+        self._mpc = {phase: LinearMPC(Bicycle(), settings[phase]) for phase in Phase}
         self._ahead = {
             Phase.LANE_KEEPING: _ahead(settings[Phase.LANE_KEEPING], KEEPING_SPEED, 0.0),
             Phase.OVERTAKING: _ahead(
@@ -94,11 +80,7 @@ class Supervisor:
                 f"d must hold x_o, y_o and v_o of each obstacle, shape (3 n,), got {m.d.shape}"
             )
         obstacles = m.d.reshape(-1, 3)
-        x, d = m.x, _NONE
-        if self._estimator is not None:
-            seen = self._estimator.see(replace(m, x=x[:3], d=d))
-            x, d = seen.x, seen.d
-        x_f, y_f, yaw, *_ = x.tolist()  # a richer plant has its pose first
+        x_f, y_f, yaw = m.x.tolist()
         phase = next_phase(self._phase, x_f, obstacles)
         if phase is not self._phase:
             self._mpc[phase].forget()
@@ -110,7 +92,7 @@ class Supervisor:
                 self._y_o = float(near[:, 1].max())
             line = self._y_o
         x = np.array([0.0, y_f - line, yaw])
-        return self._mpc[phase].move(Measurement(m.t, x, m.u, d, self._ahead[phase]))
+        return self._mpc[phase].move(Measurement(m.t, x, m.u, _NONE, self._ahead[phase]))
 
 
 def _ahead(settings: MPCSettings, speed: float, y: float) -> Float[np.ndarray, "N_p 3"]:

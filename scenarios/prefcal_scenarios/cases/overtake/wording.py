@@ -9,15 +9,7 @@ BRIEF = (
     "drive that you would rather sit in: safe distance beside the other car, no sharp steering, "
     "little swinging before and after, and a controller that is done within its sampling time."
 )
-ROBUST = (
-    f"{BRIEF} Here every setting drives several scenes: the plain one, with measurement noise, "
-    "with a braking car ahead, with a car that slips, and with two cars to pass. The curves show "
-    "all of them, the first one bold; each number is that of the worst scene."
-)
-CONFIGURED = (
-    f"{BRIEF} Road and traffic are those of a configuration; where a setting drives several "
-    "scenes, the curves show all of them, the first one bold, and each number is the worst one's."
-)
+CONFIGURED = f"{BRIEF} Road and traffic are those of a configuration."
 KNOBS: Mapping[str, str] = {
     "T_s": "Sampling time: how often the controller measures and steers. A short one reacts "
     "sooner, but leaves less time to compute.",

@@ -8,19 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.envs.overtake import (
-    Car,
-    Course,
-    Mishap,
-    Obstacle,
-    OvertakeEnv,
-    dynamic_car,
-    slipping_car,
-)
+from prefcal_env.envs.overtake import Course, Mishap, OvertakeEnv
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
-from prefcal_env.experiments.control import Move
 from prefcal_env.experiments.experiment import End
-from prefcal_env.experiments.rollout import rollout
 from prefcal_env.plants.bicycle import KMH
 
 sampling_times = st.floats(0.085, 0.5)
@@ -144,51 +134,6 @@ def test_ending_an_episode_early_never_pays():
     assert totals[1] < totals[0]
 
 
-def test_noise_is_that_of_the_seed_and_leaves_the_plant_alone():
-    config = {"noise": [0.1, 0.1, 0.01]}
-    seen = []
-    for seed in (1, 1, 2):
-        env = OvertakeEnv(config)
-        env.reset(seed=seed)
-        env.apply(np.array([50 * KMH, 0.0]))
-        assert np.array_equal(env.measurement().x, env.measurement().x)
-        seen.append(env.measurement().x)
-        assert env.record().x[-1] == pytest.approx([5 * KMH, 0, 0])
-    assert np.array_equal(seen[0], seen[1])
-    assert not np.any(seen[0] == seen[2])
-    assert 0 < np.abs(seen[0] - [5 * KMH, 0, 0]).max() < 0.5
-
-
-def test_several_obstacles_of_which_one_brakes():
-    others = Obstacle(), Obstacle(150.0, deceleration=3.0, brakes_at=1.0)
-    env = OvertakeEnv({"traffic": others})
-    signals = drive(env, (60 * KMH, 0.0), **LEFT).signals
-    assert env.measurement().d.shape == (6,)
-    assert signals["obstacle2_v"][-1] == 0
-    assert signals["obstacle2_x"][-1] == pytest.approx(150 + 40 * KMH + (40 * KMH) ** 2 / 6)
-    assert np.count_nonzero(np.diff(signals["phase"]) == 1) == 2  # one after the other
-    beside = signals["lateral_distance"]
-    assert np.nanmin(beside) == 3
-    assert np.isnan(beside[0])
-
-
-@pytest.mark.parametrize("car", [Car(), slipping_car(), dynamic_car()])
-def test_every_car_can_be_driven_by_the_same_controller(car):
-    class Straight:
-        T_s = 0.3
-
-        def move(self, measurement):
-            return Move(np.array([60 * KMH, -0.1 * measurement.x[1] - 0.5 * measurement.x[2]]))
-
-    env = OvertakeEnv({"car": car, "traffic": [{"type": "constant", "y": 4.0}]})
-    experiment = rollout(env, Straight(), np.zeros(1))
-    assert experiment.end is End.TIME_UP
-    assert experiment.x.shape[1] == 3 + len(car.others)
-    assert experiment.y_ref.shape == (50, 3)
-    assert 240 < experiment.x[-1, 0] < 260  # 60 km/h for 15.0 s, sometimes after a lag
-    assert experiment.at_control()[-1] == pytest.approx(experiment.x[-1])
-
-
 def test_an_impossible_start_is_refused():
     env = OvertakeEnv()
     for x0, why in [((26.0, 0, 0), "collision"), ((0, 9.0, 0), "off the road"), ((0, 0), "shape")]:
@@ -205,7 +150,6 @@ def test_impossible_settings_are_refused():
         lambda: OvertakeEnv(["traffic"]),
         lambda: OvertakeEnv(T_s=1.0),
         lambda: OvertakeEnv({"policy_frequency": 1}),
-        lambda: Car(others=(1.0,)),
     ):
         with pytest.raises(SettingsError):
             make()

@@ -7,25 +7,21 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
-from prefcal_env.envs.overtake import Course, Mishap, Obstacle, OvertakeEnv
-from prefcal_env.envs.overtake.road.vehicles import CourseVehicle, OwnVehicle
+from prefcal_env.envs.overtake import Course, Mishap, OvertakeEnv
+from prefcal_env.envs.overtake.road.vehicles import ObstacleVehicle, OwnVehicle
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plants.bicycle import KMH, Bicycle
 
 TRAFFIC = {
     "the paper's": {},
-    "drivers": {"traffic": [{"type": "idm"}, {"type": "idm", "x": 60.0, "changes_lanes": True}]},
-    "all kinds": {
-        "traffic": [
-            {"type": "constant", "x": 40.0}, {"type": "braking", "x": 80.0},
-            {"type": "cut-in", "x": 25.0}, {"type": "idm", "x": -15.0, "y": 4.0},
-            {"type": "oncoming", "x": 150.0, "y": 8.0},
-        ],
-        "oncoming_lanes_count": 1,
+    "drivers": {"vehicles_count": 3},
+    "on three lanes": {"vehicles_count": 4, "vehicles_density": 2, "lanes_count": 3},
+    "aggressive": {
+        "vehicles_count": 3,
+        "other_vehicles_type": "highway_env.vehicle.behavior.AggressiveVehicle",
     },
-    "drawn": {"random_traffic": {"count": 4, "types": ["idm", "braking", "constant", "cut-in"]}},
-}  # fmt: skip
+}
 traffic = pytest.mark.parametrize("config", TRAFFIC.values(), ids=TRAFFIC.keys())
 
 
@@ -79,23 +75,24 @@ def test_a_configuration_changes_what_it_names_and_nothing_else():
 
 def test_reset_takes_a_configuration_from_then_on_and_the_rest_for_once():
     env = make()
-    env.reset(options={"config": {"lanes_count": 4, "traffic": [{"type": "idm"}]}, "T_s": 0.3})
+    env.reset(options={"config": {"lanes_count": 4, "vehicles_count": 1}, "T_s": 0.3})
     env.step(np.zeros(2))
     assert env.unwrapped.time == 0.3
     env.reset()
     env.step(np.zeros(2))
     assert env.unwrapped.time == 0.1
     assert len(env.unwrapped.road.network.lanes_list()) == 4
-    assert isinstance(env.unwrapped.road.vehicles[1], IDMVehicle)
+    assert isinstance(env.unwrapped.road.vehicles[2], IDMVehicle)
 
 
 @pytest.mark.parametrize("kind", ["Kinematics", "OccupancyGrid", "LidarObservation"])
 def test_it_observes_as_highway_env_does(kind):
-    env = make({"observation": {"type": kind}, **TRAFFIC["all kinds"]})
+    env = make({"observation": {"type": kind}, **TRAFFIC["on three lanes"]}, x0=[10.0, 0.0, 0.0])
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
     before = observation.copy()
-    observation, *_ = env.step(np.zeros(2))
+    for _ in range(3):
+        observation, *_ = env.step(np.zeros(2))
     assert env.observation_space.contains(observation)
     assert not np.array_equal(before, observation)
 
@@ -143,7 +140,7 @@ def test_the_seed_decides_and_nothing_else(config):
         return np.array([v.position for v in env.road.vehicles])
 
     assert np.array_equal(positions(1), positions(1))
-    drawn = "random_traffic" in config
+    drawn = "vehicles_count" in config
     assert np.array_equal(positions(1), positions(2)) == (not drawn)
 
 
@@ -171,69 +168,53 @@ def test_its_vehicles_drive_by_themselves_too():
     env.reset(seed=0)
     env.apply(np.array([15.0, 0.2]))
     own, other = env.road.vehicles
-    start, there = env.episode.x.copy(), other.position[0]
+    start, there = env.course.x.copy(), other.position[0]
     for _ in range(7):
         env.road.act()
         env.road.step(0.1)
     expected = Bicycle().hold(start, np.array([15.0, 0.2]), np.zeros(0), np.array([0.7]))[0]
     assert own.x == pytest.approx(expected, abs=1e-12)
-    assert isinstance(other, CourseVehicle)
+    assert isinstance(other, ObstacleVehicle)
     assert other.position[0] == pytest.approx(there + 0.7 * 40 * KMH)
 
 
 @pytest.mark.parametrize("T_s", [0.085, 0.123456, 0.31, 0.5])
 def test_no_part_of_a_period_is_lost_to_drivers(T_s):
-    env = OvertakeEnv({"traffic": [{"type": "idm", "x": 60.0, "speed": 13.0}]}, T_s=T_s)
+    env = OvertakeEnv({"vehicles_count": 1}, T_s=T_s)
     env.reset(seed=0)
     while env.end is None:
         env.apply(np.array([40 * KMH, 0.0]))
     record = env.record()
+    x, v = record.signals["obstacle2_x"], record.signals["obstacle2_v"]
     assert env.end is End.TIME_UP
-    assert record.signals["obstacle_x"][-1] == pytest.approx(60 + 13.0 * record.t[-1], abs=1e-9)
+    assert x[-1] - x[0] == pytest.approx(np.trapezoid(v, record.t), rel=0.01)
+    assert record.t[-1] >= 15 - 1e-9
 
 
-def test_a_driver_brakes_behind_us_and_another_runs_into_nobody():
-    behind = {"type": "idm", "x": -12.0, "speed": 18.0}
-    env = OvertakeEnv({"traffic": [{"type": "constant", "x": 200.0}, behind]})
+def test_drivers_are_ahead_at_most_as_fast_and_as_large_as_we():
+    env = OvertakeEnv({"vehicles_count": 4})
     env.reset(seed=0)
+    drivers = env.road.vehicles[2:]
+    ahead = [driver.position[0] for driver in drivers]
+    assert min(ahead) > 30 - 2.25
+    assert ahead == sorted(ahead)
+    assert all(42 * KMH <= driver.speed <= 48 * KMH for driver in drivers)
+    assert {(driver.LENGTH, driver.WIDTH) for driver in drivers} == {(4.5, 1.8)}
+    assert len({driver.DELTA for driver in drivers}) == 4
+
+
+def test_a_driver_whom_we_hit_is_shown_where_we_hit_him():
+    env = OvertakeEnv({"vehicles_count": 12, "vehicles_density": 5}, T_s=0.5)
+    env.reset(seed=1, options={"x0": (0.0, 4.0, 0.0)})
     while env.end is None:
-        env.apply(np.array([40 * KMH, 0.0]))
-    signals = env.record().signals
-    assert env.end is End.TIME_UP
-    assert signals["obstacle2_v"][-1] == pytest.approx(40 * KMH, abs=0.5)
-    assert np.all(signals["obstacle2_x"] < env.record().x[:, 0] - 4.5)
-
-
-def test_a_driver_that_changes_lanes_turns():
-    slow = {"type": "constant", "x": 40.0, "speed": 2.0}
-    driver = {"type": "idm", "x": 15.0, "speed": 12.0, "changes_lanes": True}
-    env = OvertakeEnv({"traffic": [slow, driver]})
-    env.reset(seed=0)
-    while env.end is None:
-        env.apply(np.array([40 * KMH, 0.0]))
-    signals = env.record().signals
-    assert signals["obstacle2_y"].max() == pytest.approx(4.0, abs=0.6)
-    assert np.abs(signals["obstacle2_yaw"]).max() > 0.02
-
-
-def test_who_comes_towards_us_in_our_lane_is_met_when_he_must_be():
-    toward = {"type": "oncoming", "x": 100.0, "speed": 15.0}
-    env = OvertakeEnv({"traffic": [toward]})
-    env.reset(seed=0)
-    assert env.road.vehicles[1].heading == pytest.approx(np.pi)
-    while env.end is None:
-        env.apply(np.array([15.0, 0.0]))
+        env.apply(np.array([70 * KMH, 0.0]))
     assert env.mishap is Mishap.COLLISION
-    assert env.record().t[-1] == pytest.approx(100 / 30, abs=1e-3)
+    signals = env.record().signals
+    for i, vehicle in enumerate(env.road.vehicles[1:], start=1):
+        name = "obstacle" if i == 1 else f"obstacle{i}"
+        front = vehicle.position[0] + 2.25 * np.cos(vehicle.heading)
+        assert front == pytest.approx(signals[f"{name}_x"][-1], abs=1e-9)
     assert env.road.vehicles[0].crashed
-
-
-def test_who_cuts_in_is_in_our_lane_in_the_end():
-    course = Obstacle(30.0, 4.0, 12.0, moves_to=0.0, moves_at=2.0)
-    poses = course.poses(np.array([0.0, 2.0, 3.5, 5.0, 9.0]))
-    assert poses[:, 1] == pytest.approx([4, 4, 2, 0, 0])
-    assert poses[:, 2] == pytest.approx([0, 0, np.arctan2(-4 * 1.875 / 3, 12), 0, 0])
-    assert poses[:, 0] == pytest.approx(30 + 12 * np.array([0, 2, 3.5, 5, 9]))
 
 
 def test_frequencies_widths_and_types_that_cannot_be_are_refused():

@@ -4,7 +4,7 @@ import numpy as np
 import pygame
 import pytest
 
-from prefcal_env.envs.overtake import Obstacle, OvertakeEnv
+from prefcal_env.envs.overtake import OvertakeEnv
 from prefcal_env.envs.overtake.road.vehicles import CRASHED, OTHER, OWN
 from prefcal_env.plants.bicycle import KMH
 
@@ -84,42 +84,22 @@ def test_a_collision_is_seen():
 
 
 def test_every_obstacle_is_drawn():
-    two = [Obstacle(), {"type": "idm", "x": 20.0, "y": 4.0}]
     one = picture((0.0, 0.0, 0.0))
-    both = picture((0.0, 0.0, 0.0), traffic=two)
+    both = picture((0.0, 0.0, 0.0), vehicles_count=1, vehicles_density=2)
     assert len(where(both, OTHER)) == pytest.approx(2 * len(where(one, OTHER)), rel=0.05)
 
 
 def test_more_lanes_make_a_higher_picture_of_the_same_scale():
-    frame = picture((0.0, 0.0, 0.0), lanes_count=3, oncoming_lanes_count=1)
+    frame = picture((0.0, 0.0, 0.0), lanes_count=4)
     assert frame.shape[0] == SIZE[1] + 2 * 4 * 12
     own, other = (where(frame, color)[:, 1].min() for color in (OWN, OTHER))
     assert other - own == pytest.approx(30 * 12, abs=2)
 
 
-def test_a_video_gets_the_instants_within_a_step_as_with_highway_env():
-    class Video:
-        frames = 0
-
-        def _capture_frame(self):
-            self.frames += 1
-
-    env = OvertakeEnv(T_s=0.4, render_mode="rgb_array")
-    video = Video()
-    env.set_record_video_wrapper(video)
-    env.reset()
-    env.render()
-    env.step(np.zeros(2))
-    assert video.frames == 5  # 15 Hz: six frames in 0.4 s, the last one by render
-
-
 @pytest.mark.parametrize("T_s", [0.1, 0.25, 0.5])
-def test_a_video_with_the_instants_within_a_step_plays_in_real_time(T_s):
+def test_a_video_plays_in_real_time(T_s):
     class Video:
-        frames_per_sec, frames = None, 0
-
-        def _capture_frame(self):
-            self.frames += 1
+        frames_per_sec = None
 
     env, video = OvertakeEnv(T_s=T_s, render_mode="rgb_array"), Video()
     env.set_record_video_wrapper(video)
@@ -127,5 +107,4 @@ def test_a_video_with_the_instants_within_a_step_plays_in_real_time(T_s):
     for _ in range(4):
         env.render()
         env.step(np.zeros(2))
-        video.frames += 1  # the recorder's own picture of each step
-    assert video.frames / video.frames_per_sec == pytest.approx(4 * T_s)
+    assert 4 / video.frames_per_sec == pytest.approx(4 * T_s)

@@ -79,7 +79,6 @@ def test_theta_and_the_picture_can_be_chosen(check, tmp_path):
         ("def run(theta, seed=0):\n    if theta[0] == 0.31:\n        1 / 0\n"
          "    return t.run(theta)\nown = replace(t.toy, run=run)",
          "reference 'paper'", "in own.py:12: 1 / 0"),
-        ("own = replace(t.toy, scene=lambda e: {'a': object()})", "scene", "object"),
         ("own = replace(t.toy, controller=lambda theta: 3)", "controller", "no T_s and no move"),
         ("own = 1 / 0", "scenario", "(line 10), in own.py:10: own = 1 / 0"),
         ("own = replace(t.toy, panels=(Panel('z', t.LEVEL),))", "scenario", "got 'z'"),

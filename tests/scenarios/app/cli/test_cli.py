@@ -123,7 +123,6 @@ def test_the_scenarios_are_listed(prefcal):
     assert code == 0
     assert "cstr" in out
     assert "T_s, N_p, log Q_Δu" in out
-    assert "overtake-robust  Lane" in out
     assert "Closed loops: lag, integrating" in out
     assert "own.py:name" in out
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-CONFIG = {"traffic": [{"type": "constant", "x": 40}], "duration": 4, "steering_limit": "per step"}
+CONFIG = {"lanes_count": 3, "duration": 4, "steering_limit": "per step"}
 QUICK = ["--calibrator", "synthetic", "--agent", "random", "--n-init", "2", "--n-max", "3"]
 
 
@@ -29,7 +29,7 @@ def test_it_is_kept_with_the_study_and_the_same_line_resumes_it(prefcal, tmp_pat
     best = json.loads((tmp_path / "a" / "best.json").read_text())
     assert json.loads(best["scenario"].removeprefix("overtake ")) == CONFIG
     assert best["settings"]["overtaking"]["du_max"][1] == 0.0873
-    assert "traffic" not in prefcal("studies", "list")[1]  # the name of the scenario alone
+    assert "lanes_count" not in prefcal("studies", "list")[1]  # the name of the scenario alone
     code, _, err = prefcal(
         "report", "mine", "--out", "b"
     )  # no program of a stranger: no --scenario
@@ -47,7 +47,7 @@ def test_a_study_does_not_go_on_in_another_scene(prefcal, words):
 @pytest.mark.parametrize(
     ("text", "says"),
     [(None, "cannot read"), ("[1]", "must be a JSON object"), ("{", "not JSON"),
-     ('{"lanes": 3}', "lanes"), ('{"traffic": [{"type": "tank"}]}', "type of a vehicle")],
+     ('{"lanes": 3}', "lanes"), ('{"vehicles_count": -1}', "vehicles_count")],
 )  # fmt: skip
 def test_a_file_that_cannot_be_is_refused_by_name(prefcal, tmp_path, text, says):
     if text is not None:

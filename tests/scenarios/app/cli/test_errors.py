@@ -8,7 +8,7 @@ from toy_study import TOY
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["calibrate"], ["name a scenario: cstr, overtake, overtake-robust", "calibrate --help"]),
+        (["calibrate"], ["name a scenario: cstr, overtake", "calibrate --help"]),
         (["report"], ["name a study", "prefcal studies list", "report --help"]),
         (["studies", "show"], ["name a study", "studies show --help"]),
         (["calibrate", "cst"], ["Did you mean 'cstr'?", "prefcal scenarios"]),

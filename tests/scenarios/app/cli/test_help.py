@@ -4,7 +4,6 @@ import pytest
 
 COMMANDS = [
     ["calibrate"], ["check"], ["report"], ["bench"],
-    ["processor", "measure"], ["processor", "from-cycles"],
     *(["studies", word] for word in
       ("list", "show", "rename", "rm", "export", "index", "import", "verify", "respace")),
 ]  # fmt: skip

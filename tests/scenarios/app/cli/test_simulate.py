@@ -56,7 +56,6 @@ def test_elsewhere_all_experiments_are_shown():
         (["cstr", "--delta", "1"], "only the agent glisp takes --delta, not 'screening'"),
         ([TOY, "--agent", "screening"], "does not let experiments run unseen: leave --simulate"),
         ([TOY, "--simulate", "500"], "state Scenario(..., simulated=True)"),
-        (["overtake-robust", "--simulate", "9"], "does not let experiments run unseen"),
     ],
 )
 def test_contradictions_are_one_clear_line(prefcal, words, complaint):

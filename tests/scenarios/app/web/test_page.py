@@ -467,25 +467,6 @@ def test_titles_of_panels_are_whole_on_a_tablet(browser, window):
     assert watched.page.eval_on_selector_all("#pair .head span", cut) == []
 
 
-def test_the_overtaking_plays_on_one_clock(browser, window):
-    served, watched = window("overtake", n_max=5), Watched(browser)
-    watched.open(served.link)
-    still = [watched.page.locator(f"#{side}-scene").screenshot() for side in ("left", "right")]
-    watched.page.keyboard.press("Space")
-    watched.page.wait_for_function("() => document.getElementById('scrub').value > 0.5")
-    watched.page.keyboard.press("Space")
-    time = watched.page.input_value("#scrub")
-    moved = [watched.page.locator(f"#{side}-scene").screenshot() for side in ("left", "right")]
-    assert all(a != b for a, b in zip(still, moved, strict=True))
-    watched.page.wait_for_timeout(150)
-    assert watched.page.input_value("#scrub") == time
-    watched.page.fill("#scrub", "7")
-    assert watched.page.inner_text("#clock-text").startswith("7.0 s")
-    assert pixels(watched.page, "#left-scene", BLUE) > 100
-    assert pixels(watched.page, "#right-scene", ORANGE) > 100
-    watched.shot("overtake-clock")
-
-
 def test_the_questions_per_experiment_are_chosen_on_the_page(browser, window):
     served, watched = window(n_max=7), Watched(browser)
     watched.open(served.link)

@@ -50,9 +50,9 @@ def test_tastes_also_judge_the_paper_s_cases(name, tastes, own):
 
 
 def test_other_scenarios_that_are_built_in_are_problems_too():
-    robust = problem("overtake-robust")
-    assert robust.answering == TASTES
-    assert robust.space == load("overtake-robust").space
+    servo = problem("servo")
+    assert servo.answering == TASTES
+    assert servo.space == load("servo").space
 
 
 def test_a_random_loop_is_another_one_with_another_seed():

@@ -1,6 +1,5 @@
 """The overtaking in other traffic, out of plain data."""
 
-import importlib
 import json
 import pickle
 from pathlib import Path
@@ -9,46 +8,26 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
+from prefcal_env.experiments.experiment import End
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.overtake import overtake
 from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, mpc_settings
-from prefcal_scenarios.cases.overtake.pictures.drawing import animation
-from prefcal_scenarios.cases.overtake.robust import VARIANTS
-from prefcal_scenarios.cases.overtake.scene import lines_of
 from prefcal_scenarios.own.source import joined_source, split_source
 
 ROOT = Path(__file__).parents[4]
 PAPER = overtake.references["paper, preferences"]
 SLOW = np.array([0.3, 0.5, 12.0, -1.0, 1.0])
-DRAWN = {"random_traffic": {"count": 2, "types": ["constant", "braking"]}, "traffic": []}
+DRAWN = {"vehicles_count": 3, "vehicles_density": 0.5}
 
 
-def configured(config, name="overtake"):
-    return load(joined_source(name, config))
+def configured(config):
+    return load(joined_source("overtake", config))
 
 
 def test_the_papers_scene_in_plain_data_is_the_papers_scene():
-    spelled = configured({"traffic": [{"type": "constant", "x": 30.0}], "lanes_count": 2})
+    spelled = configured({"vehicles_count": 0, "lanes_count": 2})
     assert spelled.run(SLOW) == overtake.run(SLOW)
     assert spelled.name == "overtake"
-
-
-def test_several_seeded_scenes_are_one_experiment_and_the_worst_counts():
-    scenario = configured({**DRAWN, "scenes": 3})
-    e = scenario.run(SLOW, seed=1)
-    assert len(e.runs) == 3
-    starts = {run.signals["obstacle_x"][0] for run in e.runs}
-    assert len(starts) == 3
-    assert e.kpis["path_peak"] == max(run.kpis["path_peak"] for run in e.runs)
-    assert scenario.run(SLOW, seed=1) == e
-    assert scenario.run(SLOW, seed=2) != e
-
-
-def test_the_robust_scenario_has_as_many_scenes_as_before_and_its_estimator():
-    scenario = configured(DRAWN, "overtake-robust")
-    assert len(scenario.run(SLOW).runs) == len(VARIANTS)
-    assert scenario.settings(SLOW)["estimator"] is not None
-    assert "estimator" not in configured(DRAWN).settings(SLOW)
 
 
 def test_a_configured_scenario_is_configured_anew_not_on_top():
@@ -83,32 +62,13 @@ def test_the_fields_of_the_limits_say_what_they_do():
         assert moves == pytest.approx([0.0873 * theta[0], 0.0873])
 
 
-@pytest.fixture(scope="module")
-def traffic():
-    spec = importlib.util.spec_from_file_location(
-        "traffic", ROOT / "benchmarks" / "checks" / "traffic.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.mark.parametrize("i", range(3))
-def test_random_tunings_in_any_traffic_end_with_a_reason_and_on_time(traffic, i):
-    """Three θ of the 500 that benchmarks/checks/traffic.py drives."""
-    for name in traffic.TRAFFIC:
-        end, wrong = traffic.judged(name, i)
-        assert wrong == []
-        assert end in ("time is up", "collision", "off the road")
-
-
 def test_other_processes_can_run_it():
     run = pickle.loads(pickle.dumps(configured(DRAWN).run))
     assert run(SLOW, 3) == configured(DRAWN).run(SLOW, 3)
 
 
 def test_a_source_holds_its_configuration():
-    config = {"lanes_count": 3, "traffic": [{"type": "idm"}]}
+    config = {"lanes_count": 3, "x0": [1, 0, 0]}
     assert split_source(joined_source("overtake", config)) == ("overtake", config)
     assert split_source("own.py:mine") == ("own.py:mine", None)
 
@@ -120,7 +80,6 @@ def test_a_source_holds_its_configuration():
         ('cstr {"lanes_count": 3}', ScenarioError, "'cstr' takes no configuration"),
         ('overtaek {"lanes_count": 3}', ScenarioError, "Did you mean .overtake"),
         ('overtake {"lanes": 3}', SettingsError, "lanes"),
-        ('overtake {"scenes": 0}', SettingsError, "scenes"),
         (5, ScenarioError, "loaded by its name, got 5"),
         ('overtake {"steering_limit": "none"}', SettingsError, "per second"),
     ],
@@ -135,20 +94,26 @@ def test_theta_is_checked_in_every_traffic():
         configured(DRAWN).run(np.zeros(5))
 
 
-def test_the_example_of_the_docs_is_one(tmp_path):
+def test_the_example_of_the_docs_is_one():
     config = json.loads((ROOT / "docs" / "traffic.json").read_text())
-    assert len(configured(config).run(SLOW).runs) == config["scenes"]
+    e = configured(config).run(SLOW)
+    assert e.signals["road_left"][0] == 10
+    assert "obstacle4_x" in e.signals
 
 
-def test_figures_show_the_road_of_the_configuration():
-    drawn = animation(configured({"lanes_count": 3}).run(SLOW))
-    assert drawn["road"] == [-2.0, 10.0]
-    assert drawn["lines"] == lines_of((-2.0, 10.0)) == [2.0, 6.0]
-    assert animation(overtake.run(SLOW))["road"] == [-2.0, 6.0]
+@pytest.mark.parametrize("i", range(3))
+def test_random_tunings_in_traffic_end_with_a_reason_and_on_time(i):
+    theta = overtake.space.decode(np.random.default_rng([1, i]).random(5))
+    e = configured(DRAWN).run(theta, seed=i)
+    instants = theta[0] * np.arange(len(e.t_control))
+    np.testing.assert_allclose(e.t_control, instants, rtol=0, atol=1e-9)
+    assert np.all(np.diff(e.t) > 0)
+    assert e.end is End.TIME_UP or e.kpis["collision"] or e.kpis["off_road"] > 1
+    assert not np.isnan(list(e.kpis.values())).any()
 
 
-def test_the_distance_to_who_turns_is_that_of_the_turned_bodies():
-    cuts_in = [{"type": "cut-in", "x": 2.0, "speed": 13.8, "moves_at": 1.0, "moves_within": 2.0}]
-    e = configured({"traffic": cuts_in}).run(SLOW)
-    assert e.kpis["collision"] == 1
-    assert e.kpis["clearance"] < 0.05
+def test_the_seed_decides_the_traffic_and_nothing_else_does():
+    scenario = configured(DRAWN)
+    first = scenario.run(SLOW, seed=1)
+    assert scenario.run(SLOW, seed=1) == first
+    assert scenario.run(SLOW, seed=2) != first

@@ -7,7 +7,6 @@ import pytest
 
 from prefcal_agents import GLISp
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.mpc.computation import Processor
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios.cases.overtake import overtake
@@ -15,8 +14,7 @@ from prefcal_scenarios.cases.overtake.criteria import calibrator
 from prefcal_scenarios.cases.overtake.kpis import SHORTEST_DISTANCE
 from support.drives import drive
 
-INSTANT = Processor("instant", step=0.0, iteration=0.0, building=1e12, solving=1e12)
-JUDGE = calibrator(INSTANT)
+JUDGE = calibrator()
 GOOD = {
     "lateral_distance": 3.0, "off_road": 0.0, "overshoot": 0.0, "lane_deviation": 0.1,
     "lateral_acceleration": 5.0, "lateral_jerk_rms": 5.0, "speed_error": 1.0,
@@ -51,14 +49,14 @@ def test_a_criterion_outweighs_all_that_come_after_it(i):
     assert JUDGE.prefer(bad, bad_in_the_rest) is Preference.INCUMBENT
 
 
-def test_real_time_comes_before_everything_and_the_smaller_excess_is_better():
-    step = Processor("a step takes 0.2 s", 0.2, 0.0, 1e12, 1e12)
+def test_real_time_comes_before_everything_and_the_smaller_excess_is_better(monkeypatch):
+    module = "prefcal_scenarios.cases.overtake.computation_time"
+    monkeypatch.setattr(f"{module}.step_times", lambda settings, n: np.full(len(n), 0.2))
     late, later = outcome(T_s=0.15), outcome(T_s=0.1)
     crashed = outcome(end=End.UNSAFE, T_s=0.3, lateral_distance=0.0)
-    judge = calibrator(step)
-    assert judge.prefer(crashed, late) is Preference.CHALLENGER
-    assert judge.prefer(late, later) is Preference.CHALLENGER
-    assert judge.decide(crashed, late)[1].name.startswith("(i) ")
+    assert JUDGE.prefer(crashed, late) is Preference.CHALLENGER
+    assert JUDGE.prefer(late, later) is Preference.CHALLENGER
+    assert JUDGE.decide(crashed, late)[1].name.startswith("(i) ")
 
 
 def test_a_run_that_crashed_loses_and_the_longer_survived():
@@ -93,9 +91,8 @@ def test_no_cost_has_these_preferences_real_drives_go_round_in_a_circle():
     assert len({criterion.name for _, criterion in decisions}) > 1
 
 
-@pytest.mark.parametrize("name", ["synthetic", "fast-processor"])
-def test_answers_are_opposite_the_other_way_round(name):
-    judge = overtake.calibrators[name](seed=3)
+def test_answers_are_opposite_the_other_way_round():
+    judge = overtake.calibrators["synthetic"](seed=3)
     runs = [overtake.run(theta_number(i)) for i in range(6)]
     for a in runs:
         assert judge.prefer(a, a) is Preference.TIE

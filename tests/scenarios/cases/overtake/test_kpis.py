@@ -5,13 +5,7 @@ import pytest
 
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.cases.overtake import overtake
-from prefcal_scenarios.cases.overtake.computation_time import (
-    PAPER_PROCESSOR,
-    PAPER_T_COMP,
-    SERVER_CORE,
-    overrun,
-    t_comp,
-)
+from prefcal_scenarios.cases.overtake.computation_time import overrun
 from prefcal_scenarios.cases.overtake.kpis import KPIS, compute_kpis
 from support.drives import drive
 
@@ -23,13 +17,11 @@ def test_every_kpi_is_measured():
     assert list(compute_kpis(drive())) == [k.name for k in KPIS]
 
 
-def test_the_papers_processor_takes_the_papers_time_at_the_papers_optimum():
-    assert PAPERS.kpis["t_comp_worst"] == pytest.approx(PAPER_T_COMP, abs=1e-3)
+def test_the_papers_laptop_takes_the_papers_time_at_the_papers_optimum():
+    assert PAPERS.kpis["t_comp_worst"] == pytest.approx(0.0808, abs=1e-3)
     assert PAPERS.kpis["t_comp_ratio"] == pytest.approx(0.95, abs=0.01)
     assert PAPERS.kpis["t_comp_99"] <= PAPERS.kpis["t_comp_worst"]
-    assert overrun(PAPERS, PAPER_PROCESSOR) == 0.0
-    assert overrun(PAPERS, PAPER_PROCESSOR.slower(2.0, "slower")) == pytest.approx(0.90, abs=0.01)
-    assert t_comp(PAPERS, SERVER_CORE).max() < 1e-3
+    assert overrun(PAPERS) == 0.0
 
 
 def test_measured_times_are_not_among_the_kpis():

@@ -10,7 +10,7 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC
 from prefcal_env.plants.bicycle import KMH, Bicycle
-from prefcal_scenarios.cases.overtake.controller import PAPER, controller, mpc_settings
+from prefcal_scenarios.cases.overtake.controller import controller, mpc_settings
 
 OPTIMUM = np.array([0.085, 0.31, 16.0, 0.261, 0.918])
 FAR, NEAR = 90.0, 12.0
@@ -74,13 +74,6 @@ def test_a_speed_below_the_new_limit_is_led_to_it_at_the_switch():
     assert move.u[0] >= 50 * KMH
 
 
-def test_a_speed_that_cannot_be_reached_in_one_step_is_approached_as_fast_as_allowed():
-    slow = replace(PAPER, speed_move=0.5)
-    move = controller(OPTIMUM, slow).move(see((NEAR, 0.0, 11.1), v=40 * KMH))
-    assert move.solved
-    assert move.u[0] == pytest.approx(40 * KMH + 0.5)
-
-
 def test_steering_beyond_its_limit_still_leaves_a_solvable_problem():
     move = controller(OPTIMUM).move(see((NEAR, 0.0, 11.1), steering=0.9))
     assert move.solved
@@ -94,12 +87,6 @@ def test_it_keeps_its_distance_until_it_is_past_and_then_keeps_the_lane():
         supervisor.move(see((NEAR, 0.0, 11.1), x=(x_f, 3.0, 0.0)))
         seen.append(supervisor.phase)
     assert seen == [Phase.OVERTAKING] * 3 + [Phase.LANE_KEEPING]
-
-
-def test_trajectory_linearization_drives_too():
-    supervisor = controller(OPTIMUM, replace(PAPER, linearization="trajectory"))
-    for x_o in (FAR, NEAR, NEAR):
-        assert supervisor.move(see((x_o, 0.0, 11.1))).solved
 
 
 @pytest.mark.parametrize("d", [np.zeros(2), np.zeros((1, 3))])

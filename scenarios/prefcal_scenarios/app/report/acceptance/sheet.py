@@ -87,9 +87,7 @@ def sheet(record: Record) -> str:
     )
     picture = _curves(record, height=min(5.0, max(2.0, 2.4 + _HIGH * (2 * _MOST - lines))))
     template = environment().get_template("app/report/acceptance/acceptance.html.j2")
-    return template.render(
-        record=record, sheet=content, curves=picture and data_uri(picture, "curves.png")
-    )
+    return template.render(record=record, sheet=content, curves=picture and data_uri(picture))
 
 
 def sheet_of(record: Record) -> Sheet:

@@ -19,12 +19,11 @@ POLICY = (
 )
 """Content security policy. Plotly adds inline styles, hence 'unsafe-inline'."""
 REPORT_POLICY = (
-    "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline'; "
-    "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'"
+    "sandbox allow-popups; default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Content security policy of the report, which has its own scripts: a sandbox with another origin
-and without network, so that nothing in the report can send requests to this window."""
+"""Content security policy of the report: a sandbox with another origin, without scripts and
+network, so that nothing in the report can send requests to this window."""
 HEADERS: Mapping[bytes, bytes] = MappingProxyType(
     {
         b"content-security-policy": POLICY.encode(),

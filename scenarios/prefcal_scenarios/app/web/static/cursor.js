@@ -21,12 +21,10 @@ function at({ t, y }, time, held) {
 
 export class Cursor {
   #plots;
-  #told;
   #time = null;
 
-  constructor(plots, told) {
+  constructor(plots) {
     this.#plots = plots;
-    this.#told = told;
   }
 
   // Follow the pointer over the figures inside `pair`.
@@ -34,9 +32,7 @@ export class Cursor {
     pair.addEventListener("mousemove", (event) => {
       const div = event.target.closest?.(".plot");
       const time = div ? this.#plots.time(div, event.clientX) : null;
-      if (time === null) return;
-      this.put(time);
-      this.#told(time);
+      if (time !== null) this.put(time);
     });
     pair.addEventListener("drawn", () => this.draw());
   }
@@ -54,17 +50,7 @@ export class Cursor {
   step(steps) {
     const [from, to] = this.#plots.range;
     const start = this.#time ?? from;
-    const time = Math.min(Math.max(start + (steps * (to - from)) / 100, from), to);
-    this.put(time);
-    this.#told(time);
-  }
-
-  // Move the cursor into the visible range if it is outside.
-  enter() {
-    const [from, to] = this.#plots.range;
-    if (this.#time !== null && this.#time >= from && this.#time <= to) return;
-    this.put(from);
-    this.#told(from);
+    this.put(Math.min(Math.max(start + (steps * (to - from)) / 100, from), to));
   }
 
   draw() {

@@ -1,7 +1,7 @@
 // Handle keys. They do nothing while the person types, with a modifier other than shift, or on repeat.
 
 import { answer, finish, mark, open, skip, toggleBlind, undo, current } from "./flow.js";
-import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, togglePlay, toggleTable, toggleZoom } from "./question.js";
+import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, toggleTable, toggleZoom } from "./question.js";
 import { briefing } from "./brief.js";
 import { $, ask, el } from "./dom.js";
 import { drives, stopLive } from "./live.js";
@@ -29,7 +29,6 @@ export const QUESTION = {
   ":": [null, "", () => moveCursor(10)],
   j: ["J", "go to where the two differ most; again: in the next maneuver", jump],
   "1-9": ["1 … 9", "show the first, second, ... maneuver", () => {}],
-  " ": ["space", "play and pause the animation", togglePlay],
   p: ["P", "ask me an earlier question again", repeat],
 };
 const EVERYWHERE = {

@@ -4,13 +4,21 @@ import { css } from "./bounds.js";
 import { Cursor } from "./cursor.js";
 import { el, fill, say } from "./dom.js";
 import { Plots } from "./plots.js";
-import { svg } from "./road.js";
 
+// The namespace of SVG, read from the parser so that a page without network has no web address.
+const SVG = new DOMParser().parseFromString("<svg></svg>", "text/html").querySelector("svg").namespaceURI;
 const WIDE = 200, HIGH = 48; // units of a small picture, stretched to its tab
 
 // Return a question for each maneuver, with its own panels, axes and curves.
 export const parts = (question) => [question, ...question.others.map((part) => ({ ...question, ...part,
   left: { ...question.left, ...part.left }, right: { ...question.right, ...part.right } }))];
+
+function svg(tag, properties = {}, ...children) {
+  const made = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(properties)) made.setAttribute(name, String(value));
+  made.append(...children);
+  return made;
+}
 
 export class Maneuvers {
   #box;
@@ -124,7 +132,7 @@ function path({ t, y: values }, x, y, held) {
 export function figures(place, question, unit) {
   const pair = place.querySelector(".pair");
   const plots = new Plots((name) => pair.querySelector(`[data-side=${name}]`));
-  const cursor = new Cursor(plots, () => {});
+  const cursor = new Cursor(plots);
   const box = el("div", { class: "maneuvers", role: "group", "aria-label": "Maneuvers" });
   pair.before(box);
   cursor.start(pair);

@@ -1,17 +1,15 @@
-// Show two experiments: text above, curves below, and one cursor, zoom and clock for both.
+// Show two experiments: text above, curves below, and one cursor and zoom for both.
 
 import { act } from "./flow.js";
 import { $, el, fill, withUnit } from "./dom.js";
 import { Cursor } from "./cursor.js";
 import { Maneuvers } from "./maneuvers.js";
 import { Plots, SMALL } from "./plots.js";
-import { Scenes } from "./scene.js";
 import { describe, headline, marks, told } from "./side.js";
 import * as table from "./table.js";
 
 const plots = new Plots((name) => $(`${name}-plot`));
-const scenes = new Scenes((time) => cursor.put(time));
-const cursor = new Cursor(plots, (time) => scenes.follow(time));
+const cursor = new Cursor(plots);
 let overlaid = false;
 let maneuvers = null;
 let unit = "";
@@ -33,7 +31,6 @@ export function start() {
     fit();
   });
   plots.onzoom = (zoomed) => $("zoom").setAttribute("aria-pressed", zoomed);
-  scenes.start();
   cursor.start($("pair"));
   table.start();
   maneuvers = new Maneuvers($("maneuvers"), showPart, jumpTo);
@@ -92,7 +89,6 @@ function showPart(part) {
   }
   plots.take(part, unit);
   cursor.reset();
-  scenes.take(part);
   arrange();
   if (!$("view-question").hidden) fit();
 }
@@ -122,23 +118,17 @@ function toggleOverlay() {
   fit();
 }
 
-export function toggleZoom() {
-  plots.zoomToTarget();
-  if (plots.question?.has_scene) cursor.enter(); // the scenes show the same time as the curves
-}
-
 function jumpTo(time) {
   plots.reveal(time);
   cursor.put(time);
-  scenes.follow(time);
 }
 
 export const jump = () => maneuvers.jump();
 export const showManeuver = (k) => maneuvers.choose(k);
 export const toggleTable = () => table.toggle();
+export const toggleZoom = () => plots.zoomToTarget();
 export const resetZoom = () => plots.reset();
 export const moveCursor = (steps) => cursor.step(steps);
-export const togglePlay = () => scenes.toggle();
 export { toggleOverlay };
 
 export function inWords(question) {

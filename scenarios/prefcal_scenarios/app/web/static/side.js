@@ -1,4 +1,4 @@
-// Show one experiment: title, KPIs, θ and marks, with space for its scene and curves.
+// Show one experiment: title, KPIs, θ and marks, with space for its curves.
 
 import { mark } from "./flow.js";
 import { $, el, fill, symbol, withUnit } from "./dom.js";
@@ -10,18 +10,16 @@ const HEADLINE = 3; // KPIs in the head of each side
 const TITLES = { left: "Left", right: "Right" };
 
 // Create the card once; a new question only changes its content, so the figures are kept.
-function card(name, question) {
+function card(name) {
   const part = (id) => el("div", { class: id, id: `${name}-${id}` });
-  const scene = question.has_scene ? el("div", { class: "scene road", id: `${name}-scene`, role: "img",
-    "aria-label": `Road seen from above, ${name} experiment` }) : null;
   fill($(name), el("header", {}, el("h2", { id: `${name}-title` }, TITLES[name]),
     el("p", { class: "which", id: `${name}-which` }), part("marks")),
-  part("numbers"), part("thetas"), scene, part("empty"),
+  part("numbers"), part("thetas"), part("empty"),
   el("div", { class: "plot", id: `${name}-plot`, role: "img" }));
 }
 
 export function describe(name, question) {
-  if (!$(`${name}-plot`)) card(name, question);
+  if (!$(`${name}-plot`)) card(name);
   const side = question[name];
   const words = which(side, question.others.length + 1);
   $(`${name}-which`).textContent = words;

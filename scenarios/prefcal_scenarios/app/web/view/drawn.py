@@ -1,20 +1,12 @@
-"""Collect what is drawn of one experiment: curves, references, limits and scene."""
+"""Collect what is drawn of one experiment: curves, references and limits."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Plot
-from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .panels import curves, limits, reference, story
-
-
-def drawn_view(experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
-    """Return curves, changing references and limits, each panel in words, and the scene."""
-    first = experiment.runs[0] if experiment.runs else experiment
-    scene = None if scenario.scene is None or not len(experiment.t) else scenario.scene(first)
-    return {**curves_view(experiment, panels_of(scenario, experiment)), "scene": scene}
 
 
 def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any]:

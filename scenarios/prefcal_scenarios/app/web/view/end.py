@@ -8,8 +8,6 @@ from prefcal_scenarios.app.summary.gain import Baseline, gained
 
 from .seen import Seen
 
-_PICTURES = (".png", ".gif")
-
 
 def over_view(
     interview: Interview, now: Now, best: Any, command: str, report: Path | None, seen: Seen
@@ -62,7 +60,7 @@ def report_view(folder: Path | None) -> Any:
     """Return the location of the report and its pictures; None if there is no report yet."""
     if folder is None:
         return None
-    pictures = sorted(p.name for p in folder.glob("*") if p.suffix in _PICTURES)
+    pictures = sorted(p.name for p in folder.glob("*.png"))
     return {
         "place": str(folder / "report.html"),
         "link": "/report/report.html",

@@ -14,7 +14,7 @@ from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.summary.compare import Spread
 from prefcal_scenarios.scenario import Scenario, panels_of
 
-from .drawn import drawn_view
+from .drawn import curves_view
 from .panels import limits_of, reference_of
 
 _PAD = 0.04
@@ -91,12 +91,13 @@ class Seen:
         return Spread(self._kpis.values())
 
     def drawn(self, experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
-        """Return `drawn_view`, cached because the best so far appears in every question."""
+        """Return `curves_view`, cached because the best so far appears in every question."""
         kept = self._drawn.get(id(experiment))
         if kept is None or kept[0] is not experiment:
             while len(self._drawn) >= _KEPT:
                 del self._drawn[next(iter(self._drawn))]
-            kept = self._drawn[id(experiment)] = (experiment, drawn_view(experiment, scenario))
+            curves = curves_view(experiment, panels_of(scenario, experiment))
+            kept = self._drawn[id(experiment)] = (experiment, curves)
         return kept[1]
 
 

@@ -38,7 +38,6 @@ def question_view(
         **_pair_view(first, seen),
         "left": left,
         "right": right,
-        "has_scene": scenario.scene is not None,
         "others": [
             {
                 **_pair_view(pair, seen),

@@ -72,7 +72,7 @@ def test_the_report_is_there_once_it_is_written(room, tmp_path):
     picture = page.get("/report/a.png")
     assert (picture.content, picture.headers["content-type"]) == (b"content", "image/png")
     policy = page.get("/report/b.html").headers["content-security-policy"]
-    assert policy.startswith("sandbox allow-scripts allow-popups; default-src 'none'")
+    assert policy.startswith("sandbox allow-popups; default-src 'none'")
     assert "allow-same-origin" not in policy
     assert room.page(cookie="").get("/report/b.html").status_code == 401
     for name in (

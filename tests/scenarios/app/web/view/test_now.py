@@ -67,11 +67,11 @@ def test_the_end_shows_the_best_with_theta_to_copy_and_the_commands():
 
 
 def test_a_report_is_its_page_and_its_pictures_only(tmp_path):
-    for name in ("report.html", "b.png", "a.gif", "answers.csv"):
+    for name in ("report.html", "b.png", "a.png", "answers.csv"):
         (tmp_path / name).touch()
     view = report_view(tmp_path)
     assert view["place"] == str(tmp_path / "report.html")
-    assert view["pictures"] == ["/report/a.gif", "/report/b.png"]
+    assert view["pictures"] == ["/report/a.png", "/report/b.png"]
     assert report_view(None) is None
 
 
@@ -105,7 +105,6 @@ def test_a_scenario_with_nothing_but_what_it_must_have_can_be_asked_about():
     interview = begin(Scenario("plain", "Plain", SPACE, run))
     proceed(interview)
     view = now_view(interview)["question"]
-    assert view["has_scene"] is False
     titles = [kpi["title"] for kpi in view["left"]["kpis"]]
     assert titles == [
         "settling time of level <h>", "overshoot of level <h>", "integrated error of level <h>",

@@ -1,8 +1,6 @@
-import json
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from prefcal_scenarios.app.session import Choice
 from prefcal_scenarios.app.web.view import asked_view, now_view
@@ -92,18 +90,6 @@ def test_marks_are_on_the_side_that_bears_them():
     interview.mark(now.question.id, "right", "unsafe", True)
     view = now_view(interview)["question"]
     assert (view["left"]["marks"], view["right"]["marks"]) == ([], ["unsafe"])
-
-
-def test_the_overtaking_has_a_scene_whose_rows_reach_its_end():
-    scenario = load("overtake")
-    experiment = scenario.run(scenario.references["paper, preferences"])
-    scene = scenario.scene(experiment)
-    json.dumps(scene, allow_nan=False)
-    assert scene["kind"] == "road"
-    assert np.ptp(scene["body"][0]["points"], axis=0) == pytest.approx([4.5, 1.8])
-    assert len(scene["rows"]) == int(-(-scene["end"] // scene["step"])) + 1
-    x, y, *_ = scene["rows"][0]
-    assert [x, y] == [round(float(v), 2) for v in experiment.x[0, :2]]
 
 
 def test_the_speed_panel_of_the_overtaking_draws_its_reference_in_its_own_unit():

@@ -1,0 +1,176 @@
+"""Draw overtakings: path, speed and steering along the road, with the cars at five moments."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from prefcal_env.envs.overtake.road.geometry import corners
+from prefcal_env.envs.overtake.road.rules import (
+    KEEPING_SPEEDS,
+    LANE_WIDTH,
+    LENGTH,
+    OVERTAKING_SPEEDS,
+)
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.plants.bicycle import KMH
+from prefcal_scenarios.app.presentation.style import (
+    BEST,
+    FAINT,
+    FIRST,
+    GOOD,
+    LIMIT,
+    OTHERS,
+    canvas,
+)
+from prefcal_scenarios.app.presentation.wording import mathtext, number, theta_text
+from prefcal_scenarios.app.report.record import Record
+from prefcal_scenarios.scenario import Picture
+
+from .scene import bodies, moments, phases, road_of
+
+OBSTACLE, ASPHALT, PAINT = OTHERS[0], "#eceff2", "#aab3bc"
+STEERING_LIMIT = 45.0
+"""Limit of |δ_s| [°]."""
+_DASHED: Any = (0, (6, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A run to draw, its label and its color."""
+
+    experiment: Experiment
+    label: str
+    color: str
+
+
+def shown(record: Record) -> tuple[Shown, ...]:
+    """Return the best run and the one before; one run if they are the same."""
+    assert record.best is not None
+    best, before = record.best, record.before
+    runs = (Shown(best.experiment, f"best (experiment {best.number})", BEST),)
+    if best.index == before.index:
+        return runs
+    label = f"{record.baseline.name} ({before.number})"
+    return *runs, Shown(before.experiment, label, FIRST)
+
+
+def drawn(runs: Sequence[Shown], space: KnobSpace) -> Figure:
+    """Draw one run or two side by side, as in Fig. car_comparison and Fig. car_finalPerf."""
+    figure = canvas(7.0)
+    axes = figure.subplots(3, len(runs), sharey="row", squeeze=False)
+    last = max(float(run.experiment.x[:, 0].max()) for run in runs)
+    for column, run in enumerate(runs):
+        path, speed, steering = axes[:, column]
+        _path(path, run)
+        _speed(speed, run)
+        _steering(steering, run)
+        steering.set_xlabel("longitudinal position [m]")
+        _above(path, _theta_lines(space, run), 20, color=FAINT, fontsize=8.2)
+        _above(path, _computing(run.experiment), 47, fontsize=8.8)
+        _above(path, run.label, 62, color=run.color, fontweight="bold")
+    for axis in axes.flat:
+        axis.set_xlim(-LENGTH, last + 5)
+    for axis in axes[:, 1:].flat:
+        axis.set_ylabel("")
+    figure.align_ylabels(axes[:, 0])
+    return figure
+
+
+def _theta_lines(space: KnobSpace, run: Shown) -> str:
+    """Return θ in mathtext, on two lines."""
+    parts = [
+        f"{mathtext(k.name)} = {number(v)}" + (f" {k.unit}" if k.unit else "")
+        for k, v in zip(space, run.experiment.theta, strict=True)
+    ]
+    return ",  ".join(parts[:3]) + "\n" + ",  ".join(parts[3:])
+
+
+def _computing(experiment: Experiment) -> str:
+    """Return the worst modeled t_comp compared with T_s, as text."""
+    worst, T_s = experiment.kpis["t_comp_worst"], experiment.theta[0]
+    sign = "≤" if worst <= T_s else ">"
+    return f"worst $t_{{comp}}$ {1e3 * worst:.0f} ms {sign} $T_s$ {1e3 * T_s:.0f} ms"
+
+
+def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
+    axes.annotate(
+        text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look
+    )
+
+
+def _path(axes: Axes, run: Shown) -> None:
+    """Draw the road, both paths, and the cars at five moments, which have a number."""
+    experiment, (low, high) = run.experiment, road_of(run.experiment)
+    axes.axhspan(low, high, color=ASPHALT, zorder=0)
+    look: Any = {"color": PAINT, "linewidth": 1.2, "zorder": 1}
+    for y in np.arange(low, high + 1e-9, LANE_WIDTH):
+        axes.axhline(y, linestyle="-" if y in (low, high) else _DASHED, **look)
+    cars = [*((other, OBSTACLE) for other in bodies(experiment)), (experiment.x[:, :3], run.color)]
+    for poses, color in cars:
+        axes.plot(*poses[:, :2].T, color=color, linewidth=1.0, alpha=0.6)
+        for n, k in enumerate(moments(experiment), start=1):
+            body = corners(poses[k : k + 1])[0]
+            axes.fill(*body.T, color=color, linewidth=0, zorder=3)
+            at: Any = {"ha": "center", "va": "center_baseline", "fontsize": 7, "fontweight": "bold"}
+            axes.annotate(str(n), body.mean(axis=0), color="white", **at)
+    axes.set_yticks([0, 3, 6])
+    axes.set_ylabel("lateral position [m]")
+    axes.grid(visible=False)
+    axes.set_title("Path of the car and of the obstacle (orange)")
+
+
+def _speed(axes: Axes, run: Shown) -> None:
+    experiment = run.experiment
+    x = experiment.x[:, 0]
+    limits = np.array([KEEPING_SPEEDS, OVERTAKING_SPEEDS])[phases(experiment)] / KMH
+    held: Any = {"drawstyle": "steps-post"}
+    for limit in limits.T:
+        axes.plot(x, limit, color=LIMIT, linewidth=1.1, linestyle=_DASHED, **held)
+    reference = experiment.signals["speed_reference"] / KMH
+    axes.plot(x, reference, color=GOOD, linewidth=1.2, linestyle=(0, (1, 1.5)), **held)
+    axes.plot(x, experiment.u[:, 0] / KMH, color=run.color, **held)
+    axes.set_ylim(36, 74)
+    axes.set_ylabel("speed [km/h]")
+    axes.set_title("Speed $v$, its reference (dotted) and limits (dashed)")
+
+
+def _steering(axes: Axes, run: Shown) -> None:
+    experiment = run.experiment
+    for limit in (-STEERING_LIMIT, STEERING_LIMIT):
+        axes.axhline(limit, color=LIMIT, linewidth=1.1, linestyle=_DASHED)
+    x, steering = experiment.x[:, 0], np.degrees(experiment.u[:, 1])
+    axes.plot(x, steering, color=run.color, drawstyle="steps-post")
+    axes.set_ylim(-52, 52)
+    axes.set_yticks([-45, 0, 45])
+    axes.set_ylabel("steering angle [°]")
+    axes.set_title(r"Steering angle $\delta_s$ and its limits (dashed)")
+
+
+def _alt(record: Record) -> str:
+    assert record.best is not None
+    experiment = record.best.experiment
+    kpis = experiment.kpis
+    beside = f", beside the {record.baseline.name}" if len(shown(record)) > 1 else ""
+    return (
+        "Path with the vehicles at five moments, speed and steering angle along the road, of the "
+        f"best run{beside}. "
+        f"Best: {theta_text(record.scenario.space, experiment.theta)}; worst t_comp "
+        f"{number(kpis['t_comp_worst'])} s, smallest lateral distance beside the obstacle "
+        f"{number(kpis['lateral_distance'])} m, largest y_f {number(kpis['path_peak'])} m."
+    )
+
+
+PICTURE = Picture(
+    "overtaking.png",
+    "The overtaking",
+    "The best run, and to the right the one before if it is another. Numbers mark five moments of "
+    "the overtaking, as far as the run reached them. Limits and reference of the speed change "
+    "with the phase. t_comp is modeled.",
+    _alt,
+    lambda record: drawn(shown(record), record.scenario.space),
+)
