@@ -197,6 +197,10 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self._place()
         return driven
 
+    def observe(self) -> Any:
+        """Return the current observation, as `reset` and `step` do."""
+        return self.observation_type.observe()
+
     def measurement(self) -> Measurement:
         """Return what a controller knows; see `Course.measurement`."""
         return self.course.measurement()
