@@ -24,7 +24,6 @@ from .signals import signals_of
 
 DEFAULT_T_S = 0.1
 _PLANT = Bicycle()
-CHANNELS = Channels(_PLANT.states, _PLANT.inputs, _PLANT.outputs)
 LOW, HIGH = np.array([(c.low, c.high) for c in _PLANT.inputs]).T
 """Limits of v [m/s] and δ_s [rad]."""
 
@@ -57,6 +56,9 @@ class Course:
     Args:
         options: Differences from the paper; None for none.
     """
+
+    plant = _PLANT
+    channels = Channels(_PLANT.states, _PLANT.inputs, _PLANT.outputs)
 
     def __init__(self, options: OvertakeOptions | None = None) -> None:
         self.options = options or OvertakeOptions()
@@ -163,7 +165,7 @@ class Course:
         The record has n sub-steps of T_s/n in each period, of at most 0.02 s, and the end; a
         collision is recorded at its exact time. Its signals are those of `signals_of`.
         """
-        record = self._begun().record(CHANNELS, self.end)
+        record = self._begun().record(self.channels, self.end)
         last = self._phases[-1][0] if self._phases else self.phase
         held = np.array([*self._phases, (last, 1)], dtype=int)
         phases = np.repeat(held[:, 0].astype(float), held[:, 1])

@@ -62,6 +62,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         SettingsError: If the render mode is unknown or the configuration is not valid.
     """
 
+    plant, channels = Course.plant, Course.channels
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
