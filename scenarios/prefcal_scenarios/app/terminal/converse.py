@@ -167,7 +167,7 @@ class _Conversation:
             show_history(self.interview, self.console)
         elif said == "w":
             show_status(self.interview, self.console)
-        else:
+        elif said:
             show_brief(self.interview, self.console)
             show_keys(self.console)
 

@@ -64,7 +64,7 @@ def _told(interview: Interview, now: Now, *, blind: bool) -> Text:
     told = screening_view(interview, now, blind=blind)
     if told is None:
         return Text()
-    offer = f"{told['offer']} (f f finishes)" if told["offer"] else ""
+    offer = f"{told['offer']} (f, and f again, finishes)" if told["offer"] else ""
     return Text("\n".join(printable(line) for line in (told["why"], offer) if line))
 
 

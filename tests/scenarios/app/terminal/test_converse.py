@@ -96,6 +96,12 @@ def test_t_shows_all_kpis_once_more_those_that_differ_most_first(interview):
     assert places == sorted(places)
 
 
+def test_an_empty_line_is_no_answer(interview):
+    out = talk(interview, ["", "x"])
+    assert "undo the last answer" not in out
+    assert out.count("Question 1 of 4") == 1
+
+
 def test_it_stops_and_loses_nothing(interview):
     talk(interview, "lx")
     assert interview.now().phase is Phase.QUESTION

@@ -15,7 +15,7 @@ from support.looks import toy
 from support.screened import screening
 
 FIRST, WHY = "Nothing learned yet: ", "(chance that you prefer it: 70 %)."
-OFFER = "Stop here, or go on? (f f finishes)"
+OFFER = "Stop here, or go on? (f, and f again, finishes)"
 
 
 @pytest.fixture(autouse=True)
