@@ -21,7 +21,7 @@ from prefcal_scenarios.app.terminal.pairs import show_kpis
 from prefcal_scenarios.app.web.view.maneuvers import largest_difference, pairs_of
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.own_file import module_at
-from support.interviews import begin
+from support.interviews import begin, proceed
 
 DOCS = Path(__file__).parents[4] / "docs"
 
@@ -49,8 +49,7 @@ def test_a_question_in_the_terminal_shows_every_maneuver(tank):
 
 
 def test_a_study_as_tables_names_the_maneuver_of_each_row(tank, tmp_path):
-    with Background(interview := begin(tank, n_max=3)):
-        interview.wait(0, 20.0)
+    proceed(interview := begin(tank, n_max=3))
     export_csv(interview.study, tmp_path)
     text = (tmp_path / "trajectories" / "experiment-001.csv").read_text("utf-8")
     rows = list(csv.DictReader(io.StringIO(text)))
