@@ -78,7 +78,7 @@ def combined(
 def by_maneuver(experiment: Experiment) -> dict[str, Experiment]:
     """Return the runs of the maneuvers by name, or the experiment itself as "" if it has none.
 
-    Seeded variants of one run (see `worst_of`) are no maneuvers: they are drawn together.
+    Other runs of one experiment are no maneuvers: they are drawn together.
     """
     if any(run.maneuver for run in experiment.runs):
         return {run.maneuver: run for run in experiment.runs}
