@@ -186,6 +186,11 @@ class Tag:
                 )
 
     @property
+    def key(self) -> str:
+        """What tells it apart: role and name."""
+        return f"{self.role} {self.name}"
+
+    @property
     def supervised(self) -> bool:
         """Whether it has an abort limit."""
         return self.abort != (-inf, inf)
