@@ -100,7 +100,7 @@ class Drive:
 
     def __post_init__(self) -> None:
         rig = self.rig
-        parts = [*(knob.written for knob in rig.knobs), *(start.written for start in rig.start)]
+        parts = [*(knob.written for knob in rig.knobs), *rig.start]
         self.plant, self.written = rig.plant, {part.name: part for part in parts}
         self.start = {start.name: float(start.value) for start in rig.start}
         self.tags = {tag.key: tag for tag in rig.tags}

@@ -90,7 +90,7 @@ class LiveRig:
         self.keyed(self.ready), self.keyed(self.done)
 
     def _check_names(self) -> None:
-        written = [*(knob.written for knob in self.knobs), *(start.written for start in self.start)]
+        written = [*(knob.written for knob in self.knobs), *self.start]
         for what, found in (
             ("name of a knob or start value", [w.name for w in written]),
             ("node that is written to", [w.node for w in written]),
