@@ -20,8 +20,8 @@ from rich.table import Table
 
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
+from prefcal_env.mpc.settings import BACKENDS
 from prefcal_env.plants.cstr import CSTR, FEED
-from prefcal_env.qp import BACKENDS
 
 STDERR = Console(stderr=True)
 THETAS = ((0.25, 26, -0.91), (0.31, 26, -1.79), (0.25, 40, -0.91), (0.5, 12, 1.0))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.plants.jacobians import D, U, X
 from prefcal_env.plants.plant import Plant
 
 _SAME_INSTANT = 1e-10
@@ -42,13 +43,7 @@ class DeadTime:
         d0: Measured disturbances at time 0, shape (n_d,).
     """
 
-    def __init__(
-        self,
-        plant: Plant,
-        x0: Float[np.ndarray, " n_x"],
-        u0: Float[np.ndarray, " n_u"],
-        d0: Float[np.ndarray, " n_d"],
-    ) -> None:
+    def __init__(self, plant: Plant, x0: X, u0: U, d0: D) -> None:
         self._plant, self._delays = plant, delays_of(plant)[0]
         self._distinct = sorted(set(self._delays))
         self._given_at, self._given = [-np.inf], [u0]  # inputs as they are decided
@@ -58,13 +53,7 @@ class DeadTime:
         entries = getattr(plant, "entry_delay", ())
         self._entries = np.pad(entries, ((0, 0), (0, 1))) if entries else None
 
-    def hold(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-        t: Float[np.ndarray, " M"],
-    ) -> Float[np.ndarray, "M1 n_x"]:
+    def hold(self, x: X, u: U, d: D, t: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M1 n_x"]:
         """Decide u at `t[0]` and hold it until `t[-1]`; return the states at `t[1:]`."""
         start, end = float(t[0]), float(t[-1])
         self._tolerance = _SAME_INSTANT * (end - start)
@@ -83,11 +72,7 @@ class DeadTime:
         return np.concatenate(rows)
 
     def _held(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        d: Float[np.ndarray, " n_d"],
-        start: float,
-        t: Float[np.ndarray, " M"],
+        self, x: X, d: D, start: float, t: Float[np.ndarray, " M"]
     ) -> Float[np.ndarray, "M n_x"]:
         """Return the states at `t` after x at `start`; no delayed input changes meanwhile."""
         reaching = self._reaching(start)

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels
+from prefcal_env.plants.jacobians import U, X
 from prefcal_env.plants.plant import Plant
 
 from .task import Task
@@ -103,12 +104,7 @@ def check_limits(plant: Plant) -> None:
             )
 
 
-def check_rate(
-    plant: Plant,
-    x: Float[np.ndarray, " n_x"],
-    u: Float[np.ndarray, " n_u"],
-    d: Float[np.ndarray, "*n_d"],
-) -> None:
+def check_rate(plant: Plant, x: X, u: U, d: Float[np.ndarray, "*n_d"]) -> None:
     """Raise PlantError if f is NaN at the start of an experiment, which no θ can mend.
 
     Anything else that is not finite is data: an unstable run that blows up.

@@ -78,7 +78,7 @@ def combined(
 def by_maneuver(experiment: Experiment) -> dict[str, Experiment]:
     """Return the runs of the maneuvers by name, or the experiment itself as "" if it has none.
 
-    Seeded variants of one run (see `worst_of`) are no maneuvers: they are drawn together.
+    Other runs of one experiment are no maneuvers: they are drawn together.
     """
     if any(run.maneuver for run in experiment.runs):
         return {run.maneuver: run for run in experiment.runs}
@@ -259,7 +259,11 @@ def _kpis(
         for name in badness
         if all(name in run.kpis or not run.end.interrupted for run in runs)
     }
-    worst = {name: _worst(values, badness[name]) for name, values in known.items()}
+    # NaN is worse than any number.
+    worst = {
+        name: next((v for v in values if np.isnan(v)), max(values, key=badness[name]))
+        for name, values in known.items()
+    }
     means = {named(n, MEAN): float(np.mean(v)) for n, v in known.items() if len(v) > 1}
     each = {named(n, run.maneuver): float(v) for run in runs for n, v in run.kpis.items()}
     clashes = sorted(set(worst) & set(means | each))
@@ -268,9 +272,3 @@ def _kpis(
             f"the KPI {clashes[0]!r} has the name of a KPI in one maneuver: rename it"
         )
     return {**worst, **means, **each}
-
-
-def _worst(values: Sequence[float], badness: Callable[[float], float]) -> float:
-    """Return the worst value; NaN is worse than any number."""
-    unknown = [value for value in values if np.isnan(value)]
-    return unknown[0] if unknown else max(values, key=badness)

@@ -17,7 +17,8 @@ from prefcal_env.knobs.space import KnobSpace
 
 from .checks import check_apart, grid_of, names_of, referenced, shown, tuned
 from .model import Variable, read_model
-from .process import Answer, Job, Process
+from .process import Process
+from .serving import Answer, Job
 
 _KPIs = Callable[[Experiment], Mapping[str, float]]
 
@@ -98,7 +99,7 @@ class FMULoop:
         self._recorded = [*shown_.values(), *self._variables.values()]
         grid = grid_of(self.model, stop_time, output_interval)
         job = Job(
-            self.model.path, _places(self._parameters), _places(self._recorded), grid.instants,
+            str(self.model.path), _places(self._parameters), _places(self._recorded), grid.instants,
             grid.every, self.model.tolerance,
         )  # fmt: skip
         self._process = Process(job, timeout)

@@ -10,15 +10,12 @@ import sys
 import threading
 import weakref
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
-import numpy as np
-from jaxtyping import Float
-
 from prefcal_env.errors import RunError
 
+from .serving import Answer, Job
 from .unpacking import unpacked
 
 _BOOT = (
@@ -31,44 +28,6 @@ _LOADING = 60.0
 """Minimum time limit in seconds for loading the FMU."""
 _LEAVING = 2.0
 """Seconds for the process to end by itself."""
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """What to simulate; see `serving.Job`, which the process makes of it.
-
-    Args:
-        path: The .fmu file.
-        knobs: Type and value reference of each parameter that θ sets.
-        shown: Type and value reference of each variable to record.
-        instants: Start, communication instants and end, in seconds, shape (M,).
-        every: Every how many communications the variables are recorded.
-        tolerance: Relative tolerance of the FMU's solver; None for its own.
-    """
-
-    path: Path
-    knobs: tuple[tuple[str, int], ...]
-    shown: tuple[tuple[str, int], ...]
-    instants: Float[np.ndarray, " M"]
-    every: int
-    tolerance: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What a run gave: see `serving.Answer`.
-
-    Args:
-        problem: What ended the run before its time; empty if nothing did.
-        t: Recorded instants, in seconds, shape (K,).
-        values: Recorded variables, shape (K, m).
-        seconds: Duration of the simulation.
-    """
-
-    problem: str
-    t: Float[np.ndarray, " K"]
-    values: Float[np.ndarray, "K m"]
-    seconds: float
 
 
 @final
@@ -157,7 +116,7 @@ class Process:
         held = self._held
         if held.home is None or (held.worker is None and not held.home.exists()):
             # Computers tidy their temporary folders, and a study may take weeks.
-            held.home = unpacked(self._job.path)
+            held.home = unpacked(Path(self._job.path))
         if held.worker is None:
             worker = _Worker(held.home)
             try:
@@ -206,15 +165,7 @@ class _Worker:
 
     def begin(self, job: Job, reset: bool, limit: float) -> None:
         """Load the FMU. Raises RunError if that fails."""
-        plain = (
-            str(self._home / "fmu"),
-            job.knobs,
-            job.shown,
-            job.instants,
-            job.every,
-            job.tolerance,
-            reset,
-        )
+        plain = tuple(job._replace(path=str(self._home / "fmu"), reset=reset))
         problem = self._heard(limit, "loading the FMU", plain)
         if problem:
             raise RunError(str(problem), "raised")

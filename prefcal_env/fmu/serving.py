@@ -1,6 +1,7 @@
 """The process that simulates an FMU: it loads the FMU once, and runs θ after θ.
 
 It is started as a script and imports nothing of prefcal, so that it starts quickly and stays small.
+Beside the script, `process` imports what both exchange, and then nothing of FMPy is loaded.
 Requests and answers are pickled, one after the other, on what are standard input and output.
 """
 
@@ -16,9 +17,7 @@ from itertools import pairwise
 from queue import SimpleQueue
 from typing import Any, BinaryIO, NamedTuple
 
-import fmpy
 import numpy as np
-from fmpy.simulation import instantiate_fmu
 
 _TIDYING = 1.0
 """Seconds for the FMU to end after prefcal ended."""
@@ -40,7 +39,8 @@ class Job(NamedTuple):
     """What to simulate.
 
     Args:
-        folder: Folder with the contents of the FMU; its parent is removed if prefcal is gone.
+        path: The .fmu file; in the process, the folder with its contents, whose parent is removed
+            if prefcal is gone.
         knobs: Type and value reference of each parameter that θ sets.
         shown: Type and value reference of each variable to record.
         instants: Start, communication instants and end, in seconds, shape (M,).
@@ -49,7 +49,7 @@ class Job(NamedTuple):
         reset: Whether it may be tried to reset the FMU between runs.
     """
 
-    folder: str
+    path: str
     knobs: tuple[tuple[str, int], ...]
     shown: tuple[tuple[str, int], ...]
     instants: Any
@@ -116,12 +116,15 @@ class _Simulation:
     """
 
     def __init__(self, job: Job) -> None:
+        import fmpy
+        from fmpy.simulation import instantiate_fmu
+
         self._job = job
-        self._description = fmpy.read_model_description(job.folder, validate=False)
+        self._description = fmpy.read_model_description(job.path, validate=False)
         self.version = self._description.fmiVersion[0]
         self._said: deque[str] = deque(maxlen=1)
         self._fmu: Any = instantiate_fmu(
-            job.folder, self._description, "CoSimulation", logger=self._hear,
+            job.path, self._description, "CoSimulation", logger=self._hear,
             require_functions=False,
         )  # fmt: skip
         self._used, self._resettable, self._tried = False, False, False
@@ -259,7 +262,7 @@ def main() -> None:
     job = Job(*pickle.load(given))
     requests: SimpleQueue[list[float] | None] = SimpleQueue()
     gone = threading.Event()
-    listening = (given, requests, job.folder, gone)
+    listening = (given, requests, job.path, gone)
     threading.Thread(target=_listen, args=listening, daemon=True).start()
     try:
         simulation = _Simulation(job)
@@ -275,7 +278,7 @@ def main() -> None:
         _say(out, None)
     simulation.close()
     if gone.is_set():
-        _remove(job.folder)
+        _remove(job.path)
 
 
 def _say(out: BinaryIO, content: Any) -> None:

@@ -5,6 +5,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import asdict
+
 from prefcal_env.described import Table, checked
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob, Scale
@@ -39,15 +41,18 @@ def live_rig(
     """
     given = checked(description, LiveTable, "", SettingsError)
     knobs = tuple(_knob(n, t) for n, t in _entries(given.knobs, "knobs", KnobTable))
-    tags = (
-        *(_tag(n, t, "output") for n, t in _entries(given.outputs, "outputs", TagTable)),
-        *(_tag(n, t, "input") for n, t in _entries(given.inputs, "inputs", TagTable)),
-        *(Tag(name, table.node, "reference", table.unit)
-          for name, table in _entries(given.references, "references", ReferenceTable)),
-    )  # fmt: skip
+    roles: tuple[tuple[Role, Entries, Any], ...] = (
+        ("output", given.outputs, TagTable),
+        ("input", given.inputs, TagTable),
+        ("reference", given.references, ReferenceTable),
+    )
+    tags = tuple(
+        Tag(name, role=role, **asdict(t))
+        for role, entries, table in roles
+        for name, t in _entries(entries, f"{role}s", table)
+    )
     starts = tuple(
-        LiveStart(name, t.node, t.value, t.low, t.high, t.rate, t.unit, t.integer)
-        for name, t in _entries(given.start, "start", StartTable)
+        LiveStart(name, **asdict(t)) for name, t in _entries(given.start, "start", StartTable)
     )
     return LiveRig(
         plant=_connection(given) if plant is None else plant(given.url),
@@ -87,7 +92,3 @@ def _knob(name: str, t: KnobTable) -> LiveKnob:
     scale: Scale = "log10" if t.scale == "log" else t.scale
     knob = Knob(name, t.low, t.high, t.unit, scale, t.integer, t.step, about=t.about)
     return LiveKnob(knob, t.node, t.rate)
-
-
-def _tag(name: str, t: TagTable, role: Role) -> Tag:
-    return Tag(name, t.node, role, t.unit, t.low, t.high, t.abort)

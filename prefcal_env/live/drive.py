@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import isnan, nan
+from typing import TYPE_CHECKING
 
 from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.experiments.end import End
@@ -14,6 +15,9 @@ from .plant import LivePlant, TypedPlant
 from .progress import Change, Confirm, Progress, Stage, Tell
 from .way import SLACK, Way
 from .writer import Writer
+
+if TYPE_CHECKING:
+    from .rig import LiveRig
 
 _SLICE = 0.2
 """Longest sleep in seconds, so that a stop is noticed soon although the period may be long."""
@@ -43,39 +47,6 @@ class Hands:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What is done in a run; times in seconds, values in their units.
-
-    Args:
-        written: Nodes that may be written to, by name: knobs and start values.
-        theta: New value of each knob, by name.
-        start: Value that starts the run, by name.
-        tags: Recorded nodes by key.
-        period: Sampling period.
-        duration: Longest recorded time.
-        ready: Limits of tags by key, in which the plant must be before the start.
-        ready_within: Longest wait for that.
-        done: Limits of tags by key, in which the run ends early; empty for never.
-        hold: Time for which a condition must hold.
-        blind: Longest time for which a tag with an abort limit may have no good value.
-        keep: Whether the knobs keep their new values after a completed run.
-    """
-
-    written: Mapping[str, Written]
-    theta: Mapping[str, float]
-    start: Mapping[str, float]
-    tags: Mapping[str, Tag]
-    period: float
-    duration: float
-    ready: Mapping[str, tuple[float, float]]
-    ready_within: float
-    done: Mapping[str, tuple[float, float]]
-    hold: float
-    blind: float
-    keep: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Outcome:
     """Outcome of a run: what was recorded, how it ended, and what the plant has now."""
 
@@ -101,16 +72,20 @@ class Drive:
     """One run, as mutable state; `run` does all of it.
 
     Args:
-        plant: Plant to run on.
-        plan: What to do.
+        rig: What is done, and on which plant.
+        theta: New value of each knob, by name.
         journal: File for the old values.
         hands: Clock, confirmation, stop and progress.
     """
 
-    plant: LivePlant
-    plan: Plan
+    rig: "LiveRig"
+    theta: Mapping[str, float]
     journal: Journal
     hands: Hands
+    plant: LivePlant = field(init=False)
+    written: Mapping[str, Written] = field(init=False)
+    start: Mapping[str, float] = field(init=False)
+    tags: Mapping[str, Tag] = field(init=False)
     writer: Writer = field(init=False)
     old: dict[str, float] = field(default_factory=dict)
     rows: list[tuple[float, Mapping[str, float]]] = field(default_factory=list)
@@ -124,16 +99,20 @@ class Drive:
     _seen_at: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        plan = self.plan
-        self.writer = Writer(self.plant, plan.written, plan.period, self.hands.clock)
-        self._next, self._period = self.hands.clock(), plan.period
+        rig = self.rig
+        parts = [*(knob.written for knob in rig.knobs), *rig.start]
+        self.plant, self.written = rig.plant, {part.name: part for part in parts}
+        self.start = {start.name: float(start.value) for start in rig.start}
+        self.tags = {tag.key: tag for tag in rig.tags}
+        self.writer = Writer(self.plant, self.written, rig.period, self.hands.clock)
+        self._next, self._period = self.hands.clock(), rig.period
 
     def run(self) -> Outcome:
         """Do the run. Whatever happens, the old values are restored, at the latest afterward."""
         end, why, stopped, keep = End.FAILED, "", False, False
         try:
             end = self._forward()
-            keep = self.plan.keep
+            keep = self.rig.after == "keep"
         except _EndedError as ended:
             end, why, stopped = ended.end, ended.why, ended.stopped
         except LiveError as error:
@@ -157,10 +136,10 @@ class Drive:
         """
         if not self.plant.connected:
             self.plant.connect()
-        values, new = self.writer.read(), {**self.plan.theta, **self.plan.start}
+        values, new = self.writer.read(), {**self.theta, **self.start}
         # A record that cannot be read must be noticed before anything is written.
-        self.plant.read([tag.node for tag in self.plan.tags.values()])
-        for name, written in self.plan.written.items():
+        self.plant.read([tag.node for tag in self.tags.values()])
+        for name, written in self.written.items():
             if not within(values[name], (written.low, written.high)):
                 got = "no good value" if isnan(values[name]) else f"{values[name]:g}"
                 raise LiveError(
@@ -170,20 +149,20 @@ class Drive:
         self._check_types()
         changes = tuple(
             Change(name, values[name], new[name], w.low, w.high, w.rate, w.unit)
-            for name, w in self.plan.written.items()
+            for name, w in self.written.items()
         )
         for change in changes:
-            if change.name in self.plan.start and change.seconds >= self.plan.duration:
+            if change.name in self.start and change.seconds >= self.rig.duration:
                 raise LiveError(
                     f"{change.name} takes {change.seconds:g} s from {change.old:g} to "
                     f"{change.new:g} {change.unit}, as long as the run or longer: the duration "
-                    f"must be above that, got {self.plan.duration:g} s"
+                    f"must be above that, got {self.rig.duration:g} s"
                 )
         return changes
 
     def _check_types(self) -> None:
         """Refuse nodes that cannot hold the values between, before the first of them is written."""
-        real = [w for w in self.plan.written.values() if not w.integer]
+        real = [w for w in self.written.values() if not w.integer]
         if not (real and isinstance(self.plant, TypedPlant)):
             return
         for written, whole in zip(real, self.plant.whole([w.node for w in real]), strict=True):
@@ -211,8 +190,8 @@ class Drive:
             targets = self._without_knobs(targets)
             if not targets:
                 return True
-        self._next, self._period = self.hands.clock(), min(self.plan.period, _RESTORING)
-        way, last = Way(self.plan.written, targets, self.plan.period, self.hands.clock()), ""
+        self._next, self._period = self.hands.clock(), min(self.rig.period, _RESTORING)
+        way, last = Way(self.written, targets, self.rig.period, self.hands.clock()), ""
         while not way.blocked(self.hands.clock(), closing=self.hands.closing()):
             stage = Stage.RESTORING
             try:
@@ -239,7 +218,7 @@ class Drive:
 
         Otherwise, the next start would take back a θ that is kept on purpose.
         """
-        start = {name: v for name, v in targets.items() if name in self.plan.start}
+        start = {name: v for name, v in targets.items() if name in self.start}
         with suppress(LiveError, OSError):  # the start values must be taken back all the same
             self.journal.save(start) if start else self.journal.clear()
         return start
@@ -253,7 +232,7 @@ class Drive:
                 raise ConnectionLostError(str(error)) from error
         values = self.writer.read()
         self._now = {**self._now, **values}
-        if all(self.plan.written[n].same(values[n], target) for n, target in targets.items()):
+        if all(self.written[n].same(values[n], target) for n, target in targets.items()):
             return True
         problems = []
         for name, target in targets.items():  # one that is refused must not keep the others changed
@@ -278,7 +257,7 @@ class Drive:
         self.journal.save(old)
         self.old = old
         self._next = self.hands.clock()
-        self._ramp(self.plan.theta)
+        self._ramp(self.theta)
         self._until_ready()
         return self._record()
 
@@ -293,39 +272,39 @@ class Drive:
 
     def _deadline(self, targets: Mapping[str, float]) -> float:
         """Return the time by which the plant must show `targets`."""
-        written = self.plan.written
-        longest = max((abs(v - self.old[n]) / written[n].rate for n, v in targets.items()),
-                      default=0.0)  # fmt: skip
-        return self.hands.clock() + 2.0 * longest + SLACK * self.plan.period
+        rates = {name: self.written[name].rate for name in targets}
+        longest = max((abs(v - self.old[n]) / rates[n] for n, v in targets.items()), default=0.0)
+        return self.hands.clock() + 2.0 * longest + SLACK * self.rig.period
 
     def _shows(self, targets: Mapping[str, float]) -> bool:
-        written = self.plan.written
+        written = self.written
         return all(written[n].same(self._now.get(n, self.old[n]), v) for n, v in targets.items())
 
     def _refused(self, targets: Mapping[str, float]) -> str:
         shown = {n: self._now.get(n, self.old.get(n, nan)) for n in targets}
         wrong = [
             f"{n} = {'no good value' if isnan(shown[n]) else format(shown[n], 'g')} "
-            f"instead of {v:g} {self.plan.written[n].unit}"
+            f"instead of {v:g} {self.written[n].unit}"
             for n, v in targets.items()
-            if not self.plan.written[n].same(shown[n], v)
+            if not self.written[n].same(shown[n], v)
         ]
         return (
             f"the plant shows {', '.join(wrong)}: it limits the value, or another station writes it"
         )
 
     def _until_ready(self) -> None:
-        if not self.plan.ready:
+        ready = self.rig.keyed(self.rig.ready)
+        if not ready:
             return
-        deadline, self._held_since = self.hands.clock() + self.plan.ready_within, None
-        while not self._holds(self.plan.ready):
+        deadline, self._held_since = self.hands.clock() + self.rig.ready_within, None
+        while not self._holds(ready):
             if self.hands.clock() >= deadline:
                 wanted = ", ".join(
-                    f"{self.plan.tags[key].name} in [{low:g}, {high:g}] {self.plan.tags[key].unit}"
-                    for key, (low, high) in self.plan.ready.items()
+                    f"{self.tags[key].name} in [{low:g}, {high:g}] {self.tags[key].unit}"
+                    for key, (low, high) in ready.items()
                 )
                 raise LiveError(
-                    f"the start condition was not met within {self.plan.ready_within:g} s: {wanted}"
+                    f"the start condition was not met within {self.rig.ready_within:g} s: {wanted}"
                 )
             self._sample(Stage.WAITING)
 
@@ -336,30 +315,31 @@ class Drive:
             return False
         now = self.hands.clock()
         self._held_since = now if self._held_since is None else self._held_since
-        return now - self._held_since >= self.plan.hold - 1e-9
+        return now - self._held_since >= self.rig.hold - 1e-9
 
     def _record(self) -> End:
         """Start the run and record it from there on."""
-        plan, started = self.plan, not self.plan.start
-        deadline, self._held_since = self._deadline(plan.start), None
+        rig, started = self.rig, not self.start
+        done = rig.keyed(rig.done)
+        deadline, self._held_since = self._deadline(self.start), None
         while True:
             self._sample(Stage.RECORDING)
-            self._unchanged(plan.theta)
-            started = started or self._shows(plan.start)
-            if started and plan.done and self._holds(plan.done):
+            self._unchanged(self.theta)
+            started = started or self._shows(self.start)
+            if started and done and self._holds(done):
                 return End.SETTLED
-            over = self.rows[-1][0] >= plan.duration - 1e-9
+            over = self.rows[-1][0] >= rig.duration - 1e-9
             if over and started:
                 return End.TIME_UP
             if not started:
                 if over or self.hands.clock() > deadline:
-                    raise LiveError(self._refused(plan.start))
-                self.writer.step(plan.start)
+                    raise LiveError(self._refused(self.start))
+                self.writer.step(self.start)
 
     def _unchanged(self, targets: Mapping[str, float]) -> None:
         """Stop if somebody else changed a knob: the record would be one of another θ."""
         for name, value in targets.items():
-            shown, written = self._now[name], self.plan.written[name]
+            shown, written = self._now[name], self.written[name]
             if not isnan(shown) and not written.same(shown, value):
                 raise _EndedError(
                     End.FAILED,
@@ -371,20 +351,20 @@ class Drive:
         if self._began is not None or stage is not Stage.RECORDING:
             self._wait(stops=True)
         now = self.hands.clock()
-        names = [*self.plan.written, *self.plan.tags]
-        nodes = [written.node for written in self.plan.written.values()]
-        nodes += [tag.node for tag in self.plan.tags.values()]
+        names = [*self.written, *self.tags]
+        nodes = [written.node for written in self.written.values()]
+        nodes += [tag.node for tag in self.tags.values()]
         values = dict(zip(names, self.plant.read(nodes), strict=True))
-        self.writer.see({name: values[name] for name in self.plan.written})
+        self.writer.see({name: values[name] for name in self.written})
         self._now = values
         if stage is Stage.RECORDING:
             self._began = now if self._began is None else self._began
-            self.rows.append((now - self._began, {key: values[key] for key in self.plan.tags}))
+            self.rows.append((now - self._began, {key: values[key] for key in self.tags}))
         self._tell(stage)
         self._supervise(now)
 
     def _supervise(self, now: float) -> None:
-        for key, tag in self.plan.tags.items():
+        for key, tag in self.tags.items():
             value = self._now[key]
             if not tag.supervised:
                 continue
@@ -396,9 +376,9 @@ class Drive:
                         f"{tag.name} = {value:g} {tag.unit} is outside its abort limits "
                         f"[{tag.abort[0]:g}, {tag.abort[1]:g}]",
                     )
-            elif now - self._seen_at.setdefault(key, now) > self.plan.blind:
+            elif now - self._seen_at.setdefault(key, now) > self.rig.blind:
                 raise _EndedError(
-                    End.FAILED, f"{tag.name} had no good value for {self.plan.blind:g} s"
+                    End.FAILED, f"{tag.name} had no good value for {self.rig.blind:g} s"
                 )
 
     def _wait(self, *, stops: bool = False) -> None:
@@ -416,6 +396,6 @@ class Drive:
     def _tell(self, stage: Stage) -> None:
         self.stage = stage
         elapsed = self.rows[-1][0] if self.rows else 0.0
-        values = {key: self._now[key] for key in self.plan.tags if key in self._now}
-        told = Progress(stage, elapsed, self.plan.duration, values, self.problem)
+        values = {key: self._now[key] for key in self.tags if key in self._now}
+        told = Progress(stage, elapsed, self.rig.duration, values, self.problem)
         self.hands.tell(told)

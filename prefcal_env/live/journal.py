@@ -13,6 +13,7 @@ from pathlib import Path
 from platformdirs import user_data_path
 
 from prefcal_env.errors import LiveError
+from prefcal_env.study.connection import synchronize
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,7 @@ class Journal:
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(part, self.path)
-            _sync_folder(self.path.parent)
+            synchronize(self.path.parent)
         except OSError as error:
             raise LiveError(
                 f"cannot save the plant's values in {self.path}: {error.strerror or error}. "
@@ -80,7 +81,7 @@ class Journal:
     def clear(self) -> None:
         """Remove the file, since the plant has its values again."""
         self.path.unlink(missing_ok=True)
-        _sync_folder(self.path.parent)
+        synchronize(self.path.parent)
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -103,14 +104,3 @@ class Journal:
                     f"other run first ({error})"
                 ) from error
             yield
-
-
-def _sync_folder(folder: Path) -> None:
-    """Put the folder's entries on the disk, where the system can do so."""
-    if os.name != "posix":
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

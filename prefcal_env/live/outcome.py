@@ -23,7 +23,7 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
     output whose reference never had one has no reference in this run.
     """
     rows = outcome.rows
-    read = {tag: np.array([row[f"{tag.role} {tag.name}"] for _, row in rows]) for tag in rig.tags}
+    read = {tag: np.array([row[tag.key] for _, row in rows]) for tag in rig.tags}
     outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
     nothing = bool(never_good(rig, outcome))
     kept = slice(0, 0) if nothing else slice(None)
@@ -50,10 +50,9 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
 def never_good(rig: "LiveRig", outcome: Outcome) -> list[str]:
     """Return the roles and names of outputs and inputs without any good value in a run."""
     return [
-        f"{tag.role} {tag.name}"
+        tag.key
         for tag in rig.tags
-        if tag.role != "reference"
-        and all(np.isnan(row[f"{tag.role} {tag.name}"]) for _, row in outcome.rows)
+        if tag.role != "reference" and all(np.isnan(row[tag.key]) for _, row in outcome.rows)
     ]
 
 

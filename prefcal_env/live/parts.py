@@ -1,7 +1,7 @@
 """Describe the nodes of a live plant: knobs and start values that are written, and records."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Literal, get_args
 
@@ -101,48 +101,29 @@ class LiveKnob:
 
 
 @dataclass(frozen=True, slots=True)
-class LiveStart:
+class LiveStart(Written):
     """A value that is written to start a run, such as a set-point, and taken back at its end.
 
+    Its name differs from the knobs' names; it may be an integer, for example of a switch.
+
     Args:
-        name: Name, as shown to people; it differs from the knobs' names.
-        node: Address of the node.
         value: Value that starts the run, in `unit`.
-        low: Smallest value that may be written, in `unit`.
-        high: Largest value that may be written, in `unit`.
-        rate: Largest rate of change, in `unit` per second.
-        unit: Unit of the values.
-        integer: Whether only whole numbers are valid, for example of a switch.
 
     Raises:
         SettingsError: If the value is outside the limits, or a limit or the rate is not valid.
     """
 
-    name: str
-    node: str
-    value: float
-    low: float
-    high: float
-    rate: float
-    unit: str = ""
-    integer: bool = False
+    value: float = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        written = self.written
-        if not written.low <= self.value <= written.high:
+        Written.__post_init__(self)  # slots make a new class, which super() does not know
+        if not self.low <= self.value <= self.high:
             raise SettingsError(
                 f"start value {self.name!r} must be in [{self.low}, {self.high}] {self.unit}, "
                 f"got {self.value}"
             )
         if self.integer and self.value != round(self.value):
             raise SettingsError(f"start value {self.name!r} must be an integer, got {self.value}")
-
-    @property
-    def written(self) -> Written:
-        """Return the node as one that may be written to."""
-        return Written(
-            self.name, self.node, self.low, self.high, self.rate, self.unit, self.integer
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +165,11 @@ class Tag:
                     f"{what} of {self.name!r} must be low < high, got [{low}, {high}] "
                     f"{self.unit}".rstrip()
                 )
+
+    @property
+    def key(self) -> str:
+        """What tells it apart: role and name."""
+        return f"{self.role} {self.name}"
 
     @property
     def supervised(self) -> bool:

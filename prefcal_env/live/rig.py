@@ -14,7 +14,7 @@ from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs.space import KnobSpace
 
-from .drive import Drive, Hands, Plan
+from .drive import Drive, Hands
 from .journal import Journal
 from .outcome import experiment_of, never_good
 from .parts import LiveKnob, LiveStart, Tag
@@ -87,10 +87,10 @@ class LiveRig:
                 raise SettingsError(f"{name} must be 0 s or more, got {value}")
         if self.after not in ("restore", "keep"):
             raise SettingsError(f"after must be restore or keep, got {self.after!r}")
-        self._keyed(self.ready), self._keyed(self.done)
+        self.keyed(self.ready), self.keyed(self.done)
 
     def _check_names(self) -> None:
-        written = [*(knob.written for knob in self.knobs), *(start.written for start in self.start)]
+        written = [*(knob.written for knob in self.knobs), *self.start]
         for what, found in (
             ("name of a knob or start value", [w.name for w in written]),
             ("node that is written to", [w.node for w in written]),
@@ -218,7 +218,7 @@ class LiveRig:
         old = self._kept.load()
         if old is None:
             return False
-        strangers = sorted(set(old) - set(drive.plan.written))
+        strangers = sorted(set(old) - set(drive.written))
         if strangers:
             values = ", ".join(f"{name} = {old[name]:g}" for name in strangers)
             raise LiveError(
@@ -236,28 +236,12 @@ class LiveRig:
         return self.journal or Journal.of(self.plant.address)
 
     def _drive(self, theta: Float[np.ndarray, " n"], hands: Hands) -> Drive:
-        values = self.space.check(theta)
-        parts = [*(knob.written for knob in self.knobs), *(start.written for start in self.start)]
-        written = {part.name: part for part in parts}
-        plan = Plan(
-            written=written,
-            theta=dict(zip(self.space.names, values.tolist(), strict=True)),
-            start={start.name: float(start.value) for start in self.start},
-            tags={_key(tag): tag for tag in self.tags},
-            period=self.period,
-            duration=self.duration,
-            ready=self._keyed(self.ready),
-            ready_within=self.ready_within,
-            done=self._keyed(self.done),
-            hold=self.hold,
-            blind=self.blind,
-            keep=self.after == "keep",
-        )
-        return Drive(self.plant, plan, self._kept, hands)
+        values = dict(zip(self.space.names, self.space.check(theta).tolist(), strict=True))
+        return Drive(self, values, self._kept, hands)
 
-    def _keyed(self, limits: Limits) -> dict[str, tuple[float, float]]:
+    def keyed(self, limits: Limits) -> dict[str, tuple[float, float]]:
         """Return conditions by the key of their tag."""
-        found = {tag.name: _key(tag) for tag in self.tags if tag.role != "reference"}
+        found = {tag.name: tag.key for tag in self.tags if tag.role != "reference"}
         for name, (low, high) in limits.items():
             if name not in found or not low < high:
                 raise SettingsError(
@@ -265,7 +249,3 @@ class LiveRig:
                     f"got {name!r}: {low}, {high}"
                 )
         return {found[name]: (float(low), float(high)) for name, (low, high) in limits.items()}
-
-
-def _key(tag: Tag) -> str:
-    return f"{tag.role} {tag.name}"

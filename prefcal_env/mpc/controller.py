@@ -10,11 +10,11 @@ from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.equations import equations_of
 from prefcal_env.plants.plant import Plant
-from prefcal_env.qp import ACTIVE_SET, QP, make_backend
+from prefcal_env.qp import QP, make_backend
 
 from .kernels import model, rows, step
 from .limits import Limits
-from .settings import MPCSettings
+from .settings import ACTIVE_SET, MPCSettings
 
 _SMALLEST_MOVE_WEIGHT = 1e-10
 _MEASURED = ("x", "u", "d", "y_ref")
@@ -72,7 +72,7 @@ class LinearMPC:
             s.tolerances.max_iterations,
         )  # fmt: skip
         # What the compiled method does not solve, PIQP may.
-        self._backend = make_backend("piqp", s.tolerances)
+        self._backend = make_backend(s.tolerances)
         n = s.N_u * n_u + (1 if limits.soft else 0)
         self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
 

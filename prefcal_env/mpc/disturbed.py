@@ -11,12 +11,9 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.equations import Equations, equations_of
-from prefcal_env.plants.plant import Jacobians, Plant
+from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
+from prefcal_env.plants.plant import Plant
 
-X = Float[np.ndarray, " n_x"]
-U = Float[np.ndarray, " n_u"]
-D = Float[np.ndarray, " n_d"]
-Y = Float[np.ndarray, " n_y"]
 P = Float[np.ndarray, " n_p"]
 W = Float[np.ndarray, " n_w"]
 
@@ -74,7 +71,7 @@ class Disturbed:
         d, _, w = self._split(d)
         return self.plant.jacobians(x, u + self.on_u @ w, d)
 
-    def hold(self, x: X, u: U, d: D, times: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_x"]:
+    def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times`, with all inputs and disturbances held."""
         d, _, w = self._split(d)
         return self.plant.hold(x, u + self.on_u @ w, d, times)

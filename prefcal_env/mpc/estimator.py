@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
+from prefcal_env.plants.jacobians import D, U, Y
 from prefcal_env.plants.plant import Plant
 
 from .disturbed import Disturbed
@@ -89,9 +90,7 @@ class ExtendedKalmanFilter:
         # Middle and end of each piece.
         self._instants = np.arange(1, 2 * _PIECES + 1) * (T_s / (2 * _PIECES))
 
-    def predict(
-        self, estimate: Estimate, u: Float[np.ndarray, " n_u"], d: Float[np.ndarray, " n_d"]
-    ) -> Estimate:
+    def predict(self, estimate: Estimate, u: U, d: D) -> Estimate:
         """Return the estimate one period later, with u and d held, before the next measurement.
 
         It is not `finite` if the model diverges.
@@ -109,13 +108,7 @@ class ExtendedKalmanFilter:
         equations.check()
         return Estimate(mean, covariance)
 
-    def update(
-        self,
-        estimate: Estimate,
-        y: Float[np.ndarray, " n_y"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-    ) -> Estimate:
+    def update(self, estimate: Estimate, y: Y, u: U, d: D) -> Estimate:
         """Return the estimate updated with the measured outputs `y`, shape (n_y,)."""
         equations, P = self._model.equations, estimate.covariance.copy(order="C")
         measured = np.array(y, dtype=float, order="C")
@@ -125,7 +118,7 @@ class ExtendedKalmanFilter:
         return Estimate(mean, covariance)
 
     def linearized(
-        self, estimate: Estimate, u: Float[np.ndarray, " n_u"], d: Float[np.ndarray, " n_d"]
+        self, estimate: Estimate, u: U, d: D
     ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n_y n"]]:
         """Return A = ∂ẋ/∂(x, p, w) and C = ∂y/∂(x, p, w) at an estimate."""
         equations, point = self._model.equations, self._point(estimate, u, d)
@@ -133,9 +126,7 @@ class ExtendedKalmanFilter:
         equations.check()
         return A, C
 
-    def _point(
-        self, estimate: Estimate, u: Float[np.ndarray, " n_u"], d: Float[np.ndarray, " n_d"]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _point(self, estimate: Estimate, u: U, d: D) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x, u, and d followed by the disturbances, as writable copies."""
         mean = estimate.mean
         u = np.array(u, dtype=float, order="C")

@@ -7,9 +7,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.qp import ACTIVE_SET, BACKENDS, Tolerances
+from prefcal_env.qp import Tolerances
 
 Linearization = Literal["point", "trajectory"]
+ACTIVE_SET = "active-set"
+BACKENDS = (ACTIVE_SET, "piqp")
 Matrix = Sequence[Sequence[float]] | np.ndarray
 Vector = Sequence[float] | np.ndarray
 

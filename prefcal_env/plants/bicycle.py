@@ -13,6 +13,12 @@ from prefcal_env.experiments.experiment import Channel
 from .equations import Equations, compiled
 from .plant import Jacobians
 
+X = Float[np.ndarray, " 3"]
+U = Float[np.ndarray, " 2"]
+D = Float[np.ndarray, " 0"]
+Times = Float[np.ndarray, " K"]
+States = Float[np.ndarray, "K 3"]
+
 KMH = 1 / 3.6
 """One km/h in m/s."""
 
@@ -49,32 +55,17 @@ class Bicycle:
     )
     disturbances: tuple[Channel, ...] = ()
 
-    def f(
-        self,
-        x: Float[np.ndarray, " 3"],
-        u: Float[np.ndarray, " 2"],
-        d: Float[np.ndarray, " 0"],
-    ) -> Float[np.ndarray, " 3"]:
+    def f(self, x: X, u: U, d: D) -> X:
         """Return ẋ of eq. nonlin_bicyclemodel, (m/s, m/s, rad/s)."""
         (_, _, yaw), (v, steering) = x.tolist(), u.tolist()
         heading = yaw + steering
         return np.array([v * cos(heading), v * sin(heading), v * sin(steering) / self.length])
 
-    def g(
-        self,
-        x: Float[np.ndarray, " 3"],
-        u: Float[np.ndarray, " 2"],
-        d: Float[np.ndarray, " 0"],
-    ) -> Float[np.ndarray, " 3"]:
+    def g(self, x: X, u: U, d: D) -> X:
         """Return the outputs: all states."""
         return np.array(x, dtype=float)
 
-    def jacobians(
-        self,
-        x: Float[np.ndarray, " 3"],
-        u: Float[np.ndarray, " 2"],
-        d: Float[np.ndarray, " 0"],
-    ) -> Jacobians:
+    def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the analytic derivatives of eq. nonlin_bicyclemodel."""
         (_, _, yaw), (v, steering) = x.tolist(), u.tolist()
         c, s = cos(yaw + steering), sin(yaw + steering)
@@ -88,13 +79,7 @@ class Bicycle:
         """Return the compiled equations."""
         return _equations(self.length)
 
-    def hold(
-        self,
-        x: Float[np.ndarray, " 3"],
-        u: Float[np.ndarray, " 2"],
-        d: Float[np.ndarray, " 0"],
-        times: Float[np.ndarray, " K"],
-    ) -> Float[np.ndarray, "K 3"]:
+    def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the exact states at `times` [s]: with u held, the front wheel follows a circle.
 
         A chord of it has length v t sinc(ω t / 2) and points in the mean direction.

@@ -14,6 +14,12 @@ from .equations import Equations, compiled
 from .integrate import integrate
 from .plant import Jacobians
 
+X = Float[np.ndarray, " 2"]
+D = Float[np.ndarray, " 2"]
+U = Float[np.ndarray, " 1"]
+Times = Float[np.ndarray, " K"]
+States = Float[np.ndarray, "K 2"]
+
 FEED = np.array([298.15, 10.0])
 """The paper's feed stream: T_f [K], C_Af [kgmol/m³]."""
 
@@ -79,12 +85,7 @@ class CSTR:
         cooling = self.params.US_V / self.params.rho_Cp
         return np.array([[cooling], [0.0]]), np.eye(2), np.zeros((2, 1))
 
-    def f(
-        self,
-        x: Float[np.ndarray, " 2"],
-        u: Float[np.ndarray, " 1"],
-        d: Float[np.ndarray, " 2"],
-    ) -> Float[np.ndarray, " 2"]:
+    def f(self, x: X, u: U, d: D) -> X:
         """Return ẋ of eq. cstr_system_eqn, (K/h, kgmol/(m³ h))."""
         (T, C_A), (T_c,), (T_f, C_Af) = x.tolist(), u.tolist(), d.tolist()
         p = self.params
@@ -94,21 +95,11 @@ class CSTR:
             p.F_V * (C_Af - C_A) - r,
         ])  # fmt: skip
 
-    def g(
-        self,
-        x: Float[np.ndarray, " 2"],
-        u: Float[np.ndarray, " 1"],
-        d: Float[np.ndarray, " 2"],
-    ) -> Float[np.ndarray, " 2"]:
+    def g(self, x: X, u: U, d: D) -> X:
         """Return the outputs: both states."""
         return np.array(x, dtype=float)
 
-    def jacobians(
-        self,
-        x: Float[np.ndarray, " 2"],
-        u: Float[np.ndarray, " 1"],
-        d: Float[np.ndarray, " 2"],
-    ) -> Jacobians:
+    def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the analytic derivatives of eq. cstr_system_eqn."""
         T, C_A = x.tolist()
         p = self.params
@@ -118,13 +109,7 @@ class CSTR:
         A = np.array([[-p.F_V + heat * dr_dT - cooling, heat * k], [-dr_dT, -p.F_V - k]])
         return Jacobians(A, *self._constant_jacobians)
 
-    def hold(
-        self,
-        x: Float[np.ndarray, " 2"],
-        u: Float[np.ndarray, " 1"],
-        d: Float[np.ndarray, " 2"],
-        times: Float[np.ndarray, " K"],
-    ) -> Float[np.ndarray, "K 2"]:
+    def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times` [h]."""
         return integrate(self.equations, x, u, d, times)
 
@@ -132,9 +117,7 @@ class CSTR:
         """Return the Arrhenius factor of eq. ratelaw, 1/h; 0 for impossible temperatures."""
         return self.params.k_0 * exp(-self.params.E / (self.params.R * T)) if T > 0 else 0.0
 
-    def steady_state_at_concentration(
-        self, C_A: float, d: Float[np.ndarray, " 2"] = FEED
-    ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 1"]]:
+    def steady_state_at_concentration(self, C_A: float, d: D = FEED) -> tuple[X, U]:
         """Return the only steady state (x, u) with concentration `C_A` [kgmol/m³], stable or not.
 
         Raises:
@@ -151,9 +134,7 @@ class CSTR:
         heating = p.F_V * (d[0] - T) + p.H / p.rho_Cp * p.F_V * (d[1] - C_A)
         return np.array([T, C_A]), np.array([T - heating * p.rho_Cp / p.US_V])
 
-    def steady_states_at_input(
-        self, T_c: float, d: Float[np.ndarray, " 2"] = FEED
-    ) -> Float[np.ndarray, "k 2"]:
+    def steady_states_at_input(self, T_c: float, d: D = FEED) -> Float[np.ndarray, "k 2"]:
         """Return all steady states (T, C_A) at coolant temperature `T_c` [K], by T, shape (k, 2).
 
         Raises:

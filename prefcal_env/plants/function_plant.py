@@ -13,7 +13,7 @@ from prefcal_env.experiments.experiment import Channel
 from .derivative import derivative
 from .equations import Callbacks, Equations
 from .integrate import integrate
-from .jacobians import Jacobians
+from .jacobians import D, Jacobians, States, Times, U, X, Y
 from .systems.casadi import CasadiEquation, is_function
 from .systems.linear import Numbers, numbers
 
@@ -95,42 +95,21 @@ class FunctionPlant:
         self._equations: Equations | None = None
         self._called_back: tuple[Equations, Callbacks] | None = None
 
-    def f(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-    ) -> Float[np.ndarray, " n_x"]:
+    def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative, per `time_unit`."""
         return np.asarray(self._values("f", x, u, d), dtype=float)
 
-    def g(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-    ) -> Float[np.ndarray, " n_y"]:
+    def g(self, x: X, u: U, d: D) -> Y:
         """Return the controlled outputs."""
         return np.asarray(self._values("g", x, u, d), dtype=float)
 
-    def jacobians(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-    ) -> Jacobians:
+    def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the derivatives of f and g at one point."""
         n_x = len(self.states)
         AB, CD = self._derivative("f", x, u, d), self._derivative("g", x, u, d)
         return Jacobians(AB[:, :n_x], AB[:, n_x:], CD[:, :n_x], CD[:, n_x:])
 
-    def hold(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-        times: Float[np.ndarray, " K"],
-    ) -> Float[np.ndarray, "K n_x"]:
+    def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times` after x, with u and d held; NaN once they blow up.
 
         What a Python f raises, as math.sqrt does outside of its domain, only rejects a step of the

@@ -9,19 +9,15 @@ import numpy as np
 from jaxtyping import Float
 
 from .equations import Equations
+from .jacobians import D, States, Times, U, X
 
 _EVALUATIONS = 10_000
 """Evaluations of ẋ after which the implicit method gives up."""
 
 
 def integrate(
-    equations: Equations,
-    x: Float[np.ndarray, " n_x"],
-    u: Float[np.ndarray, " n_u"],
-    d: Float[np.ndarray, " n_d"],
-    times: Float[np.ndarray, " K"],
-    max_step: float = np.inf,
-) -> Float[np.ndarray, "K n_x"]:
+    equations: Equations, x: X, u: U, d: D, times: Times, max_step: float = np.inf
+) -> States:
     """Return the states at `times` after `x` at time 0, with `u` and `d` held, shape (K, n_x).
 
     Once a state blows up, it is NaN. The error of a step is below 1e-10 of each state or 1e-12;
@@ -56,14 +52,8 @@ class _TooManyError(Exception):
 
 
 def _implicit(
-    max_step: float,
-    f: int,
-    x: Float[np.ndarray, " n_x"],
-    u: Float[np.ndarray, " n_u"],
-    d: Float[np.ndarray, " n_d"],
-    p: Float[np.ndarray, " p"],
-    times: Float[np.ndarray, " K"],
-) -> Float[np.ndarray, "K n_x"] | None:
+    max_step: float, f: int, x: X, u: U, d: D, p: Float[np.ndarray, " p"], times: Times
+) -> States | None:
     """Return the states at `times` from backward differentiation, or None if it fails."""
     from scipy.integrate import solve_ivp  # takes half a second to import
 
@@ -71,7 +61,7 @@ def _implicit(
 
     call, fixed, evaluations = _Equation(f), [a.ctypes.data for a in (u, d, p)], 0
 
-    def rate(_: float, x: Float[np.ndarray, " n_x"]) -> Float[np.ndarray, " n_x"]:
+    def rate(_: float, x: X) -> X:
         nonlocal evaluations
         evaluations += 1
         if evaluations > _EVALUATIONS:

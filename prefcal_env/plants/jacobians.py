@@ -1,9 +1,16 @@
-"""The derivatives of a plant's equations at one point."""
+"""The arrays that a plant takes and returns, and the derivatives of its equations at one point."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+
+X = Float[np.ndarray, " n_x"]
+U = Float[np.ndarray, " n_u"]
+D = Float[np.ndarray, " n_d"]
+Y = Float[np.ndarray, " n_y"]
+Times = Float[np.ndarray, " K"]
+States = Float[np.ndarray, "K n_x"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,11 +3,9 @@
 from abc import ABCMeta
 from typing import TYPE_CHECKING, Any, Protocol
 
-import numpy as np
-from jaxtyping import Float
-
 from prefcal_env.experiments.experiment import Channel
 
+from .jacobians import D, States, Times, U, X, Y
 from .jacobians import Jacobians as Jacobians
 
 if TYPE_CHECKING:
@@ -113,35 +111,14 @@ class Plant(Protocol, metaclass=_PlantType):
     def disturbances(self) -> tuple[Channel, ...]:
         """The n_d measured disturbances; may be empty."""
 
-    def f(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-    ) -> Float[np.ndarray, " n_x"]:
+    def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative, per `time_unit`."""
 
-    def g(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-    ) -> Float[np.ndarray, " n_y"]:
+    def g(self, x: X, u: U, d: D) -> Y:
         """Return the controlled outputs."""
 
-    def jacobians(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-    ) -> Jacobians:
+    def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the exact derivatives of f and g at one point."""
 
-    def hold(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, " n_d"],
-        times: Float[np.ndarray, " K"],
-    ) -> Float[np.ndarray, "K n_x"]:
+    def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times` (increasing, above 0) after x, with u and d held."""

@@ -1,6 +1,4 @@
-"""Quadratic programs: one problem type, two backends, and checked solutions."""
-
-from prefcal_env.errors import SettingsError
+"""Quadratic programs: their data, a solver, and checked solutions."""
 
 from .problem import QP as QP
 from .problem import Backend as Backend
@@ -9,22 +7,9 @@ from .problem import Solution as Solution
 from .problem import Status as Status
 from .problem import Tolerances as Tolerances
 
-ACTIVE_SET = "active-set"
-BACKENDS = (ACTIVE_SET, "piqp")
 
+def make_backend(tolerances: Tolerances | None = None) -> Backend:
+    """Make a QP solver."""
+    from .piqp_backend import PIQPBackend  # imported here: load piqp only when needed
 
-def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Backend:
-    """Make the QP solver called `name`, one of `BACKENDS`.
-
-    Raises:
-        SettingsError: If the name is unknown.
-    """
-    if name == ACTIVE_SET:
-        from .active_set_backend import ActiveSetBackend
-
-        return ActiveSetBackend(tolerances)
-    if name == "piqp":
-        from .piqp_backend import PIQPBackend
-
-        return PIQPBackend(tolerances)
-    raise SettingsError(f"QP backend must be one of {BACKENDS}, got {name!r}")
+    return PIQPBackend(tolerances)

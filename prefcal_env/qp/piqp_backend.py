@@ -28,8 +28,6 @@ _STATUS = {
 class PIQPBackend:
     """Dense PIQP. One object may solve any number of problems of any size."""
 
-    name = "piqp"
-
     def __init__(self, tolerances: Tolerances | None = None) -> None:
         self._tolerances = tolerances or Tolerances()
         self._solver = piqp.DenseSolver()

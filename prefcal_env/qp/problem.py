@@ -186,10 +186,6 @@ class Box:
 class Backend(Protocol):
     """A QP solver. It never raises for an unsolvable QP: read `Solution.status`."""
 
-    @property
-    def name(self) -> str:
-        """Name of the solver, as in `BACKENDS`."""
-
     def solve(self, qp: QP) -> Solution:
         """Solve once, check the residuals, and return copies that later solves do not change."""
 

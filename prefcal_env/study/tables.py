@@ -1,6 +1,6 @@
 """Show a study as tables of answers, experiments and trajectories with their units."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from prefcal_env.errors import StudyError
-from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
-from prefcal_env.experiments.panels import Plot, plots_of
+from prefcal_env.experiments.panels import plots_of
 from prefcal_env.preferences.history import Comparison
 
 from .fold import State
@@ -176,24 +176,30 @@ def _units(state: State, what: str) -> list[tuple[str, str, str]]:
         raise StudyError(f"the configuration's {what!r} must list names and units") from error
 
 
+_REFERENCE = "Reference of the output, held from this instant on"
+
+
 def trajectory_of(e: Experiment) -> Table:
     """Return a row for each instant, with the name of the maneuver first if there are several.
 
     References are held from step to step; only outputs that have one get a column for it.
     """
     parts = by_maneuver(e)
-    outputs = [plot for plot in plots_of(e.channels) if plot.kind == "y"]
-    outputs = [p for p in outputs if p.name not in e.signals and _has(p, parts.values())]
-    aims = [j for j in range(len(e.channels.y)) if _has_reference(j, parts.values())]
-    signals = list(dict.fromkeys(key for run in parts.values() for key in run.signals))
+    runs = list(parts.values())
+    outputs = [p for p in plots_of(e.channels) if p.kind == "y" and p.name not in e.signals]
+    outputs = [p for p in outputs if any(np.isfinite(p.values(run)).any() for run in runs)]
+    every = range(len(e.channels.y))
+    aims = [j for j in every if any(np.isfinite(run.reference(j)).any() for run in runs)]
+    aimed = [e.channels.y[j] for j in aims]
+    signals = list(dict.fromkeys(key for run in runs for key in run.signals))
     first = [Column("maneuver", "Name of the maneuver", kind="text")] if any(parts) else []
     columns = [
         *first,
         Column("time", "Time since the start of the run", e.channels.time_unit),
-        *(_channel_column(c, "State") for c in e.channels.x),
-        *(_channel_column(c, "Input, held from this instant on") for c in e.channels.u),
-        *(_channel_column(p.channel, "Output") for p in outputs),
-        *(_reference_column(e.channels.y[j]) for j in aims),
+        *(Column(c.name, "State", c.unit) for c in e.channels.x),
+        *(Column(c.name, "Input, held from this instant on", c.unit) for c in e.channels.u),
+        *(Column(p.channel.name, "Output", p.channel.unit) for p in outputs),
+        *(Column(f"Reference of {c.name}", _REFERENCE, c.unit) for c in aimed),
         *(Column(key, "Signal") for key in signals),
     ]
     rows = []
@@ -205,22 +211,3 @@ def trajectory_of(e: Experiment) -> Table:
             cells = [None if cell is None else float(cell) for cell in row]
             rows.append([*([name] if first else []), *cells])
     return Table(columns, rows)
-
-
-def _channel_column(channel: Channel, meaning: str) -> Column:
-    return Column(channel.name, meaning, channel.unit)
-
-
-def _reference_column(output: Channel) -> Column:
-    meaning = "Reference of the output, held from this instant on"
-    return Column(f"Reference of {output.name}", meaning, output.unit)
-
-
-def _has_reference(index: int, runs: Iterable[Experiment]) -> bool:
-    """Return whether the output with this index has a reference in any of the runs."""
-    return any(np.isfinite(run.reference(index)).any() for run in runs)
-
-
-def _has(plot: Plot, runs: Iterable[Experiment]) -> bool:
-    """Return whether any of the runs recorded the output."""
-    return any(np.isfinite(plot.values(run)).any() for run in runs)

@@ -13,8 +13,6 @@ _INFINITY = 1e30  # DAQP ignores bounds beyond this
 class DAQPBackend:
     """Dense DAQP. If P is only semidefinite, DAQP's proximal iterations solve the problem."""
 
-    name = "daqp"
-
     def solve(self, qp: QP) -> Solution:
         """Solve a QP once; see `Backend`."""
         tolerances = Tolerances()

@@ -1,16 +1,14 @@
 """Define the settings of GLIS, checked on creation."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 from prefcal_agents.models.interpolant import POSITIVE_DEFINITE
-from prefcal_agents.support.checks import choice, number
+from prefcal_agents.support.checks import Settings, choice, number
 from prefcal_env.errors import SettingsError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GLISSettings:
+class GLISSettings(Settings):
     """Configure how GLIS chooses the next experiment.
 
     Source: Bemporad 2020, sections 3 and 4.
@@ -47,19 +45,3 @@ class GLISSettings:
             raise SettingsError(f"epsilons must be a tuple of numbers, got {self.epsilons!r}")
         for epsilon in self.epsilons:
             number("each of epsilons", epsilon, strict=True)
-
-    def pairs(self) -> tuple[tuple[str, Any], ...]:
-        """Return name and value of every setting, for an `AgentState`."""
-        return tuple((f.name, getattr(self, f.name)) for f in fields(self))
-
-    @classmethod
-    def of(cls, saved: Mapping[str, Any]) -> "GLISSettings":
-        """Create settings from saved ones; a missing setting gets its default.
-
-        Raises:
-            SettingsError: If a setting is unknown or a value is not valid.
-        """
-        unknown = set(saved) - {f.name for f in fields(cls)}
-        if unknown:
-            raise SettingsError(f"GLIS has no settings called {sorted(unknown)}")
-        return cls(**saved)

@@ -15,16 +15,7 @@ from prefcal_env.preferences.history import History
 class LatinHypercube(PreferenceBased):
     """Spread all `n_max` samples as one Latin hypercube, drawn from `seed` alone.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Required of all agents, without effect here; 1 or more.
-        n_max: Number of experiments, which take n_max - 1 comparisons.
-        seed: Seed of all randomness, 0 or more.
-        start: Physical θ to start from, such as the current tuning, shape (n,), or several.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        KnobError: If a θ of `start` is outside the space.
+    Arguments and errors are those of `Agent`; `n_init` has no effect.
     """
 
     version: ClassVar[int] = 1

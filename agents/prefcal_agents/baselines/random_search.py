@@ -14,16 +14,7 @@ from prefcal_env.preferences.history import History
 class RandomSearch(PreferenceBased):
     """Draw each sample uniformly from the cube; sample i depends on `(seed, i)` alone.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Required of all agents, without effect here; 1 or more.
-        n_max: Number of experiments, which take n_max - 1 comparisons.
-        seed: Seed of all randomness, 0 or more.
-        start: Physical θ to start from, such as the current tuning, shape (n,), or several.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        KnobError: If a θ of `start` is outside the space.
+    Arguments and errors are those of `Agent`; `n_init` has no effect.
     """
 
     version: ClassVar[int] = 1

@@ -23,16 +23,7 @@ class StepSearch(PreferenceBased):
     After `n_init` uniform samples each one is a normal step away from the best so far. Steps grow
     after a success and shrink after a failure.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Number of uniform samples, 1 or more.
-        n_max: Number of experiments.
-        seed: Seed of all randomness, 0 or more.
-        start: Physical θ to start from, such as the current tuning, shape (n,), or several.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        KnobError: If a θ of `start` is outside the space.
+    Arguments and errors are those of `Agent`.
     """
 
     version: ClassVar[int] = 1

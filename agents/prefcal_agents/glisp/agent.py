@@ -74,7 +74,7 @@ class GLISp(PreferenceBased):
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
         self._options = settings
         # Each agent has its own QP solver, since twins may compute at the same time.
-        backend = make_backend("piqp")
+        backend = make_backend()
         self._setup = Setup(space, self.n_init, self._seed, settings, backend)
         self._models = ModelSelection(len(space), self.n_init, settings, self._seed, backend)
 

@@ -1,11 +1,10 @@
 """Define the settings of GLISp, checked on creation, including those of the paper."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape
-from prefcal_agents.support.checks import choice, integer, number
+from prefcal_agents.support.checks import Settings, choice, integer, number
 from prefcal_env.errors import SettingsError
 
 EVERY_STEP: Literal["every step"] = "every step"
@@ -14,7 +13,7 @@ EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GLISpSettings:
+class GLISpSettings(Settings):
     """Configure how GLISp chooses the next experiment. The defaults performed best in tests.
 
     Source: sections III and IV of the paper. Its σ, λ and number of folds are fixed: `Learning`
@@ -105,22 +104,6 @@ class GLISpSettings:
     def shape(self, n: int) -> Shape:
         """Return the shape of φ for `n` knobs before the first cross-validation."""
         return Shape(self.epsilon, (1.0,) * n, self.rbf)
-
-    def pairs(self) -> tuple[tuple[str, Any], ...]:
-        """Return name and value of every setting, for an `AgentState`."""
-        return tuple((f.name, getattr(self, f.name)) for f in fields(self))
-
-    @classmethod
-    def of(cls, saved: Mapping[str, Any]) -> "GLISpSettings":
-        """Create settings from saved ones; a missing setting gets its default.
-
-        Raises:
-            SettingsError: If a setting is unknown or a value is not valid.
-        """
-        unknown = set(saved) - {f.name for f in fields(cls)}
-        if unknown:
-            raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
-        return cls(**saved)
 
 
 def _flag(name: str, value: Any) -> None:

@@ -49,26 +49,16 @@ class Interpolant:
 
 def interpolate(
     samples: Float[np.ndarray, "N n"],
-    values: Float[np.ndarray, " N"],
+    columns: Float[np.ndarray, "N p"],
     epsilon: float,
     rbf: str,
-) -> tuple[Interpolant, float]:
-    """Return the interpolant of `values` at `samples`, and its leave-one-out error.
+) -> list[tuple[Interpolant, float]]:
+    """Return the interpolant of each of p columns of values at `samples`, and its error.
 
     The error is the root mean square difference between each value and its prediction from the
     others. One factorization gives all of them: S. Rippa, Advances in Computational Mathematics
     11 (1999), equation 13.
     """
-    return _interpolate(samples, values[:, None], epsilon, rbf)[0]
-
-
-def _interpolate(
-    samples: Float[np.ndarray, "N n"],
-    columns: Float[np.ndarray, "N p"],
-    epsilon: float,
-    rbf: str,
-) -> list[tuple[Interpolant, float]]:
-    """Return interpolant and error for each of p columns of values, with one factorization."""
     offsets = columns.mean(axis=0)
     phi = RADIAL_FUNCTIONS[rbf].value(epsilon**2 * squared_distances(samples, samples))
     eigenvalues, vectors = np.linalg.eigh(phi)
@@ -93,12 +83,12 @@ def best_interpolants(
     The best ε of `epsilons` has the smallest error; with many samples, only the last ones count.
     """
     last = slice(max(len(samples) - _DECIDING, 0), None)
-    tries = [_interpolate(samples[last], columns[last], epsilon, rbf) for epsilon in epsilons]
+    tries = [interpolate(samples[last], columns[last], epsilon, rbf) for epsilon in epsilons]
     best = tuple(min(found, key=lambda f: f[1]) for found in zip(*tries, strict=True))
     if len(samples) <= _DECIDING:
         return best
     chosen = {model.epsilon for model, _ in best}
-    whole = {epsilon: _interpolate(samples, columns, epsilon, rbf) for epsilon in chosen}
+    whole = {epsilon: interpolate(samples, columns, epsilon, rbf) for epsilon in chosen}
     return tuple((whole[m.epsilon][k][0], error) for k, (m, error) in enumerate(best))
 
 

@@ -26,7 +26,7 @@ class BeyondKPIs:
     """
 
     def __init__(self, space: KnobSpace, seed: int) -> None:
-        settings, backend = GLISpSettings(kpis=False), make_backend("piqp")
+        settings, backend = GLISpSettings(kpis=False), make_backend()
         self._setup = Setup(space, AFTER, seed, settings, backend)
         self._models = ModelSelection(len(space), AFTER, settings, seed, backend)
 

@@ -1,12 +1,37 @@
-"""Check settings; each error says the name, the value and what was expected."""
+"""Check and save settings; each error says the name, the value and what was expected."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from dataclasses import fields
 from math import isfinite
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from prefcal_env.errors import SettingsError
+
+
+class Settings:
+    """Base of an agent's settings, which are a frozen dataclass."""
+
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def pairs(self) -> tuple[tuple[str, Any], ...]:
+        """Return name and value of every setting, for an `AgentState`."""
+        return tuple((f.name, getattr(self, f.name)) for f in fields(self))
+
+    @classmethod
+    def of(cls, saved: Mapping[str, Any]) -> Self:
+        """Create settings from saved ones; a missing setting gets its default.
+
+        Raises:
+            SettingsError: If a setting is unknown or a value is not valid.
+        """
+        unknown = set(saved) - {f.name for f in fields(cls)}
+        if unknown:
+            agent = cls.__name__.removesuffix("Settings")
+            raise SettingsError(f"{agent} has no settings called {sorted(unknown)}")
+        return cls(**saved)
 
 
 def integer(name: str, value: Any, *, low: int) -> None:

@@ -102,7 +102,7 @@ class Study:
         self.scenario = Scenario("tank", "A tank", self.rig.space, self.rig)
         self.path = self.folder / "study.prefcal"
         self.old = dict(self.watch.values)
-        parts = [*(k.written for k in self.rig.knobs), *(s.written for s in self.rig.start)]
+        parts = [*(k.written for k in self.rig.knobs), *self.rig.start]
         self.written = dict(zip(WRITTEN, parts, strict=True))
 
     def sessions(self, count: int) -> Iterator[str]:

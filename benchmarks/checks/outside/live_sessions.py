@@ -174,12 +174,12 @@ def drawn(seed: int, folder: Path) -> Session:
     if rng.random() < 0.3:
         mode = Knob("mode", 0, 4, integer=True)
         knobs.append(LiveKnob(mode, "mode", float(rng.uniform(0.3, 3) / period)))
-    start = LiveStart("set-point", "setpoint", 2.0, 0.5, 3.0, rng.uniform(0.2, 3) / period)
+    start = LiveStart("set-point", "setpoint", 0.5, 3.0, rng.uniform(0.2, 3) / period, value=2.0)
     tags = [
         Tag("level", "level", abort=(0.0, rng.uniform(1.8, 4.0))), Tag("valve", "valve", "input"),
         Tag("level", "setpoint", "reference"),
     ]  # fmt: skip
-    written = {p.node: p for p in (part.written for part in (*knobs, start))}
+    written = {p.node: p for p in (*(knob.written for knob in knobs), start)}
     values = {"K": rng.uniform(0.5, 5), "T": 10.0, "mode": 2.0, "setpoint": 1.0,
               "level": 1.0, "valve": 1.0}  # fmt: skip
     duration = period * int(rng.integers(5, 25))

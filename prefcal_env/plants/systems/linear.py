@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
-from prefcal_env.plants.jacobians import Jacobians
+from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 
 from .matrices import LinearSystem, system_of
 
@@ -20,10 +20,6 @@ Named = str | Channel | Sequence[str | Channel]
 Numbers = float | Sequence[float] | np.ndarray
 Delay = Numbers | Sequence[Sequence[float]]
 """One dead time, one for each input, or a row for each output with one for each input."""
-X = Float[np.ndarray, " n_x"]
-U = Float[np.ndarray, " n_u"]
-D = Float[np.ndarray, " n_d"]
-Y = Float[np.ndarray, " n_y"]
 
 _MOST_KEPT = 4096
 _DIGITS = 13
@@ -112,7 +108,7 @@ class LinearPlant:
         n_u = len(self.inputs)
         return Jacobians(A, B[:, :n_u].copy(), self.system.C, self.system.D[:, :n_u].copy())
 
-    def hold(self, x: X, u: U, d: D, times: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_x"]:
+    def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times` after x, with u and d held; NaN once they overflow."""
         start, n_x = np.concatenate([x, u, d]), len(self.states)
         states = np.empty((len(times), n_x))

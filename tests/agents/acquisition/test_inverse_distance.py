@@ -41,7 +41,7 @@ def test_both_are_zero_on_a_sample_where_the_value_is_known():
 )
 def test_the_acquisition_has_the_slope_of_its_values(z, alpha, delta):
     z = np.array(z)
-    interpolant, _ = interpolate(SAMPLES, VALUES, 0.7, "inverse_quadratic")
+    ((interpolant, _),) = interpolate(SAMPLES, VALUES[:, None], 0.7, "inverse_quadratic")
     acquisition = ValueAcquisition(interpolant, VALUES, alpha, delta)
     inside = np.clip((z + 1) / 2, 0.01, 0.99)
     if np.sqrt(squared_distances(2 * inside[None] - 1, SAMPLES).min()) < 0.02:
@@ -54,7 +54,7 @@ def test_the_acquisition_has_the_slope_of_its_values(z, alpha, delta):
 
 
 def test_next_to_a_sample_nothing_overflows():
-    interpolant, _ = interpolate(SAMPLES, VALUES, 0.7, "inverse_quadratic")
+    ((interpolant, _),) = interpolate(SAMPLES, VALUES[:, None], 0.7, "inverse_quadratic")
     acquisition = ValueAcquisition(interpolant, VALUES, 0.8, 0.5)
     with np.errstate(all="raise", under="ignore"):
         for step in (0.0, 1e-200, 1e-12, 1e-6):

@@ -186,7 +186,7 @@ def test_nothing_is_asked_again_if_every_answer_counts_as_right(error_rate, asks
     right = record_of(kpis, wanted)
     told = Answer(-1, outcomes=({"a": 1.0, "b": 0.9, "c": 1.0}, None))
     wrong = right.with_pending(in_cube([0.11, 0.22])).with_answer(told, right.incumbent)
-    chosen, backend = GLISpSettings(validate_at=(), error_rate=error_rate), make_backend("piqp")
+    chosen, backend = GLISpSettings(validate_at=(), error_rate=error_rate), make_backend()
     models = ModelSelection(2, 5, chosen, 0, backend)
     assert (follow_up(wrong, models, chosen, backend) is not None) == asks
 

@@ -33,7 +33,7 @@ from support.studies import by, drive
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
 SHAPE = Shape(1.0, (1.0,))
 RATE = 0.1
-BACKEND = make_backend("piqp")
+BACKEND = make_backend()
 
 
 def bowl(theta):

@@ -15,7 +15,7 @@ from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 from support.histories import in_cube
 
-BACKEND = make_backend("piqp")
+BACKEND = make_backend()
 START = 4
 QUICK = GLISpSettings()
 

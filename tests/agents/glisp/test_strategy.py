@@ -53,7 +53,7 @@ def history_of(count, *, ties=False, further=False, unsafe=False):
 
 
 def setup_of(**settings):
-    return Setup(SQUARE, 4, 2, GLISpSettings(**settings), make_backend("piqp"))
+    return Setup(SQUARE, 4, 2, GLISpSettings(**settings), make_backend())
 
 
 def fit_of(history, setup, *, kpis=False, noisy=False):
@@ -110,7 +110,7 @@ def test_if_all_are_ties_no_process_is_trained():
 
 
 def test_the_paper_minimizes_its_acquisition_at_every_step():
-    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper(), make_backend("piqp"))
+    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper(), make_backend())
     for count in (9, FEW, ODD, EVEN):
         objective = objective_of(setup, fit_of(history_of(count), setup))
         assert kind(objective) == ACQUISITION

@@ -39,7 +39,7 @@ def data_of(count=16, wrong=()):
 
 
 def trained(data, selection, **settings):
-    return train(data, selection, replace(SETTINGS, **settings), make_backend("piqp"))
+    return train(data, selection, replace(SETTINGS, **settings), make_backend())
 
 
 def agrees(surrogate, preferences):

@@ -7,7 +7,7 @@ from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import Shape
 from prefcal_env.qp import make_backend
 
-LEARNING, BACKEND = Learning(), make_backend("piqp")
+LEARNING, BACKEND = Learning(), make_backend()
 CANDIDATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 

@@ -16,7 +16,7 @@ from prefcal_env.qp import make_backend
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)])
-BACKEND = make_backend("piqp")
+BACKEND = make_backend()
 NUMBER = st.floats(width=64)
 
 

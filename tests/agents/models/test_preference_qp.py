@@ -11,7 +11,7 @@ from prefcal_agents.models.preference_qp import Constraints, Learning, fit, marg
 from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.qp import make_backend
 
-BACKEND = make_backend("piqp")
+BACKEND = make_backend()
 SOFT = Learning(sigma=1.0, lam=1.0)
 
 

@@ -292,7 +292,7 @@ def test_a_start_value_that_is_never_reached_is_no_completed_run(tmp_path):
 
 def test_a_start_value_that_takes_longer_than_the_run_is_refused_before_it(tmp_path):
     plant = Memory()
-    slow = LiveStart("set-point", "sp", 2.0, 0.5, 2.5, 0.1, "m")
+    slow = LiveStart("set-point", "sp", 0.5, 2.5, 0.1, "m", value=2.0)
     driven = drive(memory_rig(plant, tmp_path, start=(slow,)), plant)
     assert "set-point takes 10 s from 1 to 2 m" in driven.why
     assert plant.writes == []

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings
+from prefcal_env.mpc.settings import BACKENDS
 from prefcal_env.plants.cstr import CSTR, FEED
-from prefcal_env.qp import BACKENDS, Tolerances
+from prefcal_env.qp import Tolerances
 from support.linear_plant import dense_moves, random_plant
 
 BASE = MPCSettings(T_s=0.3, N_p=9, N_u=4, Q_y=np.eye(2), Q_du=0.1 * np.eye(2))

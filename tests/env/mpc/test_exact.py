@@ -10,8 +10,8 @@ import pytest
 
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
+from prefcal_env.mpc.settings import BACKENDS
 from prefcal_env.plants.cstr import CSTR, FEED
-from prefcal_env.qp import BACKENDS
 
 pytest.importorskip("gmpy2")
 from support.exact_mpc import minimize, single_input_problem, with_precision

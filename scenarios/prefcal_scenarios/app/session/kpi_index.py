@@ -29,7 +29,7 @@ def index_of(history: History, seed: int) -> LearnedCost | None:
 
     As for a proposal, at most 250 answers count: with 1,000, a person would wait for seconds.
     """
-    return LearnedCost.of(Memory.of(history).history, seed, make_backend("piqp"))
+    return LearnedCost.of(Memory.of(history).history, seed, make_backend())
 
 
 def trust_text(index: LearnedCost) -> str:
