@@ -75,7 +75,6 @@ class CheckOptions:
             show_default="the middle of the box",
         ),
     ] = None
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the run.")] = 0
     knob: KnobOption = ()
     show: ShowOption = ()
     reference: ReferenceOption = ()
@@ -95,7 +94,6 @@ class CheckOptions:
             show_default="3600, an hour",
         ),
     ] = 3600.0
-    open: Annotated[bool, typer.Option("--open", help="Open the picture.")] = False
     json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
     ] = False
@@ -145,15 +143,13 @@ def _check(wanted: CheckOptions, isolated: "Callable[[Scenario], Scenario]") -> 
         assert wanted.theta is not None
         theta = start_of(wanted.theta, scenario)
     picture = _file_for(scenario, wanted.out)
-    checkup = Checkup(scenario, theta, wanted.seed)
+    checkup = Checkup(scenario, theta)
     with Console(stderr=True, emoji=False).status("") as status:
         for words, step in checkup.steps():
             status.update(f"{words} …{_FIRST if words == 'running θ' else ''}")
             step()
         status.update("drawing …")
         drawn = _draw(checkup, picture)
-    if drawn and wanted.open:
-        typer.launch(str(picture))
     return _end(wanted, checkup, checkup.findings, picture if drawn else None)
 
 

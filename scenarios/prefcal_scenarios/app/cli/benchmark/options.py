@@ -108,15 +108,6 @@ class BenchOptions:
     dask: Dask = None
     out: Out = Path("prefcal-bench")
     json: Json = False
-    csv: Annotated[
-        bool,
-        typer.Option(
-            "--csv",
-            metavar="",
-            help="Print only a table, as CSV, on standard output: that of worth if "
-            "closed loops were run, or else that of gaps. The folder has both.",
-        ),
-    ] = False
 
 
 @dataclass(frozen=True, slots=True)

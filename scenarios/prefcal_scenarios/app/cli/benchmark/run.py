@@ -16,7 +16,7 @@ from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
 from prefcal_scenarios.bench.engine import Workers
-from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
+from prefcal_scenarios.bench.results import duel_table, print_table, table, write
 from prefcal_scenarios.bench.worth.curves import curves_of, frame_of, joined
 from prefcal_scenarios.bench.worth.raw import raw_file, write_raw
 from prefcal_scenarios.bench.worth.rows import worth_table
@@ -98,8 +98,6 @@ def run(options: BenchOptions) -> int:
     Raises:
         PrefcalError: If the options are invalid, or the folder or the cluster cannot be used.
     """
-    if options.json and options.csv:
-        raise SettingsError("--json and --csv both need standard output: give one")
     suite = suite_of(options)
     finished = run_all(suite, options)
     if finished is None:
@@ -111,9 +109,6 @@ def run(options: BenchOptions) -> int:
     write_raw(finished.results, raw_file(options.out))
     if options.json:
         print(as_json(finished, suite, page))
-    elif options.csv:
-        rows = worths(finished, suite.baseline) or table(finished.results, baseline=suite.baseline)
-        print(as_csv(rows), end="")
     else:
         show(finished, page, suite.baseline)
     return 1 if finished.failures or finished.trouble else 0
