@@ -307,9 +307,7 @@ class Options:
         Raises:
             SettingsError: If another option is given with a new value.
         """
-        # A study from before agents learned from KPIs continues without them.
-        kept: dict[str, Any] = {"outcomes": stored.get("agent") != "glisp", "simulate": 0}
-        kept |= {name: stored[name] for name in kept_by(cls) if name in stored}
+        kept = {name: stored[name] for name in kept_by(cls) if name in stored}
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
         _check_programs(kept, given)
         _check_unchanged(kept, given)
