@@ -288,11 +288,14 @@ def run(
     """
     try:
         scenario = isolated(load(source))
-        middle = middle_of(scenario) if theta is None else None
+        tried = middle_of(scenario) if theta is None else None
     except Exception as error:  # raised by the user's file: report it as a finding
         found = [Finding("scenario", False, in_words(located(error)))]
         return _end(source, None, found, None, as_json=as_json)
-    checkup = Checkup(scenario, middle if theta is None else start_of(theta, scenario))
+    if tried is None:
+        assert theta is not None
+        tried = start_of(theta, scenario)
+    checkup = Checkup(scenario, tried)
     picture = picture_at(f"check-{scenario.name}.png" if out is None else out)
     with Console(stderr=True, emoji=False).status("") as status:
         for words, step in checkup.steps():

@@ -165,7 +165,8 @@ def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile
 
 def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
     mine = [start_of(text, scenario) for text in options.start]
-    taken, theirs = None, []
+    taken: dict[str, Any] | None = None
+    theirs: list[Float[np.ndarray, " n"]] = []
     if options.earlier is not None:
         taken, theirs = _taken_from(options.earlier, options.n_max, scenario.space, mine)
     configuration = {

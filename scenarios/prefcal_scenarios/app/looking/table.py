@@ -1,6 +1,6 @@
 """Guess what the columns of a table are, read them as a run, and say what was taken for what."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -111,7 +111,7 @@ class _Guess:
         return "; ".join([*parts, *self.said])
 
 
-def _listed(names: Sequence[str]) -> str:
+def _listed(names: Iterable[str]) -> str:
     return ", ".join(names)
 
 
@@ -191,7 +191,7 @@ def _outputs(
     import pandas as pd
 
     if about.outputs:
-        return about.outputs, []
+        return tuple(about.outputs), []
     there = {n: sheet.frame[i] for n, i in names.items() if i not in used}
     numeric = [n for n, values in there.items()
                if pd.api.types.is_numeric_dtype(values.dtype) and values.notna().any()]  # fmt: skip
