@@ -277,6 +277,7 @@ def _on_camel() -> dict[str, Callable[[], Lines]]:
 OWN = """
 import numpy as np
 from prefcal_env import Channel, Channels, End, Experiment, Knob, KnobSpace
+from prefcal_env.calibrators import LatentCost, Thurstone
 from prefcal_scenarios import KPI, Scenario
 
 LEVEL, VALVE = Channel("level", "m"), Channel("valve", "%")
@@ -293,10 +294,17 @@ def run(theta, seed=0):
         kpis={"error": abs(a - 0.4), "slope": abs(b - 0.3)},
     )
 
+def cost(e):
+    return e.kpis["error"] ** 2 + 2 * e.kpis["slope"] ** 2
+
 own = Scenario(
     "own", "Own", KnobSpace([Knob("a", 0, 1, "m", step=0), Knob("b", 0, 1, "m/s", step=0)]), run,
     kpis=(KPI("error", "error", "m"), KPI("slope", "slope", "m/s")),
-    cost=lambda e: e.kpis["error"] ** 2 + 2 * e.kpis["slope"] ** 2,
+    cost=cost,
+    calibrators={
+        "synthetic": lambda seed: LatentCost(cost, seed=seed),
+        "unsure": lambda seed: LatentCost(cost, noise=Thurstone(0.05), seed=seed),
+    },
 )
 """
 CALIBRATE = "calibrate own.py:own --study own.prefcal --calibrator synthetic --seed 1 --n-init 4"
@@ -378,7 +386,7 @@ def reactor() -> Lines:
 def in_files() -> dict[str, Callable[[], Lines]]:
     """Return the studies that are kept in a file, by name."""
     half, whole = f"{CALIBRATE} --n-max 7", f"{CALIBRATE} --n-max 14"
-    noise = " --answer-noise 0.05 --questions-per-experiment 3"
+    noise = " --calibrator unsure --questions-per-experiment 3"
     respace = "studies respace own.prefcal --scenario own.py:own --knob a=0.5:0.9"
     return {
         "file": partial(in_file, whole),

@@ -6,7 +6,8 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from prefcal_scenarios.app.looking.table import Reading, run_from
+from prefcal_env.tables import TableColumns
+from prefcal_scenarios.app.looking.table import run_from
 from prefcal_scenarios.app.looking.window import Gallery, LookWindow
 
 ROOT = Path(__file__).parents[2]
@@ -23,7 +24,7 @@ def looking(folder: Path) -> Shots:
     found = _FIRST.search((DOCS / "look.md").read_text("utf-8"))
     assert found is not None
     subprocess.run([sys.executable, "-c", found[1]], cwd=folder, check=True)
-    reading = Reading(inputs=("valve",), reference={"level": "2"})
+    reading = TableColumns(inputs=("valve",), reference={"level": "2"})
     runs = [run_from(folder / name, reading) for name in ("before.csv", "after.csv")]
     with LookWindow(Gallery(runs)) as window, chromium() as browser:
         page = Watched(browser).page

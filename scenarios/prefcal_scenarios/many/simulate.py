@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +13,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.processes.cores import usable_cores
 from prefcal_scenarios.scenario import Scenario, load
 
-from .dispatch import Dispatch
+from .pool import Pool
 from .progress import Progress, counting
 from .results import Result
 from .task import Task
@@ -110,9 +111,14 @@ def _results(
     task = Task(scenario.run, int(options.seed), options.trajectories)
     limit = np.inf if options.timeout is None else options.timeout
     here = options.jobs == 1 and options.timeout is None
-    jobs = options.jobs or usable_cores()
-    run = partial(_here, task) if here else Dispatch(task, jobs, limit, ahead).run
     total = len(thetas) if isinstance(thetas, Sized) else None
+    jobs = options.jobs or usable_cores()
+    jobs = jobs if total is None else min(jobs, max(total, 1))
+    run = (
+        partial(_here, task)
+        if here
+        else partial(_elsewhere, Pool(task, jobs, limit, behind=False), ahead)
+    )
 
     def results() -> Generator[Result, None, None]:
         with counting(options.progress, total) as landed:
@@ -124,11 +130,41 @@ def _results(
 def _here(
     task: Task, thetas: Iterable[Float[np.ndarray, " n"]], landed: Callable[[int], None]
 ) -> Generator[Result, None, None]:
-    """Run each θ in this process, as `Dispatch.run` does elsewhere."""
+    """Run each θ in this process."""
     for theta in thetas:
         result = task(theta)
         landed(1)
         yield result
+
+
+def _elsewhere(
+    pool: Pool,
+    ahead: int,
+    thetas: Iterable[Float[np.ndarray, " n"]],
+    landed: Callable[[int], None],
+) -> Generator[Result, None, None]:
+    """Run each θ in a process of `pool`; `thetas` is read only as far as needed.
+
+    Closing the generator ends the processes.
+    """
+    source, done = iter(thetas), dict[int, Result]()
+    given = taken = 0
+    try:
+        while True:
+            new = list(islice(source, max(min(pool.room, taken + ahead - given), 0)))
+            pool.give(new)
+            given += len(new)
+            if taken == given:
+                break
+            arrived = pool.collect(patient=True)
+            landed(len(arrived))
+            done |= {number: result for number, _, result in arrived}
+            while taken in done:
+                yield done.pop(taken)
+                taken += 1
+        pool.close(gently=True)
+    finally:
+        pool.close()
 
 
 def _loaded(scenario: Scenario | str) -> Scenario:

@@ -52,6 +52,11 @@ class Worker:
         """Number of θ that it can be given now."""
         return max(self._room - len(self.given), 0)
 
+    @property
+    def in_groups(self) -> bool:
+        """Whether results are sent in groups, so that any of `given` may have ended it."""
+        return self.timeout == np.inf
+
     def give(self, numbers: Sequence[int], thetas: Sequence[Float[np.ndarray, " n"]]) -> None:
         """Hand out the θ with these numbers."""
         if not self.given and self.life.loaded:
@@ -83,7 +88,7 @@ class Worker:
             return []
         results, seconds = pickle.loads(content)
         self.pace = seconds / max(len(results), 1)
-        if self.timeout == np.inf:
+        if self.in_groups:
             self._room = max(int(_AHEAD * len(results) / max(seconds, 1e-6)), 1)
         return [(self.given.popleft(), _opened(result)) for result in results]
 

@@ -30,7 +30,7 @@ def results(pool, *whats):
     pool.give([np.array([what, k / 100]) for k, what in enumerate(whats)])
     found = {}
     while len(found) < len(whats):
-        found |= {round(100 * theta[1]): result for theta, result in pool.collect(patient=True)}
+        found |= {round(100 * theta[1]): result for _, theta, result in pool.collect(patient=True)}
     return [found[k] for k in range(len(whats))]
 
 
@@ -48,7 +48,7 @@ def test_a_run_that_kills_its_process_twice_has_failed_and_the_others_have_not(o
     assert isinstance(last, Simulated)
     assert isinstance(crashed, FailedRun)
     assert crashed.why == "died"
-    assert "crashed twice" in crashed.words
+    assert "the run crashed, and again when it ran alone" in crashed.words
 
 
 def test_a_run_whose_process_died_once_runs_again(opened, tmp_path, monkeypatch):

@@ -24,9 +24,6 @@ EPILOG = """\
 [cyan]prefcal calibrate cstr --calibrator synthetic --seed 7 --out reactor[/cyan]
   Unattended: a synthetic calibrator answers; the report goes to reactor.
 
-[cyan]prefcal calibrate cstr --calibrator synthetic --answer-noise 0.05[/cyan]
-  Unattended, with answers that are sometimes wrong.
-
 [cyan]prefcal calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"[/cyan]
   Start from your current tuning: the first experiment runs it.
 

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -30,7 +31,6 @@ from prefcal_scenarios.app.isolated import isolation
 from prefcal_scenarios.app.presentation.wording import (
     earlier_text,
     printable,
-    printable_lines,
     theta_text,
 )
 from prefcal_scenarios.app.report.export import versions
@@ -54,7 +54,7 @@ from .describing.source import cost_of, source_of
 from .interrupt import INTERRUPTED, Interruption, interruption
 from .opening import Opened, claim_folder, default_folder, kept_if_worth_it, open_study
 from .options import Options
-from .report import Reporter
+from .report import Reporter, say
 
 RUN_FAILED = 1
 """Exit code if the user's own scenario code ended an unattended study."""
@@ -85,16 +85,9 @@ def run(given: Mapping[str, Any]) -> int:
                 scenario = isolated(with_cost(load(source), given["cost"]))
             _check_address(Options.of(given))
 
-            def say(text: str) -> None:
-                _say(messages, text)
-
             opened = open_study(given, scenario, given["study"])
-            with kept_if_worth_it(opened, scenario, say):
+            with kept_if_worth_it(opened, scenario, partial(say, messages)):
                 return _run(opened, scenario, ctrl_c, messages)
-
-
-def _say(messages: Console, text: str) -> None:
-    messages.print(printable_lines(text), soft_wrap=True, highlight=False, markup=False)
 
 
 def _check_address(options: Options) -> None:
@@ -124,7 +117,7 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
         has_report = name and file.state.history.answered
         later = f"; its report: prefcal report {name}" if has_report else ""
         saved = file.trouble() or (f"Every answer is saved{later}" if name else "")
-        _say(messages, f"Stopped at once. {saved}".strip())
+        say(messages, f"Stopped at once. {saved}".strip())
         raise
     finally:
         claim.release()

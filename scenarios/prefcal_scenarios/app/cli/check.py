@@ -1,11 +1,8 @@
 """`prefcal check`: check a scenario with one trial run before a study."""
 
-import json as json_
-import shlex
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -17,11 +14,6 @@ from .describing.options import (
     StopTimeOption,
 )
 from .parameters import given, takes
-
-if TYPE_CHECKING:
-    from prefcal_scenarios.scenario import Scenario
-
-    from .checkup import Checkup, Finding
 
 EPILOG = """\
 [bold]Examples[/bold]
@@ -51,9 +43,6 @@ An error in your own code is shown with its last line there. Look at the picture
 too: only you know whether the curves are those of your plant.
 """
 
-_SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
-_FIRST = " (the very first run on a machine compiles for half a minute)"
-
 
 @dataclass(frozen=True, slots=True)
 class CheckOptions:
@@ -75,7 +64,6 @@ class CheckOptions:
             show_default="the middle of the box",
         ),
     ] = None
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the run.")] = 0
     knob: KnobOption = ()
     show: ShowOption = ()
     reference: ReferenceOption = ()
@@ -95,7 +83,6 @@ class CheckOptions:
             show_default="3600, an hour",
         ),
     ] = 3600.0
-    open: Annotated[bool, typer.Option("--open", help="Open the picture.")] = False
     json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
     ] = False
@@ -113,148 +100,14 @@ def check(**typed: Any) -> None:
     # Imported here to keep --help fast.
     from prefcal_scenarios.app.isolated import isolation
 
+    from .checkup import run
     from .describing.source import source_of
 
     options = given(CheckOptions, typed)
     said = {name: value for name, value in options.items() if value is not None}
     wanted = CheckOptions(**{**said, "scenario": source_of(options)})
     with isolation(wanted.scenario, wanted.run_timeout) as isolated:
-        raise typer.Exit(_check(wanted, isolated))
-
-
-def _check(wanted: CheckOptions, isolated: "Callable[[Scenario], Scenario]") -> int:
-    """Check the scenario and print the findings; return 1 if anything is wrong, else 0.
-
-    Raises:
-        SettingsError: If θ or the file of the picture is invalid.
-    """
-    from rich.console import Console
-
-    from prefcal_scenarios.own.own_line import in_words, located
-    from prefcal_scenarios.scenario import load
-
-    from .checkup import Checkup, Finding, middle_of
-    from .choices import start_of
-
-    try:
-        scenario = isolated(load(wanted.scenario))
-        theta = middle_of(scenario) if wanted.theta is None else None
-    except Exception as error:  # raised by the user's file: report it as a finding
-        return _end(wanted, None, [Finding("scenario", False, in_words(located(error)))], None)
-    if theta is None:
-        assert wanted.theta is not None
-        theta = start_of(wanted.theta, scenario)
-    picture = _file_for(scenario, wanted.out)
-    checkup = Checkup(scenario, theta, wanted.seed)
-    with Console(stderr=True, emoji=False).status("") as status:
-        for words, step in checkup.steps():
-            status.update(f"{words} …{_FIRST if words == 'running θ' else ''}")
-            step()
-        status.update("drawing …")
-        drawn = _draw(checkup, picture)
-    if drawn and wanted.open:
-        typer.launch(str(picture))
-    return _end(wanted, checkup, checkup.findings, picture if drawn else None)
-
-
-def _file_for(scenario: "Scenario", out: Path | None) -> Path:
-    """Return the file of the picture. Raises SettingsError if it cannot be written."""
-    from prefcal_scenarios.app.presentation.folder import picture_at
-
-    return picture_at(f"check-{scenario.name}.png" if out is None else out)
-
-
-def _draw(checkup: "Checkup", path: Path) -> bool:
-    """Draw the panels of the trial run; return whether there is a picture."""
-    experiment = checkup.experiment
-    if experiment is None or not len(experiment.t) or checkup.is_rig:
-        return False
-    # Imported here: plotting takes half a second to import.
-    from io import BytesIO
-
-    from prefcal_scenarios.app.presentation.folder import put
-    from prefcal_scenarios.app.presentation.style import save
-    from prefcal_scenarios.app.report.trajectories import alone
-    from prefcal_scenarios.own.own_line import in_words, located
-
-    from .checkup import Finding
-
-    buffer = BytesIO()
-    try:
-        save(alone(checkup.scenario, experiment), buffer)
-        put(path, buffer.getvalue())
-    except Exception as error:  # panels are the user's code: they can raise anything
-        checkup.findings.append(Finding("picture", False, in_words(located(error))))
-        return False
-    return True
-
-
-def _end(
-    wanted: CheckOptions,
-    checkup: "Checkup | None",
-    findings: "list[Finding]",
-    picture: Path | None,
-) -> int:
-    """Print the result; return the exit code."""
-    failed = sum(finding.ok is False for finding in findings)
-    if wanted.json:
-        print(json_.dumps(_as_dict(wanted.scenario, checkup, findings, picture)), flush=True)
-        return int(bool(failed))
-    _print_findings(checkup, findings)
-    from rich.console import Console
-
-    console = Console(emoji=False)
-    if picture is not None:
-        console.print(f"Picture: {picture}", soft_wrap=True, markup=False, highlight=False)
-    ran = checkup is not None and (checkup.experiment is not None or checkup.is_live)
-    verdict = _verdict(wanted.scenario, failed, sum(f.ok is not None for f in findings), ran=ran)
-    console.print(verdict, soft_wrap=True, markup=False, highlight=False)
-    return int(bool(failed))
-
-
-def _print_findings(checkup: "Checkup | None", findings: "list[Finding]") -> None:
-    """Print the scenario and θ, and a line for each check."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from prefcal_scenarios.app.presentation.wording import printable, theta_text
-
-    console = Console(emoji=False)
-    if checkup is not None:
-        title = Text(printable(checkup.scenario.title), style="bold")
-        console.print(title, Text(theta_text(checkup.scenario.space, checkup.theta)), sep="\n")
-    table = Table.grid(padding=(0, 2, 0, 0))
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold", max_width=28)
-    table.add_column(overflow="fold")
-    for finding in findings:
-        sign, style = _SIGNS[finding.ok]
-        lines = "\n".join(map(printable, finding.words.splitlines()))
-        words = Text(lines, style="" if finding.ok is not None else "dim")
-        table.add_row(Text(sign, style=style), Text(printable(finding.what)), words)
-    console.print(table)
-
-
-def _verdict(source: str, wrong: int, count: int, *, ran: bool) -> str:
-    if wrong and not ran:
-        return "Nothing else can be checked without a run: fix this and check again."
-    if wrong:
-        return f"{wrong} of {count} checks failed: fix what is marked ✗ and check again."
-    from prefcal_scenarios.own.described.options import words_of
-
-    command = shlex.join(["prefcal", "calibrate", *words_of(source)])
-    return f"All in order. Start with: {command}"
-
-
-def _as_dict(
-    source: str, checkup: "Checkup | None", findings: "list[Finding]", picture: Path | None
-) -> dict[str, Any]:
-    theta = None if checkup is None else checkup.scenario.space.named(checkup.theta)
-    return {
-        "ok": not any(f.ok is False for f in findings),
-        "scenario": source,
-        "theta": theta,
-        "checks": [{"what": f.what, "ok": f.ok, "words": f.words} for f in findings],
-        "picture": None if picture is None else str(picture),
-    }
+        code = run(
+            wanted.scenario, isolated, theta=wanted.theta, out=wanted.out, as_json=wanted.json
+        )
+    raise typer.Exit(code)

@@ -1,12 +1,18 @@
 """Check a scenario with one trial run: everything about it that a study relies on."""
 
 import json
+import shlex
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
+from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from prefcal_env.errors import ConnectionLostError, LiveError, RecordError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
@@ -17,14 +23,27 @@ from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.rig import Rig
 from prefcal_env.study.codec import decode, encode
-from prefcal_scenarios.app.presentation.wording import measured, number, quantity, with_unit
+from prefcal_scenarios.app.presentation.folder import picture_at, put
+from prefcal_scenarios.app.presentation.wording import (
+    measured,
+    number,
+    printable,
+    quantity,
+    theta_text,
+    with_unit,
+)
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
+from prefcal_scenarios.own.described.options import words_of
 from prefcal_scenarios.own.own_line import as_exception, in_words, located
 from prefcal_scenarios.own.tracking import tracking_rows
-from prefcal_scenarios.scenario import KPI, Scenario, with_found_kpis
+from prefcal_scenarios.scenario import KPI, Scenario, load, with_found_kpis
 
+from .choices import start_of
+
+_SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
+_FIRST = " (the very first run on a machine compiles for half a minute)"
 _DRAWS = 2000
 """Number of random θ to try if the constraints exclude the middle of the box."""
 _GOALS = {
@@ -51,21 +70,12 @@ class Checkup:
     Args:
         scenario: Scenario to check.
         theta: θ of the trial run, physical, shape (n,).
-        seed: Seed of the trial run.
-        clock: Clock that times the run, in seconds.
     """
 
     scenario: Scenario
     theta: Float[np.ndarray, " n"]
-    seed: int = 0
-    clock: Callable[[], float] = time.perf_counter
     experiment: Experiment | None = None
     findings: list[Finding] = field(default_factory=list)
-
-    @property
-    def failures(self) -> tuple[Finding, ...]:
-        """Return the checks that failed."""
-        return tuple(f for f in self.findings if f.ok is False)
 
     @property
     def is_live(self) -> bool:
@@ -120,7 +130,7 @@ class Checkup:
             yield Finding("constraints", False, f"θ = {space.named(self.theta)} is not allowed")
 
     def _run(self) -> Iterator[Finding]:
-        start = self.clock()
+        start = time.perf_counter()
         if isinstance(self.scenario.run, Rig):
             self.experiment = _made_up(self.scenario.run, self.theta)
             yield Finding("run", None, "only you can run this rig: a made-up record is checked")
@@ -128,8 +138,8 @@ class Checkup:
         if isinstance(self.scenario.run, LiveRig):
             yield from _live(self.scenario.run, self.theta)
             return
-        result: object = self.scenario.run(self.theta.copy(), seed=self.seed)
-        took = self.clock() - start
+        result: object = self.scenario.run(self.theta.copy(), seed=0)
+        took = time.perf_counter() - start
         if not isinstance(result, Experiment):
             check_experiment(self.scenario, self.theta, result)  # raises if anything is wrong
             return
@@ -202,7 +212,7 @@ class Checkup:
         for name, make in self.scenario.calibrators.items():
             what = f"calibrator {name!r}"
             try:
-                given = Answer.of(make(self.seed).prefer(self._ran(), self._ran()))
+                given = Answer.of(make(0).prefer(self._ran(), self._ran()))
             except Exception as error:  # the user's code can raise anything
                 yield Finding(what, False, in_words(located(error)))
                 continue
@@ -212,7 +222,7 @@ class Checkup:
     def _again(self) -> Iterator[Finding]:
         if self.is_rig:
             return
-        first, second = self._ran(), self.scenario.run(self.theta.copy(), seed=self.seed)
+        first, second = self._ran(), self.scenario.run(self.theta.copy(), seed=0)
         if first == second:
             yield Finding("same again", True, "the same θ and seed give the same experiment")
             return
@@ -232,7 +242,7 @@ class Checkup:
                 continue
             try:
                 theta = np.array(theta, dtype=float)
-                result: object = self.scenario.run(theta, seed=self.seed)
+                result: object = self.scenario.run(theta, seed=0)
                 ended = check_experiment(self.scenario, theta, result).end.value
             except Exception as error:  # the user's code can raise anything
                 yield Finding(what, False, in_words(located(error)))
@@ -254,6 +264,120 @@ class Checkup:
         content = encode(self._ran())
         same = decode(content) == self._ran()
         yield Finding("study file", same, f"{len(content) / 1000:.0f} kB an experiment, unpacked")
+
+
+def run(
+    source: str,
+    isolated: Callable[[Scenario], Scenario],
+    *,
+    theta: str | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Check a scenario and print the findings; return 1 if anything is wrong, else 0.
+
+    Args:
+        source: Source of the scenario.
+        isolated: Function that moves its runs into a separate process.
+        theta: θ of the trial run as text; None for the middle of the box.
+        out: File of the picture; None for the usual one.
+        as_json: Whether to print JSON.
+
+    Raises:
+        SettingsError: If θ or the file of the picture is invalid.
+    """
+    try:
+        scenario = isolated(load(source))
+        tried = middle_of(scenario) if theta is None else None
+    except Exception as error:  # raised by the user's file: report it as a finding
+        found = [Finding("scenario", False, in_words(located(error)))]
+        return _end(source, None, found, None, as_json=as_json)
+    if tried is None:
+        assert theta is not None
+        tried = start_of(theta, scenario)
+    checkup = Checkup(scenario, tried)
+    picture = picture_at(f"check-{scenario.name}.png" if out is None else out)
+    with Console(stderr=True, emoji=False).status("") as status:
+        for words, step in checkup.steps():
+            status.update(f"{words} …{_FIRST if words == 'running θ' else ''}")
+            step()
+        status.update("drawing …")
+        drawn = picture if _draw(checkup, picture) else None
+    return _end(source, checkup, checkup.findings, drawn, as_json=as_json)
+
+
+def _draw(checkup: Checkup, path: Path) -> bool:
+    """Draw the panels of the trial run; return whether there is a picture."""
+    experiment = checkup.experiment
+    if experiment is None or not len(experiment.t) or checkup.is_rig:
+        return False
+    # Imported here: plotting takes half a second to import.
+    from prefcal_scenarios.app.presentation.style import save
+    from prefcal_scenarios.app.report.trajectories import alone
+
+    buffer = BytesIO()
+    try:
+        save(alone(checkup.scenario, experiment), buffer)
+        put(path, buffer.getvalue())
+    except Exception as error:  # panels are the user's code: they can raise anything
+        checkup.findings.append(Finding("picture", False, in_words(located(error))))
+        return False
+    return True
+
+
+def _end(
+    source: str,
+    checkup: Checkup | None,
+    findings: list[Finding],
+    picture: Path | None,
+    *,
+    as_json: bool,
+) -> int:
+    """Print the result; return the exit code."""
+    failed = sum(finding.ok is False for finding in findings)
+    if as_json:
+        content = {
+            "ok": not failed,
+            "scenario": source,
+            "theta": None if checkup is None else checkup.scenario.space.named(checkup.theta),
+            "checks": [asdict(finding) for finding in findings],
+            "picture": None if picture is None else str(picture),
+        }
+        print(json.dumps(content), flush=True)
+        return int(bool(failed))
+    console = Console(emoji=False)
+    _print_findings(checkup, findings, console)
+    if picture is not None:
+        console.print(f"Picture: {picture}", soft_wrap=True, markup=False, highlight=False)
+    ran = checkup is not None and (checkup.experiment is not None or checkup.is_live)
+    verdict = _verdict(source, failed, sum(f.ok is not None for f in findings), ran=ran)
+    console.print(verdict, soft_wrap=True, markup=False, highlight=False)
+    return int(bool(failed))
+
+
+def _print_findings(checkup: Checkup | None, findings: list[Finding], console: Console) -> None:
+    """Print the scenario and θ, and a line for each check."""
+    if checkup is not None:
+        title = Text(printable(checkup.scenario.title), style="bold")
+        console.print(title, Text(theta_text(checkup.scenario.space, checkup.theta)), sep="\n")
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold", max_width=28)
+    table.add_column(overflow="fold")
+    for finding in findings:
+        sign, style = _SIGNS[finding.ok]
+        lines = "\n".join(map(printable, finding.words.splitlines()))
+        words = Text(lines, style="" if finding.ok is not None else "dim")
+        table.add_row(Text(sign, style=style), Text(printable(finding.what)), words)
+    console.print(table)
+
+
+def _verdict(source: str, wrong: int, count: int, *, ran: bool) -> str:
+    if wrong and not ran:
+        return "Nothing else can be checked without a run: fix this and check again."
+    if wrong:
+        return f"{wrong} of {count} checks failed: fix what is marked ✗ and check again."
+    return f"All in order. Start with: {shlex.join(['prefcal', 'calibrate', *words_of(source)])}"
 
 
 def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:

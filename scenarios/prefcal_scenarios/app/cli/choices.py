@@ -2,7 +2,6 @@
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,7 +116,7 @@ def _fed(options: Options) -> dict[str, Any]:
     for name, (_, kept) in kept_by(Options).items():
         if not kept.feeds or not options.changed(name):
             continue
-        value = kept.convert(getattr(options, name))
+        value = getattr(options, name)
         where, _, setting = kept.feeds.partition(".")
         if setting:
             arguments.setdefault(where, {})[setting] = value
@@ -156,11 +155,11 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
     """Return the scenario's calibrator that the options select; None if the agent gets scores.
 
     Raises:
-        SettingsError: If the calibrator is unknown, or takes no tie band or answer noise.
+        SettingsError: If the calibrator is unknown.
     """
     if WORDS[options.agent].by_value:
         return None
-    from prefcal_env.calibrators import LatentCost, Thurstone
+    from prefcal_env.calibrators import LatentCost
 
     calibrators = dict(scenario.calibrators)
     if scenario.cost is not None and (options.cost is not None or not calibrators):
@@ -168,20 +167,7 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
         calibrators[SYNTHETIC] = lambda seed: LatentCost(cost, seed=seed)
     if options.calibrator not in calibrators:
         raise SettingsError(_unknown(options.calibrator, scenario, sorted(calibrators)))
-    calibrator = calibrators[options.calibrator](options.seed)
-    if options.tie_band is None and options.answer_noise is None:
-        return calibrator
-    if not isinstance(calibrator, LatentCost):
-        raise SettingsError(
-            f"calibrator {options.calibrator!r} takes neither --tie-band nor --answer-noise: "
-            "it does not compare costs"
-        )
-    if options.tie_band is not None:
-        calibrator = replace(calibrator, tie_band=options.tie_band)
-    if options.answer_noise is not None:
-        sure = options.answer_noise == 0
-        calibrator = replace(calibrator, noise=None if sure else Thurstone(options.answer_noise))
-    return calibrator
+    return calibrators[options.calibrator](options.seed)
 
 
 def follows_cost(options: Options, scenario: Scenario) -> bool:
@@ -212,11 +198,6 @@ def _check_score(options: Options, scenario: Scenario) -> None:
         raise SettingsError(
             f"agent {options.agent!r} learns from the scenario's score and needs no answers: "
             f"leave --calibrator out, got {options.calibrator!r}"
-        )
-    if options.tie_band is not None or options.answer_noise is not None:
-        raise SettingsError(
-            f"agent {options.agent!r} is told exact scores: it takes neither --tie-band nor "
-            "--answer-noise"
         )
 
 

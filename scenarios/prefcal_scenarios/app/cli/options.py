@@ -144,15 +144,6 @@ class Options:
         ),
         Kept(label="experiments", always=True, anew=True, least=1),
     ] = 50
-    delta: Annotated[
-        float | None,
-        Option(
-            metavar="NUMBER",
-            help="How much glisp explores (δ of the paper).",
-            show_default="the agent's",
-        ),
-        Kept(least=0, agents=("glisp",), feeds="delta"),
-    ] = None
     questions_per_experiment: Annotated[
         int,
         Option(
@@ -190,24 +181,6 @@ class Options:
             "θ is one of the first experiments. A name or the path of a file.",
         ),
         Kept(label="earlier study"),
-    ] = None
-    tie_band: Annotated[
-        float | None,
-        Option(
-            metavar="NUMBER",
-            help="Largest difference of two costs that the synthetic calibrator calls a tie.",
-            show_default="the scenario's",
-        ),
-        Kept(label="tie band", least=0),
-    ] = None
-    answer_noise: Annotated[
-        float | None,
-        Option(
-            metavar="NUMBER",
-            help="Standard deviation of the synthetic calibrator's error in each cost.",
-            show_default="the scenario's",
-        ),
-        Kept(label="answer noise", least=0),
     ] = None
     outcomes: Annotated[
         bool,
@@ -334,9 +307,7 @@ class Options:
         Raises:
             SettingsError: If another option is given with a new value.
         """
-        # A study from before agents learned from KPIs continues without them.
-        kept: dict[str, Any] = {"outcomes": stored.get("agent") != "glisp", "simulate": 0}
-        kept |= {name: stored[name] for name in kept_by(cls) if name in stored}
+        kept = {name: stored[name] for name in kept_by(cls) if name in stored}
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
         _check_programs(kept, given)
         _check_unchanged(kept, given)

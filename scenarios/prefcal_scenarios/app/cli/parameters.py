@@ -8,14 +8,9 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
-from math import inf
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from typer.models import ArgumentInfo, OptionInfo
-
-
-def _unchanged(value: Any) -> Any:
-    return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +27,6 @@ class Kept:
         refusal: Error message for other agents, with `{agent}`; empty for the default message.
         feeds: Keyword argument of the agent that receives the value, or "settings.NAME" for one of
             its settings; empty for none.
-        convert: Function that converts the option's value to the agent's.
     """
 
     label: str = ""
@@ -42,7 +36,6 @@ class Kept:
     agents: tuple[str, ...] = ()
     refusal: str = ""
     feeds: str = ""
-    convert: Callable[[Any], Any] = _unchanged
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,13 +116,12 @@ class Parameter:
         return "; ".join(value) if isinstance(value, tuple) else value
 
     def problem(self, value: Any) -> str:
-        """Return an error message if a kept value is too small or not finite, else ""."""
+        """Return an error message if a kept value is too small, else ""."""
         least = None if self.kept is None else self.kept.least
-        if least is None or value is None or least <= value < inf:
+        if least is None or value >= least:
             return ""
-        real = float in (self.type, *get_args(self.type))
         wanted = f"{least} or above" if least == 0 else f"at least {least}"
-        return f"{self.flag} must be {wanted}{' and finite' if real else ''}, got {value}"
+        return f"{self.flag} must be {wanted}, got {value}"
 
 
 @cache

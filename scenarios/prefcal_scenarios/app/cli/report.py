@@ -141,7 +141,12 @@ class Reporter:
 
     def say(self, text: str) -> None:
         """Print one line for the user."""
-        self.messages.print(printable_lines(text), soft_wrap=True, highlight=False, markup=False)
+        say(self.messages, text)
+
+
+def say(messages: Console, text: str) -> None:
+    """Print one line for the user, whatever is in it."""
+    messages.print(printable_lines(text), soft_wrap=True, highlight=False, markup=False)
 
 
 def report_of(
@@ -260,8 +265,7 @@ def references(scenario: Scenario, seed: int, messages: Console) -> dict[str, Ex
         try:
             experiments[name] = scenario.run(theta, seed=seed)
         except Exception as error:  # a rig can raise anything
-            words = f"The reference {name!r} did not run: {error}"
-            messages.print(printable_lines(words), soft_wrap=True, markup=False)
+            say(messages, f"The reference {name!r} did not run: {error}")
     return experiments
 
 

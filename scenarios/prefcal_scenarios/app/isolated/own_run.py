@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
 from prefcal_scenarios.scenario import Run, load
 
 from .inside import run_of
 from .run import IsolatedRun
+from .worker import ranges_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,7 @@ class OwnRun:
     @classmethod
     def of(cls, run: IsolatedRun) -> "OwnRun":
         """Return the run that `run` moved into a process."""
-        space = run.space
-        ranges = None
-        if space is not None:
-            ranges = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}
-        return cls(run.worker.source, ranges)
+        return cls(run.worker.source, ranges_of(run.space))
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, physical, shape (n,), in this process."""

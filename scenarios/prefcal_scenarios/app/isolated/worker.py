@@ -199,7 +199,11 @@ def _read(message: Message) -> Experiment:
 
 
 def _request(theta: Float[np.ndarray, " n"], seed: int, space: KnobSpace | None) -> bytes:
-    ranges: dict[str, Any] | None = None
-    if space is not None:
-        ranges = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}
-    return json.dumps({"theta": theta.tolist(), "seed": seed, "space": ranges}).encode()
+    return json.dumps({"theta": theta.tolist(), "seed": seed, "space": ranges_of(space)}).encode()
+
+
+def ranges_of(space: KnobSpace | None) -> dict[str, Any] | None:
+    """Return the ranges of a study as plain data; None for those of the scenario."""
+    if space is None:
+        return None
+    return {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}

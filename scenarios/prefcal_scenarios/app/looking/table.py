@@ -1,7 +1,7 @@
 """Guess what the columns of a table are, read them as a run, and say what was taken for what."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,48 +22,24 @@ _MOST = 12
 """Number of columns shown if none are named: more panels are no longer readable."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """How to read tables.
-
-    Args:
-        time: Heading of the column of time; "" to find it.
-        outputs: Names of outputs; empty for all columns of numbers that nothing else uses.
-        inputs: Names of inputs.
-        reference: Maps outputs to their constant reference, or to the heading of a column.
-        units: Maps names to units, where the headings tell none.
-        columns: Maps names to headings of the table.
-        time_format: Format of time stamps as for `datetime.strptime`; "" for ISO 8601.
-    """
-
-    time: str = ""
-    outputs: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
-    reference: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-    columns: Mapping[str, str] = field(default_factory=dict)
-    time_format: str = ""
-
-
-def run_from(path: Path, reading: Reading | None = None, *, name: str = "") -> Run:
+def run_from(path: Path, about: TableColumns | None = None) -> Run:
     """Return the run in a file, with a sentence on what was taken for what.
 
     Args:
         path: CSV or Parquet file, with a heading "name" or "name [unit]" for each column.
-        reading: What the columns are; found from the headings if None.
-        name: Name of the run; that of the file if empty.
+        about: What is known of the columns: names, units, references and time. A reference is a
+            number as text, or the heading of a column. The rest is found from the headings.
 
     Raises:
         RecordError: If the file is no table, or a column is missing or holds no numbers.
     """
-    reading = Reading() if reading is None else reading
     try:
-        guess = _Guess.of(path, reading)
+        guess = _Guess.of(path, TableColumns() if about is None else about)
         # θ is not known.
         experiment = guess.columns().read(guess.sheet, [0.0])
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from error
-    return run_of(name or path.name, experiment, guess.words())
+    return run_of(path.name, experiment, guess.words())
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +48,7 @@ class _Guess:
 
     Args:
         sheet: The rows that have a time.
-        reading: What is known of the columns.
+        about: What is known of the columns.
         time: Number of the column of time.
         reference: Maps outputs to their constant reference, or to the heading of a column.
         outputs: Names of the outputs.
@@ -80,44 +56,43 @@ class _Guess:
     """
 
     sheet: Sheet
-    reading: Reading
+    about: TableColumns
     time: int
     reference: Mapping[str, Any]
     outputs: tuple[str, ...]
     said: tuple[str, ...]
 
     @classmethod
-    def of(cls, path: Path, reading: Reading) -> "_Guess":
+    def of(cls, path: Path, about: TableColumns) -> "_Guess":
         """Read the file and guess."""
-        heading = reading.columns.get("time", reading.time)
-        sheet = sheet_of(path, {*reading.columns.values(), *reading.outputs, *reading.inputs})
+        heading = about.columns.get("time", about.time)
+        sheet = sheet_of(path, {*about.columns.values(), *about.outputs, *about.inputs})
         if not len(sheet.frame):
             raise RecordError("there is no row of values below the headings")
         usual = [] if heading else usual_time_columns(sheet)
         time = sheet.column(heading, "") if heading else (usual or [0])[0]
-        sheet, mended = _timed(sheet, time, reading.time_format or None)
-        names = _names(sheet, reading)
-        reference = _references(sheet, reading, names)
-        used = {time, *(names[n] for n in reading.inputs)}
+        sheet, mended = _timed(sheet, time, about.time_format)
+        names = _names(sheet, about)
+        reference = _references(sheet, about, names)
+        used = {time, *(names[n] for n in about.inputs)}
         used |= {sheet.column(r, "") for r in reference.values() if isinstance(r, str)}
-        outputs, left_out = _outputs(sheet, reading, names, used)
-        _check_references(reading, outputs)
+        outputs, left_out = _outputs(sheet, about, names, used)
+        _check_references(about, outputs)
         return cls(
-            sheet, reading, time, {n: r for n, r in reference.items() if n in outputs}, outputs,
-            (*mended, *_bridged(sheet, (*outputs, *reading.inputs), names), *left_out),
+            sheet, about, time, {n: r for n, r in reference.items() if n in outputs}, outputs,
+            (*mended, *_bridged(sheet, (*outputs, *about.inputs), names), *left_out),
         )  # fmt: skip
 
     def columns(self) -> TableColumns:
         """Return how to read the table; the page shows times as they are, and needs every row."""
-        used = (*self.outputs, *self.reading.inputs)
-        return TableColumns(
-            columns={n: h for n, h in self.reading.columns.items() if n in used},
+        used = (*self.outputs, *self.about.inputs)
+        return replace(
+            self.about,
+            columns={n: h for n, h in self.about.columns.items() if n in used},
             time=self.sheet.headings[self.time],
-            time_format=self.reading.time_format or None,
             outputs=self.outputs,
-            inputs=self.reading.inputs,
             reference=self.reference,
-            units={n: u for n, u in self.reading.units.items() if n in used},
+            units={n: u for n, u in self.about.units.items() if n in used},
             from_zero=False,
             allow=ALLOWED,
             max_rows=None,
@@ -131,12 +106,12 @@ class _Guess:
         heading = parts_of(self.sheet.headings[self.time])[0]
         unit = time_unit_of(self.sheet, self.time, None)
         parts = [f"time from {heading!r} in {unit}", f"outputs {_listed(self.outputs)}"]
-        parts += [f"inputs {_listed(self.reading.inputs)}"] if self.reading.inputs else []
+        parts += [f"inputs {_listed(self.about.inputs)}"] if self.about.inputs else []
         parts += [f"references of {_listed(list(self.reference))}"] if self.reference else []
         return "; ".join([*parts, *self.said])
 
 
-def _listed(names: Sequence[str]) -> str:
+def _listed(names: Iterable[str]) -> str:
     return ", ".join(names)
 
 
@@ -168,29 +143,29 @@ def _timed(sheet: Sheet, time: int, time_format: str | None) -> tuple[Sheet, lis
     return sheet, said
 
 
-def _names(sheet: Sheet, reading: Reading) -> dict[str, int]:
+def _names(sheet: Sheet, about: TableColumns) -> dict[str, int]:
     """Return the number of each column by its name; columns without a heading have none."""
     names: dict[str, int] = {}
-    for name, heading in reading.columns.items():
+    for name, heading in about.columns.items():
         names[name] = sheet.column(heading, "")
     called = set(names.values())
     for i, heading in enumerate(sheet.headings):
         plain = parts_of(heading)[0]
         if plain and i not in called:
             names.setdefault(plain, i)
-    for name in (*reading.outputs, *reading.inputs, *reading.reference):
+    for name in (*about.outputs, *about.inputs, *about.reference):
         if name not in names:
             names[name] = sheet.column(name, "")  # says which there are
     return names
 
 
-def _references(sheet: Sheet, reading: Reading, names: Mapping[str, int]) -> dict[str, Any]:
+def _references(sheet: Sheet, about: TableColumns, names: Mapping[str, int]) -> dict[str, Any]:
     """Return the reference of each output: a number, or the heading of a column."""
     found: dict[str, Any] = {}
     for name, i in names.items():
         if name.endswith(" ref") and name.removesuffix(" ref") in names:
             found[name.removesuffix(" ref")] = sheet.headings[i]
-    for name, text in reading.reference.items():
+    for name, text in about.reference.items():
         try:
             found[name] = float(text)
         except ValueError:
@@ -198,11 +173,11 @@ def _references(sheet: Sheet, reading: Reading, names: Mapping[str, int]) -> dic
     return found
 
 
-def _check_references(reading: Reading, outputs: Sequence[str]) -> None:
+def _check_references(about: TableColumns, outputs: Sequence[str]) -> None:
     """Refuse the reference of what is no output: it would neither be drawn nor measured."""
-    for name in reading.reference:
+    for name in about.reference:
         if name not in outputs:
-            there = "an input" if name in reading.inputs else "not shown"
+            there = "an input" if name in about.inputs else "not shown"
             raise RecordError(
                 f"{name!r} has a reference but is {there}: the outputs are {_listed(outputs)}; "
                 f"add it with --outputs, or leave --reference {name}=... out"
@@ -210,13 +185,13 @@ def _check_references(reading: Reading, outputs: Sequence[str]) -> None:
 
 
 def _outputs(
-    sheet: Sheet, reading: Reading, names: Mapping[str, int], used: set[int]
+    sheet: Sheet, about: TableColumns, names: Mapping[str, int], used: set[int]
 ) -> tuple[tuple[str, ...], list[str]]:
     """Return the outputs, and what was left out."""
     import pandas as pd
 
-    if reading.outputs:
-        return reading.outputs, []
+    if about.outputs:
+        return tuple(about.outputs), []
     there = {n: sheet.frame[i] for n, i in names.items() if i not in used}
     numeric = [n for n, values in there.items()
                if pd.api.types.is_numeric_dtype(values.dtype) and values.notna().any()]  # fmt: skip

@@ -169,7 +169,7 @@ class Simulator:
                 mine = None if pool.loaded or not self._helps else pool.take_back()
                 if mine is not None:
                     left.discard(self._keep(mine, self._task(mine)))
-                for theta, result in pool.collect(patient=mine is None):
+                for _, theta, result in pool.collect(patient=mine is None):
                     left.discard(self._keep(theta, result))
         finally:
             pool.drop()

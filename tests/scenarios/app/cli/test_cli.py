@@ -47,21 +47,13 @@ def test_the_same_seed_gives_the_same_folder_byte_by_byte(prefcal, tmp_path):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_glisp_is_the_default_and_takes_delta(prefcal):
-    code, out, _ = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "6", "--delta", "0.5", "--json")
+def test_glisp_is_the_default(prefcal):
+    code, out, _ = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "6", "--json")
     result = json.loads(out)
     assert code == 0
     assert result["agent"] == "glisp"
     page = Path(result["report"]).read_text("utf-8")
-    assert '<th scope="row">GLISp delta</th><td class="words">0.5</td>' in page
-
-
-def test_a_calibrator_with_a_cost_in_mind_takes_a_tie_band_and_noise(prefcal):
-    words = ["calibrate", TOY, *QUICK[2:], "--calibrator", "latent", "--json"]
-    code, out, _ = prefcal(*words, "--tie-band", "1e9", "--answer-noise", "0.5")
-    assert code == 0
-    assert json.loads(out)["verdicts"]["about the same"] == 4
-    assert prefcal(*words, "--answer-noise", "0")[0] == 0
+    assert '<th scope="row">GLISp delta</th>' in page
 
 
 def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
@@ -82,16 +74,11 @@ def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
         ([TOY, "--calibrator", "oracle"], "--calibrator must be one of human, "),
         ([TOY, "--n-init", "9", "--n-max", "5"], "--n-max must be at least --n-init"),
         ([TOY, "--n-max", "0"], "--n-max must be at least 1, got 0"),
-        ([TOY, "--delta", "-1"], "--delta must be 0 or above"),
-        ([TOY, "--delta", "nan"], "--delta must be 0 or above"),
-        ([TOY, "--agent", "random", "--delta", "1"], "only the agent glisp takes --delta"),
-        ([TOY, "--seed", "-1"], "--seed must be 0 or above"),
-        ([TOY, *SYNTHETIC, "--answer-noise", "1"], "takes neither --tie-band nor"),
         (
-            [TOY, "--calibrator", "latent", "--answer-noise", "-1"],
-            "--answer-noise must be 0 or above",
+            [TOY, "--agent", "random", "--questions-per-experiment", "2"],
+            "only the agent glisp takes --questions-per-experiment",
         ),
-        ([TOY, "--calibrator", "latent", "--tie-band", "-1"], "--tie-band must be 0 or above"),
+        ([TOY, "--seed", "-1"], "--seed must be 0 or above"),
         ([TOY, *SYNTHETIC, "--out", str(TOY_FILE)], "--out must be a folder"),
     ],
 )
@@ -114,7 +101,7 @@ def test_an_unknown_option_is_refused(prefcal):
 def test_help_teaches_with_examples(prefcal):
     code, out, _ = prefcal("calibrate", "--help")
     assert code == 0
-    for words in ("SCENARIO", "--seed", "--tie-band", "prefcal calibrate cstr", "own.py:plant"):
+    for words in ("SCENARIO", "--seed", "--n-max", "prefcal calibrate cstr", "own.py:plant"):
         assert words in out
 
 
@@ -207,8 +194,6 @@ def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
     [
         (["--calibrator", "human"], "needs no answers"),
         (["--calibrator", "synthetic"], "needs no answers"),
-        (["--tie-band", "0.1"], "takes neither --tie-band nor --answer-noise"),
-        (["--answer-noise", "0.1"], "takes neither --tie-band nor --answer-noise"),
     ],
 )
 def test_agents_that_learn_from_scores_take_no_calibrator(prefcal, words, complaint):

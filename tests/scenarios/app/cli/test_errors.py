@@ -59,7 +59,6 @@ def test_options_are_named_as_they_are_typed(prefcal):
     assert prefcal("calibrate", TOY, *synthetic, "--study", "mine", "--out", "r")[0] == 0
     for words, said in (
         (["--n-init", "2"], "started with --n-init 1, got --n-init 2"),
-        (["--tie-band", "0.5"], "started with no --tie-band, got --tie-band 0.5"),
         (["--start", "T_s=1"], "started with no --start, got --start T_s=1"),
         (["--n-max", "2"], "--n-max must not be below the 3"),
         (["--no-outcomes"], "started with --no-outcomes off"),

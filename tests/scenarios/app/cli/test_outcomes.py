@@ -1,18 +1,15 @@
-"""KPIs on the command line: switched off, from before they were, and taken along as a cost."""
+"""KPIs on the command line: switched off, and taken along as a cost."""
 
 import json
 import shlex
 
 import pytest
 
-from prefcal_env import Answer
 from prefcal_env.errors import SettingsError
-from prefcal_env.study import StudyFile
 from prefcal_scenarios.app.cli.opening import open_study
 from prefcal_scenarios.app.cli.options import Options
 from prefcal_scenarios.app.cli.report import record_of
 from prefcal_scenarios.app.session import Interview
-from support.interviews import clock
 from support.studies import state_of
 from toy_study import TOY, TOY_FILE, toy_scenario
 
@@ -65,45 +62,6 @@ def test_a_study_goes_on_as_it_began(prefcal, tmp_path):
     with pytest.raises(SettingsError, match="started with --no-outcomes off"):
         Options.resumed(began, given)
     assert not Options.resumed({**began, "outcomes": False}, given).outcomes
-
-
-def old_study(path, agent, answers):
-    """A study as it was written before KPIs taught."""
-    scenario = toy_scenario()
-    given = {"scenario": TOY, "agent": agent, "calibrator": "synthetic", "n_init": 4, "n_max": 12}
-    off = False if agent == "glisp" else None
-    opened = open_study({**given, "outcomes": off}, scenario, None)
-    configuration = json.loads(json.dumps(dict(opened.file.state.configuration)))
-    opened.file.close()
-    for option in ("outcomes", "cost"):
-        del configuration["options"][option]
-    file = StudyFile.create(path, configuration, clock=clock())
-    interview, judge = Interview(scenario, file, ahead=False), scenario.calibrators["synthetic"](0)
-    while interview.now().state.history.answered <= answers:
-        while interview.work():
-            pass
-        question = interview.now().question
-        new, old = question.challenger.experiment, question.incumbent.experiment
-        interview.give(question.id, Answer(judge.prefer(new, old), outcomes=(None, None)))
-    file.close()
-
-
-@pytest.mark.parametrize("agent", ["glisp", "random"])
-def test_a_study_from_before_goes_on_without_outcomes(prefcal, tmp_path, agent):
-    path = tmp_path / "old.prefcal"
-    old_study(path, agent, 6)
-    code, out, err = prefcal("calibrate", TOY, "--study", str(path), "--out", "there", "--json")
-    assert code == 0, err
-    assert json.loads(out)["experiments"] == 12
-    words = ["--agent", agent, *SYNTHETIC, "--n-init", "4", "--n-max", "12"]
-    off = ["--no-outcomes"] if agent == "glisp" else []
-    fresh = str(tmp_path / "fresh.prefcal")
-    assert prefcal("calibrate", TOY, *words, *off, "--study", fresh)[0] == 0
-    assert thetas_of(path) == thetas_of(fresh)
-    page = (tmp_path / "there" / "report.html").read_text("utf-8")
-    assert ("--no-outcomes" in page) == (agent == "glisp")
-    # Its experiments are there, and show what the answers follow.
-    assert "answers that it had not learned from" in page
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,10 @@ def test_elsewhere_all_experiments_are_shown():
         (["cstr", "--agent", "screening", "--simulate", "0"], "needs simulations"),
         (["cstr", "--simulate", "-1"], "--simulate must be 0 or above"),
         (["cstr", "--n-init", "4"], "--agent screening has no initial experiments"),
-        (["cstr", "--delta", "1"], "only the agent glisp takes --delta, not 'screening'"),
+        (
+            ["cstr", "--no-outcomes"],
+            "only the agent glisp learns from KPIs: leave --no-outcomes out for 'screening'",
+        ),
         ([TOY, "--agent", "screening"], "does not let experiments run unseen: leave --simulate"),
         ([TOY, "--simulate", "500"], "state Scenario(..., simulated=True)"),
     ],

@@ -180,14 +180,12 @@ def test_a_starter_is_at_most_30_lines(kind):
     assert max(map(len, lines)) <= 100
 
 
-def test_a_file_is_replaced_only_by_force(prefcal, tmp_path):
+def test_a_file_is_never_replaced(prefcal, tmp_path):
     (tmp_path / "rig.toml").write_text("mine")
     code, _, err = prefcal("new", "rig")
     assert code == 2
-    assert "add --force" in err
+    assert "exists: give another name" in err
     assert (tmp_path / "rig.toml").read_text() == "mine"
-    assert prefcal("new", "rig", "--force")[0] == 0
-    assert load("rig.toml").title == "Heating an oven"
 
 
 def test_folders_on_the_way_to_the_file_are_made(prefcal, tmp_path):

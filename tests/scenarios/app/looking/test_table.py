@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import RecordError
-from prefcal_scenarios.app.looking.table import Reading, run_from
+from prefcal_env.tables import TableColumns
+from prefcal_scenarios.app.looking.table import run_from
 
 pytest.importorskip("pandas")
 
@@ -12,7 +13,7 @@ pytest.importorskip("pandas")
 def read(folder, text, **reading):
     path = folder / "run.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return run_from(path, Reading(**reading))
+    return run_from(path, TableColumns(**reading))
 
 
 def test_a_plain_table_is_understood_and_this_is_said(tmp_path):

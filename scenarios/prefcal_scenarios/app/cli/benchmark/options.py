@@ -8,24 +8,14 @@ import typer
 
 Jobs = Annotated[
     int | None,
-    typer.Option(
-        min=1, metavar="N", help="Processes on this machine.", show_default="one per core"
-    ),
+    typer.Option(min=1, metavar="N", help="Number of processes.", show_default="one per core"),
 ]
 CellTimeout = Annotated[
-    float | None,
+    float,
     typer.Option(
         metavar="SECONDS",
-        help="Time limit for one cell on this machine; a longer one is ended and "
-        "counts as failed. inf: no limit.",
+        help="Time limit for one cell; a longer one is ended and counts as failed. inf: no limit.",
         show_default="3600, an hour",
-    ),
-]
-Dask = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Run on this Dask scheduler instead (pip install 'prefcal\\[dask]').",
     ),
 ]
 Out = Annotated[
@@ -104,19 +94,9 @@ class BenchOptions:
         typer.Option(min=2, metavar="N", help="Number of experiments.", show_default="50"),
     ] = None
     jobs: Jobs = None
-    cell_timeout: CellTimeout = None
-    dask: Dask = None
+    cell_timeout: CellTimeout = 3600.0
     out: Out = Path("prefcal-bench")
     json: Json = False
-    csv: Annotated[
-        bool,
-        typer.Option(
-            "--csv",
-            metavar="",
-            help="Print only a table, as CSV, on standard output: that of worth if "
-            "closed loops were run, or else that of gaps. The folder has both.",
-        ),
-    ] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +141,6 @@ class CompareOptions:
         ),
     ] = None
     jobs: Jobs = None
-    cell_timeout: CellTimeout = None
-    dask: Dask = None
+    cell_timeout: CellTimeout = 3600.0
     out: Out = Path("prefcal-compare")
     json: Json = False

@@ -16,11 +16,13 @@ class LookOptions:
         Argument(metavar="RUN RUN ...", help="CSV or Parquet files, or STUDY:3, STUDY:best."),
     ]
     time: Annotated[
-        str, Option(metavar="NAME", help="Column of time.", show_default="time, or the first one")
-    ] = ""
+        str | None,
+        Option(metavar="NAME", help="Column of time.", show_default="time, or the first one"),
+    ] = None
     time_format: Annotated[
-        str, Option(metavar="FORMAT", help="Format of time stamps.", show_default="ISO 8601")
-    ] = ""
+        str | None,
+        Option(metavar="FORMAT", help="Format of time stamps.", show_default="ISO 8601"),
+    ] = None
     outputs: Annotated[
         str, Option(metavar="NAME,...", help="Columns to show.", show_default="all others")
     ] = ""

@@ -12,11 +12,12 @@ from rich.console import Console
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
+from prefcal_env.tables import TableColumns
 from prefcal_scenarios.app.cli.interrupt import interruption
 from prefcal_scenarios.app.cli.studies.files import existing, open_described
 from prefcal_scenarios.app.looking import Look
 from prefcal_scenarios.app.looking.pair import Run, paired
-from prefcal_scenarios.app.looking.table import Reading, run_from
+from prefcal_scenarios.app.looking.table import run_from
 from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.scenario import KPI
 
@@ -36,8 +37,8 @@ def run(options: LookOptions) -> int:
         raise SettingsError(
             "name two runs or more: CSV or Parquet files, or STUDY:3 for experiment 3 of a study"
         )
-    reading = _reading(options)
-    runs = _named([_run(words, reading) for words in options.runs])
+    about = _about(options)
+    runs = _named([_run(words, about) for words in options.runs])
     look = Look(paired(runs[0], runs[1], align=options.align or None))
     picture = None if options.out is None else look.save(options.out)
     if options.json:
@@ -60,14 +61,16 @@ def run(options: LookOptions) -> int:
     return 0
 
 
-def _reading(options: LookOptions) -> Reading:
-    return Reading(
-        options.time, _listed(options.outputs), _listed(options.inputs),
-        _mapped("--reference", options.reference, "level=2"),
-        _mapped("--unit", options.unit, "level=m"),
-        _mapped("--columns", options.columns, "level=TI-101.PV"),
-        options.time_format,
-    )  # fmt: skip
+def _about(options: LookOptions) -> TableColumns:
+    return TableColumns(
+        time=options.time,
+        time_format=options.time_format,
+        outputs=_listed(options.outputs),
+        inputs=_listed(options.inputs),
+        reference=_mapped("--reference", options.reference, "level=2"),
+        units=_mapped("--unit", options.unit, "level=m"),
+        columns=_mapped("--columns", options.columns, "level=TI-101.PV"),
+    )
 
 
 def _listed(text: str) -> tuple[str, ...]:
@@ -84,7 +87,7 @@ def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
     return found
 
 
-def _run(words: str, reading: Reading) -> Run:
+def _run(words: str, about: TableColumns) -> Run:
     """Return the run that a word names: a file, or an experiment of a study."""
     path, study = Path(words).expanduser(), _STUDY.fullmatch(words)
     if path.is_file() and path.suffix == ".json":
@@ -95,7 +98,7 @@ def _run(words: str, reading: Reading) -> Run:
     if path.is_file() or study is None:
         if _is_study(path if path.is_file() else study_path(words)):
             raise SettingsError(f"{words} is a study: say which experiment of it, as {words}:3")
-        return run_from(path, reading)
+        return run_from(path, about)
     return _of_study(study[1], study[2])
 
 

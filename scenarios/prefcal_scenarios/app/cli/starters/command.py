@@ -27,7 +27,6 @@ def new(
         Path | None,
         typer.Argument(metavar="[FILE]", help="File to write.", show_default="KIND.py, KIND.toml"),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> None:
     """Write a commented starter for a scenario of your own.
 
@@ -40,12 +39,10 @@ def new(
     path = path_for(kind, found, file)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w" if force else "x", encoding="utf-8") as target:
+        with path.open("x", encoding="utf-8") as target:
             target.write(found.text(path))
     except FileExistsError as error:
-        raise SettingsError(
-            f"{str(path)!r} exists: give another name, or add --force to replace it"
-        ) from error
+        raise SettingsError(f"{str(path)!r} exists: give another name") from error
     except OSError as error:
         raise SettingsError(f"cannot write {str(path)!r}: {error.strerror}") from error
     typer.echo(f"Wrote {path}: {found.about}. {found.first}".rstrip())
