@@ -21,7 +21,7 @@ EXTENDED = {
     ),
     "browser": (
         "scenarios/app/looking/test_window.py", "scenarios/app/web/test_accessibility.py",
-        "scenarios/app/web/test_page*.py", "scenarios/app/web/test_report_player.py",
+        "scenarios/app/web/test_page*.py",
     ),
     "commands": (
         "scenarios/app/cli/test_[!c]*.py", "scenarios/app/cli/test_ch*.py",
