@@ -147,7 +147,7 @@ def retract(flow: Flow, answer: int) -> None:
         flow.version += 1
 
 
-def ask_for(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
+def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> None:
     """Compare physical `theta`, shape (n,), next, in place of the pending sample.
 
     The θ of that sample is free again.
@@ -163,7 +163,7 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
         # Until the retry, the study file and the agent differ.
         raise StaleError("the last step failed: try it again first")
     twin, pending, asked = flow.agent.copy(), flow.pending, flow.question
-    twin.replace_pending(theta)
+    twin.replace_pending(np.array(theta))
     sample = twin.history.pending  # others may be pending behind it
     assert sample is not None
     shown = asked is None or asked.challenger.index == flow.state.history.answered

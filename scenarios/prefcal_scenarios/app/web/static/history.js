@@ -19,16 +19,12 @@ export async function showHistory(act) {
     return fill(view, title, el("p", {}, error.message));
   }
   const { answers, notes } = history;
-  const half = $("note")?.value ?? ""; // an unfinished remark
-  const typing = document.activeElement?.id === "note";
   fill(view, title,
     el("p", { class: "faint" }, "Newest first. Open a question to see it as it was shown. Retracting an answer only changes what is learned."),
     $("again") ?? el("div", { id: "again", tabindex: "-1" }),
     answers.length ? table(answers, act) : el("p", {}, "There are no answers yet."),
-    el("h3", {}, "Remarks"),
-    notes.length ? el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at))))) : null,
-    remark(act, half));
-  if (typing) $("note").focus();
+    notes.length ? [el("h3", {}, "Remarks"),
+      el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at)))))] : []);
   return undefined;
 }
 
@@ -37,17 +33,6 @@ function table(answers, act) {
   return el("div", { class: "scroll card flat", tabindex: "0", role: "region", "aria-label": "Answers" },
     el("table", { class: "answers" }, el("thead", {}, el("tr", {}, HEADS.map((text) =>
       el("th", { scope: "col" }, text)))), el("tbody", {}, rows)));
-}
-
-function remark(act, half) {
-  const note = el("input", { type: "text", maxlength: "2000", id: "note", autocomplete: "off" });
-  note.value = half;
-  return el("form", { class: "note", on: { submit: async (event) => {
-    event.preventDefault();
-    const text = note.value.trim();
-    note.value = "";
-    if (text && !(await act("note", { text }, "remark"))) $("note").value = text;
-  } } }, el("label", { for: "note" }, "A remark on the study "), note, el("button", {}, "Save"));
 }
 
 function row(answer, act) {
