@@ -168,7 +168,7 @@ def best_view(interview: Interview, now: Now) -> Any:
     scenario, experiment = interview.scenario, interview.experiment(now.incumbent)
     knobs = zip(scenario.space, experiment.theta, strict=True)
     return {
-        **numbers_view(experiment, scenario),
+        **numbers_view(experiment, scenario.shown_kpis),
         "number": now.incumbent + 1,
         "theta": theta_view(scenario.space, experiment),
         "copy": "\n".join(f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs),
