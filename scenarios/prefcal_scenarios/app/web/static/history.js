@@ -1,10 +1,9 @@
 // List every question and answer, to look at again or retract.
 
 import { get } from "./api.js";
-import { $, ask, el, fill, say, when } from "./dom.js";
+import { $, ask, el, fill, when } from "./dom.js";
 import { WORDS } from "./flow.js";
-import { figures } from "./maneuvers.js";
-import { summary, thetas } from "./side.js";
+import { showAgain } from "./maneuvers.js";
 
 const HEADS = ["question", "experiment", "against", "verdict", "marks", "comment", "answered", "retract"];
 
@@ -67,24 +66,8 @@ async function lookAgain(which) {
   } catch (error) {
     return fill(place, el("p", { class: "problem" }, error.message));
   }
-  const { question, verdict, comment, time_unit: unit } = asked;
+  const { question, verdict, comment } = asked;
   const heading = `${named(which).replace(/^./, (first) => first.toUpperCase())}: ${WORDS[verdict]}`;
-  const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
-  fill(place, el("div", { class: "card-head" }, el("h3", {}, heading),
-    comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
-  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question, verdict === name))));
-  figures(place, question, unit);
-  place.scrollIntoView({ block: "nearest" });
-  place.focus({ preventScroll: true });
-  return say(heading);
-}
-
-function side(name, question, won) {
-  const shown = question[name];
-  const title = name === "left" ? "Left" : "Right";
-  return el("section", { class: `side ${name}`, "aria-label": title },
-    el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number}`),
-      won ? el("span", { class: "chip good" }, "preferred") : null),
-    el("dl", { class: "kpis" }, summary(shown, question)), thetas(shown),
-    el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
+  const head = (name, title) => [title, `experiment ${question[name].number}`, verdict === name ? "preferred" : ""];
+  return showAgain(place, heading, asked, { left: head("left", "Left"), right: head("right", "Right") }, comment);
 }
