@@ -8,7 +8,7 @@ from pathlib import Path
 
 from prefcal_env.tables import TableColumns
 from prefcal_scenarios.app.looking.table import run_from
-from prefcal_scenarios.app.looking.window import Gallery, LookWindow
+from prefcal_scenarios.app.looking.window import LookWindow
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -26,7 +26,7 @@ def looking(folder: Path) -> Shots:
     subprocess.run([sys.executable, "-c", found[1]], cwd=folder, check=True)
     reading = TableColumns(inputs=("valve",), reference={"level": "2"})
     runs = [run_from(folder / name, reading) for name in ("before.csv", "after.csv")]
-    with LookWindow(Gallery(runs)) as window, chromium() as browser:
+    with LookWindow(runs) as window, chromium() as browser:
         page = Watched(browser).page
         page.goto(window.link)
         page.wait_for_selector("#right-plot .js-line")

@@ -84,7 +84,8 @@ def test_comparisons_are_the_answers_that_stand(interview, record, told):
     count = len(asked)
     assert interview.counts.comparisons == record.questions == told["questions"] == count
     assert sum(told["verdicts"].values()) == count
-    assert told["verdicts"] == record.verdict_counts() == status_view(interview)["verdicts"]
+    assert told["verdicts"] == record.verdict_counts()
+    assert list(told["verdicts"].values()) == list(interview.counts.verdicts.values())
     assert now_view(interview)["progress"]["given"] == count
     assert summary(state)["answers"] == count
     assert f"{count} comparisons" in page(record, [])

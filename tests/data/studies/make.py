@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from prefcal_env.study import StudyFile
+from prefcal_env.study import Noted, StudyFile
 from prefcal_scenarios import load
 from prefcal_scenarios.app.cli.opening import open_study
 from prefcal_scenarios.app.session import Choice, Interview, Phase, Question
@@ -55,7 +55,7 @@ def before(interview: Interview, question: Question, number: int) -> None:
         interview.undo(interview.now().version)
     elif number == 5:
         interview.retract(2)
-        interview.note("the second answer was about the wrong curve")
+        interview.study.append(Noted("the second answer was about the wrong curve"))
     elif number == 6:
         space = interview.scenario.space
         middle = np.full(len(space), 0.5)

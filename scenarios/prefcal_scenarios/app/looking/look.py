@@ -103,9 +103,9 @@ class Look:
         """
         from prefcal_scenarios.app.web import open_browser
 
-        from .window import Gallery, LookWindow
+        from .window import LookWindow
 
-        with LookWindow(Gallery((self.pair.left, self.pair.right))) as window:
+        with LookWindow((self.pair.left, self.pair.right)) as window:
             print(window.link, flush=True)
             open_browser(window.link)
             wait()

@@ -65,6 +65,12 @@ def objective(kpi: KPI) -> str:
     return " and ".join(f"{sign} {number(limit)}" for sign, limit in limits if not isinf(limit))
 
 
+def limits_text(kpi: KPI) -> str:
+    """Return the objective of a KPI with its unit; empty if there is none."""
+    words = objective(kpi)
+    return f"{words} {kpi.unit}".strip() if words else ""
+
+
 INTERRUPTED = "unsafe: run interrupted"
 """Text for an experiment that counts as unsafe although no person marked it."""
 

@@ -218,17 +218,13 @@ def _sides(
     query, preference = comparison.query, comparison.answer.preference
     assert query.incumbent is not None
     assert comparison.incumbent is not None
+
+    def side(index: int, experiment: Experiment, wins: Preference) -> Compared:
+        return Compared(index + 1, preference is wins, _values(record, kpis, experiment))
+
     return (
-        Compared(
-            query.challenger.index + 1,
-            preference is Preference.CHALLENGER,
-            _values(record, kpis, comparison.challenger),
-        ),
-        Compared(
-            query.incumbent.index + 1,
-            preference is Preference.INCUMBENT,
-            _values(record, kpis, comparison.incumbent),
-        ),
+        side(query.challenger.index, comparison.challenger, Preference.CHALLENGER),
+        side(query.incumbent.index, comparison.incumbent, Preference.INCUMBENT),
     )
 
 

@@ -78,12 +78,7 @@ def best_against(record: Record) -> Figure:
     panels = panels_of(record.scenario, *(c.experiment for c in curves))
     rows = list(_rows(panels, curves))
     heights = [1.25 if row.zoomed else 1.9 for row in rows]
-    figure = canvas(0.7 + sum(heights))
-    grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)
-    axes = list(grid[:, 0])
-    _fill(axes, rows, curves)
-    legend(figure, axes[0], len(curves))
-    return figure
+    return _with_legend(_stacked(rows, curves, 0.7 + sum(heights), heights), curves)
 
 
 def before_and_after(record: Record, *, panels: int, height: float) -> Figure | None:
@@ -111,11 +106,7 @@ def before_and_after(record: Record, *, panels: int, height: float) -> Figure | 
         return _multiples(draws, curves, most=panels, height=height)
     rows = [_Row(panel) for panel in panels_of(record.scenario, *(c.experiment for c in curves))]
     rows = rows[:panels]
-    figure = canvas(min(height, 0.8 + _TALL * len(rows)))
-    grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
-    _fill(list(grid[:, 0]), rows, curves)
-    legend(figure, grid[0, 0], len(curves))
-    return figure
+    return _with_legend(_stacked(rows, curves, min(height, 0.8 + _TALL * len(rows))), curves)
 
 
 def side_by_side(record: Record, other: str) -> Figure:
@@ -157,12 +148,10 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
         if _has_maneuvers([curve]):
             return _multiples(partial(panels_of, scenario), [curve])
         rows = list(_rows(panels_of(scenario, experiment), [curve]))
-        figure = canvas(0.6 + 1.75 * len(rows))
-        grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
-        _fill(list(grid[:, 0]), rows, [curve])
+        figure = _stacked(rows, [curve], 0.6 + 1.75 * len(rows))
         values = zip(scenario.space, experiment.theta, strict=True)
         theta = ",  ".join(f"{mathtext(k.name)} = {knob_number(k, v)}" for k, v in values)
-        _above(grid[0, 0], theta, 21, color=FAINT, fontsize=8.5)
+        _above(figure.axes[0], theta, 21, color=FAINT, fontsize=8.5)
     return figure
 
 
@@ -178,10 +167,24 @@ def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
     if _has_maneuvers(curves):
         return _multiples(lambda *_: tuple(panels), curves)
     rows = [_Row(panel) for panel in panels]
-    figure = canvas(0.7 + 1.75 * len(rows))
-    grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
+    return _with_legend(_stacked(rows, curves, 0.7 + 1.75 * len(rows)), curves)
+
+
+def _stacked(
+    rows: Sequence[_Row],
+    curves: Sequence[Curve],
+    height: float,
+    heights: Sequence[float] | None = None,
+) -> Figure:
+    """Draw a panel for each row, below each other over one axis of time."""
+    figure = canvas(height)
+    grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)
     _fill(list(grid[:, 0]), rows, curves)
-    legend(figure, grid[0, 0], len(curves))
+    return figure
+
+
+def _with_legend(figure: Figure, curves: Sequence[Curve]) -> Figure:
+    legend(figure, figure.axes[0], len(curves))
     return figure
 
 

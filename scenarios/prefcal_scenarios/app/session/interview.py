@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import wraps
 from typing import Concatenate, ParamSpec
 
 import numpy as np
@@ -16,13 +17,12 @@ from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.live import LiveRig
-from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.rig import Rig
-from prefcal_env.study import Noted, StudyFile
+from prefcal_env.study import StudyFile
 from prefcal_scenarios.app.screening import Screened
-from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator, named_twin
+from prefcal_scenarios.app.simulating import Simulated, Simulator, named_twin
 from prefcal_scenarios.app.summary.consistency import Consistency
 from prefcal_scenarios.app.summary.counts import Counts, Planned, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, falls_outward, others_unbeaten, outlook
@@ -36,12 +36,28 @@ from .kpi_index import index_of, known_outcomes
 from .live import driving
 from .memory import agent_of, as_studied, is_simulating
 from .records import Given, Preview
-from .view import Choice, Now, Phase, Question
+from .view import Now, Phase, Question
 
 P = ParamSpec("P")
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 _LEAST = 5
 """Smallest number of verdicts for an outlook without simulations."""
+
+
+def _step(
+    step: Callable[Concatenate[Flow, P], None],
+) -> Callable[Concatenate["Interview", P], Now]:
+    """Return a method that takes a step, and returns what is to be seen after it."""
+
+    @wraps(step)
+    def take(interview: "Interview", /, *args: P.args, **kwargs: P.kwargs) -> Now:
+        with interview._change() as flow:
+            if driving.is_driving(flow) and step is not runs.stop:
+                raise StaleError("a run on the plant is in progress: stop it first")
+            step(flow, *args, **kwargs)
+            return interview.now()
+
+    return take
 
 
 class Interview:
@@ -220,17 +236,6 @@ class Interview:
         return Simulated(count, planned, failed, shown, twin=twin, due=due)
 
     @property
-    def basis(self) -> Basis | None:
-        """Return what the open question was chosen from; None while that is not known.
-
-        It is known at once, except after a restart, until the simulations are repeated in the
-        background; `now` then has a new version. Nothing is simulated here.
-        """
-        with self._changed:
-            flow = self._flow
-            return flow.grounds if flow.phase is Phase.QUESTION else None
-
-    @property
     def surrogate(self) -> Surrogate | None:
         """Return the learned cost of m physical θ, lower is better; None if nothing is learned."""
         with self._changed:
@@ -326,64 +331,12 @@ class Interview:
 
     # What the person does.
 
-    def answer(
-        self, question: int, choice: Choice, *, comment: str = "", blind: bool = False
-    ) -> Now:
-        """Answer the open question by side.
-
-        Args:
-            question: Id of the question.
-            choice: Verdict.
-            comment: Comment on the answer.
-            blind: Whether θ and the roles of the sides were hidden.
-        """
-        with self._change() as flow:
-            asked = steps.open_question(flow, question)
-            steps.close(flow, asked, asked.answer(choice), comment, blind)
-            return self.now()
-
-    def give(self, question: int, answer: Answer) -> Now:
-        """Answer the open question in terms of challenger and incumbent."""
-        with self._change() as flow:
-            steps.close(flow, steps.open_question(flow, question), answer, "", False)
-            return self.now()
-
-    def mark(self, question: int, side: str, mark: str, on: bool) -> Now:
-        """Mark the experiment on `side`, "left" or "right", "unsafe" or "good enough", or not."""
-        with self._change() as flow:
-            steps.mark(flow, steps.open_question(flow, question), side, mark, on)
-            return self.now()
-
-    def undo(self, version: int) -> Now:
-        """Undo the last answer; `version` is the one that the person saw."""
-        return self._do(steps.undo, version)
-
-    def retract(self, answer: int) -> Now:
-        """Forget what answer number `answer` taught (see `closed`); every experiment stays."""
-        return self._do(steps.retract, answer)
-
-    def repeat(self) -> Now:
-        """Ask an earlier question again, sides swapped; the answer teaches nothing."""
-        return self._do(steps.repeat)
-
-    def pace(self, questions: int) -> Now:
-        """Change the maximum number of comparisons per experiment, 1 or more.
-
-        Raises:
-            SettingsError: If the agent cannot ask more than one.
-        """
-        return self._do(steps.pace, questions)
-
-    def ask_for(self, theta: Float[np.ndarray, " n"]) -> Now:
-        """Ask next about physical `theta`, shape (n,), compared with the best so far.
-
-        It replaces the sample that is not answered yet, whose θ is free again.
-
-        Raises:
-            ProtocolError: If all experiments are answered, or `theta` was tried before.
-            KnobError: If the space does not hold it, or a constraint forbids it.
-        """
-        return self._do(steps.ask_for, theta)
+    answer, give = _step(steps.answer), _step(steps.give)
+    mark, undo, retract = _step(steps.mark), _step(steps.undo), _step(steps.retract)
+    repeat, pace, ask_for = _step(steps.repeat), _step(steps.pace), _step(steps.ask_for)
+    record, write_and_start = _step(records.record), _step(driving.confirm)
+    fail, stop_run, retry = _step(runs.fail), _step(runs.stop), _step(runs.retry)
+    finish, go_on = _step(runs.finish), _step(runs.go_on)
 
     def look_at(self, theta: Float[np.ndarray, " n"]) -> Experiment:
         """Return the experiment of a simulated `theta`, shape (n,), and record nothing.
@@ -396,65 +349,15 @@ class Interview:
         """
         return runs.look_at(self._flow, self._changed, theta)
 
-    def note(self, text: str) -> Now:
-        """Save a remark on the study."""
-        with self._change() as flow:
-            flow.study.append(Noted(text))
-            flow.version += 1
-            return self.now()
-
     def preview(self, given: Given) -> Preview:
         """Read a rig's record, and save nothing. Raises RecordError if it is refused."""
         with self._changed:
             return records.preview(self._flow, given)
 
-    def record(self, given: Given) -> Now:
-        """Save a rig's record of the pending sample, or replace an earlier experiment's.
-
-        Raises:
-            RecordError: If the record is refused.
-        """
-        return self._do(records.record, given)
-
-    def fail(self, index: int, reason: str = "") -> Now:
-        """Count the run of the pending sample as failed: an experiment without a record."""
-        return self._do(runs.fail, index, reason)
-
-    def stop_run(self, index: int) -> Now:
-        """Stop the run of the pending sample, which then counts as failed.
-
-        Raises:
-            ScenarioError: If it runs inside prefcal's own process, as built-in scenarios do.
-        """
-        return self._do(runs.stop, index)
-
-    def write_and_start(self, index: int) -> Now:
-        """Confirm what is written to the live plant, and start the run of the pending sample.
-
-        Raises:
-            StaleError: If it is not waited for, or the plant's present values are not known.
-        """
-        return self._do(driving.confirm, index)
-
     @property
     def drives(self) -> bool:
         """Return whether a run on a live plant is in progress; it takes no lock."""
         return driving.is_driving(self._flow)
-
-    def retry(self, index: int = 0) -> Now:
-        """Retry what failed, in phase FAILED: a run, or writing the study file.
-
-        In phase CONFIRM, read the live plant's present values again.
-        """
-        return self._do(runs.retry)
-
-    def finish(self) -> Now:
-        """End the study at the person's request."""
-        return self._do(runs.finish)
-
-    def go_on(self, more: int = 0) -> Now:
-        """Reopen an ended study, with `more` additional experiments."""
-        return self._do(runs.go_on, more)
 
     # Work in the background.
 
@@ -536,16 +439,6 @@ class Interview:
         """Tell front ends how far a run on the live plant is."""
         with self._change() as flow:
             flow.version += 1
-
-    def _do(
-        self, step: Callable[Concatenate[Flow, P], None], *args: P.args, **kwargs: P.kwargs
-    ) -> Now:
-        """Take a step, and return what is to be seen after it."""
-        with self._change() as flow:
-            if driving.is_driving(flow) and step is not runs.stop:
-                raise StaleError("a run on the plant is in progress: stop it first")
-            step(flow, *args, **kwargs)
-            return self.now()
 
     @contextmanager
     def _change(self) -> Iterator[Flow]:

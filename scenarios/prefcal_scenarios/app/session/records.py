@@ -1,6 +1,5 @@
 """Preview, save and replace the records of a rig."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,14 +128,8 @@ def _dialed(flow: Flow, given: Given) -> Float[np.ndarray, " n"] | None:
         return None
     if index != flow.state.history.answered:
         raise RecordError(f"experiment {index + 1} was compared already: its θ stays")
-    return _new(theta, [s.theta for s in samples[:index]])
-
-
-def _new(
-    theta: Float[np.ndarray, " n"], earlier: Sequence[tuple[float, ...]]
-) -> Float[np.ndarray, " n"]:
-    for i, other in enumerate(earlier):
-        if np.array_equal(theta, other):
+    for i, earlier in enumerate(samples[:index]):
+        if np.array_equal(theta, earlier.theta):
             raise RecordError(f"experiment {i + 1} was run with exactly the θ that you set")
     return theta
 

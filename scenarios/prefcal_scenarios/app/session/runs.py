@@ -231,7 +231,11 @@ def reserve(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
 
 
 def stop(flow: Flow, index: int) -> None:
-    """Stop the run of the pending sample, which then counts as failed."""
+    """Stop the run of the pending sample, which then counts as failed.
+
+    Raises:
+        ScenarioError: If it runs inside prefcal's own process, as built-in scenarios do.
+    """
     if driving.live_of(flow) is not None:
         return driving.stop(flow, index)
     theta, workers = np.array(awaited(flow, index, Phase.RUNNING).theta), workers_of(flow)
@@ -267,8 +271,8 @@ def _end_dropped(flow: Flow) -> None:
         worker.stop("given up", within=_COURTESY)
 
 
-def fail(flow: Flow, index: int, reason: str) -> None:
-    """Count the run of the pending sample as failed."""
+def fail(flow: Flow, index: int, reason: str = "") -> None:
+    """Count the run of the pending sample as failed: an experiment without a record."""
     awaited(flow, index, Phase.RECORD, Phase.CONFIRM, Phase.FAILED)
     if index in flow.state.finished:
         # A later step failed, for example on a full disk: this experiment must not be replaced.
@@ -280,7 +284,10 @@ def fail(flow: Flow, index: int, reason: str) -> None:
 
 
 def retry(flow: Flow) -> None:
-    """Retry what failed."""
+    """Retry what failed, in phase FAILED: a run, or writing the study file.
+
+    In phase CONFIRM, read the live plant's present values again.
+    """
     on_the_plant = flow.phase is Phase.CONFIRM or driving.is_unrestored(flow)
     if on_the_plant:
         driving.look_again(flow)
@@ -300,8 +307,8 @@ def finish(flow: Flow) -> None:
     flow.proceed()
 
 
-def go_on(flow: Flow, more: int) -> None:
-    """Reopen the study, with `more` additional experiments."""
+def go_on(flow: Flow, more: int = 0) -> None:
+    """Reopen the ended study, with `more` additional experiments."""
     state = flow.state
     if flow.phase is not Phase.OVER:
         raise StaleError("the study has not ended")

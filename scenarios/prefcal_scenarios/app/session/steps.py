@@ -12,7 +12,7 @@ from prefcal_env.study import Adjusted, Answered, Marked, Retracted, Shown, Undo
 from .flow import Flow
 from .memory import QUESTIONS
 from .order import to_repeat
-from .view import GOOD_ENOUGH, MARKS, Phase, Question
+from .view import GOOD_ENOUGH, MARKS, Choice, Phase, Question
 
 
 def open_question(flow: Flow, question: int) -> Question:
@@ -26,7 +26,30 @@ def open_question(flow: Flow, question: int) -> Question:
     return asked
 
 
-def close(flow: Flow, asked: Question, given: Answer, comment: str, blind: bool) -> None:
+def answer(
+    flow: Flow, question: int, choice: Choice, *, comment: str = "", blind: bool = False
+) -> None:
+    """Answer the open question by side.
+
+    Args:
+        flow: Flow of the interview.
+        question: Id of the question.
+        choice: Verdict.
+        comment: Comment on the answer.
+        blind: Whether θ and the roles of the sides were hidden.
+    """
+    asked = open_question(flow, question)
+    _close(flow, asked, asked.answer(choice), comment, blind)
+
+
+def give(flow: Flow, question: int, answer: Answer) -> None:
+    """Answer the open question in terms of challenger and incumbent."""
+    _close(flow, open_question(flow, question), answer)
+
+
+def _close(
+    flow: Flow, asked: Question, given: Answer, comment: str = "", blind: bool = False
+) -> None:
     """Record the answer, teach it to the agent, and proceed."""
     new, old = asked.challenger.index, asked.incumbent.index
     given = asked.completed(given)
@@ -38,13 +61,14 @@ def close(flow: Flow, asked: Question, given: Answer, comment: str, blind: bool)
     flow.draft, flow.answered_at = "", flow.version
 
 
-def mark(flow: Flow, asked: Question, side: str, mark: str, on: bool) -> None:
+def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
     """Set or clear a mark of the experiment on `side`; one mark replaces the other.
 
     Raises:
         StudyError: If there is no such side or mark.
         PreferenceError: If a run that was interrupted as unsafe is marked as good enough.
     """
+    asked = open_question(flow, question)
     if side not in ("left", "right") or mark not in MARKS:
         raise StudyError(f"a mark is one of {MARKS} on left or right, got {mark!r} on {side!r}")
     which = asked.left if side == "left" else asked.right
@@ -67,7 +91,10 @@ def can_undo(flow: Flow) -> bool:
 
 
 def undo(flow: Flow, version: int) -> None:
-    """Undo the last answer, or skip a repeated question that is open."""
+    """Undo the last answer, or skip a repeated question that is open.
+
+    `version` is the one that the person saw.
+    """
     if not can_undo(flow):
         raise StaleError("there is no answer to undo")
     if version < flow.answered_at:
@@ -98,7 +125,7 @@ def closed(flow: Flow, answer: int) -> Comparison:
 
 
 def retract(flow: Flow, answer: int) -> None:
-    """Forget what an answer taught; all samples stay, including the open one."""
+    """Forget what an answer taught (see `closed`); all samples stay, including the open one."""
     if closed(flow, answer).retracted:
         raise StaleError(f"answer {answer} is retracted already")
     if flow.phase is Phase.RUNNING and flow.must_think:
@@ -120,8 +147,10 @@ def retract(flow: Flow, answer: int) -> None:
         flow.version += 1
 
 
-def ask_for(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
+def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> None:
     """Compare physical `theta`, shape (n,), next, in place of the pending sample.
+
+    The θ of that sample is free again.
 
     Raises:
         StaleError: If the study has ended, or its last step failed.
@@ -134,7 +163,7 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
         # Until the retry, the study file and the agent differ.
         raise StaleError("the last step failed: try it again first")
     twin, pending, asked = flow.agent.copy(), flow.pending, flow.question
-    twin.replace_pending(theta)
+    twin.replace_pending(np.array(theta))
     sample = twin.history.pending  # others may be pending behind it
     assert sample is not None
     shown = asked is None or asked.challenger.index == flow.state.history.answered
@@ -146,7 +175,11 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
 
 
 def pace(flow: Flow, questions: int) -> None:
-    """Ask at most `questions` comparisons per experiment from now on."""
+    """Ask at most `questions` comparisons per experiment, 1 or more, from now on.
+
+    Raises:
+        SettingsError: If the agent cannot ask more than one.
+    """
     agent = flow.agent
     if not isinstance(agent, GLISp):
         raise SettingsError("only the agent glisp can ask more than one comparison per experiment")
@@ -167,7 +200,7 @@ def pace(flow: Flow, questions: int) -> None:
 
 
 def repeat(flow: Flow) -> None:
-    """Show an earlier question again, with its sides swapped."""
+    """Show an earlier question again, with its sides swapped; the answer teaches nothing."""
     again = to_repeat(flow.state, flow.seed)
     if again is None or flow.phase is not Phase.QUESTION:
         raise StaleError("there is no earlier question to ask again now")

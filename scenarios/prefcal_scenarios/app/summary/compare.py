@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.app.presentation.wording import measured, objective, with_unit
+from prefcal_scenarios.app.presentation.wording import limits_text, measured, with_unit
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.scenario import KPI
 
@@ -68,12 +68,11 @@ def one_misses(kpi: KPI, left: Experiment, right: Experiment) -> bool:
 
 def row_of(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str, Any]:
     """Return the row of one KPI, without its group."""
-    words = objective(kpi)
     return {
         "title": kpi.title,
         "about": kpi.about,
         "unit": kpi.unit,
-        "objective": f"{words} {kpi.unit}".strip() if words else "",
+        "objective": limits_text(kpi),
         "left": _value(kpi, left),
         "right": _value(kpi, right),
         "difference": _difference(kpi, left, right) if size else "",

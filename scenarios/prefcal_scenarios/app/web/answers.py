@@ -13,7 +13,6 @@ from prefcal_env.errors import PrefcalError, RecordError, StaleError, StudyError
 from .bodies import MalformedError
 
 Handler = Callable[[Request], Awaitable[Response]]
-NowOf = Callable[[], Awaitable[bytes]]
 
 _log = logging.getLogger(__name__)
 _KINDS: tuple[tuple[type[Exception], int, str], ...] = (

@@ -7,6 +7,7 @@ from functools import partial, wraps
 from typing import Any
 
 import anyio
+from msgspec import Struct
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -16,7 +17,7 @@ from starlette.responses import Response
 from prefcal_env.errors import StaleError
 from prefcal_scenarios.app.session import Given, Interview, Now, Phase
 
-from .actions import Action
+from .actions import ACTIONS, Nothing
 from .answers import Handler, as_json, error_response, refused
 from .bodies import MalformedError, bit, digits, number_of_answer, numbers, read_json, read_query
 from .views import Views
@@ -89,18 +90,6 @@ class Api:
         return await self._shown(query)
 
     @_answering
-    async def brief(self, request: Request) -> Response:
-        """Return the briefing: the task, what knobs and KPIs mean, and how long it takes."""
-        _query(request, _BLIND)
-        return as_json(await run_in_threadpool(self.views.brief))
-
-    @_answering
-    async def history(self, request: Request) -> Response:
-        """Return every question and answer."""
-        _query(request, _BLIND)
-        return as_json(await run_in_threadpool(self.views.history))
-
-    @_answering
     async def asked(self, request: Request) -> Response:
         """Return an answered question as it was shown."""
         query = _query(request, _BLIND)
@@ -111,17 +100,19 @@ class Api:
         except (MalformedError, StaleError) as error:
             raise HTTPException(404) from error
 
-    @_answering
-    async def status(self, request: Request) -> Response:
-        """Return the status of the study."""
-        _query(request, _BLIND)
-        return as_json(await run_in_threadpool(self.views.status))
+    def showing(self, view: Callable[[], bytes]) -> Handler:
+        """Return the handler of a view that depends on nothing else."""
+
+        async def handler(request: Request) -> Response:
+            response: Response = await self._show(request, view)
+            return response
+
+        return handler
 
     @_answering
-    async def simulated(self, request: Request) -> Response:
-        """Return what the agent simulated, for a picture."""
+    async def _show(self, request: Request, view: Callable[[], bytes]) -> Response:
         _query(request, _BLIND)
-        return as_json(await run_in_threadpool(self.views.simulated))
+        return as_json(await run_in_threadpool(view))
 
     @_answering
     async def look(self, request: Request) -> Response:
@@ -131,22 +122,20 @@ class Api:
             raise MalformedError("The request does not say which θ to look at.")
         return as_json(await run_in_threadpool(self.views.look, query["theta"]))
 
-    def acting(self, action: Action) -> Handler:
+    def acting(self, name: str) -> Handler:
         """Return the handler of an action with a JSON body."""
 
         async def handler(request: Request) -> Response:
-            response: Response = await self._act(request, action)
+            response: Response = await self._act(request, name)
             return response
 
         return handler
 
     @_answering
-    async def _act(self, request: Request, action: Action) -> Response:
+    async def _act(self, request: Request, name: str) -> Response:
         query = _query(request, _BLIND)
-        if not _sent_as(request, "application/json"):
-            return error_response(415, "The request must be JSON.", "refused")
-        given = read_json(await request.body(), action.fields)
-        return await self._done(query, partial(action.do, self.interview, **given))
+        given = await _body(request, ACTIONS[name])
+        return await self._done(query, partial(getattr(self.interview, name), **given))
 
     @_answering
     async def record(self, request: Request) -> Response:
@@ -164,9 +153,7 @@ class Api:
     async def close(self, request: Request) -> Response:
         """Close the window after sending this response."""
         query = _query(request, _BLIND)
-        if not _sent_as(request, "application/json"):
-            return error_response(415, "The request must be JSON.", "refused")
-        read_json(await request.body(), {})
+        await _body(request, Nothing)
         response = await self._shown(query)
         response.background = BackgroundTask(self.closed.set)
         return response
@@ -200,6 +187,12 @@ class Api:
 
 def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
     return read_query(request.scope["query_string"], fields)
+
+
+async def _body(request: Request, kind: type[Struct]) -> dict[str, Any]:
+    if not _sent_as(request, "application/json"):
+        raise HTTPException(415, "The request must be JSON.")
+    return read_json(await request.body(), kind)
 
 
 async def _given(request: Request) -> tuple[dict[str, Any], Given]:

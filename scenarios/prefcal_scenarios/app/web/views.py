@@ -3,7 +3,9 @@
 import json
 import math
 import threading
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from prefcal_scenarios.app.session import Given, Interview
@@ -20,6 +22,11 @@ from .view import (
     preview_view,
     status_view,
 )
+
+PLAIN: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
+    {"brief": brief_view, "history": history_view, "status": status_view}
+)
+"""Views that follow from the interview alone: what a study is about, and where it is."""
 
 
 @dataclass(slots=True)
@@ -52,17 +59,13 @@ class Views:
                 kept = self._kept[blind] = (key, encoded(self._now(blind)))
             return kept[1]
 
-    def brief(self) -> bytes:
-        """Return the briefing."""
-        return encoded(brief_view(self.interview))
+    def plain(self, name: str) -> bytes:
+        """Return one of the views `PLAIN`."""
+        return encoded(PLAIN[name](self.interview))
 
     def preview(self, given: Given) -> bytes:
         """Return what would be saved of a record."""
         return encoded(preview_view(self.interview, given))
-
-    def history(self) -> bytes:
-        """Return every question and answer."""
-        return encoded(history_view(self.interview))
 
     def asked(self, answer: int, blind: bool) -> bytes:
         """Return an answered question as it was shown."""
@@ -81,10 +84,6 @@ class Views:
     def look(self, theta: tuple[float, ...]) -> bytes:
         """Return a simulated θ beside the best so far."""
         return encoded(look_view(self.interview, theta))
-
-    def status(self) -> bytes:
-        """Return the status of the study."""
-        return encoded(status_view(self.interview, report=self.reports.folder))
 
     def _now(self, blind: bool) -> dict[str, Any]:
         return now_view(

@@ -4,30 +4,13 @@ import asyncio
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
+
+from prefcal_scenarios.app.session import Interview
 
 _ROUND = 1.0
 """Seconds after which the thread checks whether any page is still waiting."""
 _PAUSE = 0.05
 """Seconds between rounds without a change, since a closed interview returns at once."""
-
-
-class Versioned(Protocol):
-    """The part of `Now` that is used here."""
-
-    @property
-    def version(self) -> int:
-        """Return the version, which grows with every change."""
-
-
-class Changing(Protocol):
-    """The part of `Interview` that is used here."""
-
-    def now(self) -> Versioned:
-        """Return the current view."""
-
-    def wait(self, version: int, timeout: float) -> Versioned:
-        """Return the view once its version differs from `version`, or after `timeout` seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +39,7 @@ class Watch:
         interview: Interview to watch.
     """
 
-    def __init__(self, interview: Changing) -> None:
+    def __init__(self, interview: Interview) -> None:
         self._interview = interview
         self._lock = threading.Lock()
         self._waiters: set[_Waiter] = set()

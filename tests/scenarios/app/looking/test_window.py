@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_env import recorded
 from prefcal_scenarios.app.looking.look import look, run_of
-from prefcal_scenarios.app.looking.window import Gallery, LookWindow
+from prefcal_scenarios.app.looking.window import LookWindow
 from support.browser import Watched
 from support.page_checks import pixels, serious
 
@@ -21,7 +21,7 @@ def run(name, speed, n=201):
 
 def test_three_runs_two_at_a_time(browser):
     runs = [run("<b>.csv", 0.2), run("b.csv", 0.05, 77), run("c.csv", 0.4)]
-    with LookWindow(Gallery(runs)) as window:
+    with LookWindow(runs) as window:
         watched = Watched(browser)
         page = watched.page
         page.goto(window.link)

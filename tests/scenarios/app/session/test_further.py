@@ -195,11 +195,9 @@ def test_a_file_that_compares_an_experiment_before_its_own_question_is_refused(t
 
 
 def test_verdicts_are_counted_with_the_others(toy):
-    from prefcal_scenarios.app.web.view import status_view
-
     interview = begin(toy, n_max=8, agent=THREE)
     question = until_further(interview)
-    before = sum(status_view(interview)["verdicts"].values())
+    before = sum(interview.counts.verdicts.values())
     interview.answer(question.id, judge(question, toy.cost))
-    assert sum(status_view(interview)["verdicts"].values()) == before + 1
+    assert sum(interview.counts.verdicts.values()) == before + 1
     assert interview.now().state.history.follow_ups[0].answer.preference in Preference

@@ -288,7 +288,7 @@ def test_a_run_that_raises_is_shown_tried_again_or_counted_as_failed(toy):
     assert now.phase is Phase.FAILED
     assert "the pump does not answer" in now.problem
     broken[0] = False
-    interview.retry(0)
+    interview.retry()
     assert proceed(interview).phase is Phase.QUESTION
     broken[0] = True
     answer(interview)
@@ -368,7 +368,7 @@ def test_a_full_disk_after_an_answer_is_a_problem_to_be_tried_again(interview, m
     assert (now.phase, now.problem) == (Phase.FAILED, "the disk is full")
     assert now.state.history.answered == 2
     monkeypatch.undo()
-    interview.retry(0)
+    interview.retry()
     assert proceed(interview).phase is Phase.QUESTION
 
 

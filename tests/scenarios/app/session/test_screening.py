@@ -46,7 +46,7 @@ def test_the_first_question_is_chosen_by_work_and_not_when_it_begins():
     assert now.phase is Phase.QUESTION
     assert now.simulated.shown == 2
     assert now.simulated.planned == 40
-    assert now.simulated.simulated == len(interview.basis.bank) > 2
+    assert now.simulated.simulated == len(interview.screened().bank) > 2
 
 
 def test_its_numbers_are_one_line():
@@ -61,7 +61,7 @@ def test_its_numbers_are_one_line():
 def test_an_agent_that_simulates_nothing_has_no_numbers_and_no_basis():
     interview = begin(unseen)
     assert proceed(interview).simulated is None
-    assert interview.basis is None
+    assert interview.screened() is None
 
 
 def test_a_study_without_prefetching_is_the_same_as_one_with_it():
@@ -83,7 +83,7 @@ def test_a_likely_answer_is_followed_by_the_next_question_without_work():
     now = worked(interview)
     now = interview.answer(now.question.id, Choice.LEFT)
     assert now.phase is Phase.QUESTION
-    assert interview.basis is not None
+    assert interview.screened() is not None
 
 
 def test_only_the_likeliest_answers_are_prepared():
@@ -100,19 +100,19 @@ def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
         now = proceed(interview)
         interview.answer(now.question.id, judge(now.question, cost))
     now = proceed(interview)
-    before = asked(now), interview.basis
+    before = asked(now), interview.screened()
     interview.study.close()
     again = reopened(unseen, path)
     assert asked(again.now()) == before[0]
-    assert again.basis is None
+    assert again.screened() is None
     assert again.now().simulated.simulated == 0
     again._runs_ahead = True
     version = again.now().version
     now = worked(again)
     assert asked(now) == before[0]
     assert now.version > version  # pages look again
-    assert again.basis.bank.thetas.tolist() == before[1].bank.thetas.tolist()
-    assert again.basis.reason == before[1].reason
+    assert again.screened().bank.thetas.tolist() == before[1].bank.thetas.tolist()
+    assert again.screened().reason == before[1].reason
     answer_all(again, lambda number: None)
     assert again.now().phase is Phase.OVER
 
@@ -210,7 +210,7 @@ def test_a_request_is_answered_while_it_simulates(slow):
         assert run.waiting.wait(20)
         begun = time.monotonic()
         assert interview.now().phase is Phase.RUNNING
-        assert interview.basis is None
+        assert interview.screened() is None
         assert interview.now().simulated.simulated == 0
         assert time.monotonic() - begun < 1.0
         run.gate.set()
@@ -307,5 +307,5 @@ def test_a_question_whose_reason_cannot_be_found_is_asked_without_one(monkeypatc
     interview = started(ahead=True)
     assert proceed(interview).phase is Phase.QUESTION
     now = worked(interview)  # which comes to an end
-    assert interview.basis is None
+    assert interview.screened() is None
     assert interview.answer(now.question.id, Choice.LEFT).phase is Phase.QUESTION

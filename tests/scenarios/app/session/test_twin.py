@@ -19,7 +19,7 @@ def simulator():
 def test_the_plant_is_shown_and_the_model_simulated():
     interview = twinned(simulator())
     now = proceed(interview)
-    bank = interview.basis.bank
+    bank = interview.screened().bank
     shown = {sample.theta for sample in now.state.history.samples}
     rough = bank.names.index("rough")
     for theta, kpis, failed in zip(bank.thetas, bank.kpis, bank.failed, strict=True):
@@ -51,7 +51,7 @@ def test_a_look_at_a_simulated_theta_shows_the_model_and_runs_nothing_on_the_pla
     interview = twinned(simulator())
     now = proceed(interview)
     shown = {sample.theta for sample in now.state.history.samples}
-    bank = interview.basis.bank
+    bank = interview.screened().bank
     theta = next(t for t, k in zip(bank.thetas, bank.kpis, strict=True)
                  if np.isfinite(k).all() and tuple(t) not in shown)  # fmt: skip
     looked = interview.look_at(theta)

@@ -31,7 +31,7 @@ def test_nothing_serious_is_found_on_any_view(browser, command):
     watched.answer("ArrowLeft")
     page.keyboard.press("s")
     watched.phase("over")
-    page.wait_for_selector(".pictures img")
+    page.wait_for_selector("text=Open the report")
     views["over"] = serious(page)
     assert {name: found for name, found in views.items() if found} == {}
 

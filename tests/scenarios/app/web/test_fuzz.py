@@ -35,10 +35,9 @@ BODIES = {
     "undo": {"version": 99},
     "retract": {"answer": 1},
     "repeat": {},
-    "note": {"text": "a note"},
     "ask_for": {"theta": [0.5, 21.0, 1.0]},
     "pace": {"questions": 3},
-    "retry": {"index": 0},
+    "retry": {},
     "fail": {"index": 0, "reason": "broken"},
     "finish": {},
     "go_on": {"more": 5},
@@ -65,7 +64,7 @@ VALUES = st.recursive(
 
 def fits(name, value):
     """Whether a page could send `value` in the field `name`, seen generously."""
-    if name in ("comment", "reason", "text"):
+    if name in ("comment", "reason"):
         return isinstance(value, str) and len(value) <= 10_000
     if name in ("blind", "on"):
         return isinstance(value, bool)
@@ -218,4 +217,4 @@ def test_the_requests_are_malformed_by_one_thing_only(room):
         by_path = {request.path: runner.run(ask(room.app, request))[0] for request in WELL}
     assert by_path.pop("/api/close") == 200
     assert set(by_path.values()) <= {200, 409}
-    assert by_path["/api/note"] == by_path["/api/finish"] == 200
+    assert by_path["/api/finish"] == 200

@@ -37,7 +37,7 @@ def test_twelve_comparisons_by_keyboard(browser, command):
         if number < len(keys):
             question = watched.question(question)
     watched.phase("over")
-    watched.page.wait_for_selector(".pictures img")
+    watched.page.wait_for_selector("text=Open the report")
     watched.shot("over")
     state = served.state
     assert state.ended == "all compared"

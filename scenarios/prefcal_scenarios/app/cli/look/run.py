@@ -161,13 +161,14 @@ def _finite(run: Run, kpi: KPI) -> float | None:
 def _serve(runs: Sequence[Run], options: LookOptions) -> None:
     """Serve the page until Ctrl-C."""
     # Imported here: pictures need no web server.
-    from prefcal_scenarios.app.looking.window import Gallery, LookWindow
+    from prefcal_scenarios.app.looking.window import LookWindow
     from prefcal_scenarios.app.web import open_browser
 
-    gallery = Gallery(runs, options.align or None)
     with (
         interruption(others=True) as ctrl_c,
-        LookWindow(gallery, host=options.host, port=options.port) as window,
+        LookWindow(
+            runs, align=options.align or None, host=options.host, port=options.port
+        ) as window,
     ):
         if window.warning:
             print(window.warning, file=sys.stderr)

@@ -1,5 +1,6 @@
 """Build the web application of the query window: its addresses and their handlers."""
 
+from functools import partial
 from importlib.resources.abc import Traversable
 
 from starlette.applications import Starlette
@@ -11,6 +12,7 @@ from prefcal_scenarios.app.web.actions import ACTIONS
 from prefcal_scenarios.app.web.answers import http_error
 from prefcal_scenarios.app.web.api import Api
 from prefcal_scenarios.app.web.pages import Pages
+from prefcal_scenarios.app.web.views import PLAIN
 
 from .files import Assets
 from .hosts import Hosts
@@ -72,17 +74,12 @@ def _of_pages(pages: Pages) -> list[Route]:
 
 
 def _of_api(api: Api) -> list[Route]:
-    posts = [
-        Route(f"/api/{name}", api.acting(action), methods=["POST"])
-        for name, action in ACTIONS.items()
-    ]
+    posts = [Route(f"/api/{name}", api.acting(name), methods=["POST"]) for name in ACTIONS]
     return [
         Route("/api/now", api.now),
-        Route("/api/brief", api.brief),
-        Route("/api/history", api.history),
+        *(Route(f"/api/{name}", api.showing(partial(api.views.plain, name))) for name in PLAIN),
+        Route("/api/simulated", api.showing(api.views.simulated)),
         Route("/api/history/{answer}", api.asked),
-        Route("/api/status", api.status),
-        Route("/api/simulated", api.simulated),
         Route("/api/look", api.look),
         Route("/api/preview", api.preview, methods=["POST"]),
         Route("/api/record", api.record, methods=["POST"]),

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Self
 
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.web.api import Api
@@ -45,7 +44,7 @@ class Presence:
         return None if self._until is None else max(0.0, self._clock() - self._until)
 
 
-class Window:
+class Window(Site):
     """The query window, served inside `with Window(interview) as window:`.
 
     Args:
@@ -79,9 +78,7 @@ class Window:
         self._reports.changed = self._watch.wake
         views = Views(interview, self._reports, again, command)
         api = Api(interview, views, self._watch, self.closed, self._presence.seen)
-        self._site = Site(partial(make_app, api, framed=framed), host=host, port=port)
-        self.port, self.link = self._site.port, self._site.link
-        self.warning, self.link_for_others = self._site.warning, self._site.link_for_others
+        super().__init__(partial(make_app, api, framed=framed), host=host, port=port)
 
     @property
     def reports(self) -> Path | None:
@@ -101,10 +98,6 @@ class Window:
         """Return the number of pages that wait for a change."""
         return self._watch.waiting
 
-    def __enter__(self) -> Self:
-        self._site.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Stop serving. Pages that wait for a change get a response first."""
-        self._site.stop(self._watch.stop)
+    def release(self) -> None:
+        """Answer the pages that wait for a change."""
+        self._watch.stop()

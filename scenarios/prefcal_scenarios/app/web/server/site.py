@@ -4,7 +4,7 @@ import asyncio
 import secrets
 import threading
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Self
 
 import uvicorn
 from starlette.applications import Starlette
@@ -18,15 +18,13 @@ _GRACE = 1
 """Seconds to finish open requests when the site closes."""
 
 
-class Making(Protocol):
-    """Function that builds the application of a site."""
-
-    def __call__(self, *, token: str, port: int, hosts: Hosts) -> Starlette:
-        """Return the application; its `state.assets` holds the files."""
+Making = Callable[..., Starlette]
+"""Function of `token`, `port` and `hosts` that builds the application of a site; its
+`state.assets` holds the files."""
 
 
 class Site:
-    """An application that is served from `start` to `stop`.
+    """An application that is served inside `with`.
 
     Args:
         make: Function that builds the application once the port is known.
@@ -52,19 +50,22 @@ class Site:
         self._server = uvicorn.Server(_config(self._app))
         self._thread = threading.Thread(target=self._serve, name="window", daemon=True)
 
-    def start(self) -> None:
-        """Start serving."""
+    def __enter__(self) -> Self:
         self._thread.start()
         self._app.state.assets.pack_all()
+        return self
 
-    def stop(self, answer: Callable[[], None] = lambda: None) -> None:
-        """Stop serving. `answer` is called once no new request is accepted."""
+    def __exit__(self, *_: object) -> None:
+        """Stop serving."""
         self._server.should_exit = True
-        answer()
+        self.release()
         self._thread.join(timeout=_GRACE + 1)
         # A server that is still at it on a busy machine closes the socket itself in the end.
         if not self._thread.is_alive():
             self._socket.close()
+
+    def release(self) -> None:
+        """Answer all requests that wait; no new one is accepted any more."""
 
     def _serve(self) -> None:
         self._server.run(sockets=[self._socket])

@@ -25,13 +25,3 @@ function kpiTable(kpis) {
   return el("div", { class: "scroll" }, el("table", { class: "kpi-table" }, el("thead", {}, el("tr", {},
     heads.map((text, k) => el("th", { scope: "col", class: k === 1 ? "number" : null }, text)))), el("tbody", {}, rows)));
 }
-
-export function pictures(report) {
-  if (!report) return el("p", { class: "faint" }, "The report is being written…");
-  return el("div", {}, el("p", { class: "command" }, el("code", {}, report.place),
-    el("button", { type: "button", on: { click: (event) => copied(report.place, event.target) } }, "Copy")),
-  el("div", { class: "pictures" }, report.pictures.map((source) => {
-    const name = source.split("/").pop().replace(/\.\w+$/, "").replaceAll("_", " ");
-    return el("figure", {}, el("img", { src: source, loading: "lazy", alt: "" }), el("figcaption", {}, name));
-  })));
-}

@@ -1,6 +1,6 @@
 // Keep the comment on the open question while it is typed, so that a reload does not lose it.
 
-import { $ } from "./dom.js";
+import { $, keep as store, kept } from "./dom.js";
 
 const KEY = "prefcal-comment";
 let subject = "";
@@ -10,21 +10,17 @@ export function start() {
 }
 
 function keep() {
-  try {
-    sessionStorage.setItem(KEY, JSON.stringify({ subject, text: $("comment").value }));
-  } catch {
-    // No storage: it is lost with the page.
-  }
+  store(KEY, JSON.stringify({ subject, text: $("comment").value }), "sessionStorage");
 }
 
 // Show what was typed about this question before a reload; what is in the field stays there.
 export function restore({ study, question }) {
   subject = `${study.place} ${question.id}`;
   try {
-    const kept = JSON.parse(sessionStorage.getItem(KEY));
-    if (kept?.subject === subject) $("comment").value ||= kept.text;
+    const last = JSON.parse(kept(KEY, "sessionStorage"));
+    if (last?.subject === subject) $("comment").value ||= last.text;
   } catch {
-    // No storage, or nothing of ours in it.
+    // Nothing of ours.
   }
 }
 

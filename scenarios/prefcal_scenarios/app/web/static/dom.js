@@ -29,6 +29,23 @@ export function withUnit(text, unit) {
   return unit && /[0-9]$/.test(text) ? `${text} ${unit}` : text;
 }
 
+// Remember a text in the browser; without storage it is forgotten, and `kept` returns null.
+export function keep(key, text, storage = "localStorage") {
+  try {
+    globalThis[storage].setItem(key, text);
+  } catch {
+    // No storage.
+  }
+}
+
+export function kept(key, storage = "localStorage") {
+  try {
+    return globalThis[storage].getItem(key);
+  } catch {
+    return null;
+  }
+}
+
 export function say(text) {
   // Empty it first, so that screen readers read the same words again.
   $("status").textContent = "";

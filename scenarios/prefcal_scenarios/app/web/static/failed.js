@@ -12,6 +12,6 @@ export function showFailed(now, act) {
       el("dt", {}, symbol(knob.name)), el("dd", {}, withUnit(knob.text, knob.unit))))) : null,
     el("p", {}, "Each answer was saved when you gave it."),
     el("p", { class: "actions" },
-      button("Try again", () => act("retry", { index: pending?.index ?? 0 }), "primary"),
+      button("Try again", () => act("retry", {}), "primary"),
       pending ? button("Count it as failed", () => act("fail", { index: pending.index, reason: problem ?? "" })) : null));
 }

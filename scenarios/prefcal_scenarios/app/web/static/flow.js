@@ -106,7 +106,7 @@ function take(now) {
   const before = state.now;
   if (before && now.version < before.version && now.blind === before.blind) return;
   state.now = now;
-  // After a long poll without news, keep the view as it is, with unfinished remarks and the focus.
+  // After a long poll without news, keep the view as it is, with the focus.
   if (!before || told(before) !== told(now)) changed(before);
 }
 

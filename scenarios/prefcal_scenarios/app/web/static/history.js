@@ -1,10 +1,9 @@
 // List every question and answer, to look at again or retract.
 
 import { get } from "./api.js";
-import { $, ask, el, fill, say, when } from "./dom.js";
+import { $, ask, el, fill, when } from "./dom.js";
 import { WORDS } from "./flow.js";
-import { figures } from "./maneuvers.js";
-import { summary, thetas } from "./side.js";
+import { showAgain } from "./maneuvers.js";
 
 const HEADS = ["question", "experiment", "against", "verdict", "marks", "comment", "answered", "retract"];
 
@@ -19,16 +18,12 @@ export async function showHistory(act) {
     return fill(view, title, el("p", {}, error.message));
   }
   const { answers, notes } = history;
-  const half = $("note")?.value ?? ""; // an unfinished remark
-  const typing = document.activeElement?.id === "note";
   fill(view, title,
     el("p", { class: "faint" }, "Newest first. Open a question to see it as it was shown. Retracting an answer only changes what is learned."),
     $("again") ?? el("div", { id: "again", tabindex: "-1" }),
     answers.length ? table(answers, act) : el("p", {}, "There are no answers yet."),
-    el("h3", {}, "Remarks"),
-    notes.length ? el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at))))) : null,
-    remark(act, half));
-  if (typing) $("note").focus();
+    notes.length ? [el("h3", {}, "Remarks"),
+      el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at)))))] : []);
   return undefined;
 }
 
@@ -37,17 +32,6 @@ function table(answers, act) {
   return el("div", { class: "scroll card flat", tabindex: "0", role: "region", "aria-label": "Answers" },
     el("table", { class: "answers" }, el("thead", {}, el("tr", {}, HEADS.map((text) =>
       el("th", { scope: "col" }, text)))), el("tbody", {}, rows)));
-}
-
-function remark(act, half) {
-  const note = el("input", { type: "text", maxlength: "2000", id: "note", autocomplete: "off" });
-  note.value = half;
-  return el("form", { class: "note", on: { submit: async (event) => {
-    event.preventDefault();
-    const text = note.value.trim();
-    note.value = "";
-    if (text && !(await act("note", { text }, "remark"))) $("note").value = text;
-  } } }, el("label", { for: "note" }, "A remark on the study "), note, el("button", {}, "Save"));
 }
 
 function row(answer, act) {
@@ -82,24 +66,8 @@ async function lookAgain(which) {
   } catch (error) {
     return fill(place, el("p", { class: "problem" }, error.message));
   }
-  const { question, verdict, comment, time_unit: unit } = asked;
+  const { question, verdict, comment } = asked;
   const heading = `${named(which).replace(/^./, (first) => first.toUpperCase())}: ${WORDS[verdict]}`;
-  const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
-  fill(place, el("div", { class: "card-head" }, el("h3", {}, heading),
-    comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
-  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question, verdict === name))));
-  figures(place, question, unit);
-  place.scrollIntoView({ block: "nearest" });
-  place.focus({ preventScroll: true });
-  return say(heading);
-}
-
-function side(name, question, won) {
-  const shown = question[name];
-  const title = name === "left" ? "Left" : "Right";
-  return el("section", { class: `side ${name}`, "aria-label": title },
-    el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number}`),
-      won ? el("span", { class: "chip good" }, "preferred") : null),
-    el("dl", { class: "kpis" }, summary(shown, question)), thetas(shown),
-    el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
+  const head = (name, title) => [title, `experiment ${question[name].number}`, verdict === name ? "preferred" : ""];
+  return showAgain(place, heading, asked, { left: head("left", "Left"), right: head("right", "Right") }, comment);
 }

@@ -42,15 +42,14 @@ export function showUnrestored(now, elsewhere) {
   if (place.hidden || place.dataset.words === words) return;
   place.dataset.words = words; // screen readers read it again whenever it is set
   fill(place, el("span", {}, words), unrestored
-    ? el("button", { type: "button", on: { click: () => act("retry", { index: now.pending?.index ?? 0 }) } }, "Try to restore again") : null);
+    ? el("button", { type: "button", on: { click: () => act("retry", {}) } }, "Try to restore again") : null);
 }
 
 function confirming({ live, pending }) {
   const button = (id, words, run, kind = "") => el("button", { type: "button", id, class: kind, on: { click: run } }, words);
-  const send = (name, more = {}) => act(name, { index: pending.index, ...more });
   const title = el("h2", { id: "live-title" }, `Experiment ${pending.number}: write these values to the plant?`);
-  const again = button("read-again", "Read the plant again", () => send("retry"));
-  const skip = button("not-run", "Count it as failed", () => send("fail", { reason: "it was not run" }));
+  const again = button("read-again", "Read the plant again", () => act("retry", {}));
+  const skip = button("not-run", "Count it as failed", () => act("fail", { index: pending.index, reason: "it was not run" }));
   if (live.unrestored) {
     again.textContent = "Try to restore again";
     return fill($("view-live"), el("h2", { id: "live-title" }, "The plant does not have its old values yet"),
@@ -69,7 +68,7 @@ function confirming({ live, pending }) {
     el("p", {}, `The run records for at most ${seconds(live.duration)}. ${live.keeps
       ? "The new values of the knobs stay on the plant if it is completed; otherwise the old ones are restored."
       : "The old values are restored after it."} You can stop it at any time.`),
-    el("p", { class: "actions" }, button("write-and-start", "Write and start", () => send("write_and_start"), "primary"), again, skip),
+    el("p", { class: "actions" }, button("write-and-start", "Write and start", () => act("write_and_start", { index: pending.index }), "primary"), again, skip),
     el("p", { class: "faint" }, "Nothing is written before you confirm."));
 }
 

@@ -4,6 +4,7 @@ import { css } from "./bounds.js";
 import { Cursor } from "./cursor.js";
 import { el, fill, say } from "./dom.js";
 import { Plots } from "./plots.js";
+import { summary, thetas } from "./side.js";
 
 // The namespace of SVG, read from the parser so that a page without network has no web address.
 const SVG = new DOMParser().parseFromString("<svg></svg>", "text/html").querySelector("svg").namespaceURI;
@@ -128,8 +129,29 @@ function path({ t, y: values }, x, y, held) {
   return drawn;
 }
 
-// Draw the figures of a question that is shown again: same axes and cursor, and tabs for maneuvers.
-export function figures(place, question, unit) {
+// Show two experiments again below `place`: same axes and cursor, and tabs for maneuvers. `heads`
+// holds title, words and chip of each side.
+export function showAgain(place, title, { question, time_unit: unit }, heads, comment = "") {
+  const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
+  fill(place, el("div", { class: "card-head" }, el("h3", {}, title),
+    comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
+  el("div", { class: "pair small" }, ["left", "right"].map((name) => again(name, question, heads[name]))));
+  figures(place, question, unit);
+  place.scrollIntoView({ block: "nearest" });
+  place.focus({ preventScroll: true });
+  say(title);
+}
+
+function again(name, question, [title, which, chip]) {
+  const shown = question[name];
+  return el("section", { class: `side ${name}`, "aria-label": title },
+    el("header", {}, el("h4", {}, title), el("p", { class: "which" }, which),
+      chip ? el("span", { class: "chip good" }, chip) : null),
+    el("dl", { class: "kpis" }, summary(shown, question)), thetas(shown),
+    el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
+}
+
+function figures(place, question, unit) {
   const pair = place.querySelector(".pair");
   const plots = new Plots((name) => pair.querySelector(`[data-side=${name}]`));
   const cursor = new Cursor(plots);

@@ -1,6 +1,6 @@
 // Show the end: what was gained, where the report is, and what to do next.
 
-import { bestCard, pictures } from "./best.js";
+import { bestCard } from "./best.js";
 import { $, ask, copied, el, fill, symbol, withUnit } from "./dom.js";
 
 const REASONS = {
@@ -24,7 +24,8 @@ export function showOver(now, act) {
         : el("span", { class: "faint" }, "The report is being written…"),
       report ? el("a", { class: "button", href: report.acceptance, target: "_blank", rel: "noopener" }, "Acceptance sheet") : null,
       over.next.download ? el("a", { class: "button", href: over.next.download, download: "best.json" }, "Download best.json") : null)),
-  gained(over.gain), bestCard(over.best, "The result", !over.gain || over.gain.same), steps(now, act), pictures(report));
+  gained(over.gain), bestCard(over.best, "The result", !over.gain || over.gain.same), steps(now, act),
+  report ? el("p", { class: "command" }, el("code", {}, report.place), copying(report.place)) : null);
   if (typing) $("more").focus();
 }
 

@@ -1,7 +1,7 @@
 // Show two experiments: text above, curves below, and one cursor and zoom for both.
 
 import { act } from "./flow.js";
-import { $, el, fill, withUnit } from "./dom.js";
+import { $, el, fill, keep, kept, withUnit } from "./dom.js";
 import { Cursor } from "./cursor.js";
 import { Maneuvers } from "./maneuvers.js";
 import { Plots, SMALL } from "./plots.js";
@@ -17,12 +17,8 @@ let unit = "";
 export function start() {
   // On a screen too narrow for two sides, show both in one plot.
   overlaid = matchMedia("(max-width: 600px)").matches;
-  try {
-    const chosen = localStorage.getItem("prefcal-overlay");
-    if (chosen) overlaid = chosen === "yes";
-  } catch {
-    // No local storage: nothing is remembered.
-  }
+  const chosen = kept("prefcal-overlay");
+  if (chosen) overlaid = chosen === "yes";
   $("overlay").addEventListener("click", toggleOverlay);
   $("zoom").addEventListener("click", toggleZoom);
   plots.remembers = true;
@@ -35,31 +31,19 @@ export function start() {
   table.start();
   maneuvers = new Maneuvers($("maneuvers"), showPart, jumpTo);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", ({ matches }) => {
-    if (themeChosen()) return;
+    if (kept("prefcal-theme") !== null) return;
     document.documentElement.dataset.theme = matches ? "dark" : "light";
     redraw();
   });
   $("theme").addEventListener("click", () => {
     const root = document.documentElement.dataset;
     root.theme = root.theme === "dark" ? "light" : "dark";
-    try {
-      localStorage.setItem("prefcal-theme", root.theme);
-    } catch {
-      // No local storage: the choice is not remembered.
-    }
+    keep("prefcal-theme", root.theme);
     redraw();
   });
   fill($("both"), el("p", { class: "legend" }, el("span", { class: "key left", id: "key-left" }, "Left"),
     el("span", { class: "key right", id: "key-right" }, "Right")),
   el("div", { class: "plot", id: "both-plot", role: "img", "aria-label": "Both experiments" }));
-}
-
-function themeChosen() {
-  try {
-    return localStorage.getItem("prefcal-theme") !== null;
-  } catch {
-    return false;
-  }
 }
 
 // Draw again in the colors of another theme.
@@ -109,11 +93,7 @@ export function fit() {
 
 function toggleOverlay() {
   overlaid = !overlaid;
-  try {
-    localStorage.setItem("prefcal-overlay", overlaid ? "yes" : "no");
-  } catch {
-    // No local storage: the choice is not remembered.
-  }
+  keep("prefcal-overlay", overlaid ? "yes" : "no");
   arrange();
   fit();
 }

@@ -1,11 +1,10 @@
 // Show what was simulated unseen: a picture of it, and each point to look at or to ask for.
 
 import { get } from "./api.js";
-import { $, el, fill, say, symbol, withUnit } from "./dom.js";
+import { $, el, fill, symbol, withUnit } from "./dom.js";
 import { open } from "./flow.js";
 import { draw, drawn, step } from "./map.js";
-import { figures } from "./maneuvers.js";
-import { summary, thetas } from "./side.js";
+import { showAgain } from "./maneuvers.js";
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 let data = null;
@@ -174,22 +173,7 @@ async function lookAt(event) {
   } finally {
     button.disabled = false;
   }
-  const { question, time_unit: unit } = found;
   const title = number === null ? "Simulated for a look: nothing is recorded" : `Experiment ${number} beside the best so far`;
-  fill(place, el("div", { class: "card-head" }, el("h3", {}, title),
-    el("button", { type: "button", on: { click: () => fill(place) } }, "Close")),
-  el("div", { class: "pair small" }, ["left", "right"].map((side) => half(side, question, number))));
-  figures(place, question, unit);
-  place.scrollIntoView({ block: "nearest" });
-  place.focus({ preventScroll: true });
-  return say(title);
-}
-
-function half(side, question, number) {
-  const shown = question[side];
-  const [title, which] = side === "left" ? ["Best so far", `experiment ${shown.number}`]
-    : ["This one", number === null ? "never shown" : `experiment ${number}`];
-  return el("section", { class: `side ${side}`, "aria-label": title }, el("header", {}, el("h4", {}, title),
-    el("p", { class: "which" }, which)), el("dl", { class: "kpis" }, summary(shown, question)), thetas(shown),
-  el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side } }));
+  return showAgain(place, title, found, { left: ["Best so far", `experiment ${found.question.left.number}`],
+    right: ["This one", number === null ? "never shown" : `experiment ${number}`] });
 }

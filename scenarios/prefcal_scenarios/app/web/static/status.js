@@ -48,22 +48,16 @@ const legend = (experiments) => el("p", { class: "marks-legend faint" }, GROUPS.
 const figures = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((knob) =>
   el("div", { class: "figure", role: "img", "aria-label": words(knob), data: { plot: kind } })));
 
-// Show how many answers of each kind there are, and whether they agree.
+// Show how many answers there are, and whether they agree.
 function answers(now, status, act) {
-  const { verdicts, consistency: { text, can_repeat: can } } = status;
+  const { text, can_repeat: can } = status.consistency;
   const { given, experiments, n_max: most } = now.progress;
   const again = el("button", { type: "button", disabled: !can, on: { click: async () => {
     if (await act("repeat", {})) open("now");
   } } }, "Ask me an earlier question again ", el("kbd", {}, "P"));
-  const total = Math.max(Object.values(verdicts).reduce((a, b) => a + b, 0), 1);
-  const bars = Object.entries(verdicts).map(([words, count]) => {
-    const bar = el("span", { class: "share" }, el("span", {}));
-    bar.firstChild.style.width = `${(100 * count) / total}%`;
-    return el("tr", {}, el("th", { scope: "row" }, words), el("td", { class: "number" }, count), el("td", { "aria-hidden": "true" }, bar));
-  });
   return el("div", { class: "card" }, el("h3", {}, "Your answers"),
     el("p", {}, `${experiments} of ${most} experiments, ${given} ${given === 1 ? "comparison" : "comparisons"}.`, status.simulated ? ` ${status.simulated.line}.` : ""),
-    el("table", { class: "shares" }, el("tbody", {}, bars)), pace(status.questions, act),
+    pace(status.questions, act),
     el("h3", {}, "How consistent are they?"), el("p", {}, text), el("p", {}, again),
     el("p", { class: "faint" }, "Nothing is learned from it: it only shows how consistent you are."));
 }

@@ -1,6 +1,6 @@
 // Compare two experiments KPI by KPI in one table, an objective that only one misses, then the largest difference.
 
-import { $, el, fill, symbol, withUnit } from "./dom.js";
+import { $, el, fill, keep, kept, symbol, withUnit } from "./dom.js";
 
 const NAMES = { worst: "Worst maneuver", mean: "Mean of all maneuvers" };
 let open = false;
@@ -8,21 +8,13 @@ let shown = null;
 let usual = true;
 
 export function start() {
-  try {
-    open = localStorage.getItem("prefcal-compare") === "yes";
-  } catch {
-    // No local storage: closed at first.
-  }
+  open = kept("prefcal-compare") === "yes";
   $("compare-toggle").addEventListener("click", toggle);
 }
 
 export function toggle() {
   open = !open;
-  try {
-    localStorage.setItem("prefcal-compare", open ? "yes" : "no");
-  } catch {
-    // No local storage: the choice is not remembered.
-  }
+  keep("prefcal-compare", open ? "yes" : "no");
   draw();
 }
 

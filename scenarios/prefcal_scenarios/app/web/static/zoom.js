@@ -1,6 +1,7 @@
 // Remember what part of the curves is shown: for the next question, and after a reload.
 
 import { target } from "./axes.js";
+import { keep, kept } from "./dom.js";
 
 const KEY = "prefcal-zoom";
 export const EVENTS = { kind: "events" }, WHOLE = { kind: "whole" }, TARGET = { kind: "target" };
@@ -13,19 +14,15 @@ export const dragged = (question, view) => ({ kind: "dragged", of: subject(quest
 
 export function remember(zoom) {
   chosen = zoom;
-  try {
-    sessionStorage.setItem(KEY, JSON.stringify(zoom));
-  } catch {
-    // No storage: it is forgotten at the next reload.
-  }
+  keep(KEY, JSON.stringify(zoom), "sessionStorage");
 }
 
 // Return what was chosen last; at first, the time in which things happen.
 export function recalled() {
   try {
-    chosen ??= JSON.parse(sessionStorage.getItem(KEY));
+    chosen ??= JSON.parse(kept(KEY, "sessionStorage"));
   } catch {
-    // No storage, or nothing of ours in it.
+    // Nothing of ours.
   }
   return chosen ?? EVENTS;
 }

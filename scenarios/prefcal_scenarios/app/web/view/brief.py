@@ -5,7 +5,7 @@ from typing import Any
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
-from prefcal_scenarios.app.presentation.wording import number, objective
+from prefcal_scenarios.app.presentation.wording import limits_text, number
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -68,8 +68,6 @@ def _by_hand(scenario: Scenario) -> bool:
 
 def kpi_view(kpi: KPI) -> dict[str, str]:
     """Return a KPI in words, with its objective."""
-    words = objective(kpi)
-    wanted = f"{words} {kpi.unit}".strip() if words else ""
-    if not words and kpi.goal is not None:
-        wanted = f"{kpi.goal} is better"
+    direction = "" if kpi.goal is None else f"{kpi.goal} is better"
+    wanted = limits_text(kpi) or direction
     return {"title": kpi.title, "unit": kpi.unit, "about": kpi.about, "wanted": wanted}

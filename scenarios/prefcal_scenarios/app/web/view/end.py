@@ -57,13 +57,11 @@ def outlook_view(outlook: Outlook | None) -> dict[str, Any] | None:
 
 
 def report_view(folder: Path | None) -> Any:
-    """Return the location of the report and its pictures; None if there is no report yet."""
+    """Return the location of the report; None if there is no report yet."""
     if folder is None:
         return None
-    pictures = sorted(p.name for p in folder.glob("*.png"))
     return {
         "place": str(folder / "report.html"),
         "link": "/report/report.html",
         "acceptance": "/report/acceptance.html",
-        "pictures": [f"/report/{name}" for name in pictures],
     }

@@ -1,6 +1,6 @@
 """Show the current state: the phase, the open question, the pending run, and the end."""
 
-from collections.abc import Set
+from collections.abc import Iterable, Set
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -51,7 +51,9 @@ def now_view(
         "progress": _progress(interview, now),
         "simulated": simulated_view(now),
         "can_undo": now.can_undo,
-        "question": _question(interview, now, seen or Seen(), blind=blind),
+        "question": None if now.question is None else question_view(
+            now.question, scenario, blind=blind, seen=(seen or Seen()).look(interview)
+        ),
         "problem": now.problem,
         "stopping": _stopping(now),
         "preparing": _preparing(now),
@@ -65,13 +67,6 @@ def now_view(
             interview, now, best_view(interview, now), command, report, seen or Seen()
         ),
     }  # fmt: skip
-
-
-def _question(interview: Interview, now: Now, seen: Seen, *, blind: bool) -> Any:
-    """Return the open question; None if there is none."""
-    if now.question is None:
-        return None
-    return question_view(now.question, interview.scenario, blind=blind, seen=seen.look(interview))
 
 
 def _preparing(now: Now) -> dict[str, Any] | None:
@@ -135,9 +130,7 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
             {"name": k.name, "unit": k.unit, "text": knob_number(k, v), "exact": repr(float(v))}
             for k, v in knobs
         ],
-        "copy": "" if hidden else "\n".join(
-            f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs
-        ),
+        "copy": "" if hidden else _exact(scenario, sample.theta),
         "instructions": "" if rig is None else rig.instructions,
     }  # fmt: skip
 
@@ -166,14 +159,19 @@ def best_view(interview: Interview, now: Now) -> Any:
     if now.incumbent is None:
         return None
     scenario, experiment = interview.scenario, interview.experiment(now.incumbent)
-    knobs = zip(scenario.space, experiment.theta, strict=True)
     return {
-        **numbers_view(experiment, scenario),
+        **numbers_view(experiment, scenario.shown_kpis),
         "number": now.incumbent + 1,
         "theta": theta_view(scenario.space, experiment),
-        "copy": "\n".join(f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs),
+        "copy": _exact(scenario, experiment.theta),
         "marks": marks_of(now.state, now.incumbent, now.state.history.unsafe(automatic=True)),
     }
+
+
+def _exact(scenario: Scenario, theta: Iterable[float]) -> str:
+    """Return θ in full precision, a line for each knob, to copy."""
+    knobs = zip(scenario.space, theta, strict=True)
+    return "\n".join(f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs)
 
 
 def marks_of(state: State, index: int, interrupted: Set[int]) -> list[str]:

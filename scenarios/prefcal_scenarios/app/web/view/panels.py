@@ -1,5 +1,6 @@
 """Describe the panels of a question and compute the curves to draw."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,19 @@ def panel_view(panel: Plot) -> dict[str, Any]:
     }
 
 
+def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any]:
+    """Return curves, changing references and limits, and each panel in words."""
+    empty = not len(experiment.t)
+    first = experiment.runs[0] if experiment.runs else experiment
+    return {
+        "runs": max(len(experiment.runs), 1),
+        "curves": [curves(p, experiment) for p in panels] if not empty else [[] for _ in panels],
+        "references": [_held(reference_of(p, first), first) for p in panels],
+        "limits": [[_held(limit, first) for limit in limits_of(p, first)] for p in panels],
+        "stories": [story(p, first) for p in panels],
+    }
+
+
 def curves(panel: Plot, experiment: Experiment) -> list[dict[str, Any]]:
     """Return one curve per run of an experiment; none without a record."""
     runs = experiment.runs or (experiment,)
@@ -37,16 +51,9 @@ def curves(panel: Plot, experiment: Experiment) -> list[dict[str, Any]]:
     return [curve(t, y, held=panel.held) for t, y in found if np.isfinite(y).any()]
 
 
-def reference(panel: Plot, experiment: Experiment) -> dict[str, Any] | None:
-    """Return the time-varying reference, or None if the panel names none."""
-    values = reference_of(panel, experiment)
+def _held(values: Float[np.ndarray, " K"] | None, experiment: Experiment) -> dict[str, Any] | None:
+    """Return the curve of a reference or limit that changes; None if the panel names none."""
     return None if values is None else curve(experiment.t, values, held=True)
-
-
-def limits(panel: Plot, experiment: Experiment) -> list[dict[str, Any] | None]:
-    """Return the time-varying lower and upper limits; None for each that the panel lacks."""
-    found = limits_of(panel, experiment)
-    return [None if v is None else curve(experiment.t, v, held=True) for v in found]
 
 
 def reference_of(panel: Plot, experiment: Experiment) -> Float[np.ndarray, " K"] | None:

@@ -12,7 +12,7 @@ from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .panels import panel_view
 from .seen import Seen
-from .sides import side_view
+from .sides import run_view, side_view
 
 
 def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
@@ -26,7 +26,10 @@ def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
     return {
         "panels": [panel_view(panel) for panel in panels],
         "axes": study.frame(panels, experiment),
-        "side": side_view(side, experiment, scenario, study, blind=False),
+        "side": {
+            **side_view(side, experiment, scenario, blind=False),
+            **run_view(experiment, panels, scenario.shown_kpis, study),
+        },
         "time_unit": unit,
         "text": f"{len(experiment.t)} rows, from {quantity(float(experiment.t[0]), unit)} to "
         f"{quantity(float(experiment.t[-1]), unit)}",

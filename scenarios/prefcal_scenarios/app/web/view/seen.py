@@ -12,10 +12,9 @@ from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.summary.compare import Spread
-from prefcal_scenarios.scenario import Scenario, panels_of
+from prefcal_scenarios.scenario import panels_of
 
-from .drawn import curves_view
-from .panels import limits_of, reference_of
+from .panels import curves_view, limits_of, reference_of
 
 _PAD = 0.04
 """Share of an axis left free at each end."""
@@ -28,6 +27,7 @@ _AT_ONCE = 200
 """Number of experiments read per look, to avoid waiting while thousands load from disk."""
 
 Range = tuple[float, float]
+_Drawn = tuple[Experiment, Sequence[Plot], dict[str, Any]]
 _NOTHING: Range = (np.inf, -np.inf)
 
 
@@ -48,7 +48,7 @@ class Seen:
 
     _reach: dict[int, dict[str, _Reach]] = field(default_factory=dict)
     _kpis: dict[int, dict[str, float]] = field(default_factory=dict)
-    _drawn: dict[int, tuple[Experiment, dict[str, Any]]] = field(default_factory=dict)
+    _drawn: dict[int, _Drawn] = field(default_factory=dict)
 
     def look(self, interview: Interview) -> "Seen":
         """Read experiments that finished since the last look, and return `self`.
@@ -90,15 +90,15 @@ class Seen:
         """Return how far apart the KPIs of the experiments so far usually are."""
         return Spread(self._kpis.values())
 
-    def drawn(self, experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
+    def drawn(self, experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any]:
         """Return `curves_view`, cached because the best so far appears in every question."""
         kept = self._drawn.get(id(experiment))
-        if kept is None or kept[0] is not experiment:
+        if kept is None or kept[0] is not experiment or kept[1] != panels:
             while len(self._drawn) >= _KEPT:
                 del self._drawn[next(iter(self._drawn))]
-            curves = curves_view(experiment, panels_of(scenario, experiment))
-            kept = self._drawn[id(experiment)] = (experiment, curves)
-        return kept[1]
+            kept = (experiment, panels, curves_view(experiment, panels))
+            self._drawn[id(experiment)] = kept
+        return kept[2]
 
 
 def _reach(experiment: Experiment, panels: Sequence[Plot]) -> _Reach:

@@ -1,11 +1,18 @@
 """Show one side of a question, and a question with both sides."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.panels import Plot
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.app.presentation.wording import ended_text, knob_number, measured, objective
+from prefcal_scenarios.app.presentation.wording import (
+    ended_text,
+    knob_number,
+    limits_text,
+    measured,
+    objective,
+)
 from prefcal_scenarios.app.session import Question, Side
 from prefcal_scenarios.app.summary.compare import compared
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -23,29 +30,19 @@ def question_view(
     Axes and large differences are based on all experiments `seen` so far.
     """
     seen = Seen() if seen is None else seen
-    sides = (question.left, question.right)
-    first, *others = pairs_of(scenario, *(side.experiment for side in sides))
-    left, right = (
-        side_view(side, other.experiment, scenario, seen, blind=blind, drawn=drawn)
-        for side, other, drawn in ((*sides, first.left), (*sides[::-1], first.right))
-    )
+    left, right = question.left, question.right
+    pairs = pairs_of(scenario, left.experiment, right.experiment)
+    first, *others = (pair_view(pair, scenario.shown_kpis, seen) for pair in pairs)
     return {
         "id": question.id,
         "number": question.number,
         "repeat": question.repeats is not None,
         "further": question.further,
         "comparison": comparison_view(question, scenario, seen),
-        **_pair_view(first, seen),
-        "left": left,
-        "right": right,
-        "others": [
-            {
-                **_pair_view(pair, seen),
-                "left": _run_view(pair.left, scenario, seen),
-                "right": _run_view(pair.right, scenario, seen),
-            }
-            for pair in others
-        ],
+        **first,
+        "left": {**side_view(left, right.experiment, scenario, blind=blind), **first["left"]},
+        "right": {**side_view(right, left.experiment, scenario, blind=blind), **first["right"]},
+        "others": others,
     }
 
 
@@ -55,8 +52,8 @@ def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[
     return compared(*sides, scenario.shown_kpis, seen.spread)
 
 
-def _pair_view(pair: Pair, seen: Seen) -> dict[str, Any]:
-    """Return what both sides of a maneuver share."""
+def pair_view(pair: Pair, kpis: Sequence[KPI], seen: Seen) -> dict[str, Any]:
+    """Return one maneuver of two experiments: its panels and axes, and the curves of both."""
     axes = seen.frame(pair.panels, pair.left, pair.right, maneuver=pair.name)
     return {
         "maneuver": pair.name,
@@ -64,63 +61,51 @@ def _pair_view(pair: Pair, seen: Seen) -> dict[str, Any]:
         "axes": axes,
         "window": eventful(pair.panels, axes, pair.left, pair.right),
         "differ": largest_difference(pair.panels, axes["y"], pair.left, pair.right),
+        "left": run_view(pair.left, pair.panels, kpis, seen),
+        "right": run_view(pair.right, pair.panels, kpis, seen),
     }
 
 
-def _run_view(run: Experiment, scenario: Scenario, seen: Seen) -> dict[str, Any]:
-    """Return the curves of one maneuver, its KPIs, and how it ended."""
-    part = {"part": numbers_view(run, scenario)} if run.maneuver else {"part": None}
-    return {**seen.drawn(run, scenario), **part, "empty": not len(run.t)}
-
-
-def side_view(
-    side: Side,
-    other: Experiment,
-    scenario: Scenario,
-    seen: Seen,
-    *,
-    blind: bool,
-    drawn: Experiment | None = None,
+def run_view(
+    run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen
 ) -> dict[str, Any]:
-    """Return one experiment with the curves of `drawn`: one of its maneuvers, or itself if None."""
+    """Return the curves of a run; of a maneuver its KPIs, too, and how it ended."""
+    part = numbers_view(run, kpis) if run.maneuver else None
+    return {**seen.drawn(run, panels), "part": part, "empty": not len(run.t)}
+
+
+def side_view(side: Side, other: Experiment, scenario: Scenario, *, blind: bool) -> dict[str, Any]:
+    """Return one experiment of two, without its curves."""
     experiment = side.experiment
     return {
-        **numbers_view(experiment, scenario),
+        **numbers_view(experiment, scenario.shown_kpis),
         "number": None if blind else side.index + 1,
         "role": None if blind else side.role,
         "marks": sorted(side.marks),
         "counts_as_unsafe": side.counts_as_unsafe,
         "theta": [] if blind else theta_view(scenario.space, experiment, other),
-        **_run_view(experiment if drawn is None else drawn, scenario, seen),
     }
 
 
-def numbers_view(experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
-    """Return how an experiment ended, and its KPIs: those with an objective first."""
-    return numbers_of(experiment, scenario.shown_kpis)
-
-
-def numbers_of(experiment: Experiment, kpis: Iterable[KPI]) -> dict[str, Any]:
-    """Return how an experiment ended, and those of `kpis` that it has."""
+def numbers_view(experiment: Experiment, kpis: Sequence[KPI]) -> dict[str, Any]:
+    """Return how an experiment ended, and those of `kpis` that it has, limited ones first."""
     shown = [kpi for kpi in kpis if kpi.name in experiment.kpis]
     shown.sort(key=lambda kpi: not objective(kpi))
     return {
         "ended": ended_text(experiment),
         "interrupted": experiment.end.interrupted,
         "empty": not len(experiment.t),
-        "kpis": [_kpi_view(kpi, experiment) for kpi in shown],
-    }
-
-
-def _kpi_view(kpi: KPI, experiment: Experiment) -> dict[str, Any]:
-    words = objective(kpi)
-    return {
-        "title": kpi.title,
-        "about": kpi.about,
-        "unit": kpi.unit,
-        "text": measured(kpi, experiment),
-        "met": kpi.met_by(experiment),
-        "objective": f"{words} {kpi.unit}".strip() if words else "",
+        "kpis": [
+            {
+                "title": kpi.title,
+                "about": kpi.about,
+                "unit": kpi.unit,
+                "text": measured(kpi, experiment),
+                "met": kpi.met_by(experiment),
+                "objective": limits_text(kpi),
+            }
+            for kpi in shown
+        ],
     }
 
 

@@ -1,6 +1,5 @@
 """Show the status: the best so far, what was tried and learned, and how consistent answers are."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,19 +8,19 @@ from jaxtyping import Float
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.presentation.wording import knob_number
-from prefcal_scenarios.app.report.record import VERDICTS, above
+from prefcal_scenarios.app.report.record import above
 from prefcal_scenarios.app.session import Consistency, Interview, Now
 from prefcal_scenarios.app.session.kpi_index import trust_text
 from prefcal_scenarios.app.session.order import to_repeat
 
-from .end import outlook_view, report_view
+from .end import outlook_view
 from .now import best_view, marks_of, simulated_view
 
 _POINTS = 81
 """Number of points of a slice through the surrogate."""
 
 
-def status_view(interview: Interview, *, report: Path | None = None) -> dict[str, Any]:
+def status_view(interview: Interview) -> dict[str, Any]:
     """Return STATUS for the page."""
     now = interview.now()
     consistency = interview.consistency
@@ -31,18 +30,13 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
         "tried": _tried(interview, now),
         "slices": _slices(interview, now),
         "consistency": {
-            "repeated": consistency.repeated,
-            "agreed": consistency.agreed,
-            "cycles": [[i + 1 for i in cycle] for cycle in consistency.cycles],
             "text": in_words(consistency),
             "can_repeat": now.question is not None and to_repeat(now.state, seed) is not None,
         },
         "outlook": outlook_view(interview.outlook),
-        "verdicts": _verdicts(interview),
         "questions": interview.questions,
         "simulated": simulated_view(now),
         "trust": "" if (index := interview.index) is None else trust_text(index),
-        "report": report_view(report),
     }
 
 
@@ -126,8 +120,3 @@ def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.n
     z[:, k] = np.linspace(0.0, 1.0, _POINTS)
     thetas = np.unique(np.array([space.decode(row) for row in z]), axis=0)
     return np.asarray(thetas[np.argsort(thetas[:, k])])
-
-
-def _verdicts(interview: Interview) -> dict[str, int]:
-    counted = interview.counts.verdicts
-    return {words: counted[verdict] for verdict, words in VERDICTS.items()}

@@ -39,7 +39,7 @@ def half_a_body(window, *, method=b"POST", stranger=False):
     base, _, token = window.link.partition("/open/")
     cookie = "" if stranger else f"Cookie: prefcal_{window.port}={token}\r\n"
     head = (
-        f" /api/note HTTP/1.1\r\nHost: 127.0.0.1:{window.port}\r\nOrigin: {base}\r\n{cookie}"
+        f" /api/fail HTTP/1.1\r\nHost: 127.0.0.1:{window.port}\r\nOrigin: {base}\r\n{cookie}"
         'Content-Type: application/json\r\nContent-Length: 900\r\n\r\n{"text'
     )
     return method + head.encode()
@@ -108,7 +108,7 @@ def test_half_sent_bodies_are_dropped(window, method):
     with ExitStack() as stack, page(window) as browser:
         made = opened(window, half_a_body(window, method=method), stack, 60)
         assert browser.get("/api/now").status_code == 200
-        assert browser.post("/api/note", json={"text": "honest"}).status_code == 200
+        assert browser.post("/api/finish", json={}).status_code == 200
         assert all_are_closed(made, within=8)
 
 

@@ -165,12 +165,12 @@ def test_a_body_that_is_too_long_is_refused_before_it_is_read(room):
 
 def test_a_body_in_endless_chunks_is_refused(room):
     endless = (b"x" * 1000 for _ in iter(int, 1))
-    assert untouched(room, lambda: bare(room, "POST", "/api/note", ours(), endless)) == 413
+    assert untouched(room, lambda: bare(room, "POST", "/api/answer", ours(), endless)) == 413
 
 
 @pytest.mark.parametrize("length", ["-1", "1e3", "", "9" * 30, "\u0663", "1, 1"])
 def test_a_length_that_is_no_number_is_refused(room, length):
-    assert bare(room, "POST", "/api/note", [*ours(), ("content-length", length)]) == 400
+    assert bare(room, "POST", "/api/answer", [*ours(), ("content-length", length)]) == 400
 
 
 @pytest.mark.parametrize("path", ["/api/now?" + "x" * 40_000, "/" + "x" * 40_000, "/api/now"])

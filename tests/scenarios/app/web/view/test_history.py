@@ -1,6 +1,7 @@
 import pytest
 
 from prefcal_env.errors import StaleError
+from prefcal_env.study import Noted
 from prefcal_scenarios.app.session import Choice
 from prefcal_scenarios.app.web.view import asked_view, history_view
 from support.interviews import THREE, begin, judge, proceed, until_further
@@ -70,7 +71,7 @@ def test_marks_read_as_the_columns_do():
 
 def test_remarks_are_kept_with_their_time():
     interview, _ = asked()
-    interview.note("the pump was noisy")
+    interview.study.append(Noted("the pump was noisy"))
     (note,) = history_view(interview)["notes"]
     assert note["text"] == "the pump was noisy"
     assert note["at"].startswith("2026-01-01T")

@@ -66,12 +66,10 @@ def test_the_end_shows_the_best_with_theta_to_copy_and_the_commands():
     assert view["over"]["reason"] == "all compared"
 
 
-def test_a_report_is_its_page_and_its_pictures_only(tmp_path):
-    for name in ("report.html", "b.png", "a.png", "answers.csv"):
-        (tmp_path / name).touch()
+def test_a_report_is_its_page_and_the_acceptance_sheet(tmp_path):
     view = report_view(tmp_path)
     assert view["place"] == str(tmp_path / "report.html")
-    assert view["pictures"] == ["/report/a.png", "/report/b.png"]
+    assert (view["link"], view["acceptance"]) == ("/report/report.html", "/report/acceptance.html")
     assert report_view(None) is None
 
 

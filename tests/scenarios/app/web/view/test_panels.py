@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.experiments.panels import Panel, Plot
-from prefcal_scenarios.app.web.view.panels import curve, curves, panel_view, reference, story
+from prefcal_scenarios.app.web.view.panels import curve, curves, curves_view, panel_view, story
 from prefcal_scenarios.scenario import panels_of
 from support.looks import LEVEL, THETA, VALVE, plain, run, toy
 
@@ -74,10 +74,10 @@ def test_a_reference_that_changes_in_time_has_the_scale_of_its_panel():
     ordered = np.where(one.t < 10, 1.0, 2.0)
     one = replace(one, signals={"ordered": ordered})
     panel = Panel("level <h>", unit="cm", scale=100.0, reference="ordered")
-    seen = reference(panel.plot(one), one)
+    (seen,) = curves_view(one, [panel.plot(one)])["references"]
     assert seen is not None
     assert seen["y"] == [100.0, 200.0, 200.0]
-    assert reference(LEVEL, one) is None
+    assert curves_view(one, [LEVEL])["references"] == [None]
 
 
 def test_a_curve_is_told_in_words_with_the_time_from_which_it_stays_in_its_band():

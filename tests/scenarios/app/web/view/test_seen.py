@@ -5,6 +5,7 @@ import numpy as np
 
 from prefcal_scenarios.app.session import Choice
 from prefcal_scenarios.app.web.view import Seen, asked_view, now_view
+from prefcal_scenarios.scenario import panels_of
 from support.looks import LEVEL, THETA, VALVE, answer, asked, run
 
 
@@ -41,7 +42,8 @@ def test_every_experiment_is_looked_at_once(monkeypatch):
     seen = Seen().look(interview).look(interview)
     assert sorted(read) == sorted(interview.now().state.finished)
     left = interview.now().question.left.experiment
-    assert seen.drawn(left, interview.scenario) is seen.drawn(left, interview.scenario)
+    panels = panels_of(interview.scenario, left)
+    assert seen.drawn(left, panels) is seen.drawn(left, panels)
 
 
 def test_axes_end_at_whole_steps_so_that_a_little_growth_moves_nothing():

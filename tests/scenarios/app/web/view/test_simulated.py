@@ -248,6 +248,6 @@ def test_the_picture_is_made_once_per_version(monkeypatch):
     for _ in range(3):
         assert room.page().get("/api/simulated").json() == {"n": 1}
     assert len(made) == 1
-    room.post("note", text="a remark")
+    room.post("finish")
     room.page().get("/api/simulated")
     assert len(made) == 2
