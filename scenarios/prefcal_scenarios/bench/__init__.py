@@ -1,11 +1,10 @@
 """The benchmark: agents x problems x calibrators x seeds, resumable and deterministic.
 
-`Suite` lists the cells, `run_suite` runs those without a result in a `Store` on `Processes` or a
-`DaskCluster`, and `digest` tells whether two runs gave the same results.
+`Suite` lists the cells, `run_suite` runs those without a result in a `Store` on `Processes`,
+and `digest` tells whether two runs gave the same results.
 """
 
 from .cell import Cell as Cell
-from .dask_cluster import DaskCluster as DaskCluster
 from .duels import Duel as Duel
 from .executors import Processes as Processes
 from .result import Result as Result

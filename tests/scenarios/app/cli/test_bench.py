@@ -28,7 +28,7 @@ def landed(folder, count):
 def test_the_help_teaches(prefcal):
     code, out, _ = prefcal("bench", "--help")
     assert code == 0
-    for word in ("--quick", "--dask", "--agents", "--json", "Examples", "digest", "own.py"):
+    for word in ("--quick", "--agents", "--json", "Examples", "digest", "own.py"):
         assert word in out
 
 
@@ -125,9 +125,7 @@ def test_a_benchmark_that_an_agent_kills_says_what_is_kept_and_who_was_running(t
         (["--seeds", "0"], "seeds"),
         (["--n-max", "4", "--n-init", "5"], "--n-max must be at least --n-init"),
         (["--jobs", "0"], "jobs"),
-        (["--jobs", "1", "--dask", "tcp://127.0.0.1:1"], "give one"),
         (["--cell-timeout", "0"], "time limit of a cell"),
-        (["--cell-timeout", "9", "--dask", "tcp://127.0.0.1:1"], "for this machine"),
         (["--json", "--csv"], "give one"),
         (
             ["--agents", "GLIS", "--problems", "cstr-guidelines"],

@@ -21,11 +21,6 @@ def test_help_teaches_with_an_example(prefcal, monkeypatch, command):
     assert max(out) < "\U0001f000"  # the ":50:" of a range is no emoji
 
 
-def test_the_extra_of_dask_is_not_swallowed(prefcal):
-    out = prefcal("bench", "--help")[1]
-    assert "pip install 'prefcal[dask]'" in " ".join(out.replace("│", " ").split())
-
-
 @pytest.mark.parametrize("command", [[], ["studies"], *COMMANDS], ids=" ".join)
 def test_no_help_has_words_that_stumble(prefcal, command):
     out = " ".join(prefcal(*command, "--help")[1].replace("│", " ").split())

@@ -35,9 +35,6 @@ EPILOG = """\
 [cyan]prefcal bench --agents GLISp --calibrators perfect --jobs 1[/cyan]
   One run at a time: only then are the times of proposals comparable.
 
-[cyan]prefcal bench --dask tcp://10.0.0.5:8786[/cyan]
-  On a Dask cluster whose workers have the same prefcal (and own.py).
-
 [cyan]prefcal bench --quick --json > quick.json[/cyan]
   For programs: the digest, the table, the duels and what failed.
 

@@ -16,7 +16,7 @@ def compare(options: CompareOptions) -> int:
     """Run the missing cells of one agent, write the page, and return the exit code.
 
     Raises:
-        PrefcalError: If the options are invalid, or a file, folder or cluster cannot be used.
+        PrefcalError: If the options are invalid, or a file or folder cannot be used.
     """
     planned = plan_of(options)
     suite = planned.suite

@@ -9,23 +9,16 @@ import typer
 Jobs = Annotated[
     int | None,
     typer.Option(
-        min=1, metavar="N", help="Processes on this machine.", show_default="one per core"
+        min=1, metavar="N", help="Processes.", show_default="one per core"
     ),
 ]
 CellTimeout = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
-        help="Time limit for one cell on this machine; a longer one is ended and "
+        help="Time limit for one cell; a longer one is ended and "
         "counts as failed. inf: no limit.",
         show_default="3600, an hour",
-    ),
-]
-Dask = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Run on this Dask scheduler instead (pip install 'prefcal\\[dask]').",
     ),
 ]
 Out = Annotated[
@@ -105,7 +98,6 @@ class BenchOptions:
     ] = None
     jobs: Jobs = None
     cell_timeout: CellTimeout = None
-    dask: Dask = None
     out: Out = Path("prefcal-bench")
     json: Json = False
     csv: Annotated[
@@ -162,6 +154,5 @@ class CompareOptions:
     ] = None
     jobs: Jobs = None
     cell_timeout: CellTimeout = None
-    dask: Dask = None
     out: Out = Path("prefcal-compare")
     json: Json = False

@@ -14,8 +14,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_scenarios.app.cli.interrupt import INTERRUPTED, interruption
 from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.app.report.export import jsonable
-from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
-from prefcal_scenarios.bench.engine import Workers
+from prefcal_scenarios.bench import Finished, Processes, Store, Suite, run_suite
 from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
 from prefcal_scenarios.bench.worth.curves import curves_of, frame_of, joined
 from prefcal_scenarios.bench.worth.raw import raw_file, write_raw
@@ -70,33 +69,25 @@ def suite_of(options: BenchOptions) -> Suite:
     return suite
 
 
-def workers_of(options: BenchOptions | CompareOptions) -> Workers:
+def workers_of(options: BenchOptions | CompareOptions) -> Processes:
     """Return the workers that run the benchmark.
 
     Raises:
-        SettingsError: If both a cluster and local processes are requested, or the number of
-            processes or the time limit is invalid.
-        MissingExtraError: If Dask is not installed.
+        SettingsError: If the number of processes or the time limit is invalid.
     """
-    if options.dask is None:
-        return Processes(
-            usable_cores() if options.jobs is None else options.jobs,
-            limit=_TIMEOUT if options.cell_timeout is None else options.cell_timeout,
-            last_words="the benchmark was killed, by an agent or from outside. The results "
-            f"so far are kept in {options.out}; the same command resumes.",
-        )
-    if options.jobs is not None:
-        raise SettingsError("--jobs is for this machine, --dask for a cluster: give one")
-    if options.cell_timeout is not None:
-        raise SettingsError("--cell-timeout is for this machine: a cluster has its own limits")
-    return DaskCluster(options.dask)
+    return Processes(
+        usable_cores() if options.jobs is None else options.jobs,
+        limit=_TIMEOUT if options.cell_timeout is None else options.cell_timeout,
+        last_words="the benchmark was killed, by an agent or from outside. The results "
+        f"so far are kept in {options.out}; the same command resumes.",
+    )
 
 
 def run(options: BenchOptions) -> int:
     """Run the missing cells, write the page, and print the result; return the exit code.
 
     Raises:
-        PrefcalError: If the options are invalid, or the folder or the cluster cannot be used.
+        PrefcalError: If the options are invalid, or the folder cannot be used.
     """
     if options.json and options.csv:
         raise SettingsError("--json and --csv both need standard output: give one")
@@ -123,7 +114,7 @@ def run_all(suite: Suite, options: BenchOptions | CompareOptions) -> Finished | 
     """Run the missing cells of a suite with a progress bar; return None after Ctrl-C.
 
     Raises:
-        PrefcalError: If the options are invalid, or the folder or the cluster cannot be used.
+        PrefcalError: If the options are invalid, or the folder cannot be used.
     """
     workers, messages = workers_of(options), Console(stderr=True)
     for words in suite.left_out:
