@@ -8,16 +8,13 @@ import typer
 
 Jobs = Annotated[
     int | None,
-    typer.Option(
-        min=1, metavar="N", help="Processes.", show_default="one per core"
-    ),
+    typer.Option(min=1, metavar="N", help="Processes.", show_default="one per core"),
 ]
 CellTimeout = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
-        help="Time limit for one cell; a longer one is ended and "
-        "counts as failed. inf: no limit.",
+        help="Time limit for one cell; a longer one is ended and counts as failed. inf: no limit.",
         show_default="3600, an hour",
     ),
 ]
