@@ -43,7 +43,7 @@ class Peer(Agent):
         """Return the sample of the start with this index; None after the start."""
         if index >= self.n_init:
             return None
-        return latin_hypercube(self.space, self.n_init, self._seed)[index]
+        return np.asarray(latin_hypercube(self.space, self.n_init, self._seed)[index])
 
     def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
         """Return what the package proposes, about in the unit cube, shape (n,); None for nothing.

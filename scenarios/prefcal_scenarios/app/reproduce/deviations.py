@@ -28,8 +28,8 @@ class Deviation:
 
 
 def _row(line: str) -> Deviation:
-    *cells, part = (cell.strip() for cell in line.split("|")[1:-1])
-    return Deviation(*cells, part.strip("`"))
+    _, paper, ours, why, effect, part, _ = map(str.strip, line.split("|"))
+    return Deviation(paper, ours, why, effect, part.strip("`"))
 
 
 DEVIATIONS = tuple(map(_row, TABLE.splitlines()[2:]))

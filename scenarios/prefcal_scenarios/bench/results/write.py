@@ -51,7 +51,8 @@ def write(
             to.
     """
     # Imported here: a table alone needs no plotting.
-    from .page import Material, draw_all, page
+    from .page import draw_all, page
+    from .pictures import Material
 
     results, duels = list(results), list(duels)
     curves = curves_of(joined(frame_of(results), published))

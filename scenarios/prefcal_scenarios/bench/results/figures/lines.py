@@ -27,10 +27,13 @@ _SOME = 8
 _MOST_ANSWERS = 2
 """The axis of answers ends at this many answers per experiment of the budget."""
 _SHADED = "#eef1f4"
-_START = Line2D([], [], color="#e1e6eb", linewidth=7, label="initial samples")
 _THEORY = Line2D([], [], color="#aab2bb", linewidth=3.2, label="random search, in theory")
-_LEVEL = (0, (6, 2, 1, 2))
-"""Dashes of an agent that sees values, and is never asked."""
+_SEES_VALUES = {
+    where: Line2D([], [], color=color, linewidth=1.2, linestyle=(0, (6, 2, 1, 2)),
+                  label=f"sees values: {where}")
+    for where, color in (("median at the end", "#5d6874"), ("at the end", FAINT))
+}  # fmt: skip
+"""What the legends say about agents that are never asked."""
 _Band = Float[np.ndarray, "3 _"]
 """Lower quartile, median (of gaps) or geometric mean (of worth), and upper quartile."""
 
@@ -43,7 +46,7 @@ def against_experiments(campaign: Campaign, setting: Setting, looks: Mapping[str
     shown = campaign.problems(setting, cost=True)
     figure, grid = panels(len(shown))
     present = _present(campaign.costly(setting), looks)
-    name_agents(figure, present, (_START,))
+    name_agents(figure, present, (_start(),))
     for axes, problem in zip(grid, shown, strict=True):
         groups = _by_agent(campaign.costly(setting), "problem", problem)
         bands = {agent: _quartiles(list(group["curve"])) for agent, group in groups}
@@ -75,7 +78,7 @@ def against_questions(campaign: Campaign, setting: Setting, looks: Mapping[str, 
             _draw_level(axes, agent, max(float(end[0]), bottom), present)
         silent = silent or bool(ends)
         axes.set_title(drawn(problem_name(campaign, problem)))
-    name_agents(figure, present, _sees_values(silent, "#5d6874", "median at the end"))
+    name_agents(figure, present, (_SEES_VALUES["median at the end"],) * silent)
     _label_gaps(figure, grid, "questions")
     return figure
 
@@ -89,7 +92,7 @@ def worth_by_experiments(worths: Worths, setting: Setting, looks: Mapping[str, L
     studies, loops = worths.curves.of(setting), worths.curves.loops(setting)
     present, limits = _present(studies, looks), _limits(studies)
     figure, grid = panels(len(loops))
-    name_agents(figure, present, (_THEORY, _START))
+    name_agents(figure, present, (_THEORY, _start()))
     for axes, loop in zip(grid, loops, strict=True):
         axes.axvspan(0, setting.n_init + 0.5, color=_SHADED, linewidth=0, zorder=0)
         _draw_theory(axes, setting.n_max)
@@ -127,7 +130,7 @@ def worth_by_answers(worths: Worths, setting: Setting, looks: Mapping[str, Look]
             _draw_level(axes, agent, ends[agent][1, -1], present)
         _draw_worth(axes, bands, (0, last), present, worths.baseline, ends=ends)
         _finish(axes, drawn(loop), limits)
-    name_agents(figure, present, _sees_values(silent, FAINT, "at the end"))
+    name_agents(figure, present, (_SEES_VALUES["at the end"],) * silent)
     _label_worth(figure, grid, "answers")
     return figure
 
@@ -186,6 +189,10 @@ def data_profiles(found: Profiles, looks: Mapping[str, Look]) -> Figure:
     grid[0].set_ylabel("solved (problem, seed)")
     name_agents(figure, present)
     return figure
+
+
+def _start() -> Line2D:
+    return Line2D([], [], color="#e1e6eb", linewidth=7, label="initial samples")
 
 
 def _by_agent(studies: pd.DataFrame, column: str, place: str) -> list[tuple[str, pd.DataFrame]]:
@@ -319,13 +326,7 @@ def _width(agent: str, thick: str | None) -> dict[str, float]:
 
 def _draw_level(axes: Axes, agent: str, value: float, looks: Mapping[str, Look]) -> None:
     color = looks[agent].color
-    axes.axhline(value, color=color, linewidth=1.2, linestyle=_LEVEL, label=agent)
-
-
-def _sees_values(silent: bool, color: str, where: str) -> tuple[Line2D, ...]:
-    """Return what the legend says about agents that are never asked, if there are any."""
-    label = f"sees values: {where}"
-    return (Line2D([], [], color=color, linewidth=1.2, linestyle=_LEVEL, label=label),) * silent
+    axes.axhline(value, color=color, linewidth=1.2, linestyle="--", label=agent)
 
 
 def _draw_theory(axes: Axes, last: int) -> None:

@@ -44,7 +44,7 @@ def heat_map(tallies: Sequence[Tally]) -> Figure:
     net = np.full((len(agents), len(rivals)), np.nan)
     for t in tallies:
         net[places[t.agent, t.rival]] = t.net
-    ticks = {-1: "column\nalways", 0: "even", 1: "row\nalways"}
+    ticks = {-1.0: "column\nalways", 0.0: "even", 1.0: "row\nalways"}
     figure, axes = _map(net, [agents, rivals], ticks, height=0.46 * len(agents) + 1.3, level=4)
     for t in tallies:
         _write(axes, t, *places[t.agent, t.rival])
@@ -276,7 +276,7 @@ def improvements(worths: Worths, settings: Sequence[Setting]) -> Figure:
     values = np.array([[places[a, s].improvement if (a, s) in places else np.nan for s in shown]
                        for a in agents])  # fmt: skip
     names = [agents, [s.name(settings) for s in shown]]
-    ticks = {0: "always\nworse", 0.5: "even", 1: "always\nbetter"}
+    ticks = {0.0: "always\nworse", 0.5: "even", 1.0: "always\nbetter"}
     figure, axes = _map(values, names, ticks, height=0.36 * len(agents) + 1.1, level=6)
     for (agent, setting), row in places.items():
         place = (shown.index(setting), agents.index(agent))
