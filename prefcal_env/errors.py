@@ -69,7 +69,7 @@ class MissingExtraError(PrefcalError, ImportError):
 
 
 class BenchmarkError(PrefcalError, RuntimeError):
-    """A benchmark cannot continue: its results folder or its cluster is not usable."""
+    """A benchmark cannot continue: its results folder or its workers are not usable."""
 
 
 class RunError(PrefcalError, RuntimeError):

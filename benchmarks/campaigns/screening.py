@@ -43,8 +43,8 @@ from rich.console import Console
 from prefcal_env.errors import PrefcalError
 from prefcal_scenarios.app.cli.benchmark.display import BenchDisplay
 from prefcal_scenarios.bench import Processes, Result, Store, Suite, run_suite
+from prefcal_scenarios.bench.published import write_raw
 from prefcal_scenarios.bench.roster import entry
-from prefcal_scenarios.bench.worth import write_raw
 
 PARTS = ("loops", "noise", "hidden", "reactor", "overtaking")
 _NOISY = ("weights", "priorities")

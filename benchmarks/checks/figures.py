@@ -37,11 +37,10 @@ from screens import looking, maneuvers
 
 from prefcal_scenarios import load
 from prefcal_scenarios.app.presentation.style import save, style
-from prefcal_scenarios.bench.results.figures import looks
+from prefcal_scenarios.bench.published.plan import read_published
+from prefcal_scenarios.bench.results import curves_of
+from prefcal_scenarios.bench.results.pictures import draw_worth
 from prefcal_scenarios.bench.results.rows import BASELINE
-from prefcal_scenarios.bench.worth import curves_of, worth_rows
-from prefcal_scenarios.bench.worth.pictures import Worths, draw_loops, draw_overview
-from prefcal_scenarios.bench.worth.published import read_published
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks" / "site"))  # what draws for the site
@@ -188,9 +187,8 @@ def algorithm(folder: Path) -> tuple[Pictures, Story]:
 
 def worth(folder: Path) -> tuple[Pictures, Story]:
     """Draw the worth on closed loops from the published studies."""
-    curves = curves_of(read_published())
-    worths = Worths(curves, worth_rows(curves, BASELINE), BASELINE, looks(curves.agents))
-    drawn_now = {one.file: one.content for one in (*draw_overview(worths), *draw_loops(worths))}
+    shown, worths = draw_worth(curves_of(read_published()))
+    drawn_now = {one.file: one.content for one in shown}
     ends = worths.rows[(worths.rows["unit"] == "experiments")]
     ours = ends[(ends["agent"] == BASELINE) & (ends["after"] == ends["n_max"])]
     story = {f"GLISp, {row.taste}": int(row.worth) for row in ours.itertuples()}

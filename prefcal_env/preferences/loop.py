@@ -70,9 +70,8 @@ def ask_and_tell(
         answer: Function of the results of challenger and incumbent that returns what to tell the
             agent: an answer, or a score of the challenger.
         at_once: Number of experiments that run at the same time, 1 or more.
-        executor: Executor that runs them, such as a `ProcessPoolExecutor` or the executor of a
-            Dask client; it stays open. Threads if None, which suit runs that wait for another
-            program.
+        executor: Executor that runs them, such as a `ProcessPoolExecutor`; it stays open. Threads
+            if None, which suit runs that wait for another program.
 
     Raises:
         SettingsError: If `at_once` is not valid.

@@ -2,8 +2,8 @@
 
 from .bope import BOPE as BOPE
 from .eubo import EUBO as EUBO
-from .optuna_by_value import OptunaGP as OptunaGP
-from .optuna_by_value import OptunaTPE as OptunaTPE
-from .optuna_preferential import OptunaPreferential as OptunaPreferential
-from .reference_glis import ReferenceGLIS as ReferenceGLIS
-from .reference_glisp import ReferenceGLISp as ReferenceGLISp
+from .optuna_agents import OptunaGP as OptunaGP
+from .optuna_agents import OptunaPreferential as OptunaPreferential
+from .optuna_agents import OptunaTPE as OptunaTPE
+from .reference import ReferenceGLIS as ReferenceGLIS
+from .reference import ReferenceGLISp as ReferenceGLISp

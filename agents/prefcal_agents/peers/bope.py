@@ -6,15 +6,14 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.protocol.agent import Pair, PreferenceBased
+from prefcal_agents.protocol.agent import Pair
 from prefcal_agents.support.extras import load
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .alone import torch_seeded
+from .botorch_agent import BoTorchAgent, attempted
 from .eubo import challengers
 from .kpi_table import KPITable
-from .proposal import attempted, proposed
 from .utility import Utility, maxima, strict_pairs
 
 _FIT: dict[str, Any] = {"options": {"maxiter": 50}}
@@ -25,7 +24,7 @@ _KPI_DRAWS, _UTILITY_DRAWS = 32, 16
 
 
 @final
-class BOPE(PreferenceBased):
+class BOPE(BoTorchAgent):
     """Learn how θ makes the KPIs, and how a person judges the KPIs, as two models.
 
     The first `n_init` samples are a Latin hypercube. Then each KPI gets a Gaussian process over θ,
@@ -57,14 +56,8 @@ class BOPE(PreferenceBased):
 
     version: ClassVar[int] = 1
 
-    def __init__(
-        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
-    ) -> None:
-        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
-        load("botorch.models.pairwise_gp", "peers")
-
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        return proposed(self.space, history, _most_improving, self.n_init, self._seed)
+    def _candidates(self, history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
+        return _most_improving(history, seed)
 
     def _follow_up(self, history: History) -> Pair | None:
         if history.answered < self.n_init or len(history.latest) > 1:

@@ -6,17 +6,14 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.support.extras import load
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-from .proposal import proposed
+from .botorch_agent import BoTorchAgent
 from .utility import Utility, strict_pairs
 
 
 @final
-class EUBO(PreferenceBased):
+class EUBO(BoTorchAgent):
     """Propose the θ whose comparison with the best so far has the best expected winner.
 
     The first `n_init` samples are a Latin hypercube. Then a Gaussian process of the utility of θ is
@@ -42,14 +39,8 @@ class EUBO(PreferenceBased):
 
     version: ClassVar[int] = 1
 
-    def __init__(
-        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
-    ) -> None:
-        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
-        load("botorch.models.pairwise_gp", "peers")
-
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        return proposed(self.space, history, challengers, self.n_init, self._seed)
+    def _candidates(self, history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
+        return challengers(history, seed)
 
 
 def challengers(history: History, seed: int) -> Float[np.ndarray, "r n"] | None:

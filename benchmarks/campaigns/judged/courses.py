@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_scenarios.bench import Result
-from prefcal_scenarios.bench.worth.curves import after_answers
-from prefcal_scenarios.bench.worth.statistics import Estimate, geometric_mean
+from prefcal_scenarios.bench.results.curves import after_answers
+from prefcal_scenarios.bench.results.statistics import Estimate, geometric_mean
 
 Study = tuple[str, int]
 """Loop and seed."""

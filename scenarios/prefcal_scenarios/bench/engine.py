@@ -25,25 +25,17 @@ class Lost:
 
 
 class Workers(Protocol):
-    """Processes that run tasks, on this machine or elsewhere."""
+    """Processes that run tasks."""
 
     @property
     def serial(self) -> bool:
-        """Return whether tasks run one by one on this machine, so that times are comparable."""
+        """Return whether tasks run one by one, so that times are comparable."""
 
     def open(self, tasks: int) -> None:
-        """Prepare to run `tasks` tasks.
-
-        Raises:
-            BenchmarkError: If the workers cannot be reached.
-        """
+        """Prepare to run `tasks` tasks."""
 
     def width(self) -> int:
-        """Return the number of tasks that can run at the same time at present.
-
-        Raises:
-            BenchmarkError: If no worker is left.
-        """
+        """Return the number of tasks that can run at the same time at present."""
 
     def submit(self, task: Callable[[], Any]) -> Future[Any]:
         """Start `task`; its future holds an exception only if the worker did not finish it.
@@ -72,7 +64,7 @@ def each(tasks: Sequence[Task[T]], workers: Workers) -> Generator[tuple[int, T |
         workers: Workers that run them.
 
     Raises:
-        BenchmarkError: If all workers are gone, or cannot be reached.
+        BenchmarkError: If workers die as soon as they start.
     """
     if not tasks:
         return
@@ -101,7 +93,7 @@ def _round(
     waiting = deque(numbers)
     flying: dict[Future[Any], int] = {}
     while waiting or flying:
-        width = workers.width()  # raises if no worker is left
+        width = workers.width()
         while waiting and len(flying) < width:
             number = waiting.popleft()
             flying[workers.submit(partial(_attempt, tasks[number]))] = number

@@ -13,23 +13,15 @@ from prefcal_scenarios.bench.cell import Cell
 from prefcal_scenarios.bench.result import Result
 from prefcal_scenarios.bench.roster import in_order
 
+from .curves import Setting, padded, set_order, setting_key
+
 HUGE = 1e300
 """Value that replaces an infinite gap, so that quantiles remain numbers."""
-_FIRST_CALIBRATORS = ("perfect", "lexicographic")
 _NUMBERS = ("knobs", "gap", "visited", "questions", "seconds")
 _COLUMNS = (
-    "regime", "problem", "agent", "seed", "failure", "cost", "knobs", "gap", "visited",
+    "setting", "problem", "agent", "seed", "failure", "cost", "knobs", "gap", "visited",
     "questions", "seconds", "curve", "asked", "worth",
 )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, order=True)
-class Regime:
-    """Settings that comparable results share: the calibrator and the number of experiments."""
-
-    calibrator: str
-    n_init: int
-    n_max: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +29,7 @@ class Campaign:
     """Results of any subset of cells, made by `campaign_of`.
 
     Args:
-        studies: Table with a row for each cell and the columns regime, problem, agent (categories
+        studies: Table with a row for each cell and the columns setting, problem, agent (categories
             in the order of the tables), seed, failure (text, empty if finished), cost (whether
             gaps are known), knobs, gap (of the returned θ at the end), visited (smallest gap),
             questions (at the end), seconds, curve (gap after each experiment), asked (questions
@@ -53,9 +45,9 @@ class Campaign:
         return tuple(self.studies["agent"].cat.categories)
 
     @cached_property
-    def regimes(self) -> tuple[Regime, ...]:
-        """Return all regimes; those with a calibrator that is never wrong come first."""
-        return tuple(self.studies["regime"].cat.categories)
+    def settings(self) -> tuple[Setting, ...]:
+        """Return all settings; those with a calibrator that is never wrong come first."""
+        return tuple(self.studies["setting"].cat.categories)
 
     @cached_property
     def finished(self) -> pd.DataFrame:
@@ -67,19 +59,19 @@ class Campaign:
         """Return the studies that failed."""
         return self.studies[self.studies["failure"] != ""]
 
-    def problems(self, regime: Regime, *, cost: bool = False) -> tuple[str, ...]:
-        """Return the problems of a regime, sorted by number of knobs.
+    def problems(self, setting: Setting, *, cost: bool = False) -> tuple[str, ...]:
+        """Return the problems of a setting, sorted by number of knobs.
 
         Args:
-            regime: Regime of the results.
+            setting: Setting of the results.
             cost: Whether to return only problems with known gaps.
         """
-        found = self.costly(regime) if cost else self.studies[self.studies["regime"] == regime]
+        found = self.costly(setting) if cost else self.studies[self.studies["setting"] == setting]
         return tuple(found["problem"].cat.remove_unused_categories().cat.categories)
 
-    def costly(self, regime: Regime) -> pd.DataFrame:
-        """Return the finished studies of a regime whose gaps are known."""
-        return self.finished[(self.finished["regime"] == regime) & self.finished["cost"]]
+    def costly(self, setting: Setting) -> pd.DataFrame:
+        """Return the finished studies of a setting whose gaps are known."""
+        return self.finished[(self.finished["setting"] == setting) & self.finished["cost"]]
 
     def knobs(self, problem: str) -> int | None:
         """Return the number of knobs of a problem; None if no result shows it."""
@@ -95,8 +87,7 @@ def campaign_of(results: Iterable[Result]) -> Campaign:
     """Return the campaign for results in any order; duplicates count once.
 
     Raises:
-        SettingsError: If an item is not a `Result`, numbers contradict each other, or a cell has
-            two different results.
+        SettingsError: If numbers contradict each other, or a cell has two different results.
     """
     by_cell: dict[Cell, Result] = {}
     for result in results:
@@ -113,22 +104,21 @@ def campaign_of(results: Iterable[Result]) -> Campaign:
             raise SettingsError(f"other results of {r.cell.problem!r} have gaps, not so {r.cell}")
     knobs = frame.groupby("problem")["knobs"].max().fillna(0)
     orders = {
-        "regime": sorted(frame["regime"].unique(), key=_regime_key),
+        "setting": sorted(frame["setting"].unique(), key=setting_key),
         "problem": sorted(knobs.index, key=lambda p: (knobs[p], p.lower(), p)),
         "agent": in_order(frame["agent"]),
     }
-    for name, order in orders.items():
-        frame[name] = pd.Categorical(frame[name], categories=list(order), ordered=True)
+    set_order(frame, orders)
     return Campaign(frame)
 
 
 def _row(result: Result) -> tuple[object, ...]:
     cell, failed = result.cell, bool(result.failure)
-    regime = Regime(cell.calibrator, cell.n_init, cell.n_max)
+    setting = Setting(cell.calibrator, cell.n_init, cell.n_max)
     curve = None if failed or result.gaps is None else _curve(result.gaps, cell.n_max)
     seen = None if failed or result.visited is None else _curve(result.visited, cell.n_max)
     return (
-        regime, cell.problem, cell.agent, cell.seed, result.failure, curve is not None,
+        setting, cell.problem, cell.agent, cell.seed, result.failure, curve is not None,
         None if failed else len(result.best), np.nan if curve is None else curve[-1],
         np.nan if seen is None else seen[-1], np.nan if failed else result.questions[-1],
         np.nan if result.seconds is None else result.seconds, curve, result.questions,
@@ -137,9 +127,8 @@ def _row(result: Result) -> tuple[object, ...]:
 
 
 def _curve(gaps: tuple[float, ...], n_max: int) -> Float[np.ndarray, " n_max"]:
-    """Return the gap after each of n_max experiments; a study that ended early keeps its last."""
-    known = np.minimum(np.array(gaps, dtype=float), HUGE)[:n_max]
-    return np.pad(known, (0, n_max - len(known)), mode="edge")
+    """Return the gap after each of n_max experiments."""
+    return padded(np.minimum(np.array(gaps, dtype=float), HUGE), n_max)
 
 
 def _key(result: Result) -> tuple[object, ...]:
@@ -147,27 +136,12 @@ def _key(result: Result) -> tuple[object, ...]:
     return (c.calibrator, c.n_init, c.n_max, c.problem, c.agent, c.seed)
 
 
-def _regime_key(regime: Regime) -> tuple[int, Regime]:
-    first = _FIRST_CALIBRATORS
-    name = regime.calibrator
-    return (first.index(name) if name in first else len(first), regime)
-
-
 def _check(result: Result) -> None:
-    if not isinstance(result, Result):
-        raise SettingsError(f"results must be of type Result, got {result!r}")
     if result.failure:
         return
     if not result.best or not result.questions:
         raise SettingsError(f"a result without failure must have numbers, got {result}")
     for name in ("gaps", "visited"):
         values = getattr(result, name)
-        if values is None:
-            continue
-        if len(values) != len(result.questions):
-            raise SettingsError(
-                f"{name} and questions must be of one length, got {len(values)} and "
-                f"{len(result.questions)} in {result.cell}"
-            )
-        if np.isnan(values).any() or min(values) == -np.inf:
+        if values is not None and min(values) == -np.inf:
             raise SettingsError(f"{name} must be numbers, got {min(values)} in {result.cell}")

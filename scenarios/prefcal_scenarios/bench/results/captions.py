@@ -1,16 +1,18 @@
 """Captions of the figures, and their alternative texts for people who cannot see them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from prefcal_scenarios.bench.duels import PAPER
 
+from .curves import Curves, Setting
 from .duelling import Tally
-from .profiles import Profiles
-from .ranking import Ranking
-from .words import percent, probability, short
+from .standing import Profiles, Ranking
+from .tables import Worths
+from .words import percent, plain_number, probability, short
 
 RANKING = (
     "Agents ranked on each problem by the median of their gaps at the end, over the seeds that all "
@@ -36,6 +38,29 @@ SECONDS = (
     "From serial runs only: time from an answer to the next θ, near the end of a study. Marker: "
     "median over the problems; pale: each problem, and the middle half of them."
 )
+WORTH = (
+    "The worth of a θ is how many random experiments it takes on average to find one at least as "
+    "good, by the taste without noise."
+)
+SUMMARY = (
+    f"{WORTH} Marker: geometric mean over loops and seeds of the θ that the agent returns; bar: "
+    "its 95 % bootstrap interval over the seeds of each loop. Dashed: random search in theory. "
+    "Hollow: agents that are told values in place of answers."
+)
+DRIFT = (
+    f"{WORTH} Line: geometric mean over loops and seeds of the θ that the agent would return if it "
+    "were stopped there. To the right, a bar leads from the worth at the end up to that of the "
+    "best θ that the agent held before: a long bar means that good θ were lost again."
+)
+WORTH_BY_EXPERIMENTS = (
+    "Worth of the θ that an agent would return if it were stopped there. Line: geometric mean over "
+    "the seeds; bars to the right, at the end: the middle half of the seeds. Higher is better."
+)
+WORTH_BY_ANSWERS = (
+    "The same worth against the number of comparisons that had to be answered; bars to the right: "
+    "at the end of the study, even if it is beyond the right edge. An agent that sees values asks "
+    "none; its mean at the end is a dashed line."
+)
 
 
 def profiles_caption(found: Profiles) -> str:
@@ -55,7 +80,7 @@ def profiles_alt(found: Profiles) -> str:
         + ", ".join(f"{a} {percent(s[-1])}" for a, s in shares.items())
         for tolerance, shares in found.shares.items()
     ]
-    return f"Data profiles. Solved after {found.regime.n_max} experiments, {'; '.join(ends)}."
+    return f"Data profiles. Solved after {found.setting.n_max} experiments, {'; '.join(ends)}."
 
 
 def ranking_alt(found: Ranking) -> str:
@@ -89,3 +114,55 @@ def seconds_alt(measured: Mapping[str, Sequence[float]]) -> str:
     """Return a description of the median times."""
     medians = ", ".join(f"{a} {short(float(np.median(v)))} s" for a, v in measured.items())
     return f"Median time of a proposal: {medians}."
+
+
+def improvement_caption(baseline: str) -> str:
+    """Return the caption of the heat map of who beats the baseline."""
+    return (
+        f"Probability that the agent's θ is worth more than that of {baseline}, for one seed of "
+        "each on any loop; a tie counts half. Small: its 95 % bootstrap interval, if there is "
+        "room; bold if that interval excludes 50 %."
+    )
+
+
+def summary_alt(worths: Worths, settings: Sequence[Setting]) -> str:
+    """Return a description of the worth at the end."""
+    texts = _by_setting(settings, worths.ranked, lambda row: plain_number(row.worth))
+    return f"Worth at the end. {texts}."
+
+
+def improvement_alt(worths: Worths, settings: Sequence[Setting]) -> str:
+    """Return a description of who beats the baseline."""
+    texts = _by_setting(settings, worths.ended, lambda row: (
+        None if row.improvement is None else f"{100 * row.improvement:.0f} %"))  # fmt: skip
+    return f"Heat map of the probability to beat the baseline. {texts}."
+
+
+def drift_alt(worths: Worths, settings: Sequence[Setting]) -> str:
+    """Return a description of how much was lost."""
+    texts = _by_setting(settings, worths.ended, lambda row: f"{row.drift:.1f}")
+    return f"Plots of worth along the study. Best before over end: {texts}."
+
+
+def _by_setting(
+    settings: Sequence[Setting],
+    rows: Callable[[Setting], pd.DataFrame],
+    text: Callable[[Any], str | None],
+) -> str:
+    """Return a text of each agent that has one, by setting."""
+    parts = []
+    for setting in settings:
+        told = [(row.agent, text(row)) for row in rows(setting).itertuples()]
+        agents = ", ".join(f"{agent} {words}" for agent, words in told if words is not None)
+        parts.append(f"{setting.name(settings)}: {agents or 'nobody'}")
+    return "; ".join(parts)
+
+
+def loops_alt(curves: Curves, setting: Setting) -> str:
+    """Return a description that names the agent with the highest final median on each loop."""
+    studies = curves.of(setting)
+    ends = studies.assign(end=studies["worth"].map(lambda w: w[-1]).astype(float))
+    means = ends.groupby(["loop", "agent"], observed=True)["end"].median().reset_index()
+    best = means.loc[means.groupby("loop", observed=True)["end"].idxmax()]
+    agents = ", ".join(f"{r.loop} {r.agent} ({plain_number(r.end)})" for r in best.itertuples())
+    return f"Highest median worth at the end: {agents}."

@@ -7,8 +7,10 @@ import pandas as pd
 
 from prefcal_scenarios.bench.problems import HOLES
 
-from .campaign import Campaign, Regime
-from .words import problem_name, regime_name, seeds_text, short
+from .campaign import Campaign
+from .curves import Setting
+from .statistics import FLOOR
+from .words import named, problem_name, seeds_text, short
 
 HOLE_SLACK = 1e-3
 """Depth below 0 beyond which a gap lies in a hole, above the error of best known values."""
@@ -17,31 +19,31 @@ HOLE_SLACK = 1e-3
 def missing(campaign: Campaign) -> list[str]:
     """Return the seeds that an agent lacks, neither finished nor failed, but another agent has."""
     found = []
-    for regime, problem, there in _tried(campaign):
+    for setting, problem, there in _tried(campaign):
         lacking: dict[tuple[int, ...], list[str]] = {}
         expected = set().union(*there.values())
         for agent, seeds in there.items():
             if seeds and seeds != expected:
                 lacking.setdefault(tuple(sorted(expected - seeds)), []).append(agent)
-        where = f"{problem}, {regime_name(regime, campaign.regimes)}"
+        where = f"{problem}, {named(setting, campaign)}"
         found += [f"{where}: no {seeds_text(s)} of {', '.join(a)}" for s, a in lacking.items()]
     return found
 
 
 def not_run(campaign: Campaign) -> list[str]:
     """Return where agents did not run at all, for example because they need a cost."""
-    absent: dict[tuple[Regime, str], list[str]] = {}
-    for regime, problem, there in _tried(campaign):
+    absent: dict[tuple[Setting, str], list[str]] = {}
+    for setting, problem, there in _tried(campaign):
         for agent, seeds in there.items():
             if not seeds:
-                absent.setdefault((regime, agent), []).append(problem)
-    places: dict[tuple[Regime, tuple[str, ...]], list[str]] = {}
-    for (regime, agent), problems in absent.items():
-        places.setdefault((regime, tuple(problems)), []).append(agent)
+                absent.setdefault((setting, agent), []).append(problem)
+    places: dict[tuple[Setting, tuple[str, ...]], list[str]] = {}
+    for (setting, agent), problems in absent.items():
+        places.setdefault((setting, tuple(problems)), []).append(agent)
     found = []
-    for (regime, names), agents in places.items():
-        where = regime_name(regime, campaign.regimes)
-        if names != campaign.problems(regime):
+    for (setting, names), agents in places.items():
+        where = named(setting, campaign)
+        if names != campaign.problems(setting):
             where = f"{', '.join(names)}, {where}"
         found.append(f"{where}: not run with {', '.join(agents)}")
     return found
@@ -50,19 +52,19 @@ def not_run(campaign: Campaign) -> list[str]:
 def failures(campaign: Campaign) -> list[tuple[str, str]]:
     """Return the failed cells and the reasons."""
     return [
-        (f"{r.agent} on {r.problem}, {r.regime.calibrator}, seed {r.seed}", r.failure)
+        (f"{r.agent} on {r.problem}, {r.setting.calibrator}, seed {r.seed}", r.failure)
         for r in campaign.failed.itertuples()
     ]
 
 
-def beaten(campaign: Campaign, slack: float) -> list[str]:
-    """Return the problems on which the best known value was beaten by more than `slack`.
+def beaten(campaign: Campaign) -> list[str]:
+    """Return the problems on which the best known value was beaten by more than `FLOOR`.
 
     Known holes are excluded; see `in_holes`.
     """
     costly = campaign.finished[campaign.finished["cost"]]
     lowest = costly.assign(gap=np.fmin(costly["curve"].map(np.min), costly["visited"]))
-    news = lowest[~in_hole(lowest) & (lowest["gap"] < -slack)]
+    news = lowest[~in_hole(lowest) & (lowest["gap"] < -FLOOR)]
     least = news.astype({"problem": str}).groupby("problem")["gap"].min()
     return [
         f"{problem_name(campaign, p)}: {-gap:.2g} below the best known value, which is therefore "
@@ -76,12 +78,12 @@ def in_holes(campaign: Campaign) -> list[str]:
     costly = campaign.finished[campaign.finished["cost"]]
     studies = costly.assign(hole=in_hole(costly))
     found = []
-    for (regime, problem), group in studies.groupby(["regime", "problem"], observed=True):
+    for (setting, problem), group in studies.groupby(["setting", "problem"], observed=True):
         counts = group.groupby("agent", observed=True)["hole"].agg(["sum", "count"])
         who = [f"{a} in {n} of {of} seeds" for a, n, of in counts.itertuples() if n]
         if who:
             found.append(
-                f"{problem}, {regime_name(regime, campaign.regimes)}: found the hole of the "
+                f"{problem}, {named(setting, campaign)}: found the hole of the "
                 f"cost, up to {short(HOLES[problem])} below the basin that gaps are measured "
                 f"from: {', '.join(who)}; such gaps count as the floor"
             )
@@ -95,9 +97,9 @@ def in_hole(studies: pd.DataFrame) -> pd.Series:
     return (gap < -HOLE_SLACK) & (gap >= -depth - HOLE_SLACK)
 
 
-def _tried(campaign: Campaign) -> Iterator[tuple[Regime, str, dict[str, set[int]]]]:
-    """Yield the seeds of every agent of the campaign, for each regime and problem."""
-    where = campaign.studies.groupby(["regime", "problem"], observed=True)
-    for (regime, problem), studies in where:
+def _tried(campaign: Campaign) -> Iterator[tuple[Setting, str, dict[str, set[int]]]]:
+    """Yield the seeds of every agent of the campaign, for each setting and problem."""
+    where = campaign.studies.groupby(["setting", "problem"], observed=True)
+    for (setting, problem), studies in where:
         seeds = studies.groupby("agent", observed=True)["seed"].agg(set)
-        yield regime, problem, {agent: seeds.get(agent, set()) for agent in campaign.agents}
+        yield setting, problem, {agent: seeds.get(agent, set()) for agent in campaign.agents}

@@ -13,12 +13,14 @@ from matplotlib.figure import Figure
 from prefcal_scenarios.app.presentation.style import save, style
 
 from . import captions, figures
-from .campaign import Campaign, Regime
+from .campaign import Campaign
+from .curves import Curves, Setting
 from .duelling import Tally
 from .figures import Look, looks
-from .profiles import Profiles, profiles
-from .ranking import Ranking, rank
-from .words import regime_name
+from .rows import BASELINE, gap_rows, worth_rows
+from .standing import Profiles, Ranking, profiles, rank
+from .tables import Worths
+from .words import named, short_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +38,9 @@ class Shown:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Ranking and data profiles of a regime, each replaced by a reason if there are none."""
+    """Ranking and data profiles of a setting, each replaced by a reason if there are none."""
 
-    regime: Regime
+    setting: Setting
     ranking: Ranking | str
     profiles: Profiles | str
 
@@ -49,43 +51,75 @@ class Material:
 
     Args:
         campaign: All results.
-        rows: Table of the results.
+        curves: Worth along all studies, also published ones.
         tallies: Counted duels.
-        floor: Gap below which all gaps are equal.
-        others: Agents of other figures on the same page, which get looks of their own.
+        baseline: Agent that all others are compared with.
     """
 
     campaign: Campaign
-    rows: pd.DataFrame
+    curves: Curves
     tallies: Sequence[Tally]
-    floor: float
-    others: Sequence[str] = ()
+    baseline: str
+
+    @cached_property
+    def rows(self) -> pd.DataFrame:
+        """Return the table of gaps."""
+        return gap_rows(self.campaign, self.baseline)
+
+    @cached_property
+    def worths(self) -> Worths:
+        """Return the worth of all studies, and its table."""
+        return Worths(self.curves, worth_rows(self.curves, self.baseline), self.baseline)
 
     @property
     def looks(self) -> Mapping[str, Look]:
         """Return the look of each agent, the same in every figure."""
-        return looks({*self.campaign.agents, *(t.agent for t in self.tallies), *self.others})
+        duelling = (tally.agent for tally in self.tallies)
+        return looks({*self.campaign.agents, *duelling, *self.curves.agents})
 
     @cached_property
     def standings(self) -> list[Standing]:
-        """Return the standing of the agents in every regime that has gaps."""
-        campaign, floor = self.campaign, self.floor
+        """Return the standing of the agents in every setting that has gaps."""
+        campaign = self.campaign
         return [
-            Standing(r, rank(campaign, r, floor), profiles(campaign, r, floor=floor))
-            for r in campaign.regimes
-            if campaign.problems(r, cost=True)
+            Standing(s, rank(campaign, s), profiles(campaign, s))
+            for s in campaign.settings
+            if campaign.problems(s, cost=True)
         ]
 
-    def rows_of(self, regime: Regime) -> pd.DataFrame:
-        """Return the rows of a regime that have a gap."""
+    def rows_of(self, setting: Setting) -> pd.DataFrame:
+        """Return the rows of a setting that have a gap."""
         rows = self.rows
-        return rows[(rows["regime"] == regime) & rows["gap_median"].notna()]
+        return rows[(rows["setting"] == setting) & rows["gap_median"].notna()]
 
 
 def draw(material: Material) -> list[Shown]:
-    """Draw every figure that there are results for."""
+    """Draw every figure of gaps, duels and times that there are results for."""
     with style():
-        return [*_of_regimes(material), *_duels(material), *_seconds(material)]
+        return [*_of_settings(material), *_duels(material), *_seconds(material)]
+
+
+def draw_overview(worths: Worths, looks: Mapping[str, Look]) -> list[Shown]:
+    """Draw the worth on all loops together, first that of answers that are never wrong."""
+    with style():
+        groups = _groups(worths.curves)
+        return [one for group in groups for one in _of_all_loops(worths, looks, group)]
+
+
+def draw_loops(worths: Worths, looks: Mapping[str, Look]) -> list[Shown]:
+    """Draw the worth with a panel for each loop.
+
+    Tastes with wrong answers have none if there are others: the page would be endless.
+    """
+    with style():
+        groups = _groups(worths.curves)[:1]
+        return [one for group in groups for one in _of_loops(worths, looks, group)]
+
+
+def draw_worth(curves: Curves) -> tuple[list[Shown], Worths]:
+    """Draw all figures of worth, compared with `BASELINE`."""
+    worths, found = Worths(curves, worth_rows(curves), BASELINE), looks(curves.agents)
+    return [*draw_overview(worths, found), *draw_loops(worths, found)], worths
 
 
 def file_names(names: Sequence[str]) -> list[str]:
@@ -96,37 +130,35 @@ def file_names(names: Sequence[str]) -> list[str]:
     return [f"-{s}" if slugs.count(s) == 1 else f"-{s}-{i}" for i, s in enumerate(slugs, start=1)]
 
 
-def _of_regimes(material: Material) -> Iterator[Shown]:
-    regimes = material.campaign.regimes
-    files = file_names([standing.regime.calibrator for standing in material.standings])
+def _of_settings(material: Material) -> Iterator[Shown]:
+    files = file_names([standing.setting.calibrator for standing in material.standings])
+    several = len(files) > 1
     for standing, file in zip(material.standings, files, strict=True):
-        several = len(material.standings) > 1
-        end = f" ({regime_name(standing.regime, regimes)})" if several else ""
-        yield from _of_regime(material, standing, end, file)
+        end = f" ({named(standing.setting, material.campaign)})" if several else ""
+        yield from _of_setting(material, standing, end, file)
 
 
-def _of_regime(material: Material, standing: Standing, end: str, file: str) -> Iterator[Shown]:
-    campaign, regime, floor = material.campaign, standing.regime, material.floor
-    rows, styles = material.rows_of(regime), material.looks
+def _of_setting(material: Material, standing: Standing, end: str, file: str) -> Iterator[Shown]:
+    rows, given = material.rows_of(standing.setting), (material.campaign, standing.setting)
     if isinstance(ranked := standing.ranking, Ranking):
         yield Shown(
             f"ranking{file}.png", f"Ranking{end}", captions.RANKING,
-            captions.ranking_alt(ranked), png(figures.ranking(ranked, styles)),
+            captions.ranking_alt(ranked), png(figures.ranking(ranked, material.looks)),
         )  # fmt: skip
     yield Shown(
         f"gaps{file}.png", f"Gap against experiments{end}", captions.GAPS,
         captions.gaps_alt(rows, "experiments"),
-        png(figures.against_experiments(campaign, regime, styles, floor)),
+        png(figures.against_experiments(*given, material.looks)),
     )  # fmt: skip
     if isinstance(profiled := standing.profiles, Profiles):
         yield Shown(
             f"profiles{file}.png", f"Data profiles{end}", captions.profiles_caption(profiled),
-            captions.profiles_alt(profiled), png(figures.data_profiles(profiled, styles)),
+            captions.profiles_alt(profiled), png(figures.data_profiles(profiled, material.looks)),
         )  # fmt: skip
     yield Shown(
         f"questions{file}.png", f"Gap against number of questions{end}", captions.QUESTIONS,
         captions.gaps_alt(rows, "questions"),
-        png(figures.against_questions(campaign, regime, styles, floor)),
+        png(figures.against_questions(*given, material.looks)),
     )  # fmt: skip
 
 
@@ -152,6 +184,54 @@ def _seconds(material: Material) -> Iterator[Shown]:
             "seconds.png", "Seconds per proposal", captions.SECONDS,
             captions.seconds_alt(measured), png(figures.seconds(measured, material.looks)),
         )  # fmt: skip
+
+
+def _groups(curves: Curves) -> list[list[Setting]]:
+    """Return the settings without and with wrong answers, as far as there are any."""
+    both = ([s for s in curves.settings if s.noisy == noisy] for noisy in (False, True))
+    return [group for group in both if group]
+
+
+def _of_all_loops(
+    worths: Worths, looks: Mapping[str, Look], settings: Sequence[Setting]
+) -> Iterator[Shown]:
+    """Yield the figures with all `settings`, which are all sure or all noisy."""
+    end, file = (" with wrong answers", "-noisy") if settings[0].noisy else ("", "")
+    budgets = " and ".join(map(str, sorted({s.n_max for s in settings})))
+    baseline = short_name(worths.baseline)
+    yield Shown(
+        f"worth-summary{file}.png", f"Worth after {budgets} experiments{end}", captions.SUMMARY,
+        captions.summary_alt(worths, settings), png(figures.summary(worths, settings, looks)),
+    )  # fmt: skip
+    if any(worths.ended(s)["improvement"].notna().any() for s in settings):
+        yield Shown(
+            f"worth-improvement{file}.png", f"Who beats {baseline}{end}",
+            captions.improvement_caption(baseline), captions.improvement_alt(worths, settings),
+            png(figures.improvements(worths, settings)),
+        )  # fmt: skip
+    yield Shown(
+        f"worth-drift{file}.png", f"Worth along the study{end}", captions.DRIFT,
+        captions.drift_alt(worths, settings), png(figures.along(worths, settings, looks)),
+    )  # fmt: skip
+
+
+def _of_loops(
+    worths: Worths, looks: Mapping[str, Look], settings: Sequence[Setting]
+) -> Iterator[Shown]:
+    files = file_names([s.name(settings) for s in settings])
+    for setting, file in zip(settings, files, strict=True):
+        name, alt = setting.name(settings), captions.loops_alt(worths.curves, setting)
+        yield Shown(
+            f"worth-experiments{file}.png", f"Worth against experiments: {name}",
+            captions.WORTH_BY_EXPERIMENTS, f"Plots of worth against experiments. {alt}",
+            png(figures.worth_by_experiments(worths, setting, looks)),
+        )  # fmt: skip
+        if any(asked[-1] for asked in worths.curves.of(setting)["asked"]):
+            yield Shown(
+                f"worth-answers{file}.png", f"Worth against answers: {name}",
+                captions.WORTH_BY_ANSWERS, f"Plots of worth against answers. {alt}",
+                png(figures.worth_by_answers(worths, setting, looks)),
+            )  # fmt: skip
 
 
 def png(figure: Figure) -> bytes:

@@ -1,33 +1,30 @@
-"""Print the table of the benchmark in the terminal."""
+"""Print the tables of the benchmark in the terminal."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
-from typing import Any
 
 import pandas as pd
-from rich.box import SIMPLE_HEAD
+from rich import box, table
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from prefcal_scenarios.app.presentation.wording import printable
-from prefcal_scenarios.bench.duels import PAPER, Duel
+from prefcal_scenarios.bench.duels import Duel
 from prefcal_scenarios.bench.result import Result
-from prefcal_scenarios.bench.worth.curves import Curves, Setting, curves_of, frame_of, joined
-from prefcal_scenarios.bench.worth.rows import checkpoints, worth_rows
-from prefcal_scenarios.bench.worth.words import chance, plain_number, with_interval
 
-from .campaign import Campaign, Regime, campaign_of
-from .duelling import Tally, tallies
+from .campaign import campaign_of
+from .curves import curves_of, frame_of, joined
+from .duelling import tallies
 from .missing import failures, in_holes, missing
-from .ranking import SIGNIFICANCE
-from .rows import BASELINE, Choices, rows_of
-from .words import percent, probability, regime_name, row_texts, short
+from .rows import BASELINE, gap_rows, worth_rows
+from .tables import Table, Worths, short_duels, short_numbers, short_worth
 
 _MOST = 5
 """Number of lines about missing or failed cells; the page shows all of them."""
 _WIDE = 110
 """Width of a terminal, in characters, that has room for quartiles and p."""
+_STYLES = {"best": "bold green", "sure": "bold"}
+"""Styles by the kind of a cell."""
 
 
 def print_table(
@@ -45,18 +42,18 @@ def print_table(
     Raises:
         SettingsError: If results or duels contradict each other.
     """
-    choices, results = Choices(baseline), list(results)
+    results = list(results)
     campaign, curves = campaign_of(results), curves_of(joined(frame_of(results), published))
-    rows = rows_of(campaign, choices)
-    worths = worth_rows(curves, baseline, choices.seed)
+    rows, worths = gap_rows(campaign, baseline), worth_rows(curves, baseline)
     for setting in curves.settings:
-        console.print(_worths(curves, setting, worths[worths["setting"] == setting], baseline))
-    for regime in campaign.regimes:
-        shown = rows[(rows["regime"] == regime) & rows["gap_median"].notna()]
+        _print(console, short_worth(Worths(curves, worths, baseline), setting))
+    for setting in campaign.settings:
+        shown = rows[(rows["setting"] == setting) & rows["gap_median"].notna()]
         if len(shown):
-            console.print(_gaps(campaign, regime, shown, choices, console.width >= _WIDE))
+            wide = console.width >= _WIDE
+            _print(console, short_numbers(campaign, shown, setting, baseline, wide=wide))
     for _, group in groupby(tallies(duels), lambda t: (t.problem, t.calibrator)):
-        console.print(_duels([t for t in group if t.rival in (PAPER, baseline)]))
+        _print(console, short_duels(list(group), baseline))
     if not len(rows):
         console.print("No results yet.")
     _tell(console, "failed", [f"{cell}: {words}" for cell, words in failures(campaign)])
@@ -64,103 +61,26 @@ def print_table(
     _tell(console, "worth knowing", in_holes(campaign))
 
 
-def _table(title: str, caption: str, words: Sequence[str], numbers: Sequence[str]) -> Table:
-    table = Table(
-        title=_safe(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD,
-        caption=_safe(caption), caption_justify="left", pad_edge=False, collapse_padding=True,
+def _print(console: Console, shown: Table) -> None:
+    """Print a table, of which a heading that repeats is shown once; nothing without rows."""
+    printed = table.Table(
+        title=_safe(shown.label), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
+        caption=_safe(shown.caption), caption_justify="left", pad_edge=False, collapse_padding=True,
     )  # fmt: skip
-    for name in words:
-        table.add_column(_safe(name), no_wrap=True)
-    for name in numbers:  # intervals can wrap, names cannot
-        table.add_column(_safe(name), justify="right")
-    return table
+    for name in shown.columns:  # intervals can wrap, names cannot
+        words = name in shown.words
+        printed.add_column(_safe(name), justify="left" if words else "right", no_wrap=words)
+    for heading, rows in groupby(shown.rows, lambda row: row[0].text):
+        for number, (_, *cells) in enumerate(rows):
+            texts = [_styled(_safe(cell.text), cell.kind) for cell in cells]
+            printed.add_row("" if number else _safe(heading), *texts)
+        if shown.apart:
+            printed.add_section()
+    console.print(printed if shown.rows else "")
 
 
-def _worths(curves: Curves, setting: Setting, rows: pd.DataFrame, baseline: str) -> Table:
-    early, late = checkpoints(setting)
-    beats = f"beats {baseline.rpartition(':')[2]}"
-    table = _table(
-        f"Worth on {_count_of(curves, setting)}, {setting.name(curves.settings)}",
-        "Worth: number of random experiments that find a θ at least as good, geometric mean with "
-        "its 95 % interval. Beats: probability. Drift: best held before over end.",
-        ("agent",),
-        (f"after {early}", f"after {late} experiments", "middle half", "answers",
-         beats, "drift"),
-    )  # fmt: skip
-    by_experiments = rows[rows["unit"] == "experiments"]
-    first = by_experiments[by_experiments["after"] == early].set_index("agent")["worth"]
-    ends = by_experiments[by_experiments["after"] == late]
-    for row in ends.sort_values("worth", ascending=False, kind="stable").itertuples():
-        table.add_row(
-            _safe(row.agent), plain_number(first[row.agent]),
-            escape(with_interval(row.worth, row.worth_low, row.worth_high)),
-            plain_number(row.interquartile_mean), f"{row.answers:.0f}",
-            escape(chance(row.improvement, row.improvement_low, row.improvement_high)),
-            f"×{row.drift:.2f}",
-        )  # fmt: skip
-    return table
-
-
-def _count_of(curves: Curves, setting: Setting) -> str:
-    count = len(curves.loops(setting))
-    return f"{count} closed loop{'s' * (count != 1)}"
-
-
-def _gaps(
-    campaign: Campaign, regime: Regime, rows: pd.DataFrame, choices: Choices, wide: bool
-) -> Table:
-    name = regime_name(regime, campaign.regimes)
-    table = _table(
-        f"Gap after {regime.n_max} experiments, {name}",
-        f"× {choices.baseline}: {choices.average} ratio of both gaps, seed by seed, each at "
-        f"least {short(choices.floor)}, with its 95 % interval. p: Wilcoxon's test, corrected "
-        "(Holm) for the agents on that problem. w–t–l: seeds won, tied, lost.",
-        ("problem", "agent"),
-        ("seeds", "median gap", *(("quartiles",) if wide else ()), f"× {choices.baseline}",
-         "w–t–l", *(("p",) if wide else ())),
-    )  # fmt: skip
-    for problem, group in rows.groupby("problem", sort=False):
-        lowest = short(group["gap_median"].min())
-        for number, row in enumerate(group.itertuples()):
-            table.add_row("" if number else _safe(problem), *_cells(row, lowest, wide))
-        table.add_section()
-    return table
-
-
-def _cells(row: Any, lowest: str, wide: bool) -> Iterator[str]:
-    texts = row_texts(row)
-    median, p = texts["median gap"], texts["p"]
-    yield _safe(row.agent)
-    yield texts["seeds"]
-    yield f"[bold green]{median}[/]" if median == lowest else median
-    if wide:
-        yield texts["quartiles"]
-    yield texts["ratio"]
-    yield texts["won–tied–lost"]
-    if wide:
-        yield f"[bold]{p}[/]" if row.p_holm is not None and row.p_holm < SIGNIFICANCE else p
-
-
-def _duels(found: Sequence[Tally]) -> Table | str:
-    if not found:
-        return ""
-    first = found[0]
-    table = _table(
-        f"Who is preferred: {first.problem}, {first.calibrator} calibrator",
-        "Share of seeds in which the agent's θ is preferred, with its exact 95 % interval.",
-        ("agent", "against"),
-        ("preferred", "95 %", "w–t–l", "p"),
-    )
-    for agent, group in groupby(found, lambda t: t.agent):
-        name = agent
-        for t in group:
-            table.add_row(
-                _safe(name), _safe(t.rival), percent(t.share),
-                f"{percent(t.low)} to {percent(t.high)}", f"{t.wins}–{t.ties}–{t.losses}",
-                probability(t.p),
-            )  # fmt: skip
-            name = ""
-    return table
+def _styled(text: str, kind: str) -> str:
+    return f"[{_STYLES[kind]}]{text}[/]" if kind else text
 
 
 def _tell(console: Console, what: str, lines: Sequence[str]) -> None:

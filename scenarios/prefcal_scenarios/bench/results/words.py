@@ -1,11 +1,11 @@
-"""Format numbers, regimes and seeds as text, for the table, the page and the figures."""
+"""Format numbers, settings and seeds as text, for the tables, the page and the figures."""
 
 import re
 from collections.abc import Sequence
 from itertools import groupby
-from typing import Any
 
-from .campaign import HUGE, Campaign, Regime
+from .campaign import HUGE, Campaign
+from .curves import Setting
 
 
 def short(value: float | None) -> str:
@@ -20,23 +20,14 @@ def short(value: float | None) -> str:
     return re.sub(r"e([-+])0*(\d+)", lambda m: f"e{m[1].replace('+', '')}{m[2]}", text)
 
 
-def spread(low: float | None, high: float | None) -> str:
-    """Return the range between two quartiles."""
-    return "–" if low is None else f"{short(low)} to {short(high)}"
-
-
-def factor(log10: float) -> str:
-    """Return 10 to the power of `log10`, with a multiplication sign."""
-    return f"×{short(10.0**log10)}"
-
-
 def ratio(log10: float | None, low: float | None = None, high: float | None = None) -> str:
     """Return the ratio of an agent's gap to the baseline's, with its interval."""
     if log10 is None:
         return "–"
+    factor = f"×{short(10.0**log10)}"
     if low is None or high is None:
-        return factor(log10)
-    return f"{factor(log10)} ({short(10.0**low)} to {short(10.0**high)})"
+        return factor
+    return f"{factor} ({short(10.0**low)} to {short(10.0**high)})"
 
 
 def score(wins: int | None, ties: int | None, losses: int | None) -> str:
@@ -56,12 +47,9 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def regime_name(regime: Regime, regimes: Sequence[Regime]) -> str:
-    """Return a name that distinguishes a regime from the others."""
-    name = f"{regime.calibrator} calibrator"
-    if len({(r.n_init, r.n_max) for r in regimes}) > 1:
-        name += f", {regime.n_max} experiments ({regime.n_init} initial)"
-    return name
+def named(setting: Setting, campaign: Campaign) -> str:
+    """Return a name of a calibrator's setting that distinguishes it from the campaign's others."""
+    return setting.name(campaign.settings, " calibrator")
 
 
 def problem_name(campaign: Campaign, problem: str) -> str:
@@ -80,22 +68,28 @@ def seeds_text(seeds: Sequence[int]) -> str:
     return f"seed{'s' * (len(seeds) != 1)} {', '.join(texts)}"
 
 
-def row_texts(row: Any) -> dict[str, str]:
-    """Return the cells of a row of the table as text, by column."""
-    return {
-        "seeds": finished(row.seeds, row.failed),
-        "median gap": short(row.gap_median),
-        "quartiles": spread(row.gap_lower_quartile, row.gap_upper_quartile),
-        "best visited": short(row.visited_median),
-        "questions": short(row.questions_median),
-        "ratio": ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high),
-        "won–tied–lost": score(row.wins, row.ties, row.losses),
-        "p": probability(row.p_holm),
-        "in the hole": "–" if row.seeds_in_hole is None else str(row.seeds_in_hole),
-        "s/proposal": short(row.seconds_per_proposal),
-    }
+def short_name(agent: str) -> str:
+    """Return the name of an agent without the folder of a user's own file."""
+    return agent.rpartition("/")[2] or agent
 
 
-def finished(seeds: int, failed: int) -> str:
-    """Return the number of finished seeds, and the total if some failed."""
-    return f"{seeds} of {seeds + failed}" if failed else str(seeds)
+def plain_number(value: float | None) -> str:
+    """Return a worth with two significant digits, or all its digits from 10 on."""
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
+
+
+def with_interval(value: float | None, low: float | None, high: float | None) -> str:
+    """Return a worth with its interval."""
+    if value is None or low is None:
+        return plain_number(value)
+    return f"{plain_number(value)} [{plain_number(low)}, {plain_number(high)}]"
+
+
+def chance(value: float | None, low: float | None, high: float | None) -> str:
+    """Return a probability in percent, with its interval."""
+    if value is None:
+        return "–"
+    text = f"{100 * value:.0f} %"
+    return text if low is None or high is None else f"{text} [{100 * low:.0f}, {100 * high:.0f}]"

@@ -9,12 +9,11 @@ import pandas as pd
 from prefcal_scenarios.app.presentation.folder import folder_for, put
 from prefcal_scenarios.bench.duels import Duel
 from prefcal_scenarios.bench.result import Result
-from prefcal_scenarios.bench.worth.curves import curves_of, frame_of, joined
-from prefcal_scenarios.bench.worth.rows import plain_worth, worth_rows
 
 from .campaign import campaign_of
+from .curves import curves_of, frame_of, joined
 from .duelling import duel_table, tallies
-from .rows import BASELINE, Choices, as_csv, plain, rows_of
+from .rows import BASELINE, as_csv, plain, plain_gaps
 
 _OURS = re.compile(r"(ranking|gaps|profiles|questions|duels|seconds|worth)(-[\w.-]+)?\.png")
 
@@ -52,30 +51,22 @@ def write(
             to.
     """
     # Imported here: a table alone needs no plotting.
-    from prefcal_scenarios.bench.worth import pictures as worth_pictures
+    from .page import draw_all, page
+    from .pictures import Material
 
-    from .html import Loops, Origin, page
-    from .pictures import Material, draw
-
-    choices, results, duels = Choices(baseline), list(results), list(duels)
-    campaign, curves = campaign_of(results), curves_of(joined(frame_of(results), published))
-    rows = rows_of(campaign, choices)
-    material = Material(campaign, rows, tallies(duels), choices.floor, curves.agents)
-    worths = worth_pictures.Worths(
-        curves, worth_rows(curves, baseline, choices.seed), baseline, material.looks
-    )
-    target, shown = folder_for(folder), draw(material)
-    loops = Loops(worths, worth_pictures.draw_overview(worths), worth_pictures.draw_loops(worths))
-    every = (*loops.overview, *loops.single, *shown)
-    origin = Origin(command, digest, tuple(notes))
-    _remove_others(target, {s.file for s in every})
-    for picture in every:
+    results, duels = list(results), list(duels)
+    curves = curves_of(joined(frame_of(results), published))
+    material = Material(campaign_of(results), curves, tallies(duels), baseline)
+    target, drawn = folder_for(folder), draw_all(material)
+    kept = [one for group in drawn for one in group]
+    _remove_others(target, {one.file for one in kept})
+    for picture in kept:
         put(target / picture.file, picture.content)
-    put(target / "table.csv", as_csv(plain(material.rows)).encode())
-    put(target / "worth.csv", as_csv(plain_worth(worths.rows)).encode())
+    put(target / "table.csv", as_csv(plain_gaps(material.rows)).encode())
+    put(target / "worth.csv", as_csv(plain(material.worths.rows)).encode())
     put(target / "duels.csv", as_csv(duel_table(duels)).encode())
     index = target / "index.html"
-    put(index, page(material, shown, loops, choices, origin).encode())
+    put(index, page(material, drawn, command, digest, notes).encode())
     return index
 
 

@@ -10,8 +10,8 @@ from prefcal_scenarios.app.cli.benchmark import run as run_module
 from prefcal_scenarios.app.cli.benchmark.compare import compare
 from prefcal_scenarios.app.cli.benchmark.options import BenchOptions, CompareOptions
 from prefcal_scenarios.bench import Finished
-from prefcal_scenarios.bench.worth.published import publish
-from prefcal_scenarios.bench.worth.raw import write_raw
+from prefcal_scenarios.bench.published.plan import publish
+from prefcal_scenarios.bench.published.raw import write_raw
 from support.worths import walk, walks
 
 OWN = Path(__file__).parents[3] / "support" / "bench_agents.py"

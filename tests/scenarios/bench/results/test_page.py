@@ -11,7 +11,7 @@ import pytest
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.duels import PAPER
 from prefcal_scenarios.bench.results import write
-from prefcal_scenarios.bench.worth.curves import frame_of
+from prefcal_scenarios.bench.results.curves import frame_of
 from support.campaigns import duel, failed, grid, result
 from support.pages import Outline, assert_accessible
 from support.worths import walks

@@ -1,18 +1,17 @@
 """Data profiles, by hand."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_scenarios.bench.results.campaign import campaign_of
-from prefcal_scenarios.bench.results.profiles import profiles
+from prefcal_scenarios.bench.results.standing import profiles
 from support.campaigns import ends, failed, result
 
 
-def made(results, **options):
+def made(results):
     campaign = campaign_of(results)
-    return profiles(campaign, campaign.regimes[0], **options)
+    return profiles(campaign, campaign.settings[0])
 
 
 def test_shares_by_hand():
@@ -64,9 +63,3 @@ def test_shares_lie_between_none_and_all_and_a_wider_tolerance_solves_more(gaps)
 
 def test_a_start_at_the_optimum_is_solved_at_once():
     assert made([result("A", "p", 0, (0.0, 0.0))]).shares[1e-3]["A"].tolist() == [1, 1]
-
-
-def test_tolerances_can_be_chosen():
-    found = made(ends("A", "p", [0.5]), tolerances=(0.5,))
-    assert list(found.shares) == [0.5]
-    assert found.shares[0.5]["A"].tolist() == pytest.approx([0, 1])

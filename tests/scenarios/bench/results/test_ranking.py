@@ -5,13 +5,13 @@ import pytest
 from scipy.stats import friedmanchisquare
 
 from prefcal_scenarios.bench.results.campaign import campaign_of
-from prefcal_scenarios.bench.results.ranking import Ranking, common, critical_difference, rank
+from prefcal_scenarios.bench.results.standing import Ranking, common, critical_difference, rank
 from support.campaigns import ends, failed, grid, result
 
 
 def ranked(results):
     campaign = campaign_of(results)
-    return rank(campaign, campaign.regimes[0])
+    return rank(campaign, campaign.settings[0])
 
 
 @pytest.mark.parametrize(("agents", "q"), [(2, 1.960), (3, 2.343), (5, 2.728), (10, 3.164)])
@@ -86,15 +86,15 @@ def test_a_failed_seed_counts_as_tried_where_that_is_wanted():
     campaign = campaign_of(
         [*ends("A", "p", [0.1, 0.2]), *ends("B", "p", [0.1]), failed("B", "p", 1)]
     )
-    regime = campaign.regimes[0]
-    assert common(campaign, regime).seeds == {"p": (0,)}
-    assert common(campaign, regime, failed_too=True).seeds == {"p": (0, 1)}
+    setting = campaign.settings[0]
+    assert common(campaign, setting).seeds == {"p": (0,)}
+    assert common(campaign, setting, failed_too=True).seeds == {"p": (0, 1)}
 
 
 def test_no_seed_in_common_is_said():
     results = [result("A", "p", 0), result("B", "p", 1)]
     campaign = campaign_of(results)
-    found = common(campaign, campaign.regimes[0])
+    found = common(campaign, campaign.settings[0])
     assert found.seeds == {}
     assert found.left_out == ("p: no seed that all agents have",)
 

@@ -60,14 +60,10 @@ def test_no_row_depends_on_which_other_agents_there_are():
         assert {**row, "p_holm": None} == {**other, "p_holm": None}
 
 
-def test_intervals_come_out_again_with_the_same_seed_and_not_with_another():
+def test_intervals_come_out_again():
     gaps = np.random.default_rng(1).random((2, 20))
     results = ends("GLISp", "p", gaps[0]) + ends("A", "p", gaps[1])
     assert table(results) == table(results)
-    one, other = (by_agent(table(results, average="mean", seed=s))["A"] for s in (0, 1))
-    assert one["log10_ratio"] == other["log10_ratio"]
-    assert one["log10_ratio_low"] != other["log10_ratio_low"]
-    assert one["log10_ratio_low"] == pytest.approx(other["log10_ratio_low"], abs=0.1)
 
 
 def test_swapping_agent_and_baseline_flips_the_sign():
@@ -177,18 +173,18 @@ def test_what_was_visited_and_what_is_returned_are_two_things():
 
 
 def test_beating_the_best_known_value_is_told():
-    assert beaten(campaign_of(ends("A", "p", [-0.02])), FLOOR) == [
+    assert beaten(campaign_of(ends("A", "p", [-0.02]))) == [
         "p, 2 knobs: 0.02 below the best known value, which is therefore not "
         "the optimum; such gaps count as the floor"
     ]
-    assert beaten(campaign_of(ends("A", "p", [-1e-12])), FLOOR) == []
+    assert beaten(campaign_of(ends("A", "p", [-1e-12]))) == []
 
 
 def test_the_hole_of_the_reactor_s_index_is_counted_apart_from_what_nobody_knew():
     campaign = campaign_of(
         ends("GLIS", "cstr", [-0.27, 0.01, -0.2]) + ends("A", "cstr", [0.02] * 3)
     )
-    assert beaten(campaign, FLOOR) == []
+    assert beaten(campaign) == []
     (words,) = in_holes(campaign)
     assert "cstr, perfect calibrator: found the hole of the cost" in words
     assert "GLIS in 2 of 3 seeds" in words
@@ -202,7 +198,7 @@ def test_the_hole_of_the_reactor_s_index_is_counted_apart_from_what_nobody_knew(
 def test_a_gap_below_the_bottom_of_the_hole_is_news_all_the_same():
     campaign = campaign_of(ends("A", "cstr", [-0.4]))
     assert in_holes(campaign) == []
-    assert "0.4 below the best known value" in beaten(campaign, FLOOR)[0]
+    assert "0.4 below the best known value" in beaten(campaign)[0]
 
 
 def test_where_no_hole_is_known_none_is_counted():
@@ -233,7 +229,6 @@ def test_nothing_gives_an_empty_table():
 @pytest.mark.parametrize(
     ("results", "words"),
     [
-        (lambda: ["a result"], "type Result"),
         (lambda: [result(), result(gaps=(1.0, 0.2))], "two different results"),
         (lambda: [replace(result(), best=())], "must have numbers"),
         (lambda: [replace(result(), questions=())], "must have"),
@@ -246,15 +241,6 @@ def test_nothing_gives_an_empty_table():
 def test_results_that_contradict_themselves_are_refused(results, words):
     with pytest.raises(SettingsError, match=words):
         table(results())
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [({"floor": 0.0}, "floor"), ({"floor": np.inf}, "floor"), ({"average": "mode"}, "average")],
-)
-def test_impossible_options_are_refused(options, words):
-    with pytest.raises(SettingsError, match=words):
-        table([], **options)
 
 
 def test_worth_has_no_row_though_the_problem_has_gaps_with_other_calibrators():

@@ -4,9 +4,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_scenarios.bench.results.campaign import HUGE, Regime
+from prefcal_scenarios.bench.results.campaign import HUGE
 from prefcal_scenarios.bench.results.pictures import file_names
-from prefcal_scenarios.bench.results.words import probability, ratio, regime_name, seeds_text, short
+from prefcal_scenarios.bench.results.words import (
+    chance,
+    plain_number,
+    probability,
+    ratio,
+    seeds_text,
+    short,
+    short_name,
+    with_interval,
+)
 
 
 @pytest.mark.parametrize(
@@ -37,13 +46,28 @@ def test_seeds_that_follow_each_other_are_a_range():
     assert seeds_text([7]) == "seed 7"
 
 
-def test_budgets_are_named_only_where_they_differ():
-    a, b = Regime("perfect", 10, 50), Regime("perfect", 5, 20)
-    assert regime_name(a, [a]) == "perfect calibrator"
-    assert regime_name(b, [a, b]) == "perfect calibrator, 20 experiments (5 initial)"
-
-
 def test_file_names_are_plain_and_differ():
     assert file_names(["only"]) == [""]
     assert file_names(["perfect", "a/b c"]) == ["-perfect", "-a-b-c"]
     assert len(set(file_names(["a b", "a/b", "c"]))) == 3
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1.0, "1.0"), (9.94, "9.9"), (9.96, "10"), (1234.5, "1234"), (None, "–")]
+)
+def test_worth_has_two_digits_or_all_before_the_point(value, text):
+    assert plain_number(value) == text
+
+
+def test_intervals_are_in_brackets_if_there_are_any():
+    assert with_interval(90.2, 60.1, 130.0) == "90 [60, 130]"
+    assert with_interval(90.2, None, None) == "90"
+    assert with_interval(None, None, None) == "–"
+    assert chance(0.625, 0.5, 0.754) == "62 % [50, 75]"
+    assert chance(0.625, None, None) == "62 %"
+    assert chance(None, None, None) == "–"
+
+
+def test_a_name_loses_its_folder_alone():
+    assert short_name("some/where/own.py:Mine") == "own.py:Mine"
+    assert short_name("GLISp") == "GLISp"

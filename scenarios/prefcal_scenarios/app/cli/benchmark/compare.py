@@ -4,9 +4,9 @@ import shlex
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.app.cli.interrupt import INTERRUPTED
+from prefcal_scenarios.bench.published.plan import PUBLISHED, Plan, plan, read_published
+from prefcal_scenarios.bench.published.raw import raw_file, write_raw
 from prefcal_scenarios.bench.results import write
-from prefcal_scenarios.bench.worth.published import PUBLISHED, Plan, plan, read_published
-from prefcal_scenarios.bench.worth.raw import raw_file, write_raw
 
 from .options import CompareOptions
 from .run import as_json, run_all, show

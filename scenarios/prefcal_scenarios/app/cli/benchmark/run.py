@@ -15,11 +15,10 @@ from prefcal_scenarios.app.cli.interrupt import INTERRUPTED, interruption
 from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.bench import Finished, Processes, Store, Suite, run_suite
-from prefcal_scenarios.bench.engine import Workers
+from prefcal_scenarios.bench.published.raw import raw_file, write_raw
 from prefcal_scenarios.bench.results import duel_table, print_table, table, write
-from prefcal_scenarios.bench.worth.curves import curves_of, frame_of, joined
-from prefcal_scenarios.bench.worth.raw import raw_file, write_raw
-from prefcal_scenarios.bench.worth.rows import worth_table
+from prefcal_scenarios.bench.results.curves import curves_of, frame_of, joined
+from prefcal_scenarios.bench.results.rows import worth_table
 from prefcal_scenarios.processes.cores import usable_cores
 
 from .display import BenchDisplay
@@ -68,7 +67,7 @@ def suite_of(options: BenchOptions) -> Suite:
     return suite
 
 
-def workers_of(options: BenchOptions | CompareOptions) -> Workers:
+def workers_of(options: BenchOptions | CompareOptions) -> Processes:
     """Return the workers that run the benchmark.
 
     Raises:

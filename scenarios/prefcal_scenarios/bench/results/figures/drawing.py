@@ -14,6 +14,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocat
 from prefcal_scenarios.app.presentation.style import BEST, FIRST, GOOD, OTHERS, canvas
 from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.bench.results.campaign import HUGE
+from prefcal_scenarios.bench.results.statistics import FLOOR
 from prefcal_scenarios.bench.roster import in_order
 
 
@@ -114,7 +115,7 @@ def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, 
     )  # fmt: skip
 
 
-def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, "..."]], floor: float) -> float:
+def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, "..."]]) -> float:
     """Make the vertical axis logarithmic, with limits that fit all gaps of `drawn`.
 
     Returns:
@@ -123,16 +124,16 @@ def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, "..."]], floor: float) ->
     """
     values = np.concatenate([np.ravel(v) for v in drawn]) if drawn else np.array([1.0])
     values = values[np.isfinite(values) & (values < HUGE)]
-    above = values[values > floor]
-    low, high = (above.min(), above.max()) if len(above) else (floor, 1.0)
+    above = values[values > FLOOR]
+    low, high = (above.min(), above.max()) if len(above) else (FLOOR, 1.0)
     axes.set_yscale("log")
-    floored = bool(len(values)) and bool((values <= floor).any())
+    floored = bool(len(values)) and bool((values <= FLOOR).any())
     decades = max(np.log10(high / low), 0.3)
     bottom = float(low / 10 ** (0.18 * decades if floored else 0.05 * decades))
     top = float(high * 10 ** (0.07 * decades))
     axes.set_ylim(bottom, top)
     ticks = _ticks(low if floored else bottom, top)
-    labels = {bottom: f"≤{_power(floor)}"} if floored else {}
+    labels = {bottom: f"≤{_power(FLOOR)}"} if floored else {}
     axes.yaxis.set_major_locator(FixedLocator([*labels, *ticks]))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: labels.get(v, _power(v))))
@@ -155,3 +156,19 @@ def _power(value: float) -> str:
     mantissa, exponent = f"{value:.1e}".replace(".0e", "e").split("e")
     times = "" if mantissa == "1" else rf"{mantissa}\cdot"
     return rf"${times}10^{{{int(exponent)}}}$"
+
+
+def worth_axis(axes: Axes, limits: tuple[float, float], *, vertical: bool) -> None:
+    """Make an axis of worth logarithmic, with plain numbers at 1, 10, 100, ..."""
+    axis = axes.yaxis if vertical else axes.xaxis
+    set_scale, set_limits = (
+        (axes.set_yscale, axes.set_ylim) if vertical else (axes.set_xscale, axes.set_xlim)
+    )
+    set_scale("log")
+    set_limits(*limits)
+    span = limits[1] / limits[0]
+    subs = (1.0,) if span > 100 else (1.0, 3.0) if span > 30 else (1.0, 2.0, 5.0)
+    ticks = [s * 10.0**k for k in range(5) for s in subs]
+    axis.set_major_locator(FixedLocator([t for t in ticks if limits[0] <= t <= limits[1]]))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))

@@ -13,8 +13,7 @@ from prefcal_scenarios.bench.results import figures
 from prefcal_scenarios.bench.results.campaign import campaign_of
 from prefcal_scenarios.bench.results.duelling import tallies
 from prefcal_scenarios.bench.results.figures.drawing import drawn, looks
-from prefcal_scenarios.bench.results.profiles import profiles
-from prefcal_scenarios.bench.results.ranking import rank
+from prefcal_scenarios.bench.results.standing import profiles, rank
 from prefcal_scenarios.bench.roster import AGENTS
 from support.campaigns import duel, ends, grid, result
 
@@ -33,13 +32,13 @@ def pixels(figure):
     return np.array(Image.open(buffer).convert("RGB"))
 
 
-def against(results, by="experiments", **options):
+def against(results, by="experiments"):
     campaign = campaign_of(results)
     draw = {
         "experiments": figures.against_experiments,
         "questions": figures.against_questions,
     }[by]
-    return draw(campaign, campaign.regimes[0], looks(campaign.agents), **options)
+    return draw(campaign, campaign.settings[0], looks(campaign.agents))
 
 
 def panels(figure):
@@ -72,12 +71,12 @@ def test_a_line_is_the_median_and_its_band_the_quartiles():
 
 def test_an_agent_has_the_same_color_in_every_figure():
     campaign = campaign_of(grid(FACTORS))
-    regime, styles = campaign.regimes[0], looks(campaign.agents)
-    for axes in panels(figures.against_experiments(campaign, regime, styles)).values():
+    setting, styles = campaign.settings[0], looks(campaign.agents)
+    for axes in panels(figures.against_experiments(campaign, setting, styles)).values():
         for agent in FACTORS:
             assert to_hex(line(axes, agent).get_color()) == styles[agent].color
-    shares = figures.data_profiles(profiles(campaign, regime), styles)
-    ranks = figures.ranking(rank(campaign, regime), styles)
+    shares = figures.data_profiles(profiles(campaign, setting), styles)
+    ranks = figures.ranking(rank(campaign, setting), styles)
     for agent in FACTORS:
         assert to_hex(line(shares.axes[0], agent).get_color()) == styles[agent].color
         assert styles[agent].color in {to_hex(one.get_color()) for one in ranks.axes[0].lines}
@@ -98,14 +97,12 @@ def test_the_path_of_an_own_agent_is_not_drawn():
 
 
 def test_gaps_at_the_floor_are_at_the_lower_end_which_says_so():
-    axes = panels(against([*ends("A", "p", [0.0]), *ends("B", "p", [0.1])], floor=1e-7))[
-        "p, 2 knobs"
-    ]
+    axes = panels(against([*ends("A", "p", [0.0]), *ends("B", "p", [0.1])]))["p, 2 knobs"]
     bottom = axes.get_ylim()[0]
     assert line_of_two(axes, "A")[-1] == pytest.approx(bottom)
     assert bottom > 1e-3
     label = axes.yaxis.get_major_formatter()(axes.yaxis.get_majorticklocs()[0], 0)
-    assert label == "≤$10^{-7}$"
+    assert label == "≤$10^{-9}$"
 
 
 def line_of_two(axes, label):
@@ -150,7 +147,7 @@ def test_an_agent_that_sees_values_is_a_line_at_its_end():
 
 def test_profiles_have_a_panel_for_each_tolerance_in_percent():
     campaign = campaign_of([result("A", "p", 0, (1.0, 0.05, 0.05))])
-    found = profiles(campaign, campaign.regimes[0])
+    found = profiles(campaign, campaign.settings[0])
     figure = figures.data_profiles(found, looks(campaign.agents))
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert titles == [f"to {p} % of the initial gap" for p in ("10", "1", "0.1")]
@@ -160,7 +157,7 @@ def test_profiles_have_a_panel_for_each_tolerance_in_percent():
 
 def test_the_bars_of_a_ranking_are_one_critical_difference_long():
     campaign = campaign_of(grid(FACTORS))
-    found = rank(campaign, campaign.regimes[0])
+    found = rank(campaign, campaign.settings[0])
     axes = figures.ranking(found, looks(campaign.agents)).axes[0]
     bars = [one for one in axes.lines if len(one.get_xdata()) == 2]
     assert len(bars) == len(FACTORS)
@@ -204,10 +201,10 @@ def test_every_agent_of_the_roster_has_a_look_that_can_be_drawn():
 
 def test_pictures_have_ink_and_the_width_of_a_page():
     campaign = campaign_of(grid(FACTORS, problems=("bowl",)))
-    regime, styles = campaign.regimes[0], looks(campaign.agents)
+    setting, styles = campaign.settings[0], looks(campaign.agents)
     for figure in (
-        figures.against_experiments(campaign, regime, styles),
-        figures.data_profiles(profiles(campaign, regime), styles),
+        figures.against_experiments(campaign, setting, styles),
+        figures.data_profiles(profiles(campaign, setting), styles),
         figures.seconds({"GLISp": [0.1]}, styles),
     ):
         image = pixels(figure)

@@ -1,16 +1,15 @@
 """The tables of worth on the page."""
 
-from prefcal_scenarios.bench.results.figures import looks
-from prefcal_scenarios.bench.worth.curves import curves_of, frame_of
-from prefcal_scenarios.bench.worth.pictures import Worths
-from prefcal_scenarios.bench.worth.rows import worth_rows
-from prefcal_scenarios.bench.worth.tables import worth_tables
+from prefcal_scenarios.bench.results.curves import curves_of, frame_of
+from prefcal_scenarios.bench.results.rows import worth_rows
+from prefcal_scenarios.bench.results.tables import Worths, worth_numbers
 from support.worths import study, walks
 
 
 def tables(results):
     curves = curves_of(frame_of(results))
-    return worth_tables(Worths(curves, worth_rows(curves, "GLISp"), "GLISp", looks(curves.agents)))
+    worths = Worths(curves, worth_rows(curves), "GLISp")
+    return [worth_numbers(worths, setting) for setting in curves.settings]
 
 
 def cells(table, agent):

@@ -1,4 +1,4 @@
-"""Rank agents over all problems by the studies that all of them have."""
+"""Rank agents over all problems, and tell the share of studies that each has solved."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .campaign import Campaign, Regime
+from .campaign import Campaign
+from .curves import Setting
 from .statistics import FLOOR
 
 SIGNIFICANCE = 0.05
+TOLERANCES = (1e-1, 1e-2, 1e-3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,7 @@ class Ranking:
     """Ranks of the agents' median final gaps, 1 for the smallest; equal medians share ranks.
 
     Args:
-        regime: Regime of all its results.
+        setting: Setting of all its results.
         agents: Agents, best average rank first.
         problems: Problems that they were ranked by.
         ranks: Rank of each agent on each problem.
@@ -41,7 +43,7 @@ class Ranking:
         left_out: Agents and problems that are left out, and why.
     """
 
-    regime: Regime
+    setting: Setting
     agents: tuple[str, ...]
     problems: tuple[str, ...]
     ranks: Float[np.ndarray, "P A"]
@@ -66,33 +68,33 @@ def critical_difference(agents: int, problems: int) -> float:
     return float(q * np.sqrt(agents * (agents + 1) / (6 * problems)))
 
 
-def rank(campaign: Campaign, regime: Regime, floor: float = FLOOR) -> Ranking | str:
-    """Return a ranking by the seeds that all agents of a regime have, or why there is none.
+def rank(campaign: Campaign, setting: Setting) -> Ranking | str:
+    """Return a ranking by the seeds that all agents of a setting have, or why there is none.
 
-    Gaps below `floor` are equal.
+    Gaps below `FLOOR` are equal.
     """
     from scipy.stats import friedmanchisquare, rankdata
 
-    shared = common(campaign, regime)
+    shared = common(campaign, setting)
     agents, problems = shared.agents, tuple(shared.seeds)
     if len(agents) < 2 or len(problems) < 2:
         return (
             "a ranking needs two agents and two problems in common, "
             f"there are {len(agents)} and {len(problems)}"
         )
-    gaps = campaign.costly(regime).pivot_table(
+    gaps = campaign.costly(setting).pivot_table(
         index=["problem", "seed"], columns="agent", values="gap", observed=True
     )
     paired = gaps[list(agents)].dropna()  # seeds that all agents have
     medians = paired.groupby(level="problem", observed=True).median().loc[list(problems)].to_numpy()
-    ranks = rankdata(np.maximum(medians, floor), axis=1)
+    ranks = rankdata(np.maximum(medians, FLOOR), axis=1)
     p = None
     if len(agents) > 2:  # if all are alike on every problem, there is nothing to test
         alike = bool((ranks == ranks[:, :1]).all())
         p = 1.0 if alike else float(friedmanchisquare(*ranks.T).pvalue)
     order = np.argsort(ranks.mean(axis=0), kind="stable")
     return Ranking(
-        regime=regime,
+        setting=setting,
         agents=tuple(agents[i] for i in order),
         problems=problems,
         ranks=ranks[:, order],
@@ -102,17 +104,17 @@ def rank(campaign: Campaign, regime: Regime, floor: float = FLOOR) -> Ranking | 
     )
 
 
-def common(campaign: Campaign, regime: Regime, *, failed_too: bool = False) -> Common:
+def common(campaign: Campaign, setting: Setting, *, failed_too: bool = False) -> Common:
     """Find the studies by which all agents can be compared fairly.
 
     Args:
         campaign: All results.
-        regime: Regime to compare in.
+        setting: Setting to compare in.
         failed_too: Whether to include seeds in which an agent failed.
     """
-    problems = campaign.problems(regime, cost=True)
+    problems = campaign.problems(setting, cost=True)
     studies = campaign.studies if failed_too else campaign.finished
-    studies = studies[(studies["regime"] == regime) & studies["problem"].isin(problems)]
+    studies = studies[(studies["setting"] == setting) & studies["problem"].isin(problems)]
     counts = studies.groupby("agent", observed=True)["problem"].nunique()
     agents = [a for a, count in counts.items() if 2 * count >= len(problems)]
     left_out = [
@@ -133,3 +135,64 @@ def common(campaign: Campaign, regime: Regime, *, failed_too: bool = False) -> C
         else:
             left_out.append(f"{problem}: no seed that all agents have")
     return Common(tuple(agents), seeds, tuple(left_out))
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Share of (problem, seed) pairs that are solved after each experiment.
+
+    A pair is solved to a tolerance if the gap of the θ that the agent would return is at most that
+    share of the initial gap: the median gap of the first θ of that problem, over agents and seeds.
+
+    Source: Moré and Wild (2009), Benchmarking derivative-free optimization algorithms.
+    Deviation: experiments are not divided by the number of knobs plus one; under noise a share
+        can fall again, because the agent's incumbent can change for the worse.
+
+    Args:
+        setting: Setting of all its results.
+        shares: Share by tolerance and agent, shape (n_max,), each from 0 to 1. A failed cell is
+            never solved.
+        problems: Number of problems.
+        instances: Number of (problem, seed) pairs.
+        left_out: Agents and problems that are left out, and why.
+    """
+
+    setting: Setting
+    shares: Mapping[float, Mapping[str, Float[np.ndarray, " n_max"]]]
+    problems: int
+    instances: int
+    left_out: tuple[str, ...] = ()
+
+
+def profiles(campaign: Campaign, setting: Setting) -> Profiles | str:
+    """Return the data profiles of a setting, or the reason why there are none.
+
+    A gap of at most `FLOOR` is solved to any tolerance.
+    """
+    shared = common(campaign, setting, failed_too=True)
+    if not shared.seeds:
+        return "a data profile needs a problem with a cost that the agents have in common"
+    studies = campaign.costly(setting)
+    initial = studies.assign(first=studies["curve"].str[0]).groupby("problem", observed=True)
+    scale = np.maximum(initial["first"].median(), FLOOR)  # shared: no agent gains by luck
+    curves = studies.set_index(["agent", "problem", "seed"])["curve"].to_dict()
+    unsolved = np.full(setting.n_max, np.inf)
+    places = [(problem, seed) for problem, seeds in shared.seeds.items() for seed in seeds]
+    relative = {
+        agent: np.array([
+            np.where(gaps <= FLOOR, 0.0, gaps / scale[problem])
+            for problem, seed in places
+            for gaps in [curves.get((agent, problem, seed), unsolved)]
+        ])
+        for agent in shared.agents
+    }  # fmt: skip
+    return Profiles(
+        setting=setting,
+        shares={
+            t: {agent: np.mean(gaps <= t, axis=0) for agent, gaps in relative.items()}
+            for t in TOLERANCES
+        },
+        problems=len(shared.seeds),
+        instances=len(places),
+        left_out=shared.left_out,
+    )

@@ -8,12 +8,12 @@ import pandas as pd
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.wording import did_you_mean
+from prefcal_scenarios.bench.results.curves import COLUMNS, curves_of
 from prefcal_scenarios.bench.suite import Suite
 
-from .curves import COLUMNS, curves_of
 from .raw import VERSIONS, agent_version, problem_version, read, read_curves
 
-PUBLISHED = Path(__file__).parents[1] / "published" / "worth.parquet"
+PUBLISHED = Path(__file__).with_name("worth.parquet")
 """File of the studies that are published with prefcal."""
 _SORTED = ["taste", "loop", "agent", "seed", "n_init", "n_max", "experiment"]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.bench.worth.curves import (
+from prefcal_scenarios.bench.results.curves import (
     COLUMNS,
     Setting,
     after_answers,
@@ -47,7 +47,7 @@ def test_sure_tastes_come_first_and_generated_loops_are_sorted_by_number():
     curves = curves_of(
         frame_of([study(taste=t, loop=x) for t in tastes for x in ("loop-17", "loop-2", "servo")])
     )
-    assert [s.taste for s in curves.settings][-1] == "weights-noisy10"
+    assert [s.calibrator for s in curves.settings][-1] == "weights-noisy10"
     assert [s.noisy for s in curves.settings] == [False, False, True]
     loops = curves.loops(curves.settings[0])
     assert loops.index("loop-2") < loops.index("loop-17")
@@ -57,6 +57,10 @@ def test_settings_are_named_by_taste_and_by_budget_only_if_that_differs():
     one, other = Setting("weights", 10, 50), Setting("weights", 10, 20)
     assert one.name([one]) == "weights"
     assert one.name([one, other]) == "weights, 50 experiments (10 initial)"
+    assert one.name([one], " calibrator") == "weights calibrator"
+    assert (
+        other.name([one, other], " calibrator") == "weights calibrator, 20 experiments (10 initial)"
+    )
 
 
 def test_worth_after_answers_is_that_of_the_last_experiment_by_then():

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from prefcal_scenarios.app.presentation.style import style
+from prefcal_scenarios.bench.results import figures
+from prefcal_scenarios.bench.results.curves import curves_of, frame_of
 from prefcal_scenarios.bench.results.figures import looks
-from prefcal_scenarios.bench.worth import intervals
-from prefcal_scenarios.bench.worth.curves import curves_of, frame_of
-from prefcal_scenarios.bench.worth.rows import worth_rows
-from prefcal_scenarios.bench.worth.statistics import random_search
+from prefcal_scenarios.bench.results.rows import worth_rows
+from prefcal_scenarios.bench.results.statistics import random_search
+from prefcal_scenarios.bench.results.tables import Worths
 from support.worths import study, walks
 
 
@@ -20,7 +21,7 @@ def house_style():
 
 def material(results):
     curves = curves_of(frame_of(results))
-    return worth_rows(curves, "GLISp"), curves.settings, looks(curves.agents)
+    return Worths(curves, worth_rows(curves), "GLISp"), curves.settings, looks(curves.agents)
 
 
 def texts(axes):
@@ -30,27 +31,27 @@ def texts(axes):
 def test_the_summary_is_sorted_by_worth_which_is_written_beside_it():
     results = [study(a, seed=s, worth=(1, w + s)) for a, w in (("GLISp", 20), ("Own", 300))
                for s in range(3)]  # fmt: skip
-    axes = intervals.summary(*material(results)).axes[0]
+    axes = figures.summary(*material(results)).axes[0]
     assert [t.get_text() for t in axes.get_yticklabels()] == ["Own", "GLISp"]
     assert [text.split()[0] for text in texts(axes)] == ["301", "21"]
     assert axes.get_xscale() == "log"
 
 
 def test_a_dashed_line_is_at_the_worth_of_random_search():
-    axes = intervals.summary(*material(walks({"GLISp": 1.2}, n_max=50, seeds=2))).axes[0]
+    axes = figures.summary(*material(walks({"GLISp": 1.2}, n_max=50, seeds=2))).axes[0]
     (theory,) = [one for one in axes.lines if one.get_linestyle() == "--"]
     assert theory.get_xdata()[0] == pytest.approx(random_search(50))
 
 
 def test_the_label_tells_every_number_of_experiments_and_its_theory():
     results = [*walks({"GLISp": 1.2}, n_max=20), *walks({"GLISp": 1.2}, n_max=50)]
-    label = intervals.summary(*material(results)).get_supxlabel()
+    label = figures.summary(*material(results)).get_supxlabel()
     assert "after 20 and 50 experiments" in label
     assert "in theory, 37 and 90;" in label
 
 
 def test_the_marker_of_an_agent_that_sees_values_is_hollow():
-    axes = intervals.summary(*material([study(), study("GLIS", questions=(0, 0))])).axes[0]
+    axes = figures.summary(*material([study(), study("GLIS", questions=(0, 0))])).axes[0]
     faces = {
         one.get_markerfacecolor() for one in axes.lines if one.get_marker() not in ("", "None")
     }
@@ -59,7 +60,7 @@ def test_the_marker_of_an_agent_that_sees_values_is_hollow():
 
 
 def test_each_setting_has_a_panel_and_all_have_one_scale():
-    figure = intervals.summary(
+    figure = figures.summary(
         *material(walks({"GLISp": 1.2}, tastes=("weights", "limits", "narrow")))
     )
     shown = [axes for axes in figure.axes if axes.axison]
@@ -70,8 +71,8 @@ def test_each_setting_has_a_panel_and_all_have_one_scale():
 def test_the_heat_map_is_bold_where_the_interval_excludes_an_even_chance():
     results = [study(a, seed=s, worth=(1, w)) for a, w in (("GLISp", 9), ("Own", 99), ("B", 9))
                for s in range(3)]  # fmt: skip
-    rows, settings, _ = material(results)
-    axes = intervals.improvements(rows, settings).axes[0]
+    worths, settings, _ = material(results)
+    axes = figures.improvements(worths, settings).axes[0]
     weights = {t.get_text(): t.get_fontweight() for t in axes.texts if "%" in t.get_text()}
     assert weights == {"100 %": "bold", "50 %": "normal"}
     (image,) = axes.images
@@ -80,7 +81,7 @@ def test_the_heat_map_is_bold_where_the_interval_excludes_an_even_chance():
 
 def test_many_settings_have_numbers_alone():
     tastes = [f"taste{k}" for k in range(12)]
-    rows, settings, _ = material(walks({"GLISp": 1.2, "Own": 1.0}, tastes=tastes, n_max=5))
-    axes = intervals.improvements(rows, settings).axes[0]
+    worths, settings, _ = material(walks({"GLISp": 1.2, "Own": 1.0}, tastes=tastes, n_max=5))
+    axes = figures.improvements(worths, settings).axes[0]
     assert len(axes.texts) == 12
     assert not any("%" in text for text in texts(axes))

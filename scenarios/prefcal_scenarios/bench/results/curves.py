@@ -1,6 +1,6 @@
 """Collect the worth along each study, from results or from a published file."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,22 +22,22 @@ COLUMNS = (*STUDY, "experiment", "answers", "worth")
 
 @dataclass(frozen=True, slots=True, order=True)
 class Setting:
-    """What studies share that can be compared: the taste, and the number of experiments."""
+    """What studies share that can be compared: who answers, and the number of experiments."""
 
-    taste: str
+    calibrator: str
     n_init: int
     n_max: int
 
     @property
     def noisy(self) -> bool:
         """Return whether some answers are wrong on purpose."""
-        return self.taste.rpartition("-")[2] in NOISES
+        return self.calibrator.rpartition("-")[2] in NOISES
 
-    def name(self, settings: Iterable["Setting"]) -> str:
+    def name(self, settings: Iterable["Setting"], kind: str = "") -> str:
         """Return a name that distinguishes this one of `settings` from the others."""
         if len({(s.n_init, s.n_max) for s in settings}) < 2:
-            return self.taste
-        return f"{self.taste}, {self.n_max} experiments ({self.n_init} initial)"
+            return f"{self.calibrator}{kind}"
+        return f"{self.calibrator}{kind}, {self.n_max} experiments ({self.n_init} initial)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,19 +134,18 @@ def curves_of(frame: pd.DataFrame) -> Curves:
     for column, name, kind in (("worth", "worth", float), ("answers", "asked", int)):
         parts = np.split(frame[column].to_numpy(kind), starts[1:])
         studies[name] = pd.Series(
-            [_padded(part, n) for part, n in zip(parts, budgets, strict=False)], dtype=object
+            [padded(part, n) for part, n in zip(parts, budgets, strict=False)], dtype=object
         )
     studies["setting"] = [
         Setting(str(t), int(i), n)
         for t, i, n in zip(studies["taste"], studies["n_init"], budgets, strict=True)
     ]
     orders = {
-        "setting": sorted(set(studies["setting"]), key=_setting_key),
+        "setting": sorted(set(studies["setting"]), key=setting_key),
         "loop": sorted(set(studies["loop"]), key=_loop_key),
         "agent": in_order(studies["agent"]),
     }
-    for name, order in orders.items():
-        studies[name] = pd.Categorical(studies[name], categories=list(order), ordered=True)
+    set_order(studies, orders)
     studies = studies.sort_values(["setting", "loop", "agent", "seed"], ignore_index=True)
     return Curves(studies[["setting", "loop", "agent", "seed", "worth", "asked"]])
 
@@ -171,13 +170,21 @@ def _check_complete(frame: pd.DataFrame, starts: Int[np.ndarray, " S"]) -> None:
         )
 
 
-def _padded(values: Float[np.ndarray, " N"], n_max: int) -> Float[np.ndarray, " n_max"]:
+def padded(values: Float[np.ndarray, " N"], n_max: int) -> Float[np.ndarray, " n_max"]:
+    """Return n_max values; a study that ended early keeps its last one."""
     return np.pad(values, (0, max(n_max - len(values), 0)), mode="edge")[:n_max]
 
 
-def _setting_key(setting: Setting) -> tuple[bool, int, Setting]:
+def set_order(studies: pd.DataFrame, orders: Mapping[str, Iterable[Any]]) -> None:
+    """Make columns categories in the order of the tables."""
+    for name, order in orders.items():
+        studies[name] = pd.Categorical(studies[name], categories=list(order), ordered=True)
+
+
+def setting_key(setting: Setting) -> tuple[bool, int, Setting]:
+    """Return what settings are sorted by: those whose answers are never wrong come first."""
     known = CALIBRATORS
-    place = known.index(setting.taste) if setting.taste in known else len(known)
+    place = known.index(setting.calibrator) if setting.calibrator in known else len(known)
     return (setting.noisy, place, setting)
 
 

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from prefcal_env.errors import MissingExtraError, SettingsError
+from prefcal_scenarios.bench.published.raw import raw_file, read_curves, write_raw
+from prefcal_scenarios.bench.results.curves import curves_of, frame_of
 from prefcal_scenarios.bench.roster import entry
-from prefcal_scenarios.bench.worth.curves import curves_of, frame_of
-from prefcal_scenarios.bench.worth.raw import raw_file, read_curves, write_raw
 from support.campaigns import failed, result
 from support.worths import study, walks
 

@@ -2,19 +2,19 @@
 
 import pytest
 
+from prefcal_scenarios.bench.results.curves import curves_of, frame_of
 from prefcal_scenarios.bench.results.figures import looks
+from prefcal_scenarios.bench.results.pictures import draw_loops, draw_overview
+from prefcal_scenarios.bench.results.rows import worth_rows
+from prefcal_scenarios.bench.results.tables import Worths
 from prefcal_scenarios.bench.roster import AGENTS
-from prefcal_scenarios.bench.worth.curves import curves_of, frame_of
-from prefcal_scenarios.bench.worth.pictures import Worths, draw_loops, draw_overview
-from prefcal_scenarios.bench.worth.rows import worth_rows
 from support.worths import study, walks
 
 
 def shown(results, baseline="GLISp"):
     curves = curves_of(frame_of(results))
-    rows = worth_rows(curves, baseline)
-    worths = Worths(curves, rows, baseline, looks(curves.agents))
-    return {one.file: one for one in (*draw_overview(worths), *draw_loops(worths))}
+    given = (Worths(curves, worth_rows(curves, baseline), baseline), looks(curves.agents))
+    return {one.file: one for one in (*draw_overview(*given), *draw_loops(*given))}
 
 
 def test_every_taste_has_figures_by_loop_but_not_those_with_wrong_answers():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.bench.worth.statistics import (
+from prefcal_scenarios.bench.results.statistics import (
     drift,
     geometric_mean,
     improvement,

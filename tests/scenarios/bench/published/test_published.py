@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.bench.worth import published as module
-from prefcal_scenarios.bench.worth.published import plan, publish, read_published
-from prefcal_scenarios.bench.worth.raw import write_raw
+from prefcal_scenarios.bench.published import plan as module
+from prefcal_scenarios.bench.published.plan import plan, publish, read_published
+from prefcal_scenarios.bench.published.raw import write_raw
 from support.worths import study, walks
 
 SCRIPT = Path(__file__).parents[4] / "benchmarks" / "campaigns" / "publish.py"

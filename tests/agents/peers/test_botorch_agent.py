@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.peers.proposal import attempted, proposed
+from prefcal_agents.peers.botorch_agent import BoTorchAgent, attempted
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
@@ -30,10 +30,11 @@ def _peers():
     ],
 )
 def test_the_first_candidate_that_did_not_run_else_a_random_one(points, expected):
-    def candidates(history, seed):
-        return None if points is None else np.array(points)
+    class Proposing(BoTorchAgent):
+        def _candidates(self, history, seed):
+            return None if points is None else np.array(points)
 
-    z = proposed(SQUARE, HISTORY, candidates, 1, 3)
+    z = Proposing(SQUARE, n_init=1, seed=3)._propose(HISTORY)
     assert z == pytest.approx(np.array(expected))
 
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from prefcal_scenarios.bench.worth.curves import Setting, curves_of, frame_of
-from prefcal_scenarios.bench.worth.rows import checkpoints, worth_table
+from prefcal_scenarios.bench.results.curves import Setting, curves_of, frame_of
+from prefcal_scenarios.bench.results.rows import checkpoints, worth_table
 from support.worths import study, walks
 
 

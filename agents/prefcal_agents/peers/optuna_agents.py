@@ -1,0 +1,185 @@
+"""Provide samplers of Optuna as agents: a preferential one, and two that are told values."""
+
+from functools import partial
+from typing import Any, ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.optimize.search import Tried
+from prefcal_agents.protocol.agent import PreferenceBased, ValueBased
+from prefcal_agents.protocol.replay import Replay
+from prefcal_agents.support.extras import load
+from prefcal_agents.support.global_random import seeded
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.history import History
+
+from .alone import torch_seeded
+from .optuna_session import OptunaSession
+from .peer import Peer
+
+_GP = "optuna_dashboard.preferential.samplers.gp"
+_LARGEST = 1e100
+"""Scores beyond this size count as this, since their squares overflow."""
+
+
+class _OptunaAgent(Peer):
+    """An agent that keeps an Optuna study, whose sampler proposes the next sample."""
+
+    def __init__(
+        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
+    ) -> None:
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
+        self._replay = Replay(self._start, self._feed)
+
+    def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
+        return self._replay.at(history).proposal
+
+    def _start(self) -> OptunaSession:
+        """Return a study that knows nothing."""
+        raise NotImplementedError
+
+    def _feed(self, session: OptunaSession, history: History) -> None:
+        """Tell the study the last answer of `history`, and let it propose after the start."""
+        raise NotImplementedError
+
+
+@final
+class OptunaPreferential(_OptunaAgent, PreferenceBased):
+    """A preferential Gaussian process with hallucination believer (`PreferentialGPSampler`).
+
+    The first `n_init` samples are a Latin hypercube. Then an Optuna study gets every answer, and
+    its sampler proposes the next sample. It ignores ties and abstentions. The sampler starts each
+    fit where the last one ended, so it is kept while answers are added, and replays all of them
+    after an undo, a retraction or a restart.
+
+    Source: package `optuna-dashboard`, after Takeno et al. 2023.
+    Deviation: a fit that diverges, which stops the library's sampler, starts from scratch; if it
+    diverges again, the next sample is random.
+
+    Args:
+        space: Knobs to tune; the sampler sees the unit cube, and integers are snapped afterwards.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
+
+    Raises:
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `peers` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+    _modules = ("optuna", _GP)
+
+    def _start(self) -> OptunaSession:
+        with seeded(self._seed) as seed:
+            return OptunaSession(len(self.space), _study, _sampler, seed)
+
+    def _feed(self, session: OptunaSession, history: History) -> None:
+        with seeded(self._seed, history.answered) as seed:
+            session.run(np.array(history.samples[history.answered - 1].z))
+            last = history.comparisons[-1]
+            if last.teaches and last.answer.preference is not Preference.TIE:
+                pair = (session.trials[last.challenger], session.trials[last.incumbent or 0])
+                won = last.answer.preference is Preference.CHALLENGER
+                session.study.report_preference(*(pair if won else reversed(pair)))
+            if history.answered >= self.n_init and session.study.preferences:
+                session.ask(seed)
+
+
+def _study(sampler: Any) -> Any:
+    preferential = load("optuna_dashboard.preferential", "peers")
+    return preferential.create_study(n_generate=1, sampler=sampler)
+
+
+def _sampler(seed: int) -> Any:
+    """Return the default sampler with argument checks, so that a diverged fit stops at once.
+
+    Without these checks it would continue for minutes.
+    """
+    noise = load("gpytorch.priors", "peers").GammaPrior(5.0, 50.0, validate_args=True)
+    return load(_GP, "peers").PreferentialGPSampler(seed=seed, noise_prior=noise)
+
+
+class _OptunaByValue(_OptunaAgent, ValueBased):
+    """A sampler of Optuna with its default settings.
+
+    The first `n_init` samples are a Latin hypercube. Then an Optuna study is told every score, and
+    its sampler proposes the next sample. Experiments without a score are left out; infinite scores
+    are refused, as by every agent. The sampler keeps what it learned while scores are added, and
+    replays all of them after an undo, a retraction or a restart.
+    """
+
+    _sampler: ClassVar[str]
+    """Name of the sampler's class in `optuna.samplers`."""
+
+    _modules = ("optuna", "torch")
+
+    def _start(self) -> OptunaSession:
+        optuna = load("optuna", "peers")
+        make: Any = getattr(optuna.samplers, self._sampler)
+        # `ask` is first called after n_init experiments; without any score it is random.
+        sampler = partial(make, n_startup_trials=1)
+        with torch_seeded(self._seed) as seed:
+            return OptunaSession(
+                len(self.space),
+                lambda sampler: optuna.create_study(sampler=sampler),
+                lambda seed: sampler(seed=seed),
+                seed,
+            )
+
+    def _feed(self, session: OptunaSession, history: History) -> None:
+        with torch_seeded(self._seed, history.answered) as seed:
+            score = history.comparisons[-1].value
+            if score is not None:
+                z = np.array(history.samples[history.answered - 1].z)
+                session.run(z, float(np.clip(score, -_LARGEST, _LARGEST)))
+            if history.answered >= self.n_init:
+                session.ask(seed)
+
+
+@final
+class OptunaTPE(_OptunaByValue):
+    """Optuna's tree-structured Parzen estimator (`TPESampler`), told the score of each experiment.
+
+    Source: package `optuna`, after Bergstra et al. 2011.
+    Deviation: the start is a Latin hypercube of `n_init` samples, not 10 random ones; it searches
+    the unit cube, and integers are snapped afterwards; scores beyond ±1e100 count as ±1e100.
+
+    Args:
+        space: Knobs to tune.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments.
+        seed: Seed of all randomness, 0 or more.
+
+    Raises:
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `peers` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+    _sampler = "TPESampler"
+
+
+@final
+class OptunaGP(_OptunaByValue):
+    """Optuna's Gaussian process with expected improvement (`GPSampler`), told each score.
+
+    Source: package `optuna`.
+    Deviation: as `OptunaTPE`. A fit that diverges starts from scratch; if it diverges again, the
+    next sample is random.
+
+    Args:
+        space: Knobs to tune.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments.
+        seed: Seed of all randomness, 0 or more.
+
+    Raises:
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `peers` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+    _sampler = "GPSampler"

@@ -1,0 +1,55 @@
+"""The base of all agents whose samples another package proposes."""
+
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.optimize.search import Tried
+from prefcal_agents.protocol.agent import Agent
+from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.support.extras import load
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.history import History
+
+
+class Peer(Agent):
+    """An agent whose first samples are a Latin hypercube, and all others those of a package.
+
+    If the package proposes none, the sample is random.
+    """
+
+    _modules: ClassVar[tuple[str, ...]]
+    """Modules of the extra `peers` without which the agent cannot be made."""
+
+    def __init__(
+        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
+    ) -> None:
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
+        for module in self._modules:
+            load(module, "peers")
+
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        index, tried = history.answered, Tried(self.space, history)
+        rng = np.random.default_rng([self._seed, index])
+        z = self._planned(index)
+        if z is None:
+            z = self._proposal(history, tried)
+        if z is None:
+            z = rng.random(len(self.space))
+        return tried.fresh(np.clip(z, 0.0, 1.0), rng)
+
+    def _planned(self, index: int) -> Float[np.ndarray, " n"] | None:
+        """Return the sample of the start with this index; None after the start."""
+        if index >= self.n_init:
+            return None
+        return np.asarray(latin_hypercube(self.space, self.n_init, self._seed)[index])
+
+    def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
+        """Return what the package proposes, about in the unit cube, shape (n,); None for nothing.
+
+        Args:
+            history: Record of the study.
+            tried: What ran already.
+        """
+        raise NotImplementedError
