@@ -5,20 +5,26 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 from support.processes import finished, start, wait_until
 from toy_study import TOY_FILE
 
 
-def interrupted(folder, delay):
-    """An unattended study that is stopped `delay` seconds after it has begun."""
-    process = start(
-        folder, "calibrate", f"{TOY_FILE}:slow", "--calibrator", "synthetic",
-        "--agent", "random", "--n-max", "500", "--json", "--out", "out",
-    )  # fmt: skip
-    wait_until((folder / "out").exists)
-    time.sleep(delay)
+def interrupted(folder, runs):
+    """An unattended study that is stopped during its experiment number `runs`."""
+    (folder / "own.py").write_text(
+        "from dataclasses import replace\n"
+        "from prefcal_scenarios.scenario import load\n"
+        f"slow = load({str(TOY_FILE)!r} + ':slow')\n"
+        "def run(theta, seed=0):\n"
+        "    with open('runs', 'a') as runs:\n"
+        "        runs.write('.')\n"
+        "    return slow.run(theta)\n"
+        "plant = replace(slow, run=run)\n"
+    )
+    words = ["--agent", "random", "--n-max", "500", "--json", "--out", "out"]
+    process = start(folder, "calibrate", "own.py:plant", "--calibrator", "synthetic", *words)
+    wait_until(lambda: (folder / "runs").exists() and (folder / "runs").stat().st_size >= runs)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
@@ -27,11 +33,11 @@ def interrupted(folder, delay):
 
 
 def test_ctrl_c_leaves_a_readable_partial_report(tmp_path):
-    result, err = interrupted(tmp_path, delay=2.0)
+    result, err = interrupted(tmp_path, runs=8)
     assert "Writing the report ... (Ctrl-C again ends at once" in err
     assert err.index("Writing the report") < err.index("Interrupted after")
     assert result["stopped"]
-    assert result["experiments"] >= 5
+    assert result["experiments"] >= 7
     text = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert f"after {result['experiments']} of 500 experiments" in text
     assert text.endswith("</html>\n")
