@@ -322,7 +322,7 @@ def command(folder: Path, words: str) -> str:
         contextlib.redirect_stderr(said),
     ):
         try:
-            runpy.run_module("prefcal_scenarios", run_name="__main__")
+            runpy.run_module("prefcal_bench", run_name="__main__")
         except SystemExit as end:
             if end.code:
                 raise RuntimeError(f"prefcal {words}\n{said.getvalue()}") from end
@@ -357,9 +357,9 @@ def in_file(*steps: str | Callable[[Path], None]) -> Lines:
 
 def interfere(folder: Path) -> None:
     """Undo, retract and mark, as a person does on the page."""
+    from prefcal_app.session import Interview, Phase
     from prefcal_env.study import StudyFile
     from prefcal_scenarios import load
-    from prefcal_scenarios.app.session import Interview, Phase
 
     with StudyFile.open(folder / "own.prefcal", clock=lambda: "2026-01-01T00:00:00+00:00") as file:
         interview = Interview(load(f"{folder / 'own.py'}:own"), file, ahead=False)

@@ -1,9 +1,8 @@
 """prefcal: preference-based calibration of controllers; plants, experiments and environments.
 
-Importing this package registers the environments `prefcal/CSTR-v0`, `prefcal/CSTRTuning-v0`,
-`prefcal/Overtake-v0`, `prefcal/OvertakeTuning-v0` and `prefcal/Experiment-v0` with Gymnasium by
-name; their dependencies are loaded only when an environment is made. The names below are imported
-on first use: a script pays for what it uses.
+Importing this package registers the environments `prefcal/CSTR-v0`, `prefcal/Overtake-v0` and
+`prefcal/Experiment-v0` with Gymnasium by name; their dependencies are loaded only when an
+environment is made. The names below are imported on first use: a script pays for what it uses.
 """
 
 from importlib import import_module as _import_module
@@ -126,17 +125,7 @@ def __dir__() -> list[str]:
 
 
 _register("prefcal/CSTR-v0", "prefcal_env.envs.cstr:cstr_env")
-_register(
-    "prefcal/CSTRTuning-v0",
-    "prefcal_scenarios.cases.cstr:make_tuning_env",
-    vector_entry_point="prefcal_scenarios.cases.cstr:make_tuning_vector",
-)
 _register("prefcal/Overtake-v0", "prefcal_env.envs.overtake.env:OvertakeEnv")
-_register(
-    "prefcal/OvertakeTuning-v0",
-    "prefcal_scenarios.cases.overtake:make_tuning_env",
-    vector_entry_point="prefcal_scenarios.cases.overtake:make_tuning_vector",
-)
 _register(
     "prefcal/Experiment-v0",
     "prefcal_env.envs.experiment_env:experiment_env",

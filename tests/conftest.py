@@ -31,6 +31,8 @@ PACKAGES = {
     "prefcal_env": ROOT,
     "prefcal_agents": ROOT / "agents",
     "prefcal_scenarios": ROOT / "scenarios",
+    "prefcal_app": ROOT / "app",
+    "prefcal_bench": ROOT / "benchmarks",
 }
 pytest_plugins = ["support.parts"]
 UNCHECKED = "JAXTYPING_DISABLE" in os.environ

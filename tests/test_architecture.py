@@ -7,8 +7,11 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-PACKAGES = ("prefcal_env", "agents/prefcal_agents", "scenarios/prefcal_scenarios")
-HOMES = [ROOT, ROOT / "agents", ROOT / "scenarios", *(ROOT / package for package in PACKAGES)]
+PACKAGES = (
+    "prefcal_env", "agents/prefcal_agents", "scenarios/prefcal_scenarios", "app/prefcal_app",
+    "benchmarks/prefcal_bench",
+)  # fmt: skip
+HOMES = [ROOT, *(ROOT / each for package in PACKAGES for each in (Path(package).parent, package))]
 """A path is relative to one of these, as the page writes it."""
 PATHS = sorted(
     {

@@ -14,12 +14,10 @@ FOLDERS = {
     "prefcal_env": ROOT / "prefcal_env",
     "prefcal_agents": ROOT / "agents" / "prefcal_agents",
     "prefcal_scenarios": ROOT / "scenarios" / "prefcal_scenarios",
+    "prefcal_app": ROOT / "app" / "prefcal_app",
+    "prefcal_bench": ROOT / "benchmarks" / "prefcal_bench",
 }
-MAY_IMPORT = {
-    "prefcal_env": {"prefcal_env"},
-    "prefcal_agents": {"prefcal_env", "prefcal_agents"},
-    "prefcal_scenarios": set(FOLDERS),
-}
+MAY_IMPORT = {name: {*list(FOLDERS)[: place + 1]} for place, name in enumerate(FOLDERS)}
 AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain")
 
 LAYERS = {
@@ -45,15 +43,24 @@ LAYERS = {
         {"own", "processes"},
         {"scenario"},
         {"own.described", "own.fmu_scenario", "own.lqr_scenario", "own.pid", "own.pid_scenario"},
-        {"kpis", "app.isolated", "app.presentation", "app.summary", "many"},
-        {"app.simulating"},
-        {"app.screening"},
-        {"app.report", "app.session", "tastes"},
-        {"app.web", "cases"},
-        {"app.looking", "bench", "app.terminal"},
-        {"app.reproduce"},
-        {"app.cli"},
-        {"app.notebook", "__main__"},
+        {"kpis", "many", "presentation"},
+        {"tastes"},
+        {"cases"},
+    ),
+    "prefcal_app": (
+        {"isolated", "summary"},
+        {"simulating"},
+        {"screening"},
+        {"report", "session"},
+        {"looking", "terminal", "web"},
+        {"cli"},
+        {"notebook"},
+    ),
+    "prefcal_bench": (
+        {"problems"},
+        {"cli"},
+        {"program"},
+        {"__main__"},
     ),
 }
 """Parts of each package, lowest first. A part may import itself and whatever is below it."""
@@ -95,6 +102,7 @@ SCRIPTS = [
     # Python starts a script with its own folder first in the path, so that names the modules.
     (".".join(parts[1:] or parts), path)
     for path in sorted(BENCHMARKS.rglob("*.py"))
+    if FOLDERS["prefcal_bench"] not in path.parents
     for parts in [path.relative_to(BENCHMARKS).with_suffix("").parts]
 ]
 
@@ -131,8 +139,7 @@ def place(name: str) -> str:
     """The part of its package that a full name is in."""
     parts = name.split(".")
     inner = ".".join(parts[1:3])
-    apart = parts[:2] == ["prefcal_scenarios", "app"] or inner in MAKERS
-    return inner if apart else ".".join(parts[1:2])
+    return inner if inner in MAKERS else ".".join(parts[1:2])
 
 
 @pytest.mark.parametrize(("module", "path"), FILES, ids=[name for name, _ in FILES])
@@ -205,8 +212,8 @@ def test_functions_stay_short(folder):
     assert not long
 
 
-def test_the_folders_of_agents_and_scenarios_are_no_packages():
-    for folder in ("agents", "scenarios"):
+def test_the_folders_of_packages_are_none_themselves():
+    for folder in ("agents", "scenarios", "app", "benchmarks"):
         assert not (ROOT / folder / "__init__.py").exists()
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_scenarios.app.simulating import Simulator
+from prefcal_app.simulating import Simulator
 
 ROOT = Path(__file__).parents[1]
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_scenarios.bench import Cell, Result, Store
-from prefcal_scenarios.bench.engine import each
-from prefcal_scenarios.bench.problems import CSTR_BROAD, problem
+from prefcal_bench import Cell, Result, Store
+from prefcal_bench.engine import each
+from prefcal_bench.problems import CSTR_BROAD, problem
 from support.worths import study
 
 ROOT = Path(__file__).parents[1]

@@ -21,6 +21,8 @@ PACKAGES = {
     "prefcal_env": ROOT / "prefcal_env",
     "prefcal_agents": ROOT / "agents" / "prefcal_agents",
     "prefcal_scenarios": ROOT / "scenarios" / "prefcal_scenarios",
+    "prefcal_app": ROOT / "app" / "prefcal_app",
+    "prefcal_bench": ROOT / "benchmarks" / "prefcal_bench",
 }
 INTERNAL = ("app",)
 """Subpackages of the command line and the page: people use the command, not the code."""

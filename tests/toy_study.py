@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from prefcal_agents import GLISp, RandomSearch
+from prefcal_app.report import Record
 from prefcal_env.preferences.loop import calibrate
-from prefcal_scenarios.app.report import Record
 from prefcal_scenarios.scenario import Scenario, load
 
 TOY_FILE = Path(__file__).parent / "scenarios" / "toy_scenario.py"

@@ -8,7 +8,7 @@ Without --out it replaces the file that is published with prefcal.
 import argparse
 from pathlib import Path
 
-from prefcal_scenarios.bench.published.plan import PUBLISHED, publish
+from prefcal_bench.published.plan import PUBLISHED, publish
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])

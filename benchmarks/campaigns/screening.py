@@ -40,11 +40,11 @@ from judged.here import Here
 from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, SCREENING, TASTES, Choice, suites
 from rich.console import Console
 
+from prefcal_bench import Processes, Result, Store, Suite, run_suite
+from prefcal_bench.cli.display import BenchDisplay
+from prefcal_bench.published import write_raw
+from prefcal_bench.roster import entry
 from prefcal_env.errors import PrefcalError
-from prefcal_scenarios.app.cli.benchmark.display import BenchDisplay
-from prefcal_scenarios.bench import Processes, Result, Store, Suite, run_suite
-from prefcal_scenarios.bench.published import write_raw
-from prefcal_scenarios.bench.roster import entry
 
 PARTS = ("loops", "noise", "hidden", "reactor", "overtaking")
 _NOISY = ("weights", "priorities")

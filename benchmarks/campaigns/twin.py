@@ -37,11 +37,11 @@ from judged.tables import interval, markdown
 
 from prefcal_agents import GLISp, RandomSearch, Screening
 from prefcal_agents.protocol.agent import Agent, one_thread
+from prefcal_bench.problems import Outcome, Person, prefer, problem
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.kpis import Outcome as Kpis
 from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_scenarios import load, simulator
-from prefcal_scenarios.bench.problems import Outcome, Person, prefer, problem
 from prefcal_scenarios.cases.loops import rough_model
 from prefcal_scenarios.scenario import Scenario
 

@@ -9,10 +9,10 @@ from typing import Any
 
 from judged.tables import interval, markdown
 
-from prefcal_scenarios.bench.published.plan import read_published
-from prefcal_scenarios.bench.results import curves_of, worth_table
-from prefcal_scenarios.bench.results.rows import BASELINE
-from prefcal_scenarios.bench.results.statistics import Estimate
+from prefcal_bench.published.plan import read_published
+from prefcal_bench.results import curves_of, worth_table
+from prefcal_bench.results.rows import BASELINE
+from prefcal_bench.results.statistics import Estimate
 
 Row = dict[str, Any]
 TASTES = ("weights", "priorities")

@@ -35,12 +35,12 @@ from PIL import Image
 from rich.console import Console
 from screens import looking, maneuvers
 
+from prefcal_bench.published.plan import read_published
+from prefcal_bench.results import curves_of
+from prefcal_bench.results.pictures import draw_worth
+from prefcal_bench.results.rows import BASELINE
 from prefcal_scenarios import load
-from prefcal_scenarios.app.presentation.style import save, style
-from prefcal_scenarios.bench.published.plan import read_published
-from prefcal_scenarios.bench.results import curves_of
-from prefcal_scenarios.bench.results.pictures import draw_worth
-from prefcal_scenarios.bench.results.rows import BASELINE
+from prefcal_scenarios.presentation.style import save, style
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks" / "site"))  # what draws for the site
@@ -72,7 +72,7 @@ ANSWERED = 7
 
 def prefcal(*words: str) -> str:
     """Run the command; return its standard output."""
-    code = "from prefcal_scenarios.app.cli import main; main()"
+    code = "from prefcal_bench.program import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, *words], check=True, text=True, stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
@@ -148,7 +148,7 @@ def reactor_index(folder: Path) -> tuple[Pictures, Story]:
 def window(folder: Path) -> tuple[Pictures, Story]:
     """Take a screenshot of the query window, answered as by the synthetic calibrator."""
     sys.path.insert(0, str(ROOT / "tests"))
-    from prefcal_scenarios.app.session.order import challenger_left
+    from prefcal_app.session.order import challenger_left
     from support.browser import Watched, chromium, serve
 
     path = folder / "answers.prefcal"

@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from prefcal_app.report.trajectories import panel_title
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Plot
-from prefcal_scenarios.app.presentation.style import BEST, FAINT, FIRST, GOOD, INK, LIMIT, canvas
-from prefcal_scenarios.app.presentation.wording import mathtext
-from prefcal_scenarios.app.report.trajectories import panel_title
+from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, GOOD, INK, LIMIT, canvas
+from prefcal_scenarios.presentation.wording import mathtext
 from prefcal_scenarios.scenario import Scenario, panels_of
 
 PALE = "#c3cad1"

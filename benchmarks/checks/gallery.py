@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from prefcal_app.looking import look
 from prefcal_scenarios import load
-from prefcal_scenarios.app.looking import look
 
 Story = Mapping[str, float]
 _FIRST = re.compile(r"^<!-- run first: ([\w.]+) -->", re.M)

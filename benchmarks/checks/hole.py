@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from prefcal_env.envs.cstr import BAND, TARGET
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.app.presentation.style import BEST, FAINT, GOOD, OTHERS, canvas
-from prefcal_scenarios.app.presentation.wording import number
+from prefcal_scenarios.presentation.style import BEST, FAINT, GOOD, OTHERS, canvas
+from prefcal_scenarios.presentation.wording import number
 from prefcal_scenarios.scenario import Scenario
 
 HOLE = OTHERS[0]

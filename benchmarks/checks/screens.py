@@ -6,9 +6,9 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from prefcal_app.looking.table import run_from
+from prefcal_app.looking.window import LookWindow
 from prefcal_env.tables import TableColumns
-from prefcal_scenarios.app.looking.table import run_from
-from prefcal_scenarios.app.looking.window import LookWindow
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -23,8 +23,8 @@ from rich.console import Console
 from rich.table import Table
 
 from prefcal_agents import registry
-from prefcal_scenarios.bench.published import read_curves
-from prefcal_scenarios.bench.results import curves_of, worth_table
+from prefcal_bench.published import read_curves
+from prefcal_bench.results import curves_of, worth_table
 
 ROOT = Path(__file__).parents[2]
 LIST = ROOT / "docs" / "claims.toml"

@@ -32,7 +32,7 @@ PLACES = {
 _LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 
 
-ICON = ROOT / "scenarios" / "prefcal_scenarios" / "app" / "web" / "static" / "icon.svg"
+ICON = ROOT / "app" / "prefcal_app" / "web" / "static" / "icon.svg"
 
 
 def moved(link: str, folder: str) -> str:

@@ -4,7 +4,7 @@ import gymnasium as gym
 
 from prefcal_agents import GLIS
 
-env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")
+env = gym.make("prefcal_scenarios:prefcal/CSTRTuning-v0")
 space = env.unwrapped.space
 agent = GLIS(space, n_max=50, seed=0)
 scores = []  # performance index of each experiment, which GLIS learns from

@@ -9,7 +9,7 @@ import numpy as np
 
 from prefcal_agents import GLISp
 
-env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")
+env = gym.make("prefcal_scenarios:prefcal/CSTRTuning-v0")
 space = env.unwrapped.space
 agent = GLISp(space, n_max=50, seed=0)
 index = {}  # sample number to performance index, which only the synthetic judge sees

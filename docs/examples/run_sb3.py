@@ -20,7 +20,7 @@ from prefcal_scenarios.cases.cstr import performance_index
 
 def tune(algorithm, n_max):
     """Every experiment is an episode of one step; the reward is minus the score."""
-    env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")
+    env = gym.make("prefcal_scenarios:prefcal/CSTRTuning-v0")
     space = env.unwrapped.space
     agent = {"PPO": PPOBandit, "SAC": SACBandit}[algorithm](space, n_max=n_max, seed=0)
     scores = []  # performance index of each experiment, which the agent learns from

@@ -1,18 +1,19 @@
-"""Case studies, the report of a study, and the command line `prefcal`.
+"""Scenarios: case studies that come with prefcal, and people's own.
 
-Names are imported on first use, so that `prefcal --help` does not load plants and solvers.
+Importing this package registers `prefcal/CSTRTuning-v0` and `prefcal/OvertakeTuning-v0` with
+Gymnasium by name, in which an action is a θ, beside the environments of `prefcal_env`. The names
+below are imported on first use.
 """
 
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from prefcal_scenarios.app.looking.look import look as look
-    from prefcal_scenarios.app.notebook import ask as ask
-    from prefcal_scenarios.app.report.export import load_controller as load_controller
-    from prefcal_scenarios.app.report.trajectories import figure as figure
+from gymnasium import register
 
+import prefcal_env as prefcal_env
+
+if TYPE_CHECKING:
     from .kpis import outcome as outcome
     from .kpis import screened as screened
     from .kpis import simulator as simulator
@@ -26,10 +27,6 @@ if TYPE_CHECKING:
     from .scenario import load as load
 
 _HOMES = {
-    "ask": "app.notebook",
-    "figure": "app.report.trajectories",
-    "load_controller": "app.report.export",
-    "look": "app.looking.look",
     "outcome": "kpis",
     "screened": "kpis",
     "simulator": "kpis",
@@ -56,3 +53,11 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *_HOMES})
+
+
+for _name, _case in (("CSTR", "cstr"), ("Overtake", "overtake")):
+    register(
+        f"prefcal/{_name}Tuning-v0",
+        f"prefcal_scenarios.cases.{_case}:make_tuning_env",
+        vector_entry_point=f"prefcal_scenarios.cases.{_case}:make_tuning_vector",
+    )

@@ -8,11 +8,11 @@ import pytest
 
 from prefcal_agents import LatinHypercube
 from prefcal_agents.models.learned_cost import LearnedCost, Term
+from prefcal_app.session.kpi_index import trust_text
 from prefcal_env import End, Preference
 from prefcal_env.errors import ScenarioError
 from prefcal_env.study import StudyFile, export_csv, export_json, import_json
 from prefcal_scenarios import KPI, load, outcome, screened, simulate_many, simulator
-from prefcal_scenarios.app.session.kpi_index import trust_text
 from prefcal_scenarios.kpis import INTERRUPTED
 from prefcal_scenarios.many.results import FailedRun
 from support.interviews import answer_all, begin, clock, reopened

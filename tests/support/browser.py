@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from prefcal_app.session import Background
+from prefcal_app.web import Window
 from prefcal_env.study import State
-from prefcal_scenarios.app.session import Background
-from prefcal_scenarios.app.web import Window
 from prefcal_scenarios.scenario import Scenario
 from support.interviews import begin
 from support.processes import start

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_scenarios.app.cli import main
+from prefcal_bench.program import main
 
 
 def without_figures(patch: pytest.MonkeyPatch) -> None:
     """Write reports without figures, which take most of their time."""
-    patch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
+    patch.setattr("prefcal_app.report.write.draw", lambda record, extra: ())
 
 
 def calibrated(folder: Path, *words: str) -> Path:

@@ -1,8 +1,8 @@
 """What the tests of the views share: interviews of the toy, and a panel to draw."""
 
+from prefcal_app.session import Choice, Interview, Now
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.experiments.panels import Plot
-from prefcal_scenarios.app.session import Choice, Interview, Now
 from support.interviews import begin, proceed
 from toy_study import toy_scenario
 

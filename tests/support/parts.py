@@ -16,19 +16,18 @@ import pytest
 TESTS = Path(__file__).parents[1]
 EXTENDED = {
     "benchmark": (
-        "scenarios/bench/*", "test_*_campaign.py", "test_deviating.py", "test_per_loop.py",
+        "bench/*", "test_*_campaign.py", "test_deviating.py", "test_per_loop.py",
         "test_replay.py", "test_same_studies.py", "test_worth_table.py",
     ),
     "browser": (
-        "scenarios/app/looking/test_window.py", "scenarios/app/web/test_accessibility.py",
-        "scenarios/app/web/test_page*.py",
+        "app/looking/test_window.py", "app/web/test_accessibility.py",
+        "app/web/test_page*.py",
     ),
     "commands": (
-        "scenarios/app/cli/test_[!c]*.py", "scenarios/app/cli/test_ch*.py",
-        "scenarios/app/reproduce/*",
+        "app/cli/test_[!c]*.py", "app/cli/test_ch*.py",
     ),
     "documents": (
-        "scenarios/app/notebook/*", "test_claims.py", "test_figures.py", "test_notebooks.py",
+        "app/notebook/*", "test_claims.py", "test_figures.py", "test_notebooks.py",
         "test_own_*.py", "test_parts.py", "test_release_files.py", "test_simulate_page.py",
         "test_site.py",
     ),
@@ -37,7 +36,7 @@ EXTENDED = {
     "peers": ("agents/peers/*", "agents/test_*peers*.py", "agents/test_rl_*.py"),
     "processes": (
         "env/study/test_disk.py", "env/test_compiling.py", "env/test_jit.py",
-        "scenarios/app/isolated/*", "scenarios/many/*", "scenarios/test_crash.py",
+        "app/isolated/*", "scenarios/many/*", "app/test_crash.py",
     ),
     "servers": (
         "env/live/test_live_sessions.py", "env/live/test_opcua.py",
@@ -49,10 +48,10 @@ EXTENDED = {
         "agents/models/test_learned_cost.py", "agents/screening/test_[abcg]*.py",
         "env/mpc/test_exact.py", "env/plants/test_function_plant.py",
         "env/plants/test_integrate.py",
-        "scenarios/app/session/test_[cfps]*.py", "scenarios/app/web/view/test_now.py",
+        "app/session/test_[cfps]*.py", "app/web/view/test_now.py",
         "scenarios/cases/overtake/test_picture.py", "scenarios/own/test_*_scenario.py",
         "scenarios/tastes/test_rule.py",
-        "scenarios/test_failed_runs.py", "scenarios/test_report.py", "test_imports.py",
+        "app/test_failed_runs.py", "app/test_report.py", "test_imports.py",
         "test_trace_proposal.py",
     ),
 }  # fmt: skip

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from prefcal_agents.screening.agent import Screening
+from prefcal_app.session import Interview
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.scenario import Scenario
 from support.interviews import begin, proceed
 from toy_study import toy_scenario

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_agents.screening.agent import Screening
+from prefcal_app.session import Interview
+from prefcal_app.session.memory import agent_as_dict, knobs_as_dicts
+from prefcal_app.simulating import Simulator
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import StudyFile
-from prefcal_scenarios.app.session import Interview
-from prefcal_scenarios.app.session.memory import agent_as_dict, knobs_as_dicts
-from prefcal_scenarios.app.simulating import Simulator
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import clock
 from support.unseen import run, unseen

@@ -8,12 +8,12 @@ from pathlib import Path
 import httpx
 from starlette.applications import Starlette
 
-from prefcal_scenarios.app.session import Interview
-from prefcal_scenarios.app.web.api import Api, Pace
-from prefcal_scenarios.app.web.reports import Reports
-from prefcal_scenarios.app.web.server.app import make_app
-from prefcal_scenarios.app.web.views import Views
-from prefcal_scenarios.app.web.watch import Watch
+from prefcal_app.session import Interview
+from prefcal_app.web.api import Api, Pace
+from prefcal_app.web.reports import Reports
+from prefcal_app.web.server.app import make_app
+from prefcal_app.web.views import Views
+from prefcal_app.web.watch import Watch
 
 TOKEN, PORT = "the-token", 8765
 HOST = f"127.0.0.1:{PORT}"

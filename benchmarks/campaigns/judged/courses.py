@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_scenarios.bench import Result
-from prefcal_scenarios.bench.results.curves import after_answers
-from prefcal_scenarios.bench.results.statistics import Estimate, geometric_mean
+from prefcal_bench import Result
+from prefcal_bench.results.curves import after_answers
+from prefcal_bench.results.statistics import Estimate, geometric_mean
 
 Study = tuple[str, int]
 """Loop and seed."""

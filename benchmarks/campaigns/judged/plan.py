@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from prefcal_scenarios.bench import Suite
+from prefcal_bench import Suite
 from prefcal_scenarios.scenario import CLOSED_LOOPS
 
 SCREENING, EQUAL, GLISP, THETA, RANDOM, PEER = (

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from prefcal_scenarios.bench.results.statistics import Estimate
+from prefcal_bench.results.statistics import Estimate
 
 from .courses import Courses, largest_fall, mean_of, ratio_of
 from .plan import EQUAL, NOISES, SCREENING, SEEING_ALL, THETA, Choice

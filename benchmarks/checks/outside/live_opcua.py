@@ -36,11 +36,11 @@ import numpy as np
 from opcua_relay import WRITTEN, Loss, Relay, Watch, Write, loss_at_random, watched_tank
 
 from prefcal_agents import RandomSearch
+from prefcal_app.session import Choice, Interview, Now, Phase
+from prefcal_app.session.memory import agent_as_dict, knobs_as_dicts
 from prefcal_env.live import LiveRig, live_rig
 from prefcal_env.live.parts import Written
 from prefcal_env.study import StudyFile
-from prefcal_scenarios.app.session import Choice, Interview, Now, Phase
-from prefcal_scenarios.app.session.memory import agent_as_dict, knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario
 
 _PERIOD = 0.05

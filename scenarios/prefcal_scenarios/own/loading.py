@@ -1,5 +1,6 @@
 """Watch how long people's own files take to load: a word after a moment, and a time limit."""
 
+import logging
 import os
 import sys
 import threading
@@ -10,10 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios import own
 
 from .own_line import last_own
 
+SAYS = logging.getLogger("prefcal.loading")
+"""What says that a file takes long, at the level INFO; the command line listens."""
 _SOON = 1.5
 """Seconds after which it is said what takes so long."""
 _LIMIT = 600.0
@@ -29,8 +31,8 @@ def watched(path: Path) -> Iterator[None]:
     Raises:
         ScenarioError: If it takes longer than the time limit.
     """
-    say, main = own.say, threading.main_thread()
-    if say is None or threading.current_thread() is not main:
+    main = threading.main_thread()
+    if not SAYS.isEnabledFor(logging.INFO) or threading.current_thread() is not main:
         yield
         return
     over, late = threading.Event(), threading.Event()
@@ -43,13 +45,13 @@ def watched(path: Path) -> Iterator[None]:
     def watch() -> None:
         if over.wait(_SOON):
             return
-        say(f"loading {path.name} takes a while{line()} (Ctrl-C stops)")
+        SAYS.info("loading %s takes a while%s (Ctrl-C stops)", path.name, line())
         if over.wait(_LIMIT):
             return
         late.set()
         interrupt_main()
         if not over.wait(_GRACE):  # in compiled code, or its errors are caught
-            say(_too_long(path))
+            SAYS.info(_too_long(path))
             os._exit(2)
 
     threading.Thread(target=watch, name="prefcal-loading", daemon=True).start()

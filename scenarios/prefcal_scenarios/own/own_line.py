@@ -8,7 +8,7 @@ from pathlib import Path
 
 from prefcal_env.errors import PrefcalError, ScenarioError
 
-_PACKAGES = ("prefcal_env", "prefcal_agents", "prefcal_scenarios")
+_PACKAGES = ("prefcal_env", "prefcal_agents", "prefcal_scenarios", "prefcal_app", "prefcal_bench")
 
 
 def own_line(error: BaseException) -> str:

@@ -18,7 +18,7 @@ from prefcal_env.errors import ScenarioError
 _QUOTED = re.compile(rb"""["']([^"'\r\n\0]{1,200})["']""")
 _LARGE = 10_000_000
 """Bytes of a file above which reading it would take long."""
-_OURS = ("prefcal_env", "prefcal_agents", "prefcal_scenarios")
+_OURS = ("prefcal_env", "prefcal_agents", "prefcal_scenarios", "prefcal_app", "prefcal_bench")
 
 
 def split_source(source: str) -> tuple[str, dict[str, Any] | None]:

@@ -21,10 +21,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from prefcal_app.cli.opening import open_study
+from prefcal_app.session import Choice, Interview, Phase, Question
 from prefcal_env.study import Noted, StudyFile
 from prefcal_scenarios import load
-from prefcal_scenarios.app.cli.opening import open_study
-from prefcal_scenarios.app.session import Choice, Interview, Phase, Question
 
 HERE = Path(__file__).parent
 ROOT = Path(__file__).parents[3]
@@ -99,7 +99,7 @@ def unattended_study(path: Path) -> None:
     ]
     with TemporaryDirectory() as folder:
         kept = ["--study", str(path), "--out", folder]
-        subprocess.run([sys.executable, "-m", "prefcal_scenarios", *words, *kept], check=True)
+        subprocess.run([sys.executable, "-m", "prefcal_bench", *words, *kept], check=True)
 
 
 def facts(path: Path) -> dict[str, object]:

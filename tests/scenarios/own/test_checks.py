@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from prefcal_app.session import Phase
+from prefcal_app.web.view import now_view
 from prefcal_env import (
     Channel,
     Channels,
@@ -21,8 +23,6 @@ from prefcal_env import (
 )
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants import FunctionPlant
-from prefcal_scenarios.app.session import Phase
-from prefcal_scenarios.app.web.view import now_view
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import begin, proceed, reopened

@@ -121,7 +121,7 @@ def test_an_fmu_with_nothing_to_tune_or_to_show_says_how_to_export_it(tank, fold
 
 
 def test_the_command_line_checks_an_fmu_and_tells_how_to_start(tank, capsys, monkeypatch, tmp_path):
-    from prefcal_scenarios.app.cli import main
+    from prefcal_bench.program import main
 
     monkeypatch.chdir(tmp_path)
     command = ["prefcal", "check", str(tank), "--knob", "K_p=0.1:100:log", "--reference", "level=2"]

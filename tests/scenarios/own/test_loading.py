@@ -1,11 +1,11 @@
 """Files that take long to load: a word soon, and an end in time; exit in a file is an error."""
 
+import logging
 import signal
 
 import pytest
 
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios import own
 from prefcal_scenarios.own import loading
 from prefcal_scenarios.own.own_file import module_at
 
@@ -14,13 +14,17 @@ from prefcal_scenarios.own.own_file import module_at
 def said(monkeypatch):
     """What is said while a file loads; it is said at once, and the time limit is short."""
     words = []
-    monkeypatch.setattr(own, "say", words.append)
+    listener = logging.Handler(logging.INFO)
+    listener.emit = lambda record: words.append(record.getMessage())
+    monkeypatch.setattr(loading.SAYS, "handlers", [listener])
     monkeypatch.setattr(loading, "_SOON", 0.3)
     monkeypatch.setattr(loading, "_LIMIT", 0.2)
     monkeypatch.setattr(loading, "_GRACE", 60.0)  # a busy machine may need long to raise
     # A shell ignores the signal in what it starts in the background.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    loading.SAYS.setLevel(logging.INFO)
     yield words
+    loading.SAYS.setLevel(logging.NOTSET)
     signal.signal(signal.SIGINT, before)
 
 

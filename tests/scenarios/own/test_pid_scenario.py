@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from prefcal_app import load_controller
 from prefcal_env import LQG, LQR, Channel, End, FunctionPlant, Knob, Move, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import system_of
-from prefcal_scenarios import load_controller
 from prefcal_scenarios.own.pid.process import process_of
 from prefcal_scenarios.own.pid_scenario import pid_scenario
 

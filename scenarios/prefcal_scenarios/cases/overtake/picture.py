@@ -18,7 +18,7 @@ from prefcal_env.envs.overtake.road.rules import (
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plants.bicycle import KMH
-from prefcal_scenarios.app.presentation.style import (
+from prefcal_scenarios.presentation.style import (
     BEST,
     FAINT,
     FIRST,
@@ -27,8 +27,7 @@ from prefcal_scenarios.app.presentation.style import (
     OTHERS,
     canvas,
 )
-from prefcal_scenarios.app.presentation.wording import mathtext, number, theta_text
-from prefcal_scenarios.app.report.record import Record
+from prefcal_scenarios.presentation.wording import mathtext, number, theta_text
 from prefcal_scenarios.scenario import Picture
 
 from .scene import bodies, moments, phases, road_of
@@ -48,7 +47,7 @@ class Shown:
     color: str
 
 
-def shown(record: Record) -> tuple[Shown, ...]:
+def shown(record: Any) -> tuple[Shown, ...]:
     """Return the best run and the one before; one run if they are the same."""
     assert record.best is not None
     best, before = record.best, record.before
@@ -151,7 +150,7 @@ def _steering(axes: Axes, run: Shown) -> None:
     axes.set_title(r"Steering angle $\delta_s$ and its limits (dashed)")
 
 
-def _alt(record: Record) -> str:
+def _alt(record: Any) -> str:
     assert record.best is not None
     experiment = record.best.experiment
     kpis = experiment.kpis

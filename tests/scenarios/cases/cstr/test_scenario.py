@@ -164,7 +164,7 @@ def test_panels_show_concentration_with_its_band_and_coolant_with_its_limits():
 
 
 def test_tuning_the_reactor_is_rewarded_by_minus_the_index():
-    env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")
+    env = gym.make("prefcal_scenarios:prefcal/CSTRTuning-v0")
     env.reset(seed=0)
     space = env.unwrapped.space
     action = 2 * space.encode(np.array([0.25, 26.0, -0.91])) - 1

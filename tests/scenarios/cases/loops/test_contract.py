@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 
+from prefcal_app.session import Choice
+from prefcal_app.web.view import now_view
 from prefcal_env.experiments.end import End
-from prefcal_scenarios.app.session import Choice
-from prefcal_scenarios.app.web.view import now_view
 from prefcal_scenarios.cases.loops import LOOPS, family, named
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.checks import check_experiment

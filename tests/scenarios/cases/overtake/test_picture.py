@@ -8,18 +8,18 @@ import pytest
 from PIL import Image
 
 from prefcal_agents import RandomSearch
+from prefcal_app.report.record import Record
+from prefcal_app.report.write import write_report
 from prefcal_env.experiments.experiment import End
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios import load
-from prefcal_scenarios.app.presentation.style import BEST, FIRST, OTHERS, style
-from prefcal_scenarios.app.report.record import Record
-from prefcal_scenarios.app.report.write import write_report
 from prefcal_scenarios.cases.cstr import cstr
 from prefcal_scenarios.cases.overtake import overtake
 from prefcal_scenarios.cases.overtake.picture import PICTURE, Shown, drawn, shown
 from prefcal_scenarios.cases.overtake.scene import moments
 from prefcal_scenarios.own.source import joined_source
+from prefcal_scenarios.presentation.style import BEST, FIRST, OTHERS, style
 
 PAPER = overtake.run(overtake.references["paper, preferences"])
 SLUGGISH = overtake.run(np.array([0.5, 0.2, 12.0, 1.0, -1.0]))

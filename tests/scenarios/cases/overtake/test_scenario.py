@@ -7,12 +7,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from prefcal_app.report.export import jsonable
 from prefcal_env.envs.overtake import Course
 from prefcal_env.errors import KnobError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.rollout import rollout
 from prefcal_scenarios import load
-from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.cases.overtake import compute_kpis, overtake
 from prefcal_scenarios.cases.overtake.controller import PAPER, STEERING_LIMITS, controller
 from prefcal_scenarios.scenario import panels_of
@@ -133,7 +133,7 @@ def test_panels_show_meters_kmh_and_degrees():
 
 
 def test_tuning_has_no_score_and_so_no_reward():
-    env = gym.make("prefcal_env:prefcal/OvertakeTuning-v0")
+    env = gym.make("prefcal_scenarios:prefcal/OvertakeTuning-v0")
     env.reset(seed=0)
     action = 2 * env.unwrapped.space.encode(OPTIMUM) - 1
     _, reward, terminated, _, info = env.step(action)

@@ -1,0 +1,314 @@
+"""Find study files, open them safely, list them, and show one."""
+
+import json as json_
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from prefcal_app.cli.options import Options
+from prefcal_app.cli.parameters import kept_by
+from prefcal_app.report.export import jsonable
+from prefcal_app.report.record import VERDICTS
+from prefcal_app.summary.counts import Counts
+from prefcal_env.errors import PrefcalError, SettingsError, StudyError
+from prefcal_env.preferences.answer import Mark
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
+from prefcal_env.wording import did_you_mean
+from prefcal_scenarios.own.described.options import words_to_resume
+from prefcal_scenarios.own.described.resuming import resumed_source
+from prefcal_scenarios.own.source import split_source
+from prefcal_scenarios.presentation.wording import (
+    earlier_text,
+    labeled,
+    mark_text,
+    number,
+    printable,
+)
+from prefcal_scenarios.scenario import is_built_in, is_described
+
+
+def wall_clock() -> str:
+    """Return the time in UTC, for the record; no result depends on it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def existing(name: str) -> Path:
+    """Return the file of a study. Raises StudyError if there is none."""
+    path = study_path(name)
+    if path.is_file():
+        return path
+    if path.parent != data_folder():
+        raise StudyError(f"there is no study {name!r}: no file {path}")
+    hint = did_you_mean(name, [p.stem for p in studies_in_data_folder()])
+    raise StudyError(f"there is no study {name!r}.{hint} `prefcal studies list` shows yours")
+
+
+class _Knob(msgspec.Struct):
+    name: str
+    unit: str
+
+
+class _Agent(msgspec.Struct):
+    agent: str
+
+
+class _Earlier(msgspec.Struct):
+    study: str
+    scenario: str
+    experiments: int
+    thetas: list[Any]
+
+
+class _Configuration(msgspec.Struct):
+    """Fields of a study's configuration that the command line reads."""
+
+    scenario: str
+    name: str
+    title: str
+    seed: int
+    knobs: list[_Knob]
+    agent: _Agent
+    options: dict[str, Any]
+    versions: dict[str, Any]
+    earlier: _Earlier | None = None
+
+
+def open_described(path: Path, *, writing: bool = False) -> StudyFile:
+    """Open a study that `prefcal calibrate` could have made, for reading unless `writing`.
+
+    The configuration is checked, since a study file can hold any plain data, and one imported
+    file must not break the list of all studies.
+
+    Raises:
+        StudyError: If the file cannot be opened, or its configuration is invalid.
+    """
+    file = StudyFile.open(path, clock=wall_clock, reading=not writing)
+    problem = _problem(file.state.configuration)
+    if problem:
+        file.close()
+        raise StudyError(f"{path} is not a study of prefcal calibrate: {problem}")
+    return file
+
+
+def _problem(configuration: Mapping[str, Any]) -> str:
+    """Return what is wrong with a configuration, or "" if it is valid."""
+    try:
+        options = msgspec.convert(dict(configuration), _Configuration).options
+    except msgspec.ValidationError as error:
+        return _in_words(error)
+    if "calibrator" not in options:
+        return "its options must name a calibrator"
+    for name, (parameter, _) in kept_by(Options).items():
+        try:
+            if name in options:
+                msgspec.convert(options[name], parameter.type)
+        except msgspec.ValidationError:
+            return f"its option {name} cannot be {options[name]!r:.40}"
+    return ""
+
+
+def _in_words(error: msgspec.ValidationError) -> str:
+    """Return a parser message like "Expected `str`, got `int` - at `$.name`" in our words."""
+    problem, _, where = str(error).replace("`", "").partition(" - at $.")
+    if where.startswith("earlier"):
+        return "what it says of an earlier study cannot be read"
+    problem = problem[:1].lower() + problem[1:]
+    return f"its {where}: {problem}" if where else f"its configuration: {problem}"
+
+
+def trusted_source(name: str, state: State, source: str | None) -> str:
+    """Return the scenario of the study called `name`, if the user trusts it.
+
+    Args:
+        name: Name of the study.
+        state: State of the study.
+        source: Scenario that the user names; None to use the study's if it is built in. With a
+            plant alone, the controller is that of the study.
+
+    Raises:
+        StudyError: If the study names a program and the user does not.
+        SettingsError: If the user names a plant, and the study has none.
+    """
+    named: str = state.configuration["scenario"]
+    if source is not None and not split_source(source)[0]:
+        if not is_described(named):
+            raise SettingsError(f"study {name!r} has no plant of its own: leave --plant out")
+        source = split_source(named)[0] + source
+    if source is None and not is_built_in(named):
+        # A study from another person must not decide which program runs here.
+        short, *plant = words_to_resume(named)  # the study keeps the rest
+        option = plant or ["--scenario", short]
+        raise StudyError(
+            f"study {name!r} calibrates {' '.join([short, *plant])!r}, which is a program: if you "
+            f"trust it, add {shlex.join(option)}"
+        )
+    if source is not None and is_described(source) and is_described(named):
+        return resumed_source(named, source)
+    return source or named
+
+
+def print_list(*, json: bool) -> None:
+    """Print a row for each study in the data folder, including unreadable ones."""
+    rows = [_row(path) for path in studies_in_data_folder()]
+    if json:
+        print(_dumps(rows))
+        return
+    if not rows:
+        print("No studies yet: `prefcal calibrate cstr` starts one.")
+        return
+    console, narrowest = Console(emoji=False), _list([{**row, "state": ""} for row in rows])
+    wanted = console.measure(narrowest, options=console.options.update(width=_WIDEST)).minimum
+    Console(width=max(console.width, wanted)).print(_list(rows), crop=False)
+
+
+def _list(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Return a table of `rows`; only its last column wraps, so that names can be copied."""
+    texts = [[escape(printable(cell)) for cell in _cells(row)] for row in rows]
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for i, (heading, justify) in enumerate(_COLUMNS.items()):
+        free = heading == "state"
+        width = _STATE if free else max(map(cell_len, [heading, *(row[i] for row in texts)]))
+        table.add_column(
+            heading, no_wrap=not free, min_width=width, justify=justify, overflow="fold"
+        )
+    for row in texts:
+        table.add_row(*row)
+    return table
+
+
+_STATE = 12
+"""Width for "all compared" in characters; problems with a file may take several lines."""
+_COLUMNS: Mapping[str, Literal["left", "right"]] = {
+    "study": "left", "scenario": "left", "experiments": "right", "answers": "right",
+    "started": "left", "state": "left",
+}  # fmt: skip
+_WIDEST = 1000
+"""Width of a table in characters, more than any name needs."""
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    """Return a row for people: the date, no folders, a scenario without its configuration."""
+    if "scenario" not in row:
+        return [str(row["study"]), "", "", "", "", str(row["state"])]
+    named = str(row["scenario"]).partition("{")[0].strip()
+    scenario = named.replace("\\", "/").rpartition("/")[2]
+    done = f"{row['experiments']} of {row['n_max']}"
+    return [row["study"], scenario, done, str(row["answers"]), row["begun"][:10], row["state"]]
+
+
+def _row(path: Path) -> dict[str, Any]:
+    try:
+        with open_described(path) as file:
+            state = file.state
+    except PrefcalError as error:
+        why = str(error).replace(f" {path}", "")
+        return {"study": path.stem, "file": str(path), "state": f"cannot be read: {why}"}
+    return {"study": path.stem, "file": str(path), **summary(state)}
+
+
+def summary(state: State) -> dict[str, Any]:
+    """Return a summary of a study, for people and programs."""
+    return {
+        "scenario": state.configuration["scenario"],
+        "experiments": Counts.of(state).experiments,
+        "n_max": state.n_max,
+        "answers": Counts.of(state).comparisons,
+        "begun": _minute(state.created),
+        "state": state.ended or "open",
+    }
+
+
+def print_study(name: str, *, json: bool) -> None:
+    """Print one study: configuration, best θ, and every answer."""
+    path = existing(name)
+    with open_described(path) as file:
+        state = file.state
+    content = {
+        "study": name, "file": str(path), **summary(state), "best": best_theta(state),
+        "calibrator": state.configuration["options"]["calibrator"],
+        "agent": state.configuration["agent"]["agent"], "seed": state.configuration["seed"],
+        "versions": state.configuration["versions"],
+        "questions": list(_answers(state)),
+        "earlier": state.configuration.get("earlier"),
+        "notes": [{"at": at, "text": text} for at, text in state.notes],
+    }  # fmt: skip
+    if json:
+        print(_dumps(content))
+        return
+    console = Console(emoji=False)
+    for key in ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state"):
+        line = printable(f"{key:<12}{content[key]}")
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    if content["earlier"]:
+        line = printable(f"{'from':<12}{earlier_text(content['earlier'])}")
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    done = f"{content['experiments']} of {state.n_max}"
+    console.print(f"{'experiments':<12}{done}", highlight=False)
+    units = {knob["name"]: knob["unit"] for knob in state.configuration["knobs"]}
+    for knob, value in (content["best"] or {}).items():
+        text = f"best {labeled(knob, units[knob])} = {number(value)}"
+        console.print(printable(text), markup=False, highlight=False)
+    if content["questions"]:
+        console.print(_table(content["questions"]))
+
+
+def _minute(at: str) -> str:
+    """Return a UTC time of the record without its seconds."""
+    return at[:16].replace("T", " ")
+
+
+def best_theta(state: State) -> dict[str, float] | None:
+    """Return the best θ so far by knob name; None before the first experiment."""
+    best = state.history.incumbent
+    if best is None:
+        return None
+    names = [knob["name"] for knob in state.configuration["knobs"]]
+    return dict(zip(names, map(float, np.array(state.history.samples[best].theta)), strict=True))
+
+
+def _answers(state: State) -> Iterator[dict[str, Any]]:
+    for closed in state.answers:
+        yield {
+            "at": _minute(closed.at),
+            "challenger": closed.challenger + 1,
+            "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
+            "verdict": VERDICTS[closed.answer.preference],
+            "marks": [mark.value for mark in closed.answer.marks],
+            "automatic": [mark.value for mark in closed.answer.automatic],
+            "comment": closed.comment,
+            "blind": closed.blind,
+            "said": _said(closed),
+        }
+
+
+def _said(closed: Comparison) -> str:
+    if closed.repeats is not None:
+        return "asked again"
+    return "retracted" if closed.retracted else ""
+
+
+def _table(answers: list[Mapping[str, Any]]) -> Table:
+    table = Table()
+    columns = ("at", "challenger", "incumbent", "verdict", "marks", "comment", "said")
+    for heading in ("when", "experiment", "against", "verdict", "marks", "comment", ""):
+        table.add_column(heading, overflow="fold")
+    for answer in answers:
+        marks = (mark_text(Mark(m), automatic=m in answer["automatic"]) for m in answer["marks"])
+        shown = {**answer, "marks": ", ".join(marks)}
+        table.add_row(*(escape(printable(shown[key])) for key in columns))
+    return table
+
+
+def _dumps(content: Any) -> str:
+    return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,89 @@
+"""Serve runs on a local page, two at a time."""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from prefcal_app.web.answers import as_json, error_response, refused
+from prefcal_app.web.bodies import digits, read_query
+from prefcal_app.web.pages import Pages
+from prefcal_app.web.reports import Reports
+from prefcal_app.web.server.app import guarded
+from prefcal_app.web.server.files import Assets
+from prefcal_app.web.server.hosts import Hosts
+from prefcal_app.web.server.site import Site
+from prefcal_app.web.views import encoded
+
+from .pair import Run, paired
+from .view import pair_view
+
+_KEPT = 8
+"""Number of pairs whose views are kept: each can take megabytes."""
+
+
+class LookWindow(Site):
+    """The page of some runs, served inside `with LookWindow(runs) as window:`.
+
+    Args:
+        runs: At least two runs.
+        align: Whether both runs of a pair start at 0; see `paired`.
+        host: Name or address to listen on; keep the loopback address unless others need access.
+        port: Port to listen on; 0 takes a free one.
+
+    Raises:
+        SettingsError: If the port is taken or invalid, or the host is not this machine.
+    """
+
+    def __init__(
+        self,
+        runs: Sequence[Run],
+        *,
+        align: bool | None = None,
+        host: str = "127.0.0.1",
+        port: int = 0,
+    ) -> None:
+        def make(*, token: str, port: int, hosts: Hosts) -> Starlette:
+            pages = Pages(Assets(), Reports(), token, port, "look.html")
+            return guarded(pages, _routes(runs, align), hosts)
+
+        super().__init__(make, host=host, port=port)
+
+
+def _routes(runs: Sequence[Run], align: bool | None) -> list[Route]:
+    def listed() -> bytes:
+        return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})
+
+    @lru_cache(_KEPT)
+    def pair(left: int, right: int) -> bytes:
+        return encoded(pair_view(paired(runs[left], runs[right], align=align)))
+
+    def chosen(query: bytes) -> bytes:
+        places = read_query(query, {"left": digits, "right": digits})
+        left, right = places.get("left", 0), places.get("right", 1)
+        if max(left, right) >= len(runs):
+            raise HTTPException(404)
+        return pair(left, right)
+
+    async def every(request: Request) -> Response:
+        return await _answer(listed)
+
+    async def two(request: Request) -> Response:
+        return await _answer(chosen, request.scope["query_string"])
+
+    return [Route("/api/runs", every), Route("/api/pair", two)]
+
+
+async def _answer(view: Callable[..., bytes], *arguments: Any) -> Response:
+    try:
+        return as_json(await run_in_threadpool(view, *arguments))
+    except HTTPException:
+        raise
+    except Exception as error:
+        return error_response(*refused(error))

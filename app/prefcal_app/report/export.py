@@ -1,0 +1,247 @@
+"""Export the tuned controller to a file, `best.json`, and rebuild the controller from it."""
+
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.controllers.stored import KINDS, from_data
+from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.experiments.control import Controller
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.scenario import Scenario, load, with_ranges
+
+from .record import Record
+
+FORMAT = 1
+"""Format of best.json; raised when older versions of prefcal could not read a newer file."""
+
+_REBUILD = """\
+from numpy import array, inf, nan
+from prefcal_env import Measurement
+from prefcal_app import load_controller
+
+controller = load_controller("best.json")
+# At every sampling instant; here as at the start of the best experiment.
+u = controller.move(Measurement(
+{arguments}
+)).u
+"""
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that affect results."""
+    found = {"python": platform.python_version()}
+    for package in ("prefcal", "numpy", "scipy", "piqp", "numba"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def rebuild(record: Record) -> str:
+    """Return code with which a user rebuilds the tuned controller, and calls it once."""
+    best, scenario = record.best, record.scenario
+    if best is None or scenario.controller is None:
+        return ""
+    e, there = best.experiment, len(best.experiment.t_control) > 0
+    measured = [e.output(j) for j in range(len(e.channels.y))]
+    known = there and all(curve is not None for curve in measured)
+    y = [float(curve[0]) for curve in measured if curve is not None] if known else []
+    d = _disturbances(scenario, e.theta)
+    rows = (
+        ("t", 0.0, (f"time [{e.channels.time_unit}]",)),
+        ("x", e.x[0] if len(e.x) else [], _words(e.channels.x)),
+        ("u", e.u_control[0] if there else [], (*_words(e.channels.u), "as last applied")),
+        ("d", [0.0] * len(d), (*_words(d), "as measured" if d else "none measured")),
+        ("y_ref", e.y_ref[0] if there else [], _words(e.channels.y)),
+        ("y", y, _words(e.channels.y)),
+    )
+    lines = [f"    {name}={_code(value)},  # {', '.join(words)}" for name, value, words in rows]
+    return _REBUILD.format(arguments="\n".join(lines))
+
+
+def _disturbances(scenario: Scenario, theta: Any) -> Sequence[Channel]:
+    """Return what a controller with a model measures beside the outputs: it is not recorded."""
+    if scenario.controller is None or hasattr(scenario.run, "worker"):  # not people's own code
+        return ()
+    plant = getattr(scenario.controller(theta), "plant", None)
+    return tuple(getattr(plant, "disturbances", ()))
+
+
+def _words(channels: Sequence[Channel]) -> tuple[str, ...]:
+    return tuple(f"{c.name} [{c.unit}]" if c.unit else c.name for c in channels)
+
+
+def _code(value: Any) -> str:
+    """Return a number or a vector as code, with the digits that a person reads."""
+    if isinstance(value, float):
+        return repr(value)
+    return f"array({[float(f'{v:.6g}') for v in value]})"
+
+
+def best_as_json(record: Record) -> str:
+    """Return the text of best.json: θ by knob name, the controller's settings, and their origin."""
+    best, scenario = record.best, record.scenario
+    if best is None:
+        raise ScenarioError("there is no best θ to export before the first experiment")
+    theta = best.experiment.theta
+    content = {
+        "format": FORMAT,
+        "scenario": record.source,
+        "title": scenario.title,
+        "theta": scenario.space.named(theta),
+        "units": {k.name: k.unit for k in scenario.space},
+        "ranges": {k.name: [k.low, k.high] for k in scenario.space},
+        "settings": {} if scenario.settings is None else scenario.settings(theta),
+        "cost": best.cost,
+        "kpis": dict(best.experiment.kpis),
+        "ended": best.experiment.end.value,
+        "experiment": best.number,
+        "before": _before(record),
+        "origin": record.origin,
+        "experiments": len(record.trials),
+        "complete": not record.stopped,
+        "study": {**record.settings, **record.agent_settings},
+        "versions": versions(),
+    }
+    return json.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _before(record: Record) -> dict[str, Any]:
+    """Return the tuning that the result was compared with: the way back."""
+    theta, scenario = record.before.experiment.theta, record.scenario
+    return {
+        "what": record.baseline.name,
+        "experiment": record.before.number,
+        "theta": scenario.space.named(theta),
+        "settings": {} if scenario.settings is None else scenario.settings(theta),
+    }
+
+
+def load_controller(path: str | Path, *, check: bool = True) -> Controller:
+    """Rebuild the controller that `best.json` at `path` describes.
+
+    If its settings describe a PID, LQR or LQG completely, nothing but the file is read. Otherwise
+    the scenario is loaded; a user's own one is a Python file, which is executed.
+
+    Args:
+        path: Path of the file.
+        check: Whether to raise an error if the current scenario would set up the controller
+            differently from the file, for example after an update or an edit. A controller that
+            the file describes completely needs no check.
+
+    Raises:
+        ScenarioError: If the file does not exist or is not a best.json, the scenario is unknown
+            or has no controller, θ does not fit it, or the settings differ from the file's.
+    """
+    content = _read(Path(path))
+    settings = content["settings"]
+    if isinstance(settings, Mapping) and settings.get("controller") in KINDS:
+        return _described(settings, path)
+    scenario = _scenario(content["scenario"], Path(path).parent)
+    if scenario.controller is None:  # the run of an own scenario knows how
+        make = getattr(scenario.run, "controller", None)
+        scenario = replace(scenario, controller=make)
+    if scenario.controller is None:
+        raise ScenarioError(f"scenario {scenario.name!r} does not say how to build a controller")
+    theta = content["theta"]
+    if not isinstance(theta, Mapping) or list(theta) != list(scenario.space.names):
+        raise ScenarioError(
+            f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta}"
+        )
+    try:
+        scenario = with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
+        values = scenario.space.check(np.array(list(theta.values()), dtype=float))
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
+    if check and scenario.settings is not None:
+        _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
+    assert scenario.controller is not None
+    return scenario.controller(values)
+
+
+def _described(settings: Mapping[str, Any], path: str | Path) -> Controller:
+    """Return the controller that the settings describe."""
+    try:
+        return from_data(settings)
+    except SettingsError as error:
+        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
+
+
+def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
+    """Return `space` with the ranges of the study that found θ, if they were wider."""
+    parts = [(knob, *ranges.get(knob.name, (knob.low, knob.high))) for knob in space]
+    knobs = [replace(k, low=min(k.low, low), high=max(k.high, high)) for k, low, high in parts]
+    return KnobSpace(knobs, space.constraints)
+
+
+def jsonable(value: Any) -> Any:
+    """Return `value` as strict JSON: lists for arrays and tuples, null for non-finite numbers."""
+    if isinstance(value, Mapping):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [jsonable(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return jsonable(value.tolist())
+    if isinstance(value, np.generic):
+        return jsonable(value.item())
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ScenarioError(
+            f"cannot read a tuned controller from {str(path)!r}: {error}"
+        ) from error
+    missing = {"format", "scenario", "theta", "settings"} - set(
+        content if isinstance(content, dict) else ()
+    )
+    if missing:
+        raise ScenarioError(f"{str(path)!r} is not a best.json: it lacks {sorted(missing)}")
+    if content["format"] != FORMAT:
+        raise ScenarioError(
+            f"{str(path)!r} has format {content['format']}, this prefcal reads {FORMAT}"
+        )
+    return dict(content)
+
+
+def _scenario(source: str, folder: Path) -> Scenario:
+    """Load a scenario by name; look for a file in the working directory and above best.json.
+
+    The folder of a report is usually below the folder in which the study was started.
+    """
+    path, _, attribute = source.rpartition(":")
+    if path.endswith(".py") and not Path(path).is_file():
+        above = folder.resolve()
+        for place in (above, *above.parents):
+            if (place / path).is_file():
+                return load(f"{place / path}:{attribute}")
+    return load(source)
+
+
+def _same_settings(stored: Any, now: Any, path: str | Path) -> None:
+    if stored == now:
+        return
+    keys = sorted({*stored, *now}) if isinstance(stored, Mapping) else []
+    changed = [
+        f"{k}: {stored.get(k, 'missing')} in the file, {now.get(k, 'missing')} now"
+        for k in keys
+        if stored.get(k) != now.get(k)
+    ]
+    raise ScenarioError(
+        f"the controller settings in {str(path)!r} differ from this version's "
+        f"({'; '.join(changed) or stored}); pass check=False to build it with this version's"
+    )

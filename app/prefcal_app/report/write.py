@@ -1,0 +1,43 @@
+"""Write the folder of a report; every file appears whole or not at all."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from prefcal_scenarios.presentation.folder import put
+from prefcal_scenarios.scenario import Picture
+
+from .acceptance import FILE, sheet
+from .comparisons import comparisons_as_csv
+from .export import best_as_json
+from .html import page
+from .pictures import PICTURES, draw
+from .record import Record
+
+
+def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) -> Path:
+    """Write the report's files into `folder`; return the path of report.html.
+
+    Equal studies give equal bytes. Files of an earlier report in `folder` are replaced.
+
+    Args:
+        record: Record of the study, complete or not.
+        folder: Existing folder.
+        extra: Additional figures of the scenario.
+    """
+    if record.best is not None:
+        put(folder / "best.json", best_as_json(record).encode())
+    else:
+        (folder / "best.json").unlink(missing_ok=True)
+    put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
+    drawn = draw(record, extra)
+    for stale in {p.file for p in (*PICTURES, *extra)} - {d.picture.file for d in drawn}:
+        (folder / stale).unlink(missing_ok=True)
+    for d in drawn:
+        put(folder / d.picture.file, d.content)
+    if record.best is not None:
+        put(folder / FILE, sheet(record).encode())
+    else:
+        (folder / FILE).unlink(missing_ok=True)
+    report = folder / "report.html"
+    put(report, page(record, drawn).encode())
+    return report

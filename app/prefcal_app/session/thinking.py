@@ -1,0 +1,168 @@
+"""Let the agent choose queries in the background: it may simulate for seconds, without a lock.
+
+Its functions return an `Attempt`, as the work of `runs` is.
+"""
+
+from collections.abc import Callable
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.protocol.agent import Agent
+from prefcal_agents.screening.agent import Screening
+from prefcal_app.simulating import Abandoned, Basis
+
+from .flow import Flow
+from .prefetch import LIKELIEST, LIKELY, Prepared
+from .view import Phase, Question
+
+Attempt = Callable[[], Callable[[], None]]
+"""Long-running function, called without the lock; it returns a function to call with the lock."""
+
+
+def think(flow: Flow) -> Attempt:
+    """Choose the next query, then show it or run its experiment.
+
+    A copy of the agent does it, since the person may undo or retract an answer meanwhile.
+    """
+    agent, history, twin = flow.agent, flow.agent.history, flow.agent.copy()
+    flow.thinking = (agent, history)
+    _resume(flow)
+
+    def choose() -> Callable[[], None]:
+        try:
+            prepared = _prepared(flow, twin)
+        except Abandoned:
+            return lambda: None
+
+        def keep() -> None:
+            flow.thinking = None
+            if flow.agent is agent and agent.history == history and flow.phase is Phase.RUNNING:
+                flow.adopt(prepared)
+                # A question that was already open, before a restart, stays open under its id.
+                flow.resume()
+
+        return keep
+
+    return choose
+
+
+def look_ahead(
+    flow: Flow, asked: Question, is_known: Callable[[Float[np.ndarray, " n"]], bool]
+) -> Attempt | None:
+    """Tell a copy of the agent the next likely answer; None if all were tried.
+
+    Errors are ignored here, since that answer may never be given. If it is, the same work is done
+    again, and an error is shown.
+
+    Args:
+        flow: Flow of the interview.
+        asked: Open question.
+        is_known: Function that tells whether a physical θ, shape (n,), has run.
+    """
+    most = len(LIKELY) if flow.simulator is None else LIKELIEST
+    answer = flow.prefetch.missing(asked, most)
+    if answer is None:
+        return None
+    query, twin = flow.agent.ask(), flow.agent.copy()
+    flow.prefetch.busy = answer
+    _resume(flow)
+
+    def look() -> Callable[[], None]:
+        try:
+            twin.tell(query, answer)
+            told = twin.history
+            prepared = _prepared(flow, twin)
+            theta = None if twin.done else twin.ask().challenger.theta
+        except Exception:
+            return lambda: _rest(flow)
+
+        def keep() -> None:
+            _rest(flow)
+            if flow.question is asked:
+                flow.prefetch.keep_twin(answer, prepared)
+                if theta is not None and not is_known(theta):
+                    flow.prefetch.next = theta
+            elif flow.phase is Phase.RUNNING and flow.must_think and flow.agent.history == told:
+                flow.adopt(prepared)  # the answer came meanwhile, and it is this one
+                flow.proceed()
+
+        return keep
+
+    return look
+
+
+def is_unexplained(flow: Flow) -> bool:
+    """Return whether it is not known what the open question was chosen from.
+
+    That is so after a restart, after the last answer, and if the person asked for a θ.
+    """
+    return flow.simulator is not None and flow.grounds is None and not flow.prefetch.explained
+
+
+def explain(flow: Flow) -> Attempt:
+    """Find out what the open question was chosen from. Errors are ignored: it can be answered."""
+    asked, twin = flow.question, flow.agent.copy()
+    flow.prefetch.explained = True
+    _resume(flow)
+
+    def look() -> Callable[[], None]:
+        try:
+            basis = Basis.of(cast(Screening, twin))
+        except Exception:
+            return lambda: None
+
+        def keep() -> None:
+            if flow.question is asked:
+                flow.basis = basis
+                flow.version += 1
+
+        return keep
+
+    return look
+
+
+def give_up_if_useless(flow: Flow) -> None:
+    """Abandon simulations whose results are no longer needed, since the question has changed."""
+    if flow.simulator is None:
+        return
+    busy = flow.thinking
+    if busy is not None and flow.phase is Phase.RUNNING:
+        useful = busy[0] is flow.agent and busy[1] == flow.agent.history
+    else:
+        useful = busy is None
+    if not useful:
+        flow.thinking = None
+        flow.simulator.abandon()
+
+
+def _resume(flow: Flow) -> None:
+    if flow.simulator is not None:
+        flow.simulator.resume()
+
+
+def _rest(flow: Flow) -> None:
+    flow.prefetch.busy = None
+
+
+def _prepared(flow: Flow, twin: Agent) -> Prepared:
+    """Let `twin` choose its next query; return it with what the query was chosen from."""
+    if twin.done:
+        return Prepared(twin)
+    twin.ask()
+    return Prepared(twin, None if flow.simulator is None else _basis(cast(Screening, twin)))
+
+
+def _basis(twin: Screening) -> Basis | None:
+    """Return what the query of `twin` was chosen from; None if it has no reason due to an error.
+
+    A question can be answered without its reason; an error of the simulations is raised.
+    """
+    _ = twin.bank
+    try:
+        return Basis.of(twin)
+    except Abandoned:
+        raise
+    except Exception:
+        return None

@@ -1,0 +1,381 @@
+"""Hold the conversation in a terminal: show a question, read the answer, and repeat."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from prefcal_app.isolated import in_time
+from prefcal_app.session import Choice, Given, Interview, Now, Phase
+from prefcal_app.session.live.state import LiveNow, Recovery
+from prefcal_app.session.view import GOOD_ENOUGH, UNSAFE
+from prefcal_app.web.view import Seen, preview_view
+from prefcal_env.errors import PrefcalError, RecordError, StaleError
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.live import Stage
+from prefcal_env.study import Suggested
+from prefcal_scenarios.presentation.wording import theta_text
+
+from .briefing import show_brief
+from .lines import END, ask_line, typed
+from .looking import show_history, show_status
+from .showing import show_changes, show_keys, show_next, show_question
+
+ANSWER = "answer"
+"""Words that ask for an answer."""
+# Letters that the page has as keys mean the same there.
+CHOICES = {
+    "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
+    "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
+}  # fmt: skip
+MARKS = {
+    "q": ("left", UNSAFE), "e": ("right", UNSAFE),
+    "a": ("left", GOOD_ENOUGH), "d": ("right", GOOD_ENOUGH),
+}  # fmt: skip
+STOP = ("x", "stop")
+STOP_RUN = "k"
+RESTORE = ("g", "again")
+_LOOK = 0.2
+"""Interval, in seconds, at which a waiting conversation reads what was typed."""
+_EXPLAINED = 2.0
+"""Longest wait, in seconds, for the reason of a question: it is asked without one then."""
+_LARGEST = 20 << 20
+"""Largest size of a record in bytes, as on the page."""
+
+
+@dataclass(slots=True)
+class _Conversation:
+    interview: Interview
+    console: Console
+    line: Callable[[str], str]
+    blind: bool = False
+    comment: str = ""
+    shown: object = None
+    """What was printed last: a question, or the version at which a record was asked for."""
+    seen: Seen = field(default_factory=Seen)
+    compiles: bool = False
+    dialed: tuple[float, ...] | None = None
+    missing: object = None
+    """Where it was last said that the plant lacks its old values."""
+    typed: Callable[[], str | None] = typed
+
+    def run(self) -> None:
+        """Ask until the study is over or stopped."""
+        if self.interview.scenario.brief and self.interview.now().state.history.answered <= 1:
+            show_brief(self.interview, self.console)
+        while (now := self.interview.now()).phase is not Phase.OVER:
+            if now.phase is Phase.RUNNING:
+                self._wait(now)
+            elif not self._one(now):
+                return
+        self._say(f"The study is finished: {now.state.ended}.")
+        if self.interview.screens:
+            self.interview.wait_for_screened(_EXPLAINED)
+
+    def _wait(self, now: Now) -> None:
+        with self.console.status(_waiting(now)) as status:
+            while now.phase is Phase.RUNNING:
+                self._compiling(now)
+                status.update(_waiting(now))
+                can_stop = now.run_limit is not None or now.live is not None
+                said = self.typed()
+                if said == STOP_RUN and can_stop and now.pending is not None:
+                    with suppress(StaleError):  # the run has just ended
+                        self.interview.stop_run(now.pending.index)
+                now = self.interview.wait(now.version, _LOOK)
+
+    def _compiling(self, now: Now) -> None:
+        """Print once what is compiling, for output without animation such as a file or a pipe."""
+        if now.preparing is not None and not self.console.is_terminal and not self.compiles:
+            self.compiles = True
+            self._say(now.preparing.words)
+
+    def _one(self, now: Now) -> bool:
+        """Take one step with the person; return False if they stop."""
+        try:
+            if now.phase is Phase.QUESTION:
+                return self._question(now)
+            if now.phase is Phase.RECORD:
+                return self._record(now)
+            if now.phase is Phase.CONFIRM:
+                return self._confirm(now)
+            return self._failed(now)
+        except PrefcalError as error:
+            self._say(f"{error}")
+            return True
+
+    def _question(self, now: Now) -> bool:
+        if self.shown is not now.question and self.interview.screens:
+            self.interview.wait_for_screened(_EXPLAINED)
+            now = self.interview.now()
+        if now.question is None:  # it changed meanwhile
+            return True
+        if self.shown is not now.question:
+            show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
+            self.shown = now.question
+        self._unrestored(now)
+        said = self._said()
+        if said in STOP:
+            return False
+        if said in CHOICES:
+            self._answer(now.question.id, CHOICES[said])
+        elif said in MARKS:
+            side, mark = MARKS[said]
+            on = mark not in getattr(now.question, side).marks
+            self.interview.mark(now.question.id, side, mark, on)
+            self._say(f"{side.capitalize()}: {mark}" + ("." if on else ", no longer."))
+        elif said in RESTORE and now.live is not None:
+            self._restore()
+        else:
+            self._other(said, now)
+        return True
+
+    def _said(self) -> str:
+        return self.line(ANSWER).lower()
+
+    def _answer(self, question: int, choice: Choice) -> None:
+        self.interview.answer(question, choice, comment=self.comment, blind=self.blind)
+        self.comment = ""  # after the answer is saved: on a full disk it is repeated
+        self._say(f"Saved: {choice.value}.")
+
+    def _other(self, said: str, now: Now) -> None:
+        if said == "z":
+            self._undo(now)
+        elif said == "c":
+            comment = self.line("comment on the next answer")
+            # END means Ctrl-D: no comment.
+            self.comment = "" if comment == END else comment
+        elif said == "b":
+            self.blind, self.shown = not self.blind, None
+        elif said == "t":
+            self.shown = None
+        elif said == "p":
+            self.interview.repeat()
+        elif said == "f":
+            # Asks again, since one letter is easily mistyped.
+            self._say("Type f again to finish the study.")
+            if self._said() == "f":
+                self.interview.finish()
+        elif said in ("h", "w") and self.blind:
+            self._say("That would show which experiment is which: end blind mode first (b).")
+        elif said == "h":
+            show_history(self.interview, self.console)
+        elif said == "w":
+            show_status(self.interview, self.console)
+        elif said:
+            show_brief(self.interview, self.console)
+            show_keys(self.console)
+
+    def _undo(self, now: Now) -> None:
+        """Undo the last answer and its comment, or skip a question that was asked again."""
+        skipped = now.question is not None and now.question.repeats is not None
+        self.comment = self.interview.undo(now.version).draft or self.comment
+        kept = f" Its comment is kept for the next one: {self.comment}" if self.comment else ""
+        self._say("Skipped." if skipped else f"The last answer is undone.{kept}")
+
+    def _record(self, now: Now) -> bool:
+        assert now.pending is not None
+        if self.shown != now.version:
+            show_next(self.interview, now, self.console)
+            self.shown = now.version
+        said = self.line(
+            "its file, or: failed, unsafe FILE, set KNOB=VALUE, replace N FILE, undo, stop"
+        )
+        if said in STOP:
+            return False
+        if said in ("z", "undo"):
+            self.interview.undo(now.version)
+        elif said == "failed":
+            self.interview.fail(now.pending.index)
+        elif said.startswith("set "):
+            self.dialed = dialed(
+                said.removeprefix("set "), self.interview.scenario.space, now.pending
+            )
+            self._say(f"Its θ is now {theta_text(self.interview.scenario.space, self.dialed)}.")
+        elif said:
+            self._file(said, now.pending)
+        return True
+
+    def _confirm(self, now: Now) -> bool:
+        """Let the person confirm what is written to the live plant."""
+        assert now.live is not None
+        assert now.pending is not None
+        while now.phase is Phase.CONFIRM and now.live.changes is None and not now.live.problem:
+            now = self.interview.wait(now.version, _LOOK)
+            assert now.live is not None
+        if now.phase is not Phase.CONFIRM or now.pending is None:
+            return True
+        show_changes(self.interview, now, self.console)
+        choices = "again (read the plant again), failed, undo, stop"
+        ready = now.live is not None and now.live.changes is not None
+        said = self.line(f"write and start? yes, {choices}" if ready else choices)
+        if said in STOP:
+            return False
+        if said == "yes" and ready:
+            self.interview.write_and_start(now.pending.index)
+        elif said == "again":
+            self.interview.retry()
+        elif said == "failed":
+            self.interview.fail(now.pending.index, "it was not run")
+        elif said in ("z", "undo"):
+            self.interview.undo(now.version)
+        return True
+
+    def _unrestored(self, now: Now) -> None:
+        """Say once beside each question or failed run that the plant lacks its old values."""
+        if now.live is None or not _lacks_old_values(now.live):
+            return
+        here = (now.phase, now.question, now.live.problem)
+        if self.missing != here:
+            self._say(f"The plant does not have its old values yet: {now.live.problem}.")
+            self._say("g or again tries to restore them.")
+            self.missing = here
+
+    def _restore(self) -> None:
+        """Try to restore the plant's old values; a line ends the wait, not the attempt."""
+        self.interview.retry()
+        self.missing, now = None, self.interview.now()
+        words = "restoring the old values on the plant; Enter goes on meanwhile"
+        with self.console.status(words):
+            while _is_restoring(now.live) and self.typed() is None:
+                now = self.interview.wait(now.version, _LOOK)
+        if now.live is not None and now.live.recovery is Recovery.DONE:
+            self._say("The old values are restored.")
+
+    def _file(self, said: str, pending: Suggested) -> None:
+        """Save a record of the pending experiment, or of an earlier one with "replace N"."""
+        index, theta = pending.index, self.dialed
+        if said.startswith("replace "):
+            number, _, said = said.removeprefix("replace ").strip().partition(" ")
+            if not number.isdecimal() or not said:
+                self._say("Name the record and the right file, for example: replace 2 run-2.csv")
+                return
+            index, theta = int(number) - 1, None
+        unsafe = said.startswith("unsafe ")
+        content = self._content(said.removeprefix("unsafe ").strip().strip("\"'"))
+        if content is None:
+            return
+        given = Given(index, content, unsafe, theta)
+        view = preview_view(self.interview, given)
+        self._say(f"Experiment {index + 1}: {view['text']}.")
+        for warning in view["warnings"]:
+            self._say(warning)
+        if view["warnings"] and self.line("save it anyway? yes or no") != "yes":
+            self._say("Nothing was saved.")
+            return
+        self.interview.record(replace(given, again=True))
+        self.dialed = None
+        self._say("The record is saved.")
+
+    def _content(self, name: str) -> bytes | None:
+        """Return the content of a file; None, after a message, if it cannot be read."""
+        try:
+            with Path(name).expanduser().open("rb") as file:
+                content = file.read(_LARGEST + 1)
+        except (OSError, ValueError, RuntimeError) as error:  # no such file, NUL, no such user
+            self._say(f"cannot read {name}: {getattr(error, 'strerror', None) or error}")
+            return None
+        if len(content) > _LARGEST:
+            self._say(f"{name} is larger than {_LARGEST >> 20} MiB")
+            return None
+        return content
+
+    def _failed(self, now: Now) -> bool:
+        self._say(f"That did not work: {now.problem}")
+        self._unrestored(now)
+        self._say("t: try again, f: count it as failed, z: undo, x: stop")
+        said = self._said()
+        if said in STOP:
+            return False
+        if said in RESTORE and _lacks_old_values(now.live):
+            self._restore()
+        elif said == "t":
+            self.interview.retry()
+        elif said == "f" and now.pending is not None:
+            self.interview.fail(now.pending.index, now.problem or "")
+        elif said == "z":
+            self.interview.undo(now.version)
+        return True
+
+    def _say(self, words: str) -> None:
+        self.console.print(words, markup=False, highlight=False, soft_wrap=True)
+
+
+def _waiting(now: Now) -> str:
+    """Return a description of what the conversation waits for."""
+    if now.preparing is not None:
+        return now.preparing.words
+    if now.pending is None:
+        found = now.simulated
+        unseen = "" if found is None else f" ({found.going_on or found.line})"
+        return f"choosing the next experiment{unseen}"
+    words = f"running experiment {now.pending.index + 1}"
+    if now.running > 1:
+        return f"running {now.running} experiments"
+    if now.live is not None:
+        return f"{words}{_live_words(now.live)}"
+    if now.run_limit is None:
+        return words
+    limit = f"at most {in_time(now.run_limit)}; " if isfinite(now.run_limit) else ""
+    return f"{words} ({limit}k and Enter stops it)"
+
+
+def _lacks_old_values(live: LiveNow | None) -> bool:
+    return live is not None and live.recovery is Recovery.FAILED
+
+
+def _is_restoring(live: LiveNow | None) -> bool:
+    return live is not None and live.recovery in (Recovery.DUE, Recovery.RUNNING)
+
+
+def _live_words(live: LiveNow) -> str:
+    """Return how far a run on a live plant is."""
+    progress = live.progress
+    if progress is None:
+        return ""
+    left = max(progress.duration - progress.elapsed, 0.0)
+    time = f", {left:.0f} s left" if progress.stage is Stage.RECORDING else ""
+    values = ", ".join(f"{key.split(' ', 1)[1]} {v:.4g}" for key, v in progress.values.items()
+                       if not key.startswith("reference"))  # fmt: skip
+    shown = f" ({values})" if values else ""
+    problem = f"; {progress.problem}" if progress.problem else ""
+    return f": {progress.stage.value}{time}{shown}{problem}; k and Enter stops it"
+
+
+def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:
+    """Return θ of `sample` with the values actually set: "KNOB=VALUE, ...", _ for spaces.
+
+    Raises:
+        RecordError: If a knob is unknown, or a value is not a number.
+        KnobError: If θ is outside the space.
+    """
+    values = dict(zip(space.names, sample.theta, strict=True))
+    plain = {name.replace(" ", "_"): name for name in space.names}
+    for part in text.split(","):
+        word, _, value = (piece.strip() for piece in part.partition("="))
+        name = plain.get(word.replace(" ", "_"))
+        if name is None:
+            raise RecordError(f"a knob must be one of {list(plain)}, got {word!r}")
+        try:
+            values[name] = float(value)
+        except ValueError as error:
+            raise RecordError(f"knob {name!r} must be a number, got {value!r}") from error
+    return tuple(space.check(np.array(list(values.values()))).tolist())
+
+
+def converse(
+    interview: Interview, console: Console, line: Callable[[str], str] | None = None
+) -> None:
+    """Ask in a terminal until the study is over or the person stops.
+
+    Args:
+        interview: Interview whose background work runs elsewhere, for example in a `Background`.
+        console: Console to print to, at least 80 columns wide.
+        line: Function that asks for a line of text; None to read standard input.
+    """
+    _Conversation(interview, console, line or partial(ask_line, console)).run()

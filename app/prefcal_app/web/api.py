@@ -1,0 +1,213 @@
+"""Handle the requests of the page's script."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial, wraps
+from typing import Any
+
+import anyio
+from msgspec import Struct
+from starlette.background import BackgroundTask
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+
+from prefcal_app.session import Given, Interview, Now, Phase
+from prefcal_env.errors import StaleError
+
+from .actions import ACTIONS, Nothing
+from .answers import Handler, as_json, error_response, refused
+from .bodies import MalformedError, bit, digits, number_of_answer, numbers, read_json, read_query
+from .views import Views
+from .watch import Watch
+
+_BLIND = {"blind": bit}
+_RECORD = {"index": digits, "unsafe": bit, "again": bit, "theta": numbers, **_BLIND}
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How long a page may wait for a response, in seconds.
+
+    Args:
+        poll: Longest wait for a change.
+        after_answer: Longest wait for the next question, which is often ready sooner.
+    """
+
+    poll: float = 10.0
+    after_answer: float = 1.0
+
+
+def _answering(handler: Callable[..., Any]) -> Callable[..., Any]:
+    """Turn errors into sentences for the person; after a stale request, add the current state."""
+
+    @wraps(handler)
+    async def answering(self: "Api", request: Request, *args: Any) -> Response:
+        try:
+            response: Response = await handler(self, request, *args)
+            return response
+        except HTTPException:
+            raise
+        except Exception as error:
+            status, words, kind = refused(error)
+            return error_response(status, words, kind, await self.stand(request, error))
+
+    return answering
+
+
+@dataclass(frozen=True, slots=True)
+class Api:
+    """Handlers of the JSON addresses. Everything that uses the interview runs in a thread.
+
+    Args:
+        interview: Interview to answer.
+        views: JSON views of the interview.
+        watch: Watcher for changes of the interview.
+        closed: Event to set when the person closes the window.
+        seen: Function to call whenever a page asks for the current state; its argument says
+            whether the page waits for a change.
+        pace: How long pages may wait.
+    """
+
+    interview: Interview
+    views: Views
+    watch: Watch
+    closed: threading.Event
+    seen: Callable[[bool], None]
+    pace: Pace = field(default_factory=Pace)
+
+    @_answering
+    async def now(self, request: Request) -> Response:
+        """Return the current state; with `after`, wait until its version differs from that."""
+        query = _query(request, {"after": digits, **_BLIND})
+        after = query.get("after")
+        self.seen(after is not None)
+        if after is not None and (await self._now()).version == after:
+            await self.watch.changed(after, self.pace.poll)
+            self.seen(True)
+        return await self._shown(query)
+
+    @_answering
+    async def asked(self, request: Request) -> Response:
+        """Return an answered question as it was shown."""
+        query = _query(request, _BLIND)
+        try:
+            answer = number_of_answer("answer", request.path_params["answer"])
+            blind = query.get("blind", False)
+            return as_json(await run_in_threadpool(self.views.asked, answer, blind))
+        except (MalformedError, StaleError) as error:
+            raise HTTPException(404) from error
+
+    def showing(self, view: Callable[[], bytes]) -> Handler:
+        """Return the handler of a view that depends on nothing else."""
+
+        async def handler(request: Request) -> Response:
+            response: Response = await self._show(request, view)
+            return response
+
+        return handler
+
+    @_answering
+    async def _show(self, request: Request, view: Callable[[], bytes]) -> Response:
+        _query(request, _BLIND)
+        return as_json(await run_in_threadpool(view))
+
+    @_answering
+    async def look(self, request: Request) -> Response:
+        """Simulate a θ and return it beside the best so far; nothing is recorded."""
+        query = _query(request, {"theta": numbers, **_BLIND})
+        if "theta" not in query:
+            raise MalformedError("The request does not say which θ to look at.")
+        return as_json(await run_in_threadpool(self.views.look, query["theta"]))
+
+    def acting(self, name: str) -> Handler:
+        """Return the handler of an action with a JSON body."""
+
+        async def handler(request: Request) -> Response:
+            response: Response = await self._act(request, name)
+            return response
+
+        return handler
+
+    @_answering
+    async def _act(self, request: Request, name: str) -> Response:
+        query = _query(request, _BLIND)
+        given = await _body(request, ACTIONS[name])
+        return await self._done(query, partial(getattr(self.interview, name), **given))
+
+    @_answering
+    async def record(self, request: Request) -> Response:
+        """Save the record of an experiment that the person ran."""
+        query, given = await _given(request)
+        return await self._done(query, partial(self.interview.record, given))
+
+    @_answering
+    async def preview(self, request: Request) -> Response:
+        """Return what would be saved of a record, with its curves."""
+        _, given = await _given(request)
+        return as_json(await run_in_threadpool(self.views.preview, given))
+
+    @_answering
+    async def close(self, request: Request) -> Response:
+        """Close the window after sending this response."""
+        query = _query(request, _BLIND)
+        await _body(request, Nothing)
+        response = await self._shown(query)
+        response.background = BackgroundTask(self.closed.set)
+        return response
+
+    async def stand(self, request: Request, error: Exception) -> bytes:
+        """Return NOW if the request was stale, null after any other error."""
+        if not isinstance(error, StaleError):
+            return b"null"
+        try:
+            query = _query(request, _RECORD)
+            return bytes((await self._shown(query)).body)
+        except Exception as second:
+            refused(second)
+            return b"null"
+
+    async def _now(self) -> Now:
+        return await run_in_threadpool(self.interview.now)
+
+    async def _shown(self, query: dict[str, Any]) -> Response:
+        return as_json(await run_in_threadpool(self.views.now, query.get("blind", False)))
+
+    async def _done(self, query: dict[str, Any], do: Callable[[], Now]) -> Response:
+        """Call `do`, then return the next question if it is ready soon."""
+        now = await run_in_threadpool(do)
+        with anyio.move_on_after(self.pace.after_answer):
+            while now.phase is Phase.RUNNING:
+                await self.watch.changed(now.version, self.pace.after_answer)
+                now = await self._now()
+        return await self._shown(query)
+
+
+def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
+    return read_query(request.scope["query_string"], fields)
+
+
+async def _body(request: Request, kind: type[Struct]) -> dict[str, Any]:
+    if not _sent_as(request, "application/json"):
+        raise HTTPException(415, "The request must be JSON.")
+    return read_json(await request.body(), kind)
+
+
+async def _given(request: Request) -> tuple[dict[str, Any], Given]:
+    """Return the parameters and the record of a request that contains a record."""
+    query = _query(request, _RECORD)
+    if not _sent_as(request, "text/csv"):
+        raise HTTPException(415, "The record must be a CSV or Parquet file, sent as text/csv.")
+    if "index" not in query:
+        raise MalformedError("The request does not say which experiment the record belongs to.")
+    given = Given(
+        query["index"], await request.body(), query.get("unsafe", False), query.get("theta"),
+        query.get("again", False),
+    )  # fmt: skip
+    return query, given
+
+
+def _sent_as(request: Request, media_type: str) -> bool:
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower() == media_type

@@ -1,0 +1,89 @@
+"""Serve the page, its files, and the files of the finished report."""
+
+from dataclasses import dataclass
+
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+
+from prefcal_app.web.server.files import Asset, Assets
+from prefcal_app.web.server.security import NO_COOKIE, REPORT_POLICY, cookie, same
+
+from .reports import Reports
+
+_FOREVER = "private, max-age=31536000, immutable"
+
+
+@dataclass(frozen=True, slots=True)
+class Pages:
+    """Handlers of everything that a browser loads without a script.
+
+    Args:
+        assets: Files of the page.
+        reports: Finished report.
+        token: Secret of the link.
+        port: Port, part of the cookie's name.
+        page: File of the page that the link opens.
+    """
+
+    assets: Assets
+    reports: Reports
+    token: str
+    port: int
+    page: str = "index.html"
+
+    async def open(self, request: Request) -> Response:
+        """Return the page and set the cookie that all other requests need."""
+        if not same(request.path_params["token"], self.token):
+            return PlainTextResponse(NO_COOKIE.error, NO_COOKIE.status)
+        response = await self.index(request)
+        response.headers["set-cookie"] = cookie(self.token, self.port)
+        return response
+
+    async def index(self, request: Request) -> Response:
+        """Return the page."""
+        page = self.assets.get(self.page)
+        if page is None:
+            raise HTTPException(404)
+        return Response(page.content, media_type=page.media_type)
+
+    async def static(self, request: Request) -> Response:
+        """Return a file of the page, gzipped if the browser accepts that."""
+        asset = self.assets.get(request.path_params["file"])
+        if asset is None:
+            raise HTTPException(404)
+        packed = asset.packed if _takes_gzip(request) else None
+        headers = {"etag": _tag(asset, packed is not None), "vary": "accept-encoding"}
+        if request.query_params.get("v"):
+            headers["cache-control"] = _FOREVER
+        if headers["etag"] in request.headers.get("if-none-match", ""):
+            return Response(status_code=304, headers=headers)
+        if packed is not None:
+            headers["content-encoding"] = "gzip"
+        content = asset.content if packed is None else packed
+        return Response(content, headers=headers, media_type=asset.media_type)
+
+    async def report(self, request: Request) -> Response:
+        """Return a file of the report; its page has its own scripts and runs in a sandbox."""
+        found = await run_in_threadpool(self.reports.read, request.path_params["file"])
+        if found is None:
+            raise HTTPException(404)
+        content, media_type = found
+        headers = {}
+        if media_type.startswith("text/html"):
+            headers["content-security-policy"] = REPORT_POLICY
+        return Response(content, headers=headers, media_type=media_type)
+
+
+def _tag(asset: Asset, packed: bool) -> str:
+    return f'"{asset.tag}-gzip"' if packed else f'"{asset.tag}"'
+
+
+def _takes_gzip(request: Request) -> bool:
+    """Return whether the browser accepts gzip, with a weight other than 0."""
+    for part in request.headers.get("accept-encoding", "").lower().split(","):
+        name, _, weight = part.replace(" ", "").partition(";q=")
+        if name == "gzip":
+            return weight.strip("0.") != "" or not weight
+    return False

@@ -1,0 +1,88 @@
+"""Build the web application of the query window: its addresses and their handlers."""
+
+from functools import partial
+from importlib.resources.abc import Traversable
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.routing import Route
+
+from prefcal_app.web.actions import ACTIONS
+from prefcal_app.web.answers import http_error
+from prefcal_app.web.api import Api
+from prefcal_app.web.pages import Pages
+from prefcal_app.web.views import PLAIN
+
+from .files import Assets
+from .hosts import Hosts
+from .security import Guard
+
+
+def make_app(
+    api: Api,
+    *,
+    token: str,
+    port: int,
+    hosts: Hosts | None = None,
+    static: Traversable | None = None,
+    framed: bool = False,
+) -> Starlette:
+    """Return the application, for any ASGI server.
+
+    `state.assets` of the application holds the files.
+
+    Args:
+        api: Handlers of the JSON addresses.
+        token: Secret of the link.
+        port: Port of the server.
+        hosts: Host names of the server; the loopback names if None.
+        static: Folder of the page's files; the package's own if None.
+        framed: Whether pages of this machine may show the window in a frame.
+    """
+    pages = Pages(Assets(static), api.views.reports, token, port)
+    return guarded(pages, _of_api(api), hosts or Hosts.of("127.0.0.1", port), framed=framed)
+
+
+def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = False) -> Starlette:
+    """Return an application that serves pages and an API only to who has the secret link.
+
+    Args:
+        pages: Handlers of the pages, with their files and the secret.
+        api: Routes of the API.
+        hosts: Host names of the server.
+        framed: Whether pages of this machine may show the window in a frame.
+    """
+    app = Starlette(
+        routes=[*_of_pages(pages), *api],
+        middleware=[Middleware(Guard, token=pages.token, hosts=hosts, framed=framed)],
+        exception_handlers={HTTPException: http_error},
+    )
+    # A redirect would repeat the Host header, for addresses that the page never asks for.
+    app.router.redirect_slashes = False
+    app.state.assets = pages.assets
+    return app
+
+
+def _of_pages(pages: Pages) -> list[Route]:
+    return [
+        Route("/", pages.index),
+        Route("/open/{token}", pages.open),
+        Route("/static/{file}", pages.static),
+        Route("/report/{file}", pages.report),
+    ]
+
+
+def _of_api(api: Api) -> list[Route]:
+    posts = [Route(f"/api/{name}", api.acting(name), methods=["POST"]) for name in ACTIONS]
+    return [
+        Route("/api/now", api.now),
+        *(Route(f"/api/{name}", api.showing(partial(api.views.plain, name))) for name in PLAIN),
+        Route("/api/simulated", api.showing(api.views.simulated)),
+        Route("/api/history/{answer}", api.asked),
+        Route("/api/look", api.look),
+        Route("/api/preview", api.preview, methods=["POST"]),
+        Route("/api/record", api.record, methods=["POST"]),
+        Route("/api/close", api.close, methods=["POST"]),
+        *posts,
+    ]

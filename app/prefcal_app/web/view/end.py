@@ -1,0 +1,67 @@
+"""Show the end: what was gained, the report, and what to do next."""
+
+from pathlib import Path
+from typing import Any
+
+from prefcal_app.session import Interview, Now, Outlook
+from prefcal_app.summary.gain import Baseline, gained
+
+from .seen import Seen
+
+
+def over_view(
+    interview: Interview, now: Now, best: Any, command: str, report: Path | None, seen: Seen
+) -> dict[str, Any]:
+    """Return OVER for the page; `best` is the best experiment in numbers."""
+    return {
+        "reason": now.state.ended,
+        "best": best,
+        "gain": None if now.incumbent is None else gain_view(interview, now.incumbent, now, seen),
+        "report": report_view(report),
+        "command": command,
+        "next": next_view(interview, now, report),
+    }
+
+
+def gain_view(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
+    """Return the KPIs of the baseline next to those of the best experiment."""
+    baseline = Baseline.of(now.state)
+    before, after = interview.experiment(baseline.index), interview.experiment(best)
+    kpis = interview.scenario.shown_kpis
+    return {
+        "before": baseline.name,
+        "number": baseline.index + 1,
+        "after": best + 1,
+        "same": best == baseline.index,
+        "kpis": gained(before, after, kpis, seen.look(interview).spread),
+    }
+
+
+def next_view(interview: Interview, now: Now, report: Path | None) -> dict[str, Any]:
+    """Return what can be done with the result."""
+    scenario = interview.scenario
+    file = None if report is None or not (report / "best.json").is_file() else report / "best.json"
+    usable = scenario.controller is not None and file is not None
+    return {
+        "python": f"prefcal_app.load_controller({str(file)!r})" if usable else "",
+        "download": None if file is None else "/report/best.json",
+        "outlook": outlook_view(interview.outlook),
+    }
+
+
+def outlook_view(outlook: Outlook | None) -> dict[str, Any] | None:
+    """Return in sentences whether to continue, and the command that widens ranges."""
+    if outlook is None:
+        return None
+    return {"sentences": list(outlook.sentences), "command": outlook.command}
+
+
+def report_view(folder: Path | None) -> Any:
+    """Return the location of the report; None if there is no report yet."""
+    if folder is None:
+        return None
+    return {
+        "place": str(folder / "report.html"),
+        "link": "/report/report.html",
+        "acceptance": "/report/acceptance.html",
+    }

@@ -1,0 +1,138 @@
+"""Describe the panels of a question and compute the curves to draw."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.panels import Plot
+from prefcal_scenarios.presentation.wording import number, quantity
+
+_MOST = 4000
+"""Maximum number of points of a curve; longer ones keep minimum and maximum of each stretch."""
+
+
+def panel_view(panel: Plot) -> dict[str, Any]:
+    """Return title, unit, target and limits of a panel."""
+    channel = panel.channel
+    symbol = channel.symbol
+    return {
+        "title": channel.name if symbol in ("", channel.name) else f"{channel.name} {symbol}",
+        "symbol": symbol or channel.name,
+        "unit": channel.unit,
+        "shape": "step" if panel.held else "line",
+        "low": _finite(channel.low),
+        "high": _finite(channel.high),
+        "changing": [bool(panel.low_signal), bool(panel.high_signal)],
+        "target": channel.target,
+        "band": channel.band,
+    }
+
+
+def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any]:
+    """Return curves, changing references and limits, and each panel in words."""
+    empty = not len(experiment.t)
+    first = experiment.runs[0] if experiment.runs else experiment
+    return {
+        "runs": max(len(experiment.runs), 1),
+        "curves": [curves(p, experiment) for p in panels] if not empty else [[] for _ in panels],
+        "references": [_held(reference_of(p, first), first) for p in panels],
+        "limits": [[_held(limit, first) for limit in limits_of(p, first)] for p in panels],
+        "stories": [story(p, first) for p in panels],
+    }
+
+
+def curves(panel: Plot, experiment: Experiment) -> list[dict[str, Any]]:
+    """Return one curve per run of an experiment; none without a record."""
+    runs = experiment.runs or (experiment,)
+    found = [(run.t, panel.values(run)) for run in runs]
+    return [curve(t, y, held=panel.held) for t, y in found if np.isfinite(y).any()]
+
+
+def _held(values: Float[np.ndarray, " K"] | None, experiment: Experiment) -> dict[str, Any] | None:
+    """Return the curve of a reference or limit that changes; None if the panel names none."""
+    return None if values is None else curve(experiment.t, values, held=True)
+
+
+def reference_of(panel: Plot, experiment: Experiment) -> Float[np.ndarray, " K"] | None:
+    """Return the values of the time-varying reference, in the panel's unit."""
+    return _signal(panel, panel.reference, experiment)
+
+
+def limits_of(panel: Plot, experiment: Experiment) -> list[Float[np.ndarray, " K"] | None]:
+    """Return the values of the time-varying lower and upper limits, in the panel's unit."""
+    return [_signal(panel, key, experiment) for key in (panel.low_signal, panel.high_signal)]
+
+
+def _signal(panel: Plot, key: str, experiment: Experiment) -> Float[np.ndarray, " K"] | None:
+    """Return a scaled signal, or None if the panel names none or the experiment lacks it."""
+    if not key or not len(experiment.t) or key not in experiment.signals:
+        return None
+    return panel.scale * np.asarray(experiment.signals[key])
+
+
+def curve(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"], *, held: bool) -> dict[str, Any]:
+    """Return the points to draw, to six digits: changes of a held value, or the dense grid."""
+    kept = _changes(y) if held else _extremes(y)
+    return {"t": _rounded(t[kept]), "y": _rounded(y[kept])}
+
+
+def _changes(y: Float[np.ndarray, " K"]) -> np.ndarray:
+    changed = np.flatnonzero(y[1:] != y[:-1]) + 1
+    return np.unique(np.concatenate([[0], changed, [len(y) - 1]]))
+
+
+def _extremes(y: Float[np.ndarray, " K"]) -> np.ndarray:
+    if len(y) <= _MOST:
+        return np.arange(len(y))
+    parts = np.array_split(np.arange(len(y)), _MOST // 2)
+    low, high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
+    kept = [k for p in parts for k in (p[np.argmin(low[p])], p[np.argmax(high[p])])]
+    return np.unique(np.concatenate([[0], kept, [len(y) - 1]]))
+
+
+def _rounded(values: Float[np.ndarray, " K"]) -> list[float | None]:
+    """Return the values to six digits; NaN and infinity become None, a gap in the curve."""
+    values = np.asarray(values, dtype=float)
+    finite = np.isfinite(values)
+    if not finite.all():
+        drawn = zip(_rounded(np.where(finite, values, 0.0)), finite, strict=True)
+        return [value if there else None for value, there in drawn]
+    size = np.where(values == 0, 1.0, np.abs(values))
+    places = 5 - np.floor(np.log10(size))
+    # Multiply and divide by whole powers of ten only, so that the results have no stray digits.
+    up, down = 10.0 ** np.maximum(places, 0), 10.0 ** np.maximum(-places, 0)
+    rounded: list[float | None] = (np.round(values * up / down) * down / up + 0.0).tolist()
+    return rounded
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def story(panel: Plot, experiment: Experiment) -> str:
+    """Return a curve in words, for people who cannot see it."""
+    channel = panel.channel
+    if not len(experiment.t):
+        return f"{channel.name}: no record"
+    t, y = experiment.t, panel.values(experiment)
+    t, y = t[np.isfinite(y)], y[np.isfinite(y)]
+    if not len(y):
+        return f"{channel.name}: no values"
+    time_unit = experiment.channels.time_unit
+    words = (
+        f"{channel.name}: from {number(float(y[0]))} to {quantity(float(y[-1]), channel.unit)}, "
+        f"lowest {number(float(y.min()))}, highest {number(float(y.max()))}"
+    )
+    if channel.target is None or channel.band is None:
+        return words
+    outside = np.flatnonzero(np.abs(y - channel.target) > channel.band)
+    target = f"the band around {number(channel.target)}"
+    if not len(outside):
+        return f"{words}, inside {target} all the time"
+    if outside[-1] == len(t) - 1:
+        return f"{words}, outside {target} at the end"
+    since = quantity(float(t[outside[-1] + 1]), time_unit)
+    return f"{words}, inside {target} from {since} on"

@@ -1,0 +1,115 @@
+"""Preview what a person confirms: a rig's record, or what a run writes to a live plant."""
+
+from collections.abc import Iterator
+from math import isfinite
+from typing import Any
+
+from prefcal_app.session import Given, Interview, Preview, Side
+from prefcal_app.session.live.state import LiveNow, Recovery
+from prefcal_env.live import Change, LiveRig, Stage, Tag
+from prefcal_scenarios.presentation.wording import quantity
+from prefcal_scenarios.scenario import Scenario, panels_of
+
+from .panels import panel_view
+from .seen import Seen
+from .sides import run_view, side_view
+
+
+def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
+    """Return PREVIEW for the page."""
+    scenario, seen = interview.scenario, interview.preview(given)
+    experiment = seen.experiment
+    panels = panels_of(scenario, experiment)
+    side = Side(given.index, experiment, challenger=True)
+    study = Seen().look(interview)
+    unit = experiment.channels.time_unit
+    return {
+        "panels": [panel_view(panel) for panel in panels],
+        "axes": study.frame(panels, experiment),
+        "side": {
+            **side_view(side, experiment, scenario, blind=False),
+            **run_view(experiment, panels, scenario.shown_kpis, study),
+        },
+        "time_unit": unit,
+        "text": f"{len(experiment.t)} rows, from {quantity(float(experiment.t[0]), unit)} to "
+        f"{quantity(float(experiment.t[-1]), unit)}",
+        "same": seen.same is not None,
+        "warnings": list(warnings(seen)),
+    }
+
+
+def warnings(seen: Preview) -> Iterator[str]:
+    """Yield the reasons not to save a record."""
+    if seen.same is not None:
+        yield (
+            f"These are exactly the curves of experiment {seen.same + 1}: is this the file of "
+            "another run?"
+        )
+    if seen.retracts:
+        what = "1 answer" if seen.retracts == 1 else f"{seen.retracts} answers"
+        yield f"{what} about the record that it replaces will no longer count."
+
+
+def live_view(scenario: Scenario, live: LiveNow | None) -> dict[str, Any] | None:
+    """Return what the page shows of a live plant; None if the scenario has none."""
+    rig = scenario.run
+    if live is None or not isinstance(rig, LiveRig):
+        return None
+    return {
+        "changes": None if live.changes is None else [_change(each) for each in live.changes],
+        "problem": live.problem,
+        "unrestored": live.recovery is Recovery.FAILED and live.progress is None,
+        "instructions": rig.instructions,
+        "duration": rig.duration,
+        "keeps": rig.after == "keep",
+        "running": _running(rig, live),
+    }
+
+
+def _change(change: Change) -> dict[str, str]:
+    """Return a value to write, in words."""
+    return {
+        "name": change.name,
+        "unit": change.unit,
+        "old": f"{change.old:.6g}",
+        "new": f"{change.new:.6g}",
+        "limits": f"{change.low:g} to {change.high:g}",
+        "rate": f"{change.rate:g}",
+    }
+
+
+def _running(rig: LiveRig, live: LiveNow) -> dict[str, Any] | None:
+    """Return how far the plant's run is; None if none is in progress."""
+    progress = live.progress
+    if progress is None:
+        return None
+    return {
+        "stage": progress.stage.value,
+        "recovers": live.recovery is not Recovery.DONE,
+        "restores": progress.stage in (Stage.RESTORING, Stage.LOST),
+        "records": progress.stage is Stage.RECORDING,
+        "elapsed": progress.elapsed,
+        "problem": progress.problem,
+        "stopping": live.stopping,
+        "times": [time for time, _ in live.curve],
+        "outputs": [_curve(tag, rig, live) for tag in rig.tags if tag.role == "output"],
+    }
+
+
+def _curve(tag: Tag, rig: LiveRig, live: LiveNow) -> dict[str, Any]:
+    """Return what is recorded so far of an output and of its reference, if it has one."""
+    has_reference = any(t.role == "reference" and t.name == tag.name for t in rig.tags)
+    read = [values for _, values in live.curve]
+    return {
+        "name": tag.name,
+        "unit": tag.unit,
+        "values": [_plain(row.get(f"output {tag.name}")) for row in read],
+        "reference": [_plain(row.get(f"reference {tag.name}")) for row in read]
+        if has_reference
+        else [],
+    }
+
+
+def _plain(value: float | None) -> float | None:
+    """Return a number for JSON, which has no NaN: None for bad quality."""
+    return value if value is not None and isfinite(value) else None

@@ -1,0 +1,49 @@
+"""The benchmark: agents x problems x calibrators x seeds, resumable and deterministic.
+
+`Suite` lists the cells, `run_suite` runs those without a result in a `Store` on `Processes`,
+and `digest` tells whether two runs gave the same results. Names are imported on first use, so that
+`prefcal --help` does not load plants and solvers.
+"""
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .cell import Cell as Cell
+    from .duels import Duel as Duel
+    from .executors import Processes as Processes
+    from .result import Result as Result
+    from .result import digest as digest
+    from .run import run_cell as run_cell
+    from .runner import Finished as Finished
+    from .runner import run_suite as run_suite
+    from .store import Store as Store
+    from .suite import Suite as Suite
+
+_HOMES = {
+    "Cell": "cell",
+    "Duel": "duels",
+    "Finished": "runner",
+    "Processes": "executors",
+    "Result": "result",
+    "Store": "store",
+    "Suite": "suite",
+    "digest": "result",
+    "run_cell": "run",
+    "run_suite": "runner",
+}
+
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
+        return import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

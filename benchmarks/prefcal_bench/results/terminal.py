@@ -1,0 +1,98 @@
+"""Print the tables of the benchmark in the terminal."""
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+
+import pandas as pd
+from rich import box, table
+from rich.console import Console
+from rich.markup import escape
+
+from prefcal_bench.duels import Duel
+from prefcal_bench.result import Result
+from prefcal_scenarios.presentation.wording import printable
+
+from .campaign import campaign_of
+from .curves import curves_of, frame_of, joined
+from .duelling import tallies
+from .missing import failures, in_holes, missing
+from .rows import BASELINE, gap_rows, worth_rows
+from .tables import Table, Worths, short_duels, short_numbers, short_worth
+
+_MOST = 5
+"""Number of lines about missing or failed cells; the page shows all of them."""
+_WIDE = 110
+"""Width of a terminal, in characters, that has room for quartiles and p."""
+_STYLES = {"best": "bold green", "sure": "bold"}
+"""Styles by the kind of a cell."""
+
+
+def print_table(
+    console: Console,
+    results: Iterable[Result],
+    duels: Iterable[Duel] = (),
+    *,
+    baseline: str = BASELINE,
+    published: pd.DataFrame | None = None,
+) -> None:
+    """Print tables of worth by taste and of gaps by calibrator, the duels, and what is missing.
+
+    Prints only duels with the paper's optimum and with `baseline`; the page shows all.
+
+    Raises:
+        SettingsError: If results or duels contradict each other.
+    """
+    results = list(results)
+    campaign, curves = campaign_of(results), curves_of(joined(frame_of(results), published))
+    rows, worths = gap_rows(campaign, baseline), worth_rows(curves, baseline)
+    for setting in curves.settings:
+        _print(console, short_worth(Worths(curves, worths, baseline), setting))
+    for setting in campaign.settings:
+        shown = rows[(rows["setting"] == setting) & rows["gap_median"].notna()]
+        if len(shown):
+            wide = console.width >= _WIDE
+            _print(console, short_numbers(campaign, shown, setting, baseline, wide=wide))
+    for _, group in groupby(tallies(duels), lambda t: (t.problem, t.calibrator)):
+        _print(console, short_duels(list(group), baseline))
+    if not len(rows):
+        console.print("No results yet.")
+    _tell(console, "failed", [f"{cell}: {words}" for cell, words in failures(campaign)])
+    _tell(console, "missing", missing(campaign))
+    _tell(console, "worth knowing", in_holes(campaign))
+
+
+def _print(console: Console, shown: Table) -> None:
+    """Print a table, of which a heading that repeats is shown once; nothing without rows."""
+    printed = table.Table(
+        title=_safe(shown.label), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
+        caption=_safe(shown.caption), caption_justify="left", pad_edge=False, collapse_padding=True,
+    )  # fmt: skip
+    for name in shown.columns:  # intervals can wrap, names cannot
+        words = name in shown.words
+        printed.add_column(_safe(name), justify="left" if words else "right", no_wrap=words)
+    for heading, rows in groupby(shown.rows, lambda row: row[0].text):
+        for number, (_, *cells) in enumerate(rows):
+            texts = [_styled(_safe(cell.text), cell.kind) for cell in cells]
+            printed.add_row("" if number else _safe(heading), *texts)
+        if shown.apart:
+            printed.add_section()
+    console.print(printed if shown.rows else "")
+
+
+def _styled(text: str, kind: str) -> str:
+    return f"[{_STYLES[kind]}]{text}[/]" if kind else text
+
+
+def _tell(console: Console, what: str, lines: Sequence[str]) -> None:
+    if not lines:
+        return
+    console.print(f"[bold]{what.capitalize()}[/] ({len(lines)}):")
+    for line in lines[:_MOST]:
+        console.print(f"  {_safe(line)}", highlight=False)
+    if len(lines) > _MOST:
+        console.print(f"  and {len(lines) - _MOST} more")
+
+
+def _safe(text: str) -> str:
+    """Return text without markup or control characters, since names can come from anyone."""
+    return escape(printable(text))

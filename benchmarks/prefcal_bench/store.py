@@ -1,0 +1,174 @@
+"""Store results in a folder, one file each, named by the key of the cell.
+
+Several suites can share a folder, and several processes can write to it: if two compute the same
+cell, both write the same content. Files appear whole or not at all, and damage is detected.
+"""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, final
+from uuid import uuid4
+
+import msgspec
+
+from prefcal_env.errors import BenchmarkError, PrefcalError
+from prefcal_scenarios.presentation.folder import folder_for
+
+from .cell import FORMAT, Cell, canonical, read_as
+from .duels import Duel, Round
+from .result import Result
+
+Trouble = str
+"""Description of a problem with a file; empty if there is none."""
+
+
+@final
+class Store:
+    """Results by cell and duels by round, in subfolders of `folder`.
+
+    A file that is damaged or holds other content counts as missing, and is replaced when its cell
+    has run again.
+
+    Raises:
+        SettingsError: If the folder is a file, or cannot be made or written to.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = folder_for(folder)
+        self._results = folder_for(self.folder / "results")
+        self._duels = folder_for(self.folder / "duels")
+
+    def find(self, cell: Cell) -> tuple[Result | None, Trouble]:
+        """Return the result of `cell`, None if there is none, and any problem with its file.
+
+        Raises:
+            BenchmarkError: If another version of prefcal wrote it, or it cannot be read.
+        """
+        path = self.path(cell)
+        content, trouble = _content(path)
+        if content is None:
+            return None, trouble
+        try:
+            result = Result.from_dict(content)
+        except PrefcalError as error:
+            return None, f"{path}: {error}"
+        if result.cell != cell:
+            return None, f"{path} holds {result.cell} in place of {cell}"
+        return result, ""
+
+    def add(self, result: Result) -> None:
+        """Store `result` durably. Raises BenchmarkError if it cannot be written."""
+        write_record(self.path(result.cell), result.to_dict())
+
+    def path(self, cell: Cell) -> Path:
+        """Return the path of the result of `cell`."""
+        return self._results / f"{cell.key}.json"
+
+    def duels(self, round_: Round) -> tuple[tuple[Duel, ...] | None, Trouble]:
+        """Return the duels of `round_`, None if not yet played, and any problem with their file.
+
+        Raises:
+            BenchmarkError: See `find`.
+        """
+        path = self._duels / f"{round_.key}.json"
+        content, trouble = _content(path)
+        if content is None:
+            return None, trouble
+        try:
+            return tuple(read_as(Duel, duel) for duel in content), ""
+        except (TypeError, PrefcalError) as error:
+            return None, f"{path}: {error}"
+
+    def add_duels(self, round_: Round, duels: Sequence[Duel]) -> None:
+        """Store the duels of `round_` durably. Raises BenchmarkError if they cannot be written."""
+        write_record(self._duels / f"{round_.key}.json", [asdict(duel) for duel in duels])
+
+
+def _content(path: Path) -> tuple[Any, Trouble]:
+    try:
+        return read_record(path), ""
+    except FileNotFoundError:
+        return None, ""
+    except DamagedError as error:
+        return None, str(error)
+
+
+class DamagedError(ValueError):
+    """Error for a file that holds no record, or an incomplete one."""
+
+
+class _Record(msgspec.Struct, forbid_unknown_fields=True):
+    """A file: its content with a checksum. The content of other formats is not read."""
+
+    format: Any
+    sha256: str
+    content: Any
+
+
+def write_record(path: Path, content: Any) -> None:
+    """Write `content` to `path`; after this returns, it survives a crash of the machine.
+
+    A concurrent reader sees either the old file or the new one; of two concurrent writers, the
+    later one wins.
+
+    Raises:
+        BenchmarkError: If it cannot be written; no partial file is left.
+    """
+    record = {"format": FORMAT, "sha256": _checksum(content), "content": content}
+    half = path.with_name(f".{uuid4().hex}.half")
+    try:
+        with half.open("x", encoding="utf-8") as file:
+            file.write(canonical(record) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        half.replace(path)
+        _sync(path.parent)
+    except OSError as error:
+        raise BenchmarkError(f"cannot write {path}: {error.strerror}") from error
+    finally:
+        half.unlink(missing_ok=True)
+
+
+def read_record(path: Path) -> Any:
+    """Return the content that `write_record` wrote.
+
+    Raises:
+        FileNotFoundError: If there is no file.
+        DamagedError: If the file holds other content, or is incomplete.
+        BenchmarkError: If a newer prefcal wrote it, or it cannot be read.
+    """
+    try:
+        record = msgspec.json.decode(path.read_bytes(), type=_Record)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise BenchmarkError(f"cannot read {path}: {error.strerror}") from error
+    except msgspec.ValidationError as error:
+        raise DamagedError(f"{path} is not a record of the benchmark: {error}") from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise DamagedError(f"{path} is cut off or no record: {error}") from error
+    if record.format != FORMAT:
+        raise BenchmarkError(
+            f"{path} has format {record.format!r}, this prefcal reads {FORMAT}: use the one "
+            "that wrote it, or another folder"
+        )
+    if record.sha256 != _checksum(record.content):
+        raise DamagedError(f"{path} was changed: its checksum does not fit")
+    return record.content
+
+
+def _checksum(content: Any) -> str:
+    return hashlib.sha256(canonical(content).encode()).hexdigest()
+
+
+def _sync(folder: Path) -> None:
+    """Make a file's new name durable, if the system can."""
+    if os.name == "posix":
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

@@ -1,1 +1,0 @@
-"""Run the application: sessions, report, query window, terminal and command line."""

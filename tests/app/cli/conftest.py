@@ -1,0 +1,28 @@
+"""What every call of the command line would do, and few tests are about, is left out.
+
+A report draws its figures, and a scenario out of a file runs in a process of its own: together
+they take most of the time of a short study. A test, or a file, that is about one of them asks for
+the fixture `figures` or `own_process`.
+"""
+
+import pytest
+
+from support.calibrated import without_figures
+
+
+@pytest.fixture
+def figures():
+    """Draw the figures of reports."""
+
+
+@pytest.fixture
+def own_process():
+    """Run scenarios out of a file in a process of their own."""
+
+
+@pytest.fixture(autouse=True)
+def _quick(request, monkeypatch):
+    if "figures" not in request.fixturenames:
+        without_figures(monkeypatch)
+    if "own_process" not in request.fixturenames:
+        monkeypatch.setattr("prefcal_app.isolated.run.is_own", lambda source: False)

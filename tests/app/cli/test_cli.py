@@ -1,0 +1,217 @@
+"""`prefcal calibrate`, called as a user calls it, in this process."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from prefcal_app import load_controller
+from prefcal_scenarios.scenario import load
+from prefcal_scenarios.tastes import TASTES
+from toy_study import TOY, TOY_FILE
+
+SYNTHETIC = ["--calibrator", "synthetic"]
+QUICK = [*SYNTHETIC, "--agent", "random", "--n-max", "5"]
+
+
+@pytest.mark.usefixtures("figures", "own_process")
+def test_a_study_ends_with_a_table_and_the_place_of_the_report(prefcal, tmp_path):
+    code, out, err = prefcal("calibrate", TOY, *QUICK)
+    assert code == 0
+    for words in ("best", "paper", "automated", "T_s [h]", "settling time", "✓"):
+        assert words in out
+    assert "prefcal-toy-0/report.html" in out
+    assert (tmp_path / "prefcal-toy-0" / "report.html").is_file()
+    assert "older better" in err
+    assert "best θ" in err
+
+
+def test_json_prints_only_json_on_standard_output(prefcal, tmp_path):
+    code, out, _ = prefcal("calibrate", TOY, *QUICK, "--json", "--seed", "3", "--out", "there")
+    result = json.loads(out)
+    assert code == 0
+    assert list(result["best"]) == ["T_s", "N_p", "gain"]
+    assert (result["experiments"], result["questions"]) == (5, 4)
+    assert result["report"] == "there/report.html"
+    assert (result["seed"], result["agent"], result["stopped"]) == (3, "random", False)
+    assert sum(result["verdicts"].values()) == 4
+
+
+@pytest.mark.usefixtures("figures", "own_process")
+def test_the_same_seed_gives_the_same_folder_byte_by_byte(prefcal, tmp_path):
+    for out in ("a", "b"):
+        assert prefcal("calibrate", TOY, *QUICK, "--out", out)[0] == 0
+    files = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert files == sorted(p.name for p in (tmp_path / "b").iterdir())
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_glisp_is_the_default(prefcal):
+    code, out, _ = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "6", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["agent"] == "glisp"
+    page = Path(result["report"]).read_text("utf-8")
+    assert '<th scope="row">GLISp delta</th>' in page
+
+
+def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
+    prefcal("calibrate", TOY, *QUICK, "--seed", "4")
+    text = (tmp_path / "prefcal-toy-4" / "report.html").read_text("utf-8")
+    assert f"prefcal calibrate {TOY}" in text
+    assert "--agent random --seed 4 --n-init 2 --n-max 5" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nowhere"], "no scenario is called 'nowhere'"),
+        ([f"{TOY_FILE}:nothing"], "got nothing of that name; in that file there is toy"),
+        ([f"{TOY_FILE}:not_a_scenario"], "must name a prefcal_scenarios.Scenario"),
+        (["missing.py:toy"], "no file"),
+        ([TOY, "--agent", "oracle"], "--agent must be one of screening, glisp"),
+        ([TOY, "--calibrator", "oracle"], "--calibrator must be one of human, "),
+        ([TOY, "--n-init", "9", "--n-max", "5"], "--n-max must be at least --n-init"),
+        ([TOY, "--n-max", "0"], "--n-max must be at least 1, got 0"),
+        (
+            [TOY, "--agent", "random", "--questions-per-experiment", "2"],
+            "only the agent glisp takes --questions-per-experiment",
+        ),
+        ([TOY, "--seed", "-1"], "--seed must be 0 or above"),
+        ([TOY, *SYNTHETIC, "--out", str(TOY_FILE)], "--out must be a folder"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_exit_code_2(prefcal, tmp_path, words, message):
+    code, out, err = prefcal("calibrate", *words)
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("prefcal: ")
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_option_is_refused(prefcal):
+    code, _, err = prefcal("calibrate", TOY, "--nonsense")
+    assert code == 2
+    assert "--nonsense" in err
+
+
+def test_help_teaches_with_examples(prefcal):
+    code, out, _ = prefcal("calibrate", "--help")
+    assert code == 0
+    for words in ("SCENARIO", "--seed", "--n-max", "prefcal calibrate cstr", "own.py:plant"):
+        assert words in out
+
+
+def test_the_scenarios_are_listed(prefcal):
+    code, out, _ = prefcal("scenarios")
+    assert code == 0
+    assert "cstr" in out
+    assert "T_s, N_p, log Q_Δu" in out
+    assert "Closed loops: lag, integrating" in out
+    assert "own.py:name" in out
+
+
+def test_an_unknown_calibrator_of_a_closed_loop_is_refused(prefcal):
+    code, _, err = prefcal("calibrate", "servo", "--calibrator", "nobody")
+    assert code == 2
+    assert err.startswith("prefcal: --calibrator must be one of ")
+    assert "for scenario 'servo'" in err
+    assert "'nobody'" in err
+    assert {"human", *TASTES} <= set(err.partition("one of ")[2].partition(" for ")[0].split(", "))
+
+
+@pytest.mark.usefixtures("small_samples")
+def test_a_closed_loop_is_calibrated_by_somebody_with_a_taste(prefcal, tmp_path):
+    words = ["--calibrator", "weights", "--no-browser", "--n-max", "5", "--simulate", "30"]
+    code, out, err = prefcal("calibrate", "servo", *words, "--out", "out", "--json")
+    assert code == 0, err
+    assert list(json.loads(out)["best"]) == list(load("servo").space.names)
+    assert (tmp_path / "out" / "report.html").exists()
+    again = prefcal("calibrate", "servo", *words, "--out", "again", "--json")[1]
+    assert json.loads(again)["best"] == json.loads(out)["best"]
+
+
+@pytest.mark.usefixtures("small_samples")
+@pytest.mark.parametrize("taste", ["priorities-noisy20", "hidden", "rising"])
+def test_any_taste_answers_unattended(prefcal, taste):
+    words = [
+        "--calibrator",
+        taste,
+        "--no-browser",
+        "--n-max",
+        "3",
+        "--simulate",
+        "30",
+        "--seed",
+        "2",
+    ]
+    code, _, err = prefcal("calibrate", "loop-4", *words, "--json")
+    assert code == 0, err
+
+
+def test_a_taste_with_a_slip_of_the_pen_is_refused_with_the_nearest_one(prefcal):
+    code, _, err = prefcal("calibrate", "servo", "--calibrator", "wieghts")
+    assert code == 2
+    assert "Did you mean 'weights'" in err
+
+
+@pytest.mark.usefixtures("figures")
+def test_the_reactor_is_calibrated_exported_and_rebuilt(prefcal, tmp_path):
+    words = [*SYNTHETIC, "--n-max", "5", "--agent", "lhs", "--out", "out", "--json"]
+    code, out, _ = prefcal("calibrate", "cstr", *words)
+    best = json.loads(out)["best"]
+    assert code == 0
+    assert list(best) == ["T_s", "N_p", "log Q_Δu"]
+    assert load_controller(tmp_path / "out" / "best.json").T_s == best["T_s"]
+
+
+def test_the_version_is_printed(prefcal):
+    assert prefcal("--version")[1].startswith("prefcal ")
+
+
+def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
+    words = ["calibrate", TOY, "--agent", "glis", "--n-init", "3", "--json"]
+    study = ["--study", "./g.prefcal"]
+    code, out, _ = prefcal(*words, *study, "--n-max", "7")
+    result = json.loads(out)
+    assert code == 0
+    assert (result["experiments"], result["questions"]) == (7, 0)
+    assert (result["agent"], result["calibrator"]) == ("glis", "score")
+    assert "without comparisons: 7 experiments" in Path(result["report"]).read_text("utf-8")
+    # It goes on where it was, as one study of nine would have.
+    _, out, _ = prefcal(*words, *study, "--n-max", "9")
+    _, whole, _ = prefcal(*words, "--n-max", "9")
+    assert json.loads(out)["best"] == json.loads(whole)["best"]
+    assert json.loads(out)["experiments"] == 9
+    assert prefcal("studies", "verify", "./g.prefcal")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--calibrator", "human"], "needs no answers"),
+        (["--calibrator", "synthetic"], "needs no answers"),
+    ],
+)
+def test_agents_that_learn_from_scores_take_no_calibrator(prefcal, words, complaint):
+    code, _, err = prefcal("calibrate", TOY, "--agent", "glis", *words)
+    assert code == 2
+    assert complaint in err
+
+
+def test_an_agent_that_needs_a_score_is_refused_where_there_is_none(prefcal):
+    code, _, err = prefcal("calibrate", "overtake", "--agent", "glis")
+    assert code == 2
+    assert "'overtake' has none" in err
+
+
+def test_the_papers_algorithm_is_an_agent_of_its_own(prefcal):
+    words = ["calibrate", TOY, *SYNTHETIC, "--agent", "glisp-paper", "--n-max", "6", "--json"]
+    code, out, _ = prefcal(*words, "--study", "published")
+    result = json.loads(out)
+    assert (code, result["agent"], result["questions"]) == (0, "glisp-paper", 5)
+    page = Path(result["report"]).read_text("utf-8")
+    assert '<th scope="row">GLISp process</th><td class="words">False</td>' in page

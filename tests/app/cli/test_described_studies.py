@@ -1,0 +1,165 @@
+"""Studies of described scenarios: killed, resumed and reported from another folder, exported."""
+
+import json
+import shlex
+import signal
+
+import pytest
+
+from prefcal_app import load_controller
+from prefcal_env.controllers.stored import as_data
+from prefcal_env.study import verify
+from support.fmus import built
+from support.processes import finished, start, wait_until
+from support.studies import state_of
+
+COST = "def cost(e):\n    return e.kpis['overshoot'] + e.kpis['total_move']\n"
+SCORED = ("--agent", "glis", "--cost", "cost.py:cost")
+
+
+@pytest.fixture
+def plant(prefcal, tmp_path):
+    """Write a plant, and a cost, into the working directory."""
+    assert prefcal("new", "pid", "plant.py")[0] == 0
+    (tmp_path / "cost.py").write_text(COST)
+    return tmp_path
+
+
+def test_a_tuned_pid_is_loaded_and_reported_from_another_folder(prefcal, plant, monkeypatch):
+    (plant / "level.toml").write_text('controller = "pid"\nplant = "plant.py:plant"\n')
+    code, _, err = prefcal(
+        "calibrate",
+        "level.toml",
+        *SCORED,
+        "--n-max",
+        "3",
+        "--study",
+        "level.prefcal",
+        "--out",
+        "out",
+    )
+    assert code == 0, err
+    elsewhere = plant / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    best = json.loads((plant / "out" / "best.json").read_text())
+    pid = load_controller("../out/best.json")
+    assert as_data(pid) == best["settings"]
+    code, _, err = prefcal(
+        "report",
+        "../level.prefcal",
+        "--scenario",
+        "../level.toml",
+        "--out",
+        "again",
+        "--cost",
+        "../cost.py:cost",
+    )
+    assert code == 0, err
+    again = json.loads((elsewhere / "again" / "best.json").read_text())
+    assert again["theta"] == best["theta"]
+
+
+def test_the_report_of_an_fmu_is_written_from_another_folder_by_its_file_alone(
+    prefcal, tmp_path, monkeypatch
+):
+    pytest.importorskip("fmpy")
+    pytest.importorskip("pythonfmu")
+    fmu = built(tmp_path, "Tank")
+    cost = ("--cost", "integrated error of level")
+    code, out, err = prefcal(
+        "calibrate", fmu.name, "--knob", "K_p=0.1:100:log", "--reference", "level=2",
+        "--calibrator", "synthetic", *cost, "--simulate", "0", "--n-max", "3",
+        "--study", "tank.prefcal", "--out", "out",
+    )  # fmt: skip
+    assert code == 0, err
+    assert "--knob K_p=0.1:100:log" in out  # and no emoji for ":100:"
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    code, _, err = prefcal("report", "../tank.prefcal", *cost)
+    assert code == 2
+    assert "if you trust it, add --scenario Tank2.fmu" in err
+    code, _, err = prefcal(
+        "report", "../tank.prefcal", *cost, "--scenario", f"../{fmu.name}", "--out", "again"
+    )
+    assert code == 0, err
+    best, again = (
+        json.loads((folder / "best.json").read_text())
+        for folder in (tmp_path / "out", elsewhere / "again")
+    )
+    assert again["theta"] == best["theta"]
+    assert (elsewhere / "again" / "report.html").is_file()
+
+
+def test_unattended_a_crashed_run_of_an_fmu_counts_as_failed_and_three_end_the_study(
+    prefcal, tmp_path
+):
+    pytest.importorskip("fmpy")
+    pytest.importorskip("pythonfmu")
+    fmu = built(tmp_path, "Crashes")  # above K_p = 3
+    words = ["calibrate", fmu.name, "--reference", "level=2", "--calibrator", "synthetic",
+             "--cost", "integrated error of level", "--simulate", "0", "--n-max", "4"]  # fmt: skip
+    code, out, err = prefcal(*words, "--knob", "K_p=1:6", "--out", "some")
+    assert code == 0, err
+    assert "failed: the simulation ended the process of the FMU: SIGABRT" in err + out
+    code, out, err = prefcal(*words, "--knob", "K_p=3.5:6", "--out", "all")
+    assert code == 1
+    assert (err + out).count("ended the process of the FMU: SIGABRT") == 3
+    assert "Traceback" not in err + out
+
+
+@pytest.mark.parametrize("controller", ["pid", "lqr"])
+def test_a_study_by_options_alone_is_reported_by_naming_its_plant(prefcal, plant, controller):
+    words = ["--plant", "plant.py:plant", "--stop-time", "60", *SCORED, "--n-max", "2"]
+    code, _, err = prefcal("calibrate", controller, *words, "--study", "a.prefcal", "--out", "out")
+    assert code == 0, err
+    best = json.loads((plant / "out" / "best.json").read_text())
+    assert as_data(load_controller(plant / "out" / "best.json")) == best["settings"]
+    # A study must not decide which program runs; what is said can be typed as it is.
+    code, _, err = prefcal("report", "a.prefcal", "--scenario", controller, "--out", "again")
+    assert code == 2
+    said = " ".join(err.split()).partition("if you trust it, add ")[2]
+    assert said.startswith("--plant")
+    trusted = ["report", "a.prefcal", *shlex.split(said), "--cost", "cost.py:cost"]
+    code, _, err = prefcal(*trusted, "--out", "again")
+    assert code == 0, err
+    again = json.loads((plant / "again" / "best.json").read_text())
+    assert again["theta"] == best["theta"]
+    assert again["settings"] == best["settings"]
+    assert prefcal("report", "a.prefcal", "--out", "more")[2].endswith(f"add {said}\n")
+    assert prefcal(*(word for word in trusted if word != "--scenario"), "--out", "more")[0] == 0
+
+
+def test_a_plant_is_refused_where_there_is_none(prefcal):
+    words = ["calibrate", "servo", "--calibrator", "hidden", "--simulate", "0", "--n-max", "2"]
+    code, _, err = prefcal(*words, "--study", "a.prefcal", "--out", "out")
+    assert code == 0, err
+    code, _, err = prefcal("report", "a.prefcal", "--plant", "model.py:plant")
+    assert code == 2
+    assert "has no plant of its own: leave --plant out" in err
+
+
+def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):
+    words = ["calibrate", "pid", "--plant", "plant.py:plant", *SCORED, "--study", "level.prefcal"]
+    process = start(plant, *words, "--n-max", "40")
+    study = plant / "level.prefcal"
+    try:
+        wait_until(lambda: study.exists() and study.stat().st_size > 300_000)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert not verify(study)
+    kept = state_of(study).finished
+    assert 0 < len(kept) < 40
+    elsewhere = plant / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "cost.py").write_text(COST)  # a study keeps how its cost was called
+    code, _, err = finished(
+        elsewhere, "calibrate", "pid", "--plant", "../plant.py:plant", "--cost", "cost.py:cost",
+        "--study", "../level.prefcal",
+    )  # fmt: skip
+    assert code == 0, err
+    now = state_of(study)
+    assert len(now.finished) == 40
+    assert {index: now.finished[index] for index in kept} == kept

@@ -1,0 +1,109 @@
+"""Own runs that never return, on the command line: Ctrl-C, kill, check, and the end."""
+
+import re
+import signal
+from functools import partial
+from pathlib import Path
+
+import httpx
+import pytest
+
+from support.browser import serve
+from support.processes import finished, is_running, start, wait_until
+
+WILD = Path(__file__).parents[2] / "support" / "wild_runs.py"
+ENDLESS = """
+import os, sys
+from dataclasses import replace
+from pathlib import Path
+from prefcal_scenarios.scenario import load
+toy = load({wild!r} + ":TOY")
+def run(theta, seed=0):
+    Path("running").write_text(str(os.getpid()))
+    while True:
+        try:
+            while True:
+                pass
+        except BaseException:
+            pass
+plant = replace(toy, run=run)
+"""
+
+
+@pytest.fixture
+def endless(tmp_path):
+    """A folder with a scenario that does not even let itself be interrupted."""
+    (tmp_path / "own.py").write_text(ENDLESS.format(wild=str(WILD)))
+    return tmp_path
+
+
+def pid_in(folder):
+    """The process that runs own code, once it does."""
+    flag = folder / "running"
+    wait_until(lambda: flag.exists() and flag.read_text())
+    return int(flag.read_text())
+
+
+def test_ctrl_c_ends_the_page_and_leaves_no_process(endless):
+    served = serve(endless, "own.py:plant")
+    pid = pid_in(endless)
+    served.stop()  # fails if it does not end
+    assert not is_running(pid)
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks processes up in /proc")
+def test_a_killed_prefcal_leaves_no_process(endless):
+    served = serve(endless, "own.py:plant")
+    pid = pid_in(endless)
+    served.kill()
+    wait_until(lambda: not is_running(pid))
+
+
+def test_the_page_says_how_long_a_run_may_take_and_stops_it(endless):
+    served = serve(endless, "own.py:plant", "--run-timeout", "600")
+    try:
+        pid_in(endless)
+        with httpx.Client(follow_redirects=True, timeout=20) as client:
+            page = client.get(served.link)
+            origin = re.match(r"http://[^/]+", served.link).group()
+            now = client.get(f"{origin}/api/now").json()
+            assert (now["phase"], now["problem"]) == ("running", None)
+            assert "stopped after 10 min (--run-timeout)" in now["stopping"]
+            stop = {"index": now["pending"]["index"]}
+            client.post(f"{origin}/api/stop_run", json=stop, headers={"Origin": origin})
+            now = partial(client.get, f"{origin}/api/now")
+            wait_until(lambda: now().json()["phase"] == "failed")
+            assert "you stopped the run after" in now().json()["problem"]
+            again = client.post(f"{origin}/api/stop_run", json=stop, headers={"Origin": origin})
+            assert (page.status_code, again.status_code) == (200, 409)
+    finally:
+        served.stop()
+
+
+def test_check_says_that_the_run_takes_too_long(endless):
+    code, out, _ = finished(endless, "check", "own.py:plant", "--run-timeout", "1")
+    assert code == 1
+    assert "the run took longer than 1 s and was ended" in " ".join(out.split())
+
+
+def test_a_study_that_nobody_watches_ends_with_the_reason(endless):
+    words = ["calibrate", "own.py:plant", "--calibrator", "synthetic", "--run-timeout", "0.3"]
+    code, _, err = finished(endless, *words)
+    assert code == 1
+    assert "Experiment 1 failed: the run took longer than 0.3 s" in err
+    assert "prefcal: the run took longer than 0.3 s and was ended" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("command", [("calibrate", "--no-browser"), ("check",)])
+def test_a_file_that_never_ends_loading_is_told_and_ctrl_c_ends_it_at_once(tmp_path, command):
+    path = tmp_path / "own.py"
+    path.write_text("import time\nwhile True:\n    time.sleep(0.01)\n")
+    process = start(tmp_path, *command, f"{path}:plant")
+    try:
+        assert "loading own.py takes a while, it is in own.py:3" in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert process.returncode == 130

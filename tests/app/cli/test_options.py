@@ -1,0 +1,100 @@
+"""An option of a command is declared once, and everything else follows from that."""
+
+import json
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from prefcal_app.cli.options import Options
+from prefcal_app.cli.parameters import Kept, given, kept_by, parameters_of, takes
+from prefcal_env.errors import SettingsError
+from prefcal_env.study import StudyFile, study_path
+from support.interviews import clock
+from toy_study import TOY
+
+
+@dataclass(frozen=True)
+class Toy:
+    """One option of each kind."""
+
+    name: Annotated[str, typer.Argument(metavar="NAME")]
+    rounds: Annotated[int, typer.Option(help="How often."), Kept(least=1)] = 3
+    tags: Annotated[tuple[str, ...], typer.Option("--tag"), Kept()] = ()
+    learns: Annotated[bool, typer.Option("--no-learning"), Kept()] = True
+    opens: Annotated[bool, typer.Option("--no-opening")] = True
+    folder: Annotated[str | None, typer.Option()] = None
+
+
+@pytest.fixture
+def typed():
+    """Return what a command with these parameters is given for a line that people type."""
+
+    def parse(*words):
+        seen = {}
+        app = typer.Typer()
+
+        @app.command()
+        @takes(Toy)
+        def command(**values):
+            seen.update(given(Toy, values))
+
+        assert CliRunner().invoke(app, words).exit_code == 0
+        return seen
+
+    return parse
+
+
+def test_what_a_study_keeps_is_none_unless_it_is_typed(typed):
+    assert typed("x") == {
+        "name": "x", "rounds": None, "tags": None, "learns": None, "opens": True, "folder": None,
+    }  # fmt: skip
+
+
+def test_what_is_typed_arrives_with_the_type_of_its_field(typed):
+    words = ["x", "--rounds", "4", "--tag", "a", "--tag", "b", "--no-learning", "--no-opening"]
+    assert typed(*words, "--folder", "f") == {
+        "name": "x", "rounds": 4, "tags": ("a", "b"), "learns": False, "opens": False,
+        "folder": "f",
+    }  # fmt: skip
+
+
+def test_messages_name_an_option_as_it_is_typed():
+    toy = parameters_of(Toy)
+    assert toy["rounds"].said(4) == "--rounds 4"
+    assert toy["tags"].said(()) == "no --tag"
+    assert toy["tags"].said(("a", "b")) == "--tag a; b"
+    assert toy["learns"].said(False) == "--no-learning on"
+    assert toy["tags"].words(("a", "b")) == ["--tag", "a", "--tag", "b"]
+    assert toy["rounds"].problem(0) == "--rounds must be at least 1, got 0"
+    assert toy["rounds"].problem(1) == ""
+
+
+def test_the_study_file_keeps_what_is_declared_so_and_nothing_else():
+    kept = Options(TOY, terminal=True, port=8000, seed=3).as_dict()
+    assert list(kept) == list(kept_by(Options))
+    assert kept["seed"] == 3
+    assert "port" not in kept
+
+
+def test_options_of_one_run_may_change_on_resuming():
+    stored = json.loads(json.dumps(Options(TOY).as_dict()))
+    assert Options.resumed(stored, {"scenario": TOY, "port": 8000}).port == 8000
+    with pytest.raises(SettingsError, match="started with --seed 0, got --seed 1"):
+        Options.resumed(stored, {"scenario": TOY, "seed": 1})
+
+
+@pytest.mark.parametrize("name", sorted({*kept_by(Options)} - {"scenario"}))
+def test_an_option_of_another_type_makes_a_study_strange(prefcal, name):
+    configuration = {
+        "n_max": 5, "scenario": TOY, "name": "toy", "title": "", "seed": 0, "knobs": [],
+        "agent": {"agent": "GLISp"}, "options": {**Options(TOY).as_dict(), name: {}},
+        "versions": {},
+    }  # fmt: skip
+    study_path("odd").parent.mkdir(parents=True)
+    StudyFile.create(study_path("odd"), configuration, clock=clock()).close()
+    code, _, err = prefcal("studies", "show", "odd")
+    assert code == 2
+    assert f"its option {name} cannot be {{}}" in " ".join(err.split())

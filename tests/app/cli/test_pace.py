@@ -1,0 +1,55 @@
+"""--questions-per-experiment on a study that was begun with another number."""
+
+import json
+from pathlib import Path
+
+from prefcal_app.session.memory import questions_of
+from prefcal_env.study import Adjusted, StudyFile, study_path
+from toy_study import TOY
+
+MOST = "questions_per_experiment"
+
+
+def calibrate(prefcal, *words, agent="glisp"):
+    return prefcal("calibrate", TOY, "--calibrator", "synthetic", "--agent", agent, "--n-init", "3",
+                   "--study", "mine", "--json", *words)  # fmt: skip
+
+
+def state():
+    with StudyFile.open(study_path("mine"), clock=lambda: "now") as file:
+        events = [r.event for r in file.events()]
+        return file.state, [e for e in events if isinstance(e, Adjusted)]
+
+
+def test_it_is_changed_recorded_and_goes_on(prefcal):
+    code, _, err = calibrate(prefcal, "--n-max", "5")
+    assert code == 0, err
+    assert not state()[0].history.follow_ups
+    code, _, err = calibrate(prefcal, "--n-max", "9", "--questions-per-experiment", "3")
+    assert code == 0, err
+    now, changes = state()
+    assert changes == [Adjusted({MOST: 3})]
+    assert questions_of(now.configuration) == 3
+    assert now.history.follow_ups
+    # Without the option, and with the same one, it stays as it is.
+    for words in ([], ["--questions-per-experiment", "3"]):
+        assert calibrate(prefcal, *words)[0] == 0
+    assert state()[1] == changes
+    code, out, _ = prefcal("report", "mine", "--scenario", TOY, "--json")
+    assert code == 0
+    assert "--questions-per-experiment 3" in Path(json.loads(out)["report"]).read_text()
+
+
+def test_it_can_be_set_back_to_what_the_study_was_begun_with(prefcal):
+    calibrate(prefcal, "--n-max", "4", "--questions-per-experiment", "3")
+    for most in (1, 3):
+        assert calibrate(prefcal, "--questions-per-experiment", str(most))[0] == 0
+    assert state()[1] == [Adjusted({MOST: 1}), Adjusted({MOST: 3})]
+
+
+def test_an_agent_that_asks_one_refuses_and_records_nothing(prefcal):
+    calibrate(prefcal, "--n-max", "4", agent="random")
+    code, _, err = calibrate(prefcal, "--questions-per-experiment", "2", agent="random")
+    assert code == 2
+    assert "only the agent glisp takes --questions-per-experiment" in err
+    assert state()[1] == []

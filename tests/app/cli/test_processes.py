@@ -1,0 +1,100 @@
+"""What only a process of its own can show: Ctrl-C, errors of a rig, and a fast start."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+from support.processes import finished, start, wait_until
+from toy_study import TOY_FILE
+
+
+def interrupted(folder, runs):
+    """An unattended study that is stopped during its experiment number `runs`."""
+    (folder / "own.py").write_text(
+        "from dataclasses import replace\n"
+        "from prefcal_scenarios.scenario import load\n"
+        f"slow = load({str(TOY_FILE)!r} + ':slow')\n"
+        "def run(theta, seed=0):\n"
+        "    with open('runs', 'a') as runs:\n"
+        "        runs.write('.')\n"
+        "    return slow.run(theta)\n"
+        "plant = replace(slow, run=run)\n"
+    )
+    words = ["--agent", "random", "--n-max", "500", "--json", "--out", "out"]
+    process = start(folder, "calibrate", "own.py:plant", "--calibrator", "synthetic", *words)
+    wait_until(lambda: (folder / "runs").exists() and (folder / "runs").stat().st_size >= runs)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    return json.loads(out), err
+
+
+def test_ctrl_c_leaves_a_readable_partial_report(tmp_path):
+    result, err = interrupted(tmp_path, runs=8)
+    assert "Writing the report ... (Ctrl-C again ends at once" in err
+    assert err.index("Writing the report") < err.index("Interrupted after")
+    assert result["stopped"]
+    assert result["experiments"] >= 7
+    text = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert f"after {result['experiments']} of 500 experiments" in text
+    assert text.endswith("</html>\n")
+    assert (tmp_path / "out" / "best.json").exists()
+
+
+def test_ctrl_c_before_the_first_experiment_reports_nothing(tmp_path):
+    (tmp_path / "own.py").write_text(
+        "import time\nfrom dataclasses import replace\n"
+        "from prefcal_scenarios.scenario import load\n"
+        f"toy = load({str(TOY_FILE)!r} + ':toy')\n"
+        "def run(theta, seed=0):\n"
+        "    open('running', 'w').close()\n"
+        "    time.sleep(600)\n"
+        "plant = replace(toy, run=run)\n"
+    )
+    words = ["--calibrator", "synthetic", "--agent", "random", "--json"]
+    process = start(tmp_path, "calibrate", "own.py:plant", *words)
+    wait_until((tmp_path / "running").exists)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "Stopping ..." in err
+    assert "Writing the report" not in err
+    assert "partial report" not in err
+    assert json.loads(out)["report"] is None
+    assert list(tmp_path.glob("prefcal-*")) == []
+
+
+def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):
+    (tmp_path / "rig.py").write_text(
+        "from dataclasses import replace\n"
+        f"from prefcal_scenarios.scenario import load\n"
+        f"toy = load({str(TOY_FILE)!r} + ':toy')\n"
+        "runs = []\n"
+        "def run(theta, seed=0):\n"
+        "    runs.append(theta)\n"
+        "    if len(runs) >= 4:\n"
+        "        raise OSError('the pump does not answer')\n"
+        "    return toy.run(theta)\n"
+        "rig = replace(toy, run=run)\n"
+    )
+    words = ["--calibrator", "synthetic", "--agent", "random", "--out", "out"]
+    code, _, err = finished(tmp_path, "calibrate", "rig.py:rig", *words)
+    assert code not in (0, 2, 130)
+    assert "the pump does not answer" in err
+    assert "after 3 of 50 experiments" in (tmp_path / "out" / "report.html").read_text("utf-8")
+
+
+def test_help_loads_neither_plots_nor_compilers_nor_agents(tmp_path):
+    code = (
+        "import sys\nfrom prefcal_bench.program import app\n"
+        "heavy = {'matplotlib', 'numba', 'numpy', 'prefcal_agents.glisp', 'prefcal_env'}\n"
+        "print(sorted(heavy & set(sys.modules)))\n"
+    )
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    out = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    )
+    assert out.stdout == "[]\n"

@@ -1,0 +1,189 @@
+"""Many experiments are simulated unseen where they are quick, and none where they are not."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from prefcal_app.cli.options import Options
+from support import unseen as unseen_module
+from support.processes import is_running, start, wait_until
+from support.studies import state_of
+from toy_study import TOY
+
+UNSEEN = f"{unseen_module.__file__}:unseen"
+UNATTENDED = ["--calibrator", "synthetic", "--json", "--out", "out"]
+
+
+def chosen(simulated=True, **given):
+    options = Options.of({"scenario": "x", **given}, 3, simulated=simulated)
+    return options.agent, options.simulate, options.n_init, options.n_max
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, ("screening", 1000, 1, 11)),
+        ({"simulate": 300}, ("screening", 300, 1, 11)),
+        ({"n_max": 20}, ("screening", 1000, 1, 20)),
+        ({"agent": "screening"}, ("screening", 1000, 1, 11)),
+        ({"simulate": 0}, ("glisp", 0, 6, 50)),
+        ({"agent": "glisp"}, ("glisp", 0, 6, 50)),
+        ({"agent": "glisp", "simulate": 0}, ("glisp", 0, 6, 50)),
+        ({"agent": "glisp-paper"}, ("glisp-paper", 0, 10, 50)),
+        ({"agent": "random", "n_max": 8}, ("random", 0, 4, 8)),
+    ],
+)
+def test_where_experiments_are_quick_most_are_simulated_unseen(given, expected):
+    assert chosen(**given) == expected
+
+
+def test_elsewhere_all_experiments_are_shown():
+    assert chosen(simulated=False) == ("glisp", 0, 6, 50)
+    assert chosen(simulated=False, agent="glisp-paper") == ("glisp-paper", 0, 10, 50)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["cstr", "--agent", "glisp", "--simulate", "500"], "--agent glisp simulates nothing"),
+        (["cstr", "--agent", "glis", "--simulate", "500"], "--agent glis simulates nothing"),
+        (["cstr", "--agent", "screening", "--simulate", "0"], "needs simulations"),
+        (["cstr", "--simulate", "-1"], "--simulate must be 0 or above"),
+        (["cstr", "--n-init", "4"], "--agent screening has no initial experiments"),
+        (
+            ["cstr", "--no-outcomes"],
+            "only the agent glisp learns from KPIs: leave --no-outcomes out for 'screening'",
+        ),
+        ([TOY, "--agent", "screening"], "does not let experiments run unseen: leave --simulate"),
+        ([TOY, "--simulate", "500"], "state Scenario(..., simulated=True)"),
+    ],
+)
+def test_contradictions_are_one_clear_line(prefcal, words, complaint):
+    code, _, err = prefcal("calibrate", *words, "--calibrator", "synthetic")
+    assert code == 2
+    assert complaint in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_nothing_runs_unseen_on_a_rig(prefcal):
+    rig = Path(__file__).parents[3] / "docs" / "rig_example.py"
+    code, _, err = prefcal("calibrate", f"{rig}:oven", "--simulate", "500")
+    assert code == 2
+    assert "is a rig, and nothing runs on it unseen" in err
+
+
+def test_a_terminal_is_told_at_once_what_is_loaded(prefcal, monkeypatch):
+    words = ["calibrate", UNSEEN, *UNATTENDED, "--simulate", "9", "--n-max", "2"]
+    assert "Loading" not in prefcal(*words)[2]
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert prefcal(*words)[2].startswith(f"Loading {UNSEEN} ...\n")
+
+
+def test_help_says_what_is_simulated(prefcal):
+    out = " ".join(prefcal("calibrate", "--help")[1].replace("│", " ").split())
+    assert "Number of experiments to simulate unseen" in out
+    assert "screening (simulates many θ, asks about few)" in out
+
+
+def test_an_unattended_study_says_how_many_it_simulated(prefcal, tmp_path):
+    words = ["calibrate", UNSEEN, *UNATTENDED, "--simulate", "40", "--n-max", "4"]
+    code, out, err = prefcal(*words, "--study", "mine")
+    assert code == 0, err
+    result = json.loads(out)
+    assert result["agent"] == "screening"
+    assert result["experiments"] == 4
+    assert 4 < result["simulated"] <= 40
+    assert "simulated, 4 shown" in err
+    assert "simulated unseen" in (tmp_path / "out" / "report.html").read_text("utf-8")
+    again = json.loads(prefcal(*words[:-2], "--n-max", "4", "--out", "again")[1])
+    assert (again["best"], again["simulated"]) == (result["best"], result["simulated"])
+
+
+@pytest.fixture
+def study(prefcal):
+    """The name of a finished study that simulated unseen."""
+    words = [*UNATTENDED, "--simulate", "40", "--n-max", "4", "--study", "mine"]
+    assert prefcal("calibrate", UNSEEN, *words)[0] == 0
+    return "mine"
+
+
+def test_its_study_is_reported_exported_and_verified_without_simulating(prefcal, study):
+    code, out, err = prefcal("report", study, "--scenario", UNSEEN, "--json", "--out", "report")
+    assert code == 0, err
+    assert json.loads(out)["simulated"] is None  # the simulations are not in the study
+    assert prefcal("studies", "verify", study)[0] == 0
+    assert prefcal("studies", "show", study)[0] == 0
+    assert prefcal("studies", "export", study)[0] == 0
+
+
+def test_its_study_goes_on_with_more_experiments(prefcal, study):
+    words = ["calibrate", UNSEEN, "--study", study, "--json", "--out", "out", "--n-max", "6"]
+    code, out, err = prefcal(*words)
+    assert code == 0, err
+    assert json.loads(out)["experiments"] == 6
+    code, _, err = prefcal(*words, "--simulate", "50")
+    assert code == 2
+    assert "started with --simulate 40, got --simulate 50" in err
+
+
+def test_a_finished_study_goes_on_without_simulating_anything_twice(prefcal, monkeypatch):
+    words = ["calibrate", UNSEEN, "--simulate", "40", "--study", "mine", *UNATTENDED]
+    assert prefcal(*words, "--n-max", "12")[0] == 0
+    monkeypatch.setattr("prefcal_scenarios.many.pool.Pool.start", None)  # it would be called
+    code, out, err = prefcal(*words, "--n-max", "14")
+    assert code == 0, err
+    assert json.loads(out)["experiments"] == 14
+
+
+def test_its_study_goes_on_in_another_space(prefcal, study):
+    code, _, err = prefcal(
+        "studies", "respace", study, "--scenario", UNSEEN, "--knob", "gain=0.1:0.6"
+    )
+    assert code == 0, err
+    words = ["calibrate", UNSEEN, "--study", study, "--json", "--out", "out", "--n-max", "7"]
+    code, out, err = prefcal(*words)
+    assert code == 0, err
+    assert json.loads(out)["experiments"] == 7
+    new = [s.theta for s in state_of(study).history.samples[4:]]
+    assert all(0.1 <= gain <= 0.6 for gain, _ in new)
+
+
+def test_a_study_from_before_goes_on_as_it_was(prefcal):
+    words = ["calibrate", UNSEEN, *UNATTENDED, "--study", "old"]
+    assert prefcal(*words, "--agent", "glisp", "--n-max", "4")[0] == 0
+    code, out, err = prefcal(*words, "--n-max", "5")
+    assert code == 0, err
+    assert (json.loads(out)["agent"], json.loads(out)["simulated"]) == ("glisp", 0)
+
+
+def children(pid):
+    """The processes that `pid` has started."""
+    tasks = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for path in tasks for child in path.read_text().split()]
+
+
+@pytest.mark.usefixtures("own_process")
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_no_worker_outlives_the_command(tmp_path, monkeypatch, how):
+    process = start(
+        tmp_path, "calibrate", UNSEEN, "--calibrator", "synthetic", "--simulate", "100000",
+        "--out", "out", PREFCAL_TEST_SECONDS="0.01",
+    )  # fmt: skip
+    try:
+        wait_until(lambda: _loaded(process.pid))
+        workers = children(process.pid)
+        assert len(workers) >= 2  # of the experiments, and of the simulations
+        os.kill(process.pid, how)
+        _, err = process.communicate(timeout=30)
+        assert "Traceback" not in err
+        wait_until(lambda: not any(map(is_running, workers)), 10.0)
+    finally:
+        process.kill()
+
+
+def _loaded(pid):
+    lines = [Path(f"/proc/{child}/cmdline").read_bytes() for child in children(pid)]
+    return any(b"prefcal_scenarios.many" in line for line in lines)

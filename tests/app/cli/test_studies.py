@@ -1,0 +1,270 @@
+"""Study files on the command line: begun, resumed, listed, exported, imported, verified."""
+
+import io
+import json
+import socket
+import sqlite3
+import sys
+
+import pytest
+
+from prefcal_app.session import Choice
+from prefcal_env.study import Noted
+from support.calibrated import calibrated, copied
+from support.interviews import begin, proceed
+from toy_study import TOY, toy_scenario
+
+SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with a report, and a study among its data."""
+    words = [TOY, *SYNTHETIC, "--n-max", "5", "--study", "mine"]
+    return calibrated(tmp_path_factory.mktemp("made"), *words)
+
+
+@pytest.fixture
+def study(made, tmp_path):
+    copied(made, tmp_path)
+    return "mine"
+
+
+def test_a_study_is_listed_and_shown(prefcal, study):
+    _, out, _ = prefcal("studies", "list", "--json")
+    (row,) = json.loads(out)
+    assert (row["study"], row["experiments"], row["answers"]) == ("mine", 5, 4)
+    assert row["state"] == "all compared"
+    assert "mine" in prefcal("studies", "list")[1]
+    _, out, _ = prefcal("studies", "show", "mine", "--json")
+    shown = json.loads(out)
+    assert list(shown["best"]) == ["T_s", "N_p", "gain"]
+    assert [q["challenger"] for q in shown["questions"]] == [2, 3, 4, 5]
+    assert "best T_s [h]" in prefcal("studies", "show", "mine")[1]
+
+
+def test_no_studies_are_a_hint_not_an_error(prefcal):
+    code, out, _ = prefcal("studies", "list")
+    assert code == 0
+    assert "No studies yet" in out
+
+
+def test_a_study_goes_on_with_more_experiments(prefcal, study):
+    code, out, err = prefcal("calibrate", TOY, "--study", "mine", "--n-max", "8", "--json")
+    assert code == 0, err
+    result = json.loads(out)
+    assert (result["experiments"], result["study"]) == (8, "mine")
+    whole = prefcal("calibrate", TOY, *SYNTHETIC, "--n-init", "2", "--n-max", "8", "--json")[1]
+    assert json.loads(whole)["best"] == result["best"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([TOY, "--study", "mine", "--seed", "4"], "started with --seed 0, got --seed 4"),
+        (
+            [TOY, "--study", "mine", "--agent", "lhs"],
+            "--agent random, got --agent lhs",
+        ),
+        ([TOY, "--study", "mine", "--n-max", "3"], "must not be below"),
+        (["cstr", "--study", "mine"], "calibrates 'toy', not 'cstr'"),
+        ([TOY, "--study", "no/such/folder/x.prefcal", *SYNTHETIC], "no/such/folder"),
+        ([TOY, "--study", "so bad!", *SYNTHETIC], "so bad!"),
+    ],
+)
+def test_what_does_not_fit_the_study_is_refused_in_one_line(prefcal, study, words, message):
+    code, out, err = prefcal("calibrate", *words)
+    assert (code, out) == (2, "")
+    assert err.startswith("prefcal: ")
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_a_path_is_a_path(prefcal, tmp_path):
+    path = tmp_path / "here.prefcal"
+    words = ["calibrate", TOY, *SYNTHETIC, "--n-max", "4", "--study", str(path)]
+    assert prefcal(*words)[0] == 0
+    assert path.is_file()
+    assert prefcal("studies", "verify", str(path))[0] == 0
+
+
+def test_a_study_is_exported_and_imported_unchanged(prefcal, study, tmp_path):
+    assert prefcal("studies", "export", "mine", "--out", "mine.json")[0] == 0
+    assert prefcal("studies", "import", "mine.json", "--study", "twin")[0] == 0
+    shown = [json.loads(prefcal("studies", "show", n, "--json")[1]) for n in ("mine", "twin")]
+    for one in shown:
+        one.pop("study"), one.pop("file")
+    assert shown[0] == shown[1]
+    assert prefcal("studies", "verify", "twin")[0] == 0
+    assert prefcal("studies", "export", "mine", "--format", "csv", "--out", "tables")[0] == 0
+    assert len((tmp_path / "tables" / "comparisons.csv").read_text().splitlines()) == 5
+
+
+def test_a_comment_of_somebody_else_does_not_steer_the_terminal(prefcal, tmp_path):
+    interview = begin(toy_scenario(), n_max=3, path=tmp_path / "other.prefcal")
+    asked = proceed(interview).question
+    interview.answer(asked.id, Choice.LEFT, comment="a\x1b]0;title\x07[b]c")
+    interview.study.close()
+    code, out, err = prefcal("studies", "show", "./other.prefcal")
+    assert code == 0, err
+    assert "[b]c" in out
+    assert "\x1b" not in out
+
+
+def test_an_export_never_overwrites_its_study(prefcal, study, tmp_path):
+    (path,) = (tmp_path / "data").rglob("mine.prefcal")
+    before = path.read_bytes()
+    for format_ in ("json", "csv"):
+        code, _, err = prefcal("studies", "export", "mine", "--format", format_, "--out", str(path))
+        assert code == 2
+        assert "is the study itself" in err
+    assert path.read_bytes() == before
+
+
+def test_an_import_never_overwrites_a_study(prefcal, study):
+    prefcal("studies", "export", "mine")
+    code, _, err = prefcal("studies", "import", "mine.json")
+    assert code == 2
+    assert "mine.prefcal already: name this one with --study" in err
+    assert prefcal("studies", "import", "mine.json", "--study", "again")[0] == 0
+
+
+def test_an_export_that_cannot_be_written_names_its_folder(prefcal, study, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    code, _, err = prefcal("studies", "export", "mine", "--format", "csv", "--out", "taken")
+    assert code == 2
+    assert err.startswith("prefcal: cannot write the folder taken: ")
+
+
+def test_verify_finds_a_missing_event(prefcal, study, tmp_path):
+    (path,) = (tmp_path / "data").rglob("mine.prefcal")
+    with sqlite3.connect(path) as connection:
+        query = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+        for (trigger,) in connection.execute(query).fetchall():
+            connection.execute(f"DROP TRIGGER {trigger}")
+        connection.execute("DELETE FROM event WHERE seq = 4")
+    connection.close()
+    code, out, _ = prefcal("studies", "verify", "mine")
+    assert code == 1
+    assert "event 4 is missing" in out
+
+
+def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):
+    code, _, err = prefcal("report", "mine", "--out", "again")
+    assert code == 2
+    assert "is a program" in err
+    assert not (tmp_path / "again").exists()
+    code, out, _ = prefcal("report", "mine", "--scenario", TOY, "--out", "again", "--json")
+    assert code == 0
+    assert json.loads(out)["experiments"] == 5
+    first = (tmp_path / "prefcal-mine" / "best.json").read_text()
+    assert (tmp_path / "again" / "best.json").read_text() == first
+
+
+def test_a_study_is_exported_as_parquet_with_its_dictionary(prefcal, study, tmp_path):
+    code, out, err = prefcal("studies", "export", "mine", "--format", "parquet")
+    assert (code, out) == (0, "Written: mine\n"), err
+    names = {path.name for path in (tmp_path / "mine").iterdir()}
+    tables = {f"{name}.parquet" for name in ("experiments", "comparisons", "trajectories")}
+    assert names == tables | {"dictionary-parquet.csv"}
+
+
+def test_parquet_without_its_extra_is_refused_with_the_extra(prefcal, study, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    code, _, err = prefcal("studies", "export", "mine", "--format", "parquet")
+    assert code == 2
+    assert "Parquet needs pyarrow: pip install 'prefcal[parquet]', or use CSV" in err
+    assert not (tmp_path / "mine").exists()
+
+
+def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp_path):
+    assert prefcal("report", "mine", "--scenario", TOY, "--out", "again")[0] == 0
+    (tmp_path / "again" / "report.html").unlink()
+    (tmp_path / "again" / "report.html").mkdir()
+    code, _, err = prefcal("report", "mine", "--scenario", TOY, "--out", "again")
+    assert code == 2
+    assert "cannot write the report into again" in err
+    assert "lost nothing" in err
+
+
+def test_a_report_writes_nothing_to_a_study_that_is_being_answered(prefcal, tmp_path):
+    interview = begin(toy_scenario(), n_max=12, path=tmp_path / "mine.prefcal")
+    for _ in range(2):
+        interview.answer(proceed(interview).question.id, Choice.LEFT)
+    interview.study.append(Noted(f"{interview.now().phase}, and no proposal yet"))
+    code, out, err = prefcal("report", "./mine.prefcal", "--scenario", TOY, "--json")
+    assert code == 0, err
+    assert json.loads(out)["questions"] == 2
+    assert proceed(interview).question.number == 3, interview.now().problem
+    interview.study.close()
+
+
+@pytest.mark.parametrize("command", [["studies", "show"], ["studies", "verify"], ["report"]])
+def test_a_study_that_is_not_there_is_named(prefcal, command):
+    code, _, err = prefcal(*command, "nowhere")
+    assert code == 2
+    assert "there is no study 'nowhere'" in err
+
+
+def test_help_teaches(prefcal):
+    assert "NAME_OR_PATH" in prefcal("calibrate", "--help")[1]
+    for word in ("list", "show", "export", "import", "verify"):
+        assert word in prefcal("studies", "--help")[1]
+
+
+def test_a_taken_port_is_told_before_there_is_a_study(prefcal, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        code, _, err = prefcal("calibrate", TOY, "--no-browser", "--port", port)
+    assert code == 2
+    assert f"port {port} on 127.0.0.1 is taken" in err
+    assert not (tmp_path / "data").exists()
+
+
+def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeypatch):
+    words = ["calibrate", TOY, "--terminal", "--n-max", "4", "--n-init", "2", "--study", "piped"]
+    monkeypatch.setattr("sys.stdin", io.StringIO("l\nr\n"))
+    code, out, err = prefcal(*words)
+    assert code == 0, err
+    assert "Question 2 of 3" in out
+    assert "Resume: prefcal calibrate" in err
+    monkeypatch.setattr("sys.stdin", io.StringIO("=\n"))
+    code, out, err = prefcal(*words[:3], "--study", "piped")
+    assert "Question 3 of 3" in out
+    assert "The study is finished: all compared." in out
+    assert "Repeat it" not in out  # a person gives other answers
+    verdicts = [
+        q["verdict"]
+        for q in json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
+    ]
+    assert verdicts[-1] == "about the same"
+
+
+def test_a_rig_cannot_be_calibrated_unattended(prefcal, tmp_path):
+    (tmp_path / "own.py").write_text(
+        "from dataclasses import replace\n"
+        "from prefcal_env import Channel, Channels, Rig\n"
+        f"from prefcal_scenarios import load\ntoy = load({TOY!r})\n"
+        "channels = Channels((Channel('level', 'm'),), (), (Channel('level', 'm'),), 'h')\n"
+        "rig = replace(toy, run=Rig(channels, (2.0,)), panels=(), kpis=())\n"
+    )
+    code, _, err = prefcal("calibrate", "own.py:rig", *SYNTHETIC, "--n-max", "4")
+    assert code == 2
+    assert "only a person can run" in err
+    bare = "oven = replace(rig, calibrators={}, cost=None)\n"
+    with (tmp_path / "own.py").open("a") as own:
+        own.write(bare)
+    err = prefcal("calibrate", "own.py:oven", *SYNTHETIC, "--n-max", "4")[2]
+    assert "is a rig that only a person can run: its calibrator is human" in err
+
+
+def test_the_same_line_goes_on_with_a_study_that_was_given_more(prefcal):
+    words = ["calibrate", TOY, *SYNTHETIC, "--study", "mine", "--json"]
+    assert prefcal(*words, "--n-max", "5")[0] == 0
+    assert prefcal(*words, "--n-max", "7")[0] == 0
+    code, out, _ = prefcal(*words, "--n-max", "5")
+    assert code == 0
+    assert json.loads(out)["experiments"] == 7
+    code, _, err = prefcal(*words, "--n-max", "6")
+    assert code == 2
+    assert "below the 7 that the study has by now" in err

@@ -1,0 +1,65 @@
+"""`--twin`: many θ are simulated on a model, and only those shown run on the plant."""
+
+import json
+
+import pytest
+
+from prefcal_app.cli.options import Options
+from support import twins
+from support.studies import state_of
+
+PLANT, MODEL = (f"{twins.__file__}:{name}" for name in ("plant", "model"))
+UNATTENDED = ["--calibrator", "synthetic", "--json", "--out", "out"]
+
+
+def test_with_a_twin_few_experiments_are_shown():
+    options = Options.of({"scenario": "x", "twin": "y"}, 3)
+    assert (options.agent, options.simulate, options.n_max) == ("screening", 1000, 11)
+
+
+@pytest.fixture
+def study(prefcal):
+    """The name of a finished study with a twin, and what it printed."""
+    words = [*UNATTENDED, "--simulate", "40", "--n-max", "4", "--study", "mine"]
+    code, out, err = prefcal("calibrate", PLANT, "--twin", MODEL, *words)
+    assert code == 0, err
+    return "mine", json.loads(out), err
+
+
+def test_a_study_simulates_on_its_twin_and_remembers_it(prefcal, study):
+    name, result, err = study
+    assert 4 < result["simulated"] <= 40
+    assert "simulated on the twin, 4 shown" in err
+    assert state_of(name).configuration["options"]["twin"] == MODEL
+    assert prefcal("report", name, "--scenario", PLANT, "--json", "--out", "report")[0] == 0
+
+
+def test_it_goes_on_with_its_twin_only(prefcal, study):
+    words = ["calibrate", PLANT, "--study", study[0], "--json", "--out", "out", "--n-max", "5"]
+    code, _, err = prefcal(*words)
+    assert code == 2
+    assert f"if you trust it, add --twin {MODEL}" in err
+    code, _, err = prefcal(*words, "--twin", "lag")
+    assert code == 2
+    assert "was started with --twin" in err
+    code, out, err = prefcal(*words, "--twin", MODEL)
+    assert code == 0, err
+    assert json.loads(out)["experiments"] == 5
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--twin", f"{twins.__file__}:renamed"], "it lacks slow, rough, and has speed"),
+        (["--twin", f"{twins.__file__}:other_knobs"], "must have the knobs of 'plant'"),
+        (["--twin", PLANT], "the twin 'plant' does not let experiments run unseen"),
+        (["--twin", "nothing"], "no scenario is called 'nothing'"),
+        (["--twin", MODEL, "--agent", "glisp"], "only the agent screening takes --twin"),
+        (["--twin", MODEL, "--simulate", "0"], "only the agent screening takes --twin"),
+    ],
+)
+def test_a_wrong_twin_is_one_clear_line(prefcal, words, complaint):
+    code, _, err = prefcal("calibrate", PLANT, "--calibrator", "synthetic", *words)
+    assert code == 2
+    assert complaint in err
+    assert len(err.strip().splitlines()) == 1

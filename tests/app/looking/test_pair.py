@@ -1,0 +1,155 @@
+"""Two runs from anywhere on the same panels."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_app import look
+from prefcal_app.looking.units import in_time_unit
+from prefcal_app.looking.view import pair_view
+from prefcal_app.report.trajectories import Curve, overlaid
+from prefcal_env import combined, recorded
+from prefcal_env.errors import ExperimentError
+from prefcal_scenarios import KPI
+
+
+def run(speed=0.2, n=101, unit="m", start=0.0, time_unit="s", **more):
+    t = np.linspace(0, 50, n)
+    y = 2 - 2 * np.exp(-speed * t)
+    return recorded(
+        [0.0],
+        start + t,
+        {"level": y, **more},
+        inputs={"valve": 4 - y},
+        reference={"level": 2.0},
+        units={"level": unit},
+        time_unit=time_unit,
+    )
+
+
+def titles(found):
+    return [(p.channel.name, p.channel.unit) for p in found.pair.panels]
+
+
+def test_curves_share_a_panel_by_name_and_unit_whatever_their_instants():
+    found = look(run(), run(0.1, n=77))
+    assert titles(found) == [("level", "m"), ("valve", "")]
+    view = pair_view(found.pair)
+    assert [len(view[side]["curves"][0][0]["t"]) for side in ("left", "right")] == [101, 77]
+
+
+def test_another_unit_gets_a_panel_and_kpis_of_its_own():
+    found = look(run(), run(unit="cm"))
+    assert titles(found) == [("level", "m"), ("level", "cm"), ("valve", "")]
+    rows = [r for r in found.kpis() if r["title"] == "overshoot of level"]
+    assert {r["unit"] for r in rows} == {"m", "cm"}
+    assert all("–" in (r["left"]["text"], r["right"]["text"]) for r in rows)
+
+
+def test_a_curve_of_one_run_only_is_drawn_there():
+    found = look(run(), run(flow=np.ones(101)))
+    view = pair_view(found.pair)
+    assert titles(found)[1] == ("flow", "")
+    assert view["left"]["curves"][1] == []
+    assert len(view["right"]["curves"][1]) == 1
+
+
+def test_differences_are_those_of_tracking_kpis():
+    (row,) = [r for r in look(run(), run(0.1)).kpis() if r["title"] == "integrated error of level"]
+    # Integral of 2 exp(-k t) from 0 to 50, by left Riemann sums with steps of 0.5 s.
+    assert row["better"] == "left"
+    t = np.arange(0, 50, 0.5)
+    left, right = (2 * np.exp(-k * t).sum() * 0.5 for k in (0.2, 0.1))
+    assert row["difference"] == f"+{right - left:.3g} m s"
+
+
+def test_runs_at_other_times_start_together_and_this_is_said():
+    found = look(run(), run(start=1000.0))
+    assert found.pair.right.experiment.t[0] == 0
+    assert "start at 0" in found.pair.notes[0]
+    assert look(run(), run(start=10.0)).pair.right.experiment.t[0] == 10
+
+
+def test_times_are_converted_to_the_unit_of_the_left_run():
+    found = look(run(), run(time_unit="min"))
+    assert found.pair.right.experiment.t[-1] == pytest.approx(3000)
+    assert found.pair.right.experiment.channels.time_unit == "s"
+
+
+def test_different_constant_references_are_both_drawn():
+    other = recorded([0.0], np.arange(3.0), {"level": np.ones(3)}, reference={"level": 1.0},
+                     units={"level": "m"})  # fmt: skip
+    view = pair_view(look(run(), other).pair)
+    assert view["panels"][0]["target"] is None
+    assert [view[s]["references"][0]["y"][0] for s in ("left", "right")] == [2, 1]
+
+
+def test_what_is_no_experiment_is_refused():
+    with pytest.raises(ExperimentError, match="the right run must be an Experiment, got dict"):
+        look(run(), {})
+
+
+def test_a_notebook_gets_a_picture_without_markup_from_names():
+    html = look(run(), run(0.1), names=("<b>", "a$b$"))._repr_html_()
+    assert "data:image/png;base64," in html
+    assert "<b>" not in html
+
+
+def test_runs_in_minutes_and_seconds_share_the_rows_of_their_kpis():
+    found = look(run(), run(0.2 * 60, time_unit="min"))
+    rows = [r for r in found.kpis() if r["title"] == "late error of level"]
+    assert [(r["unit"], "–" in (r["left"]["text"], r["right"]["text"])) for r in rows] == [
+        ("m s²", False)
+    ]
+    settled = found.pair.right.experiment.kpis["settling time of level"]
+    assert found.pair.right.experiment.t[-1] == 3000
+    assert settled == pytest.approx(60 * run(12.0).kpis["settling time of level"])
+
+
+def test_limits_of_kpis_are_converted_with_the_time():
+    limited = KPI("rise", "rise", "min", at_most=2.0)
+    made = run(time_unit="min").with_kpis({"rise": 1.5, "rise (load)": 1.0})
+    experiment, (kpi,) = in_time_unit(made, [limited], "s")
+    assert (kpi.unit, kpi.at_most) == ("s", 120)
+    assert dict(experiment.kpis) == {"rise": 90, "rise (load)": 60}
+
+
+def maneuvers(speed):
+    step = replace(run(speed), maneuver="step")
+    t = np.linspace(0, 50, 101)
+    load = recorded([0.0], t, {"level": 3 - np.exp(-speed * t)}, {"valve": np.exp(-speed * t)},
+                    reference={"level": 3.0}, units={"level": "m"})  # fmt: skip
+    return combined([step, replace(load, maneuver="load")])
+
+
+def test_every_maneuver_has_kpis_and_references_of_its_own():
+    found = look(maneuvers(0.2), maneuvers(0.1))
+    groups = dict.fromkeys(row["group"] for row in found.kpis())
+    assert list(groups) == ["worst", "mean", "step", "load"]
+    view = pair_view(found.pair)
+    assert [part["maneuver"] for part in (view, *view["others"])] == ["step", "load"]
+    # The target of the first maneuver must not be drawn in the second one.
+    assert view["panels"][0]["target"] is None
+    assert [part["left"]["references"][0]["y"][0] for part in (view, *view["others"])] == [2, 3]
+
+
+def test_a_run_without_maneuvers_stands_beside_each_of_the_other():
+    view = pair_view(look(run(0.3), maneuvers(0.1)).pair)
+    parts = (view, *view["others"])
+    assert [part["maneuver"] for part in parts] == ["step", "load"]
+    assert all(not part["left"]["empty"] for part in parts)
+
+
+def test_what_has_no_direction_has_no_worst_maneuver():
+    parts = [replace(recorded([0.0], np.arange(3.0), {"flow": y}), maneuver=name)
+             for name, y in (("a", [1.0, 2, 3]), ("b", [4.0, 5, 6]))]  # fmt: skip
+    found = look(combined(parts), combined(parts))
+    assert dict.fromkeys(row["group"] for row in found.kpis()).keys() == {"a", "b"}
+
+
+def test_the_picture_draws_every_maneuver():
+    pair = look(maneuvers(0.2), maneuvers(0.1)).pair
+    drawn = overlaid(pair.panels, [Curve(pair.left.experiment, "a", "k")])
+    places = [axes for axes in drawn.axes if axes.get_visible()]
+    assert len(places) == 2 * len(pair.panels)

@@ -1,0 +1,99 @@
+"""The acceptance sheet says what changes and prints on one page."""
+
+import re
+import subprocess
+from dataclasses import replace
+
+import pytest
+
+from prefcal_app.report.acceptance import sheet, sheet_of
+from prefcal_app.report.acceptance.limits import limits_kept
+from prefcal_app.summary.gain import CURRENT, Baseline
+from prefcal_scenarios import KPI
+from support.browser import CHROMIUM, FLAGS
+from toy_study import toy_record
+
+
+def pages_of(text, folder):
+    """Print a page to PDF, and return its number of pages."""
+    (folder / "sheet.html").write_text(text, encoding="utf-8")
+    subprocess.run(
+        [CHROMIUM, "--headless", *FLAGS, f"--user-data-dir={folder / 'profile'}",
+         "--no-pdf-header-footer", f"--print-to-pdf={folder / 'sheet.pdf'}",
+         (folder / "sheet.html").as_uri()],
+        check=True, timeout=120, capture_output=True,
+    )  # fmt: skip
+    return len(re.findall(rb"/Type\s*/Page[^s]", (folder / "sheet.pdf").read_bytes()))
+
+
+def crowded(record):
+    """The record with as many long KPIs as nobody has."""
+    kpis = tuple(
+        KPI(f"k{i}", f"a key performance indicator with a rather long title, number {i}", "kJ/kg",
+            at_most=float(i))
+        for i in range(20)
+    )  # fmt: skip
+    return replace(record, scenario=replace(record.scenario, kpis=kpis, cost=None), judged=False)
+
+
+def test_the_sheet_names_study_version_values_and_dates():
+    record = replace(
+        toy_record(), study="mine", settings={"calibrator": "human"},
+        dates=("2026-01-31T10:05:59+00:00", "2026-02-01T11:00:00+00:00"),
+    )  # fmt: skip
+    text = sheet(record)
+    assert "of study mine, 2026-01-31 10:05 to 2026-02-01 11:00 (UTC)" in text
+    assert "Before: first experiment (experiment 1)" in text
+    assert f"After: experiment {record.best.number}" in text
+    assert "Accepted by" in text
+    assert "comparisons by a person" in text
+    rows = len(record.kpis) + len(record.scenario.space)
+    assert text.count('<th scope="row">') == rows + 2  # how the run ended, and the valve's limits
+    assert "valve saturated" in text
+    assert "the tuning in use was not given" in text
+    tuned = replace(record, baseline=Baseline(0, CURRENT), fingerprint="0123456789abcdef")
+    text = sheet(tuned)
+    assert f'<th scope="col">{CURRENT}</th><th scope="col">experiment' in text
+    assert "To go back, set the parameters" in text
+    assert "fingerprint of the scenario 0123456789abcdef" in text
+
+
+def test_a_kpi_with_an_objective_stays_on_a_sheet_without_room_for_all():
+    kpis = tuple(KPI(f"k{i}", f"k{i}", better="lower") for i in range(20))
+    kpis += (KPI("M_s", "sensitivity peak M_s", at_most=2.0),)
+    record = toy_record()
+    record = replace(record, scenario=replace(record.scenario, kpis=kpis, cost=None), judged=False)
+    changed = {f"k{i}": 1.0 for i in range(20)} | {"M_s": 2.1}
+    for trial in record.trials:
+        object.__setattr__(trial, "experiment", replace(trial.experiment, kpis=changed))
+    content = sheet_of(record)
+    assert ("sensitivity peak M_s", False) in [(line.name, line.met) for line in content.kpis]
+    assert content.more_kpis > 0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"), [(0.0, 100.0, "never"), (0.0, 1.0, "100 % of the time")]
+)
+def test_the_sheet_says_how_long_an_input_was_at_its_limit(low, high, words):
+    e = toy_record().best.experiment
+    channel = replace(e.channels.u[0], low=low, high=high)
+    e = replace(e, channels=replace(e.channels, u=(channel,)))
+    name, limits, before, after = next(iter(limits_kept(e, e)))
+    assert (name, limits) == ("valve saturated", f"0 to {high:g} %")
+    assert before == after == words
+
+
+def test_the_sheet_of_a_program_has_no_dates_so_that_it_can_be_repeated():
+    assert "2026" not in sheet(replace(toy_record(), dates=("2026-01-31T10:05:59+00:00",)))
+
+
+def test_names_are_escaped():
+    record = toy_record()
+    scenario = replace(record.scenario, title="<script>alert(1)</script>")
+    assert "<script>" not in sheet(replace(record, scenario=scenario))
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("change", [lambda record: record, crowded], ids=["usual", "crowded"])
+def test_the_sheet_prints_on_exactly_one_page(tmp_path, change):
+    assert pages_of(sheet(change(toy_record())), tmp_path) == 1

@@ -1,0 +1,118 @@
+"""best.json and the way back to a controller."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from prefcal_app.report.export import best_as_json, jsonable, load_controller, rebuild
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.plant import Plant
+from prefcal_scenarios.own.pid_scenario import pid_scenario
+from prefcal_scenarios.scenario import load
+from toy_study import TOY_FILE, toy_record
+
+
+@pytest.fixture
+def best(tmp_path):
+    path = tmp_path / "best.json"
+    path.write_text(best_as_json(toy_record()), encoding="utf-8")
+    return path
+
+
+def changed(path, **changes):
+    content = json.loads(path.read_text("utf-8")) | changes
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def test_best_json_says_all_about_the_tuned_controller(best):
+    record = toy_record()
+    content = json.loads(best.read_text("utf-8"))
+    theta = record.best.experiment.theta
+    assert list(content["theta"]) == ["T_s", "N_p", "gain"]
+    assert content["theta"]["T_s"] == theta[0]
+    assert isinstance(content["theta"]["N_p"], int)
+    assert content["settings"]["gain"] == theta[2]
+    assert content["cost"] == record.best.cost
+    assert content["complete"]
+    assert set(content["versions"]) >= {"prefcal", "python", "numpy"}
+
+
+def test_the_printed_code_rebuilds_the_controller_and_calls_it(best, monkeypatch):
+    monkeypatch.chdir(best.parent)
+    names = {}
+    exec(rebuild(toy_record()), names)
+    assert type(names["controller"]).__name__ == "Proportional"
+    assert np.isfinite(names["u"]).all()
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param("cstr", marks=pytest.mark.extended), "overtake", "pid"]
+)
+def test_the_printed_code_runs_for_every_kind_of_controller(tmp_path, monkeypatch, name):
+    valve = Channel("valve", "%", low=0, high=100)
+    plant = Plant.of(([0.8], [20, 1]), delay=6.0, inputs=[valve], outputs=[Channel("T", "°C")])
+    scenario = pid_scenario(plant) if name == "pid" else load(name)
+    theta = next(iter(scenario.references.values()))
+    controller = scenario.controller(theta)
+    run = scenario.run(theta)
+    names = {"load_controller": None}
+    code = rebuild(SimpleNamespace(scenario=scenario, best=SimpleNamespace(experiment=run)))
+    monkeypatch.setattr("prefcal_app.load_controller", lambda path: controller)
+    exec(code, names)
+    assert names["u"].shape == (len(run.channels.u),)
+    assert all(f"{c.name} [{c.unit}]" in code for c in run.channels.y)
+
+
+def test_a_scenario_file_is_also_found_beside_best_json(best):
+    (best.parent / "moved.py").write_text(TOY_FILE.read_text("utf-8"), encoding="utf-8")
+    assert load_controller(changed(best, scenario="moved.py:toy")).T_s > 0
+
+
+def test_other_settings_than_todays_are_refused_unless_wanted(best):
+    changed(best, settings={"T_s": 9.0})
+    with pytest.raises(ScenarioError, match=r"T_s: 9\.0 in the file"):
+        load_controller(best)
+    assert load_controller(best, check=False).T_s > 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "words"),
+    [
+        ({"scenario": "nowhere"}, ScenarioError, "no scenario is called 'nowhere'"),
+        ({"scenario": f"{TOY_FILE}:plain"}, ScenarioError, "how to build a controller"),
+        ({"format": 99}, ScenarioError, "format 99"),
+        ({"theta": {"T_s": 1.0}}, ScenarioError, "must name the knobs"),
+        ({"theta": {"T_s": 9.0, "N_p": 4, "gain": 1.0}}, ScenarioError, "must be in"),
+        ({"theta": {"T_s": "x", "N_p": 4, "gain": 1.0}}, ScenarioError, "does not fit"),
+    ],
+)
+def test_a_best_json_that_does_not_fit_is_refused(best, changes, error, words):
+    with pytest.raises(error, match=words):
+        load_controller(changed(best, **changes))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "not json"])
+def test_something_that_is_no_best_json_is_refused(tmp_path, text):
+    path = tmp_path / "best.json"
+    path.write_text(text)
+    with pytest.raises(ScenarioError, match=r"best\.json"):
+        load_controller(path)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ScenarioError, match="cannot read"):
+        load_controller(tmp_path / "best.json")
+
+
+def test_nothing_can_be_exported_before_the_first_experiment():
+    with pytest.raises(ScenarioError, match="before the first experiment"):
+        best_as_json(toy_record(stop_after=0))
+
+
+def test_json_stays_strict():
+    value = {"a": np.inf, "b": np.array([1.5, np.nan]), "c": (np.int64(2), True), "d": None}
+    assert jsonable(value) == {"a": None, "b": [1.5, None], "c": [2, True], "d": None}

@@ -1,0 +1,64 @@
+"""θ reads as on the page, and each rule that people know stands once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_app.report.acceptance import sheet_of
+from prefcal_app.report.export import best_as_json
+from prefcal_app.report.html import page
+from prefcal_app.report.tables import comparison_rows, result_columns, result_rows
+from prefcal_app.report.trajectories import curves_of
+from toy_study import toy_record
+
+
+@pytest.fixture
+def precise():
+    """A study whose best gain has more digits than people read."""
+    record = toy_record()
+    best = replace(record.best.experiment, theta=np.array([0.4, 20, 2.7164]))
+    trials = tuple(
+        replace(t, experiment=best) if t.index == record.best.index else t for t in record.trials
+    )
+    changed = replace(record)
+    changed.__dict__["trials"] = trials
+    return changed
+
+
+def test_theta_reads_in_the_report_as_on_the_page_and_best_json_keeps_all_digits(precise):
+    rows = {row.name: row for row in result_rows(precise, result_columns(precise).values())}
+    assert rows["gain"].values[0].text == "2.72"
+    assert [line.after for line in sheet_of(precise).knobs if line.name == "gain"] == ["2.72"]
+    assert "2.72 <small>m/%" in page(precise, [])
+    assert "2.716" not in page(precise, [])
+    assert "2.7164" in best_as_json(precise)
+
+
+def test_theta_of_a_comparison_reads_as_on_the_page():
+    record = toy_record()
+    gains = [side.values[2].text for row in comparison_rows(record) for side in row.sides]
+    assert all(len(text.strip("0.").replace(".", "")) <= 3 for text in gains)
+
+
+def test_rules_with_the_same_parameters_stand_once_under_both_names():
+    record = toy_record()
+    paper = record.references["paper"]
+    record = replace(record, references={"a": paper, "b": record.references["automated"],
+                                         "c": replace(paper)})  # fmt: skip
+    assert list(result_columns(record)) == ["best", "first experiment", "a and c", "b"]
+    assert [curve.label for curve in curves_of(record)][1:-1] == ["a and c", "b"]
+
+
+def test_a_rule_with_the_parameters_of_the_baseline_has_no_column_of_its_own():
+    record = toy_record()
+    record = replace(record, references={"rule": record.before.experiment})
+    assert list(result_columns(record)) == ["best", "first experiment and rule"]
+
+
+def test_each_rule_has_its_own_look():
+    record = toy_record()
+    paper = record.references["paper"]
+    rules = {f"rule {i}": replace(paper, theta=paper.theta + i) for i in range(9)}
+    looks = [(c.color, c.dashes) for c in curves_of(replace(record, references=rules))]
+    assert len(set(looks)) == 11

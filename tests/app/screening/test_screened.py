@@ -1,0 +1,157 @@
+"""What is read from a screening agent, when, and what of it front ends get."""
+
+import numpy as np
+import pytest
+
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.reason import Reason
+from prefcal_app.session import Choice, Phase
+from prefcal_env.errors import KnobError, ScenarioError
+from prefcal_scenarios.kpis import screened
+from support.interviews import begin, proceed
+from support.looks import toy
+from support.screened import explained, screening, simulated
+
+WANTED = np.array([0.5, 21.0, 1.0])
+REASON = Reason(0.3, ("t_f",), ("final",))
+
+
+@pytest.fixture
+def chances(monkeypatch):
+    """What the agent says, set by a test; it counts how often it was asked."""
+    said = {"chance": 0.5, "asked": 0}
+
+    def chance(agent):
+        said["asked"] += 1
+        return said["chance"]
+
+    monkeypatch.setattr(Screening, "chance_of_better", property(chance))
+    monkeypatch.setattr(Screening, "reason", property(lambda agent: REASON))
+    return said
+
+
+def answered(interview, *choices):
+    for choice in choices:
+        interview.answer(interview.now().question.id, choice)
+        explained(interview)
+    return interview
+
+
+def test_other_agents_have_none():
+    interview = begin(toy)
+    proceed(interview)
+    assert not interview.screens
+    assert interview.screened() is interview.wait_for_screened(9.0) is None
+
+
+def test_it_comes_with_the_question_and_no_request_computes_it(chances):
+    interview = screening()
+    proceed(interview)
+    assert interview.screened().reason == REASON
+    asked = chances["asked"]
+    for _ in range(3):
+        assert interview.screened().prospect is None
+        assert interview.outlook is None
+    assert not interview.work()
+    assert chances["asked"] == asked
+
+
+def test_after_a_request_it_is_worked_out_anew_in_the_background(chances):
+    interview = screening()
+    proceed(interview)
+    interview.ask_for(WANTED)
+    proceed(interview)
+    assert interview.screened() is None  # the same record, and yet another challenger
+    assert interview.screened(current=False) is not None
+    version = interview.now().version
+    assert interview.work()
+    assert interview.screened().basis.pending.theta == tuple(WANTED)
+    assert interview.now().version == version + 1  # pages are told
+    assert not interview.work()
+
+
+def test_it_is_about_the_open_question_alone(chances):
+    interview = explained(screening())
+    before = interview.screened().basis
+    interview.answer(interview.now().question.id, Choice.LEFT)
+    assert interview.screened() is None
+    assert interview.screened(current=False).basis is before
+    assert explained(interview).screened().basis is not before
+
+
+def test_before_an_answer_that_teaches_nothing_is_promised(chances):
+    chances["chance"] = 0.05
+    interview = explained(screening())
+    assert interview.screened().prospect is None
+    assert interview.outlook is None
+    answered(interview, Choice.CANNOT_TELL)
+    assert interview.outlook is None
+    answered(interview, Choice.LEFT)
+    assert interview.screened().prospect.offer
+    n = len(interview.screened().bank)
+    assert interview.outlook.promise.lower().endswith(
+        f"the chance that the most promising of the {n} simulated is better than the best so far "
+        "is 5 %."
+    )
+
+
+def test_at_the_end_it_is_worked_out_for_the_last_answer(chances):
+    interview = explained(screening(n_max=3))
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT)
+    found = interview.screened()
+    assert found.reason is None
+    assert "is 50 %" in interview.outlook.promise
+
+
+def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):
+    def broken(agent):
+        raise ValueError("singular")
+
+    monkeypatch.setattr(Screening, "chance_of_better", property(broken))
+    interview = screening()
+    now = proceed(interview)
+    assert now.phase is Phase.QUESTION
+    while interview.work():
+        pass
+    assert interview.now().question == now.question
+    assert interview.screened() is None
+
+
+def test_a_look_records_nothing_and_a_question_about_it_comes_at_once():
+    interview = explained(screening())
+    events = len(list(interview.study.events()))
+    found = interview.look_at(WANTED)
+    assert found == toy.run(WANTED)
+    assert len(list(interview.study.events())) == events
+    assert interview.ask_for(WANTED).phase is Phase.QUESTION  # without another run
+
+
+def test_a_look_at_one_that_was_shown_reads_its_experiment():
+    interview = explained(screening())
+    shown = interview.experiment(0)
+    assert interview.look_at(shown.theta) == shown
+
+
+def test_only_what_is_simulated_can_be_looked_at():
+    interview = begin(toy)
+    proceed(interview)
+    with pytest.raises(ScenarioError, match="simulated unseen"):
+        interview.look_at(WANTED)
+    with pytest.raises(KnobError, match="T_s"):
+        explained(screening()).look_at(np.array([9.0, 21.0, 1.0]))
+
+
+def test_rows_of_the_bank_are_found_by_theta():
+    interview = explained(screening())
+    known = interview.screened()
+    index = interview.now().question.challenger.index
+    theta = np.array(interview.now().state.history.samples[index].theta)
+    row = known.row(theta)
+    assert toy.space.close(theta, known.bank.thetas[[row]]).all()
+    names = known.bank.names
+    found = dict(zip(names, known.bank.kpis[row], strict=True))
+    assert found == pytest.approx(screened(simulated, simulated.run(theta)), rel=0.1, abs=0.01)
+    assert known.row(theta * [0.5, 1.0, 1.0]) is None
+    first = known.bank.thetas[5]
+    assert known.row(first) == 5

@@ -1,0 +1,240 @@
+"""Interviews that run several experiments at once: any order, failures, undo and resume."""
+
+import os
+import signal
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLIS, RandomSearch
+from prefcal_app.isolated import isolation
+from prefcal_app.session import Background, Choice, Phase, unattended
+from prefcal_app.web.view import now_view
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.end import End
+from prefcal_env.rig import Rig
+from prefcal_env.study import Taken
+from prefcal_scenarios.scenario import load
+from support.interviews import begin, judge, reopened
+from toy_scenario_tools import CHANNELS
+from toy_study import TOY, toy_scenario
+
+
+class Simulator:
+    """A plant whose runs end when the test says: `end` the run of a θ."""
+
+    def __init__(self):
+        self.toy = toy_scenario()
+        self.ends, self.lock, self.most, self.running = {}, threading.Lock(), 0, 0
+        self.fails = set()
+
+    @property
+    def scenario(self):
+        return replace(self.toy, run=self.run)
+
+    def run(self, theta, seed=0):
+        with self.lock:
+            ended = self.ends.setdefault(tuple(theta), threading.Event())
+            self.running += 1
+            self.most = max(self.most, self.running)
+        assert ended.wait(20)
+        with self.lock:
+            self.running -= 1
+            if tuple(theta) in self.fails:
+                self.fails.discard(tuple(theta))
+                raise ValueError("no licence")
+        return self.toy.run(theta, seed)
+
+    def end(self, theta):
+        with self.lock:
+            self.ends.setdefault(tuple(theta), threading.Event()).set()
+
+    def end_all(self):
+        for ended in self.ends.values():
+            ended.set()
+
+
+def until(interview, wanted, seconds=20.0):
+    """Wait for a moment of the interview that is as `wanted` says."""
+    end = time.monotonic() + seconds
+    while not wanted(now := interview.now()):
+        assert time.monotonic() < end, f"{now.phase} {now.problem}"
+        time.sleep(0.01)
+    return now
+
+
+def asks(now):
+    return now.phase is Phase.QUESTION
+
+
+def waiting(interview):
+    """The θ that have no answer yet, in the order of the study file."""
+    history = interview.study.state.history
+    return [sample.theta for sample in history.samples[history.answered :]]
+
+
+def shown(now):
+    return {tuple(side.experiment.theta) for side in (now.question.left, now.question.right)}
+
+
+@pytest.fixture
+def plant():
+    plant = Simulator()
+    yield plant
+    plant.end_all()
+
+
+def test_the_first_question_comes_as_soon_as_two_of_four_experiments_are_ready(plant):
+    interview = begin(plant.scenario, n_max=8, at_once=4)
+    with Background(interview):
+        until(interview, lambda now: now.running == 4)
+        assert now_view(interview)["progress"]["running"] == 4
+        _, second, _, fourth = waiting(interview)
+        plant.end(fourth)
+        plant.end(second)
+        now = until(interview, asks)
+        assert shown(now) == {second, fourth}
+        assert plant.most == 4
+        plant.end_all()
+        until(interview, lambda now: len(now.state.finished) == 5 or plant.end_all())
+
+
+def test_a_theta_that_is_asked_for_replaces_the_pending_one_that_is_due_and_no_other(plant):
+    interview = begin(plant.scenario, n_max=8, at_once=3)
+    with Background(interview):
+        until(interview, lambda now: now.running == 3)
+        _, *others = waiting(interview)
+        wish = plant.scenario.space.decode(np.full(len(plant.scenario.space), 0.37))
+        interview.ask_for(wish)
+        first, *rest = waiting(interview)
+        assert first == pytest.approx(wish)
+        assert rest == others
+        plant.end_all()
+
+
+def test_what_ends_while_a_question_is_open_is_saved_and_asked_about_next(plant):
+    interview = begin(plant.scenario, n_max=8, at_once=3)
+    with Background(interview):
+        until(interview, lambda now: now.running == 3)
+        first, second, third = waiting(interview)
+        plant.end(first)
+        plant.end(third)
+        question = until(interview, asks).question
+        plant.end(second)
+        until(interview, lambda now: len(now.state.finished) == 3)
+        assert interview.now().question is question
+        interview.answer(question.id, Choice.LEFT)
+        now = until(interview, asks)
+        assert tuple(now.question.challenger.experiment.theta) == second
+        plant.end_all()
+        until(interview, lambda now: plant.end_all() or asks(now))
+
+
+def test_a_study_resumes_with_the_same_pending_experiments(plant, tmp_path):
+    path = tmp_path / "a.prefcal"
+    interview = begin(plant.scenario, n_max=9, at_once=4, path=path)
+    with Background(interview):
+        until(interview, lambda now: now.running == 4)
+        for theta in waiting(interview)[2:]:
+            plant.end(theta)
+        now = until(interview, asks)
+        interview.answer(now.question.id, Choice.RIGHT)
+        until(interview, lambda now: len(waiting(interview)) == 4)
+        plant.end_all()
+    before, state = waiting(interview), interview.study.state
+    interview.study.close()
+    again = reopened(plant.scenario, path, at_once=4)
+    assert {s.theta for s in state.history.samples} <= {
+        s.theta for s in again.study.state.history.samples
+    }
+    assert set(waiting(again)) >= set(before)
+    assert any(isinstance(recorded.event, Taken) for recorded in again.study.events())
+    with Background(again):
+        while (now := until(again, lambda now: plant.end_all() or settled(now))).question:
+            again.answer(now.question.id, judge(now.question, again.scenario.cost))
+    assert set(before) <= {s.theta for s in again.study.state.history.samples}
+    assert again.study.state.history.answered == 9
+    again.study.close()
+
+
+def settled(now):
+    return now.phase in (Phase.QUESTION, Phase.OVER)
+
+
+def test_an_undo_leaves_what_runs_alone_and_drops_what_was_proposed_since(plant):
+    interview = begin(plant.scenario, n_max=9, at_once=3)
+    with Background(interview):
+        until(interview, lambda now: now.running == 3)
+        first, second, third = waiting(interview)
+        plant.end(first)
+        plant.end(second)
+        now = until(interview, asks)
+        challenger = tuple(now.question.challenger.experiment.theta)
+        interview.answer(now.question.id, Choice.LEFT)
+        now = until(interview, lambda now: len(waiting(interview)) == 3)
+        interview.undo(now.version)
+        assert waiting(interview)[:2] == [challenger, third]
+        now = until(interview, asks)
+        assert tuple(now.question.challenger.experiment.theta) == challenger
+        plant.end_all()
+
+
+def test_a_failed_run_beside_an_open_question_is_shown_when_it_is_due_and_may_run_again(plant):
+    interview = begin(plant.scenario, n_max=5, at_once=3)
+    with Background(interview):
+        until(interview, lambda now: now.running == 3)
+        first, second, third = waiting(interview)
+        plant.fails.add(third)
+        plant.end(first)
+        plant.end(second)
+        question = until(interview, asks).question
+        plant.end(third)
+        until(interview, lambda now: third not in plant.fails)
+        assert interview.now().question is question
+        interview.answer(question.id, Choice.LEFT)
+        now = until(interview, lambda now: now.phase is Phase.FAILED)
+        assert "no licence" in now.problem
+        assert now.pending.theta == third
+        interview.retry()
+        while (now := until(interview, lambda now: plant.end_all() or settled(now))).question:
+            interview.answer(now.question.id, Choice.LEFT)
+    assert third in {s.theta for s in now.state.history.samples}
+    assert not now.state.failures
+
+
+@pytest.mark.parametrize("agent", [RandomSearch, GLIS])
+def test_an_unattended_study_runs_at_once_to_its_end(agent):
+    interview = begin(toy_scenario(), n_max=8, at_once=3, agent=agent)
+    calibrator = None if agent is GLIS else toy_scenario().calibrators["synthetic"](0)
+    comparisons = list(unattended(interview, calibrator))
+    assert len(comparisons) == 8
+    assert interview.now().phase is Phase.OVER
+    cost = interview.scenario.cost
+    best = interview.experiment(interview.now().incumbent)
+    assert cost(best) == min(cost(c.challenger) for c in comparisons)
+
+
+def test_the_experiments_of_a_killed_worker_run_again():
+    with isolation(TOY, 60.0, at_once=2) as isolated:
+        scenario = isolated(load(TOY))
+        victim = scenario.run.workers[0]._life._process.pid
+        interview = begin(scenario, n_max=6, at_once=2, agent=RandomSearch)
+        os.kill(victim, signal.SIGKILL)
+        told = []
+        calibrator = scenario.calibrators["synthetic"](0)
+        found = list(unattended(interview, calibrator, failed=told.append))
+    assert not told
+    assert len(found) == 6
+    assert all(comparison.challenger.end is not End.FAILED for comparison in found)
+    thetas = [tuple(comparison.challenger.theta) for comparison in found]
+    alone = RandomSearch(scenario.space, n_init=3, n_max=6, seed=0)
+    assert set(thetas) == {tuple(query.challenger.theta) for query in alone.ask(6)}
+    assert np.isfinite(thetas).all()
+
+
+def test_a_rig_runs_one_experiment_at_a_time():
+    with pytest.raises(SettingsError, match="leave --at-once out"):
+        begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,)), kpis=()), at_once=2)

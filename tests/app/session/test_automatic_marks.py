@@ -1,0 +1,197 @@
+"""Interrupted runs mark themselves: from the interview to the agent, the file and every view."""
+
+import csv
+import io
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from prefcal_agents import GLISp
+from prefcal_agents.history.lessons import Marks
+from prefcal_app.report import Record
+from prefcal_app.report.comparisons import comparisons_as_csv
+from prefcal_app.report.html import page
+from prefcal_app.session import Choice, Phase, flow, unattended
+from prefcal_app.session import view as moment
+from prefcal_app.terminal.looking import show_history
+from prefcal_app.terminal.showing import show_question
+from prefcal_app.web.view import history_view, now_view, status_view
+from prefcal_env.experiments.end import End
+from prefcal_env.preferences.answer import Mark
+from prefcal_env.preferences.loop import calibrate
+from prefcal_env.study import export_csv
+from prefcal_scenarios.kpis import outcome
+from support.interviews import begin, proceed, reopened
+from toy_study import toy_scenario
+
+NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
+WORDS = "unsafe: run interrupted"
+toy = toy_scenario()
+
+
+def run(theta, seed=0):
+    """The toy, unsafe for gains above 0.45 and failed below 0.05."""
+    end = End.UNSAFE if theta[2] > 0.45 else End.FAILED if theta[2] < 0.05 else End.TIME_UP
+    return replace(toy.run(theta), end=end)
+
+
+touchy = replace(toy, run=run)
+
+
+def answer(interview, choice=Choice.SAME):
+    now = proceed(interview)
+    return interview.answer(now.question.id, choice)
+
+
+def studied(answers=6, **more):
+    interview = begin(touchy, n_max=9, **more)
+    for _ in range(answers):
+        answer(interview)
+    proceed(interview)
+    return interview
+
+
+def sides(closed):
+    return (NEW, closed.challenger), (OLD, closed.incumbent)
+
+
+def test_every_answer_says_which_of_its_runs_became_unsafe():
+    interview = studied()
+    closed = interview.now().state.history.comparisons
+    assert interview.experiment(0).end is End.UNSAFE  # the first one is told of, too
+    assert closed[0].answer.automatic == (NEW,)
+    ends = set()
+    for one in closed[1:]:
+        for mark, index in sides(one):
+            end = interview.experiment(index).end
+            assert (mark in one.answer.automatic) == (end is End.UNSAFE)
+            ends.add(end)
+        assert one.answer.marks == one.answer.automatic
+    assert {End.UNSAFE, End.FAILED} <= ends
+
+
+def test_the_agent_learns_them_and_a_retraction_takes_them_along():
+    interview = studied()
+    unsafe = [i for i in range(7) if interview.experiment(i).end is End.UNSAFE]
+    history = interview._flow.agent.state.history
+    assert np.flatnonzero(Marks.of(history).unsafe).tolist() == unsafe
+    assert interview.now().state.history.unsafe(automatic=True) == set(unsafe)
+    last = max(i for i in unsafe if i)
+    interview.retract(last)
+    assert interview.now().state.history.unsafe(automatic=True) == set(unsafe) - {last}
+    assert Marks.of(interview._flow.agent.state.history).unsafe.sum() == len(unsafe) - 1
+    assert not interview.comparisons()[last].answer.preference
+    assert interview.comparisons()[last].answer.automatic
+
+
+def test_an_undone_answer_takes_them_along():
+    interview = studied()
+    while interview.now().state.history.comparisons[-1].answer.automatic == (OLD,):
+        interview.undo(interview.now().version)
+    before = interview.now().state.history.unsafe(automatic=True)
+    last = interview.now().state.history.comparisons[-1]
+    interview.undo(interview.now().version)
+    gone = {last.challenger} if NEW in last.answer.automatic else set()
+    assert interview.now().state.history.unsafe(automatic=True) == before - gone
+
+
+def test_a_mark_of_the_person_s_own_is_not_automatic():
+    interview = begin(touchy, n_max=9)
+    question = proceed(interview).question
+    assert question.incumbent.counts_as_unsafe
+    side = "right" if question.left.challenger else "left"
+    interview.mark(question.id, side, "unsafe", True)
+    interview.answer(question.id, Choice.SAME)
+    told = interview.now().state.history.comparisons[1].answer
+    assert OLD in told.marks
+    assert OLD not in told.automatic
+
+
+@pytest.mark.parametrize("mark", ["", "unsafe", "good enough"])
+def test_running_ahead_foresees_them(mark):
+    interview = begin(touchy, n_max=5, ahead=True)
+    while (now := proceed(interview)).phase is Phase.QUESTION:
+        if mark and not (mark == "good enough" and now.question.left.counts_as_unsafe):
+            interview.mark(now.question.id, "left", mark, True)
+        while interview.work():
+            pass
+        now = interview.answer(interview.now().question.id, Choice.SAME)
+        assert now.phase is not Phase.RUNNING  # nothing was left to compute
+    assert any(c.answer.automatic for c in now.state.history.comparisons)
+
+
+def test_a_study_from_before_resumes_as_it_was(tmp_path, monkeypatch):
+    """Its answers stay without marks; the next ones have them."""
+    path = tmp_path / "old.prefcal"
+    with monkeypatch.context() as then:
+        for module in (flow, moment):
+            then.setattr(module, "completed", lambda a, new, old, kpis: replace(a, outcomes=kpis))
+        old = studied(path=path)
+    asked, answers = old.now().question, [c.answer for c in old.now().state.history.comparisons]
+    assert not any(given.marks for given in answers)
+    old.study.close()
+    resumed = reopened(touchy, path)
+    again = resumed.now().question
+    assert (again.left.experiment, again.right.experiment) == (
+        asked.left.experiment,
+        asked.right.experiment,
+    )
+    assert [c.answer for c in resumed.now().state.history.comparisons] == answers
+    assert not resumed.now().state.history.unsafe(automatic=True)
+    assert resumed._flow.agent.state == old._flow.agent.state
+    answer(resumed)
+    counted = {side.index for side in (again.left, again.right) if side.counts_as_unsafe}
+    assert counted
+    assert resumed.now().state.history.unsafe(automatic=True) == counted
+
+
+def test_the_unattended_loop_equals_the_loop_in_memory():
+    agent = GLISp(touchy.space, n_init=3, n_max=8, seed=0)
+    judge = touchy.calibrators["synthetic"](0)
+    plain = list(calibrate(agent, touchy.run, judge, partial(outcome, touchy)))
+    stored = list(unattended(begin(touchy, n_max=8), judge))
+    assert [c.answer for c in stored] == [c.answer for c in plain]
+    assert any(c.answer.automatic for c in stored)
+
+
+def test_every_view_says_so_and_why():
+    interview = studied()
+    state = interview.now().state
+    rows = history_view(interview)["answers"]
+    assert [f"first: {WORDS}" in row["marks"] for row in rows] == [
+        NEW in c.answer.automatic for c in state.answers
+    ]
+    tried = status_view(interview)["tried"]["experiments"]
+    shown = {e["number"] - 1 for e in tried if WORDS in e["marks"]}
+    assert shown == state.history.unsafe(automatic=True) != set()
+    question = interview.now().question
+    view = now_view(interview, blind=True)["question"]
+    for name in ("left", "right"):
+        assert view[name]["counts_as_unsafe"] == getattr(question, name).counts_as_unsafe
+    console = Console(file=io.StringIO(), width=200, record=True)
+    show_history(interview, console)
+    show_question(interview, interview.now(), console, blind=False)
+    out = console.export_text()
+    assert f"first: {WORDS}" in out
+    assert out.split("History")[1].count(f"· {WORDS}") == sum(
+        side.counts_as_unsafe for side in (question.left, question.right)
+    )
+
+
+def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):
+    interview = studied()
+    held = interview.now().state.history.incumbents()
+    record = Record(touchy, "toy", interview.comparisons(), held)
+    assert f"first: {WORDS}" in page(record, [])
+    rows = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
+    told = [c.answer for c in interview.comparisons()[1:]]
+    assert [row["automatic marks"] for row in rows] == [
+        ", ".join(mark.value for mark in answer.automatic) for answer in told
+    ]
+    folder = export_csv(interview.study, tmp_path)
+    with (folder / "experiments.csv").open() as file:
+        marked = [i for i, row in enumerate(csv.DictReader(file)) if row["automatic marks"]]
+    assert set(marked) == interview.now().state.history.unsafe(automatic=True)

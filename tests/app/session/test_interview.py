@@ -1,0 +1,498 @@
+"""The interview on the toy scenario: answers, marks, undo, retraction, repeats and the end."""
+
+import itertools
+import threading
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLIS
+from prefcal_app.session import Background, Choice, Interview, Phase, unattended
+from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.preferences.answer import Mark, Preference
+from prefcal_env.study import Answered, StudyFile
+from support.interviews import begin, clock, proceed, reopened
+from toy_study import toy_scenario
+
+LEFT, RIGHT, SAME, CANNOT_TELL = Choice
+
+
+@pytest.fixture
+def toy():
+    return toy_scenario()
+
+
+@pytest.fixture
+def interview(toy):
+    return begin(toy)
+
+
+def judge(question):
+    """A choice that follows the toy's latent cost."""
+    difference = toy_scenario().cost(question.left.experiment) - toy_scenario().cost(
+        question.right.experiment
+    )
+    return LEFT if difference < 0 else RIGHT if difference > 0 else SAME
+
+
+def answer(interview, choice=None):
+    now = proceed(interview)
+    return interview.answer(now.question.id, choice or judge(now.question))
+
+
+def test_the_first_question_compares_the_first_two_experiments(interview):
+    now = proceed(interview)
+    assert now.phase is Phase.QUESTION
+    assert (now.question.challenger.index, now.question.incumbent.index) == (1, 0)
+    assert now.question.number == 1
+    assert not now.can_undo
+    assert now.incumbent == 0
+
+
+@pytest.mark.parametrize("choice", Choice)
+def test_a_choice_by_side_becomes_the_preference_it_means(interview, choice):
+    question = proceed(interview).question
+    interview.answer(question.id, choice, comment="so", blind=True)
+    closed = interview.now().state.history.comparisons[1]
+    expected = {SAME: Preference.TIE, CANNOT_TELL: None}
+    side = question.left if choice is LEFT else question.right
+    won = Preference.CHALLENGER if side.challenger else Preference.INCUMBENT
+    assert closed.answer.preference is expected.get(choice, won)
+    assert (closed.comment, closed.blind) == ("so", True)
+    assert question.choice(closed.answer.preference) is choice
+
+
+def test_the_sides_are_randomized_recorded_and_the_same_again(toy):
+    sides = []
+    for _ in range(2):
+        interview = begin(toy, n_max=12)
+        while (now := proceed(interview)).phase is Phase.QUESTION:
+            interview.answer(now.question.id, judge(now.question))
+        sides.append([c.challenger_left for c in interview.now().state.history.comparisons[1:]])
+    assert sides[0] == sides[1]
+    assert {True, False} == set(sides[0])
+
+
+def test_an_answer_to_a_question_that_is_no_longer_open_changes_nothing(interview):
+    first = proceed(interview).question
+    interview.answer(first.id, LEFT)
+    before = interview.now().state
+    with pytest.raises(StaleError, match="no longer open"):
+        interview.answer(first.id, RIGHT)
+    assert interview.now().state == before
+
+
+def test_two_tabs_answer_at_once_and_one_of_them_is_told(interview):
+    question = proceed(interview).question
+    barrier, outcomes = threading.Barrier(2), []
+
+    def tab():
+        barrier.wait()
+        try:
+            interview.answer(question.id, LEFT)
+            outcomes.append("recorded")
+        except StaleError:
+            outcomes.append("told")
+
+    threads = [threading.Thread(target=tab) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(outcomes) == ["recorded", "told"]
+    assert interview.now().state.history.answered == 2
+
+
+def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
+    question = proceed(interview).question
+    side = "left" if question.left.challenger else "right"
+    interview.mark(question.id, side, "good enough", True)
+    interview.mark(question.id, side, "good enough", False)
+    now = interview.mark(question.id, side, "unsafe", True)
+    assert now.question.id == question.id
+    assert now.question.challenger.marks == {"unsafe"}
+    interview.answer(question.id, LEFT)
+    assert interview.now().state.history.comparisons[1].answer.marks == (Mark.CHALLENGER_UNSAFE,)
+    assert interview.now().state.marks[1] == {"unsafe"}
+
+
+def test_a_mark_that_does_not_exist_is_refused(interview):
+    question = proceed(interview).question
+    with pytest.raises(StudyError, match="a mark is one of"):
+        interview.mark(question.id, "left", "lovely", True)
+
+
+def test_undo_opens_the_same_question_again_with_the_same_sides(interview):
+    first = proceed(interview).question
+    answer(interview)
+    proceed(interview)
+    interview.undo(interview.now().version)
+    again = proceed(interview).question
+    assert again.id != first.id
+    assert (again.left.index, again.right.index) == (first.left.index, first.right.index)
+    assert again.left.experiment == first.left.experiment
+
+
+def test_undo_and_the_same_answer_lead_to_the_same_next_question(interview):
+    answer(interview, LEFT)
+    then = proceed(interview).question
+    interview.undo(interview.now().version)
+    answer(interview, LEFT)
+    now = proceed(interview).question
+    assert now.challenger.experiment == then.challenger.experiment
+
+
+def test_an_experiment_is_never_run_twice(toy):
+    ran = []
+
+    def run(theta, seed=0):
+        ran.append(tuple(theta))
+        return toy.run(theta, seed)
+
+    interview = begin(replace(toy, run=run), n_max=7)
+    while (now := proceed(interview)).phase is Phase.QUESTION:
+        interview.answer(now.question.id, judge(now.question))
+        proceed(interview)
+        interview.undo(interview.now().version)
+        interview.answer(proceed(interview).question.id, judge(now.question))
+    assert len(ran) == len(set(ran)) == 7
+
+
+def test_a_late_undo_from_another_tab_takes_nothing_back(interview):
+    answer(interview)
+    seen = proceed(interview).version
+    answer(interview)
+    proceed(interview)
+    with pytest.raises(StaleError, match="since you looked"):
+        interview.undo(seen)
+
+
+def test_there_is_nothing_to_undo_at_first(interview):
+    proceed(interview)
+    with pytest.raises(StaleError, match="no answer to undo"):
+        interview.undo(interview.now().version)
+
+
+def test_a_retracted_answer_stays_on_record_and_teaches_nothing(interview):
+    for _ in range(5):
+        answer(interview)
+    proceed(interview)
+    before = interview.now()
+    interview.retract(1)
+    now = interview.now()
+    assert now.state.history.comparisons[1].retracted
+    assert [s.theta for s in now.state.history.samples] == [
+        s.theta for s in before.state.history.samples
+    ]
+    with pytest.raises(StaleError, match="retracted already"):
+        interview.retract(1)
+    assert interview.comparisons()[1].answer.preference is None
+
+
+def test_a_retraction_changes_the_incumbent_of_the_open_question(interview):
+    question = proceed(interview).question
+    interview.answer(question.id, LEFT if question.left.challenger else RIGHT)
+    assert proceed(interview).question.incumbent.index == 1
+    interview.retract(1)
+    assert proceed(interview).question.incumbent.index == 0
+
+
+@pytest.mark.parametrize("number", [0, 2, -1])
+def test_there_is_no_such_answer_to_retract(interview, number):
+    answer(interview)
+    proceed(interview)
+    with pytest.raises(StaleError, match=r"there is no answer"):
+        interview.retract(number)
+
+
+def test_a_repeated_question_swaps_the_sides_and_teaches_nothing(interview):
+    first = proceed(interview).question
+    interview.answer(first.id, LEFT)
+    for _ in range(3):
+        answer(interview)
+    open_before = proceed(interview).question
+    interview.repeat()
+    again = interview.now().question
+    original = interview.asked(again.challenger.index)
+    assert again.repeats == original.id
+    assert (again.left.index, again.right.index) == (original.right.index, original.left.index)
+    closed = interview.now().state.history.answered
+    interview.answer(again.id, again.choice(original.preference(judge(original))))
+    now = proceed(interview)
+    assert now.state.history.answered == closed
+    assert now.question.challenger.index == open_before.challenger.index
+    assert interview.consistency.repeated == 1
+
+
+def test_undo_puts_a_repeated_question_away(interview):
+    for _ in range(3):
+        answer(interview)
+    proceed(interview)
+    closed = interview.now().state.history.comparisons
+    interview.repeat()
+    interview.undo(interview.now().version)
+    now = proceed(interview)
+    assert now.question.repeats is None
+    assert now.state.history.comparisons == closed
+
+
+def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview):
+    while proceed(interview).phase is Phase.QUESTION:
+        answer(interview)
+    now = interview.now()
+    assert (now.phase, now.state.ended) == (Phase.OVER, "all compared")
+    assert now.state.history.answered == 6
+    with pytest.raises(StaleError, match="say how many more"):
+        interview.go_on()
+    interview.go_on(2)
+    for _ in range(2):
+        answer(interview)
+    assert proceed(interview).phase is Phase.OVER
+    assert len(interview.now().state.finished) == 8
+
+
+def test_the_last_answer_can_be_undone_after_the_end(interview):
+    while proceed(interview).phase is Phase.QUESTION:
+        answer(interview)
+    interview.undo(interview.now().version)
+    assert proceed(interview).phase is Phase.QUESTION
+    assert interview.now().state.ended is None
+
+
+def test_a_person_ends_it_because_the_best_is_good_enough(interview):
+    question = proceed(interview).question
+    interview.mark(question.id, "left", "good enough", True)
+    interview.answer(question.id, LEFT)
+    proceed(interview)
+    interview.finish()
+    assert interview.now().state.ended == "good enough"
+    interview.go_on()
+    assert proceed(interview).phase is Phase.QUESTION
+    interview.finish()
+    with pytest.raises(StaleError, match="ended already"):
+        interview.finish()
+
+
+def test_a_run_that_raises_is_shown_tried_again_or_counted_as_failed(toy):
+    broken = [True]
+
+    def run(theta, seed=0):
+        if broken[0]:
+            raise OSError("the pump does not answer")
+        return toy.run(theta, seed)
+
+    interview = begin(replace(toy, run=run))
+    now = proceed(interview)
+    assert now.phase is Phase.FAILED
+    assert "the pump does not answer" in now.problem
+    broken[0] = False
+    interview.retry()
+    assert proceed(interview).phase is Phase.QUESTION
+    broken[0] = True
+    answer(interview)
+    assert proceed(interview).phase is Phase.FAILED
+    interview.fail(2, "pump")
+    now = interview.now()
+    assert now.question.challenger.experiment.end.interrupted
+    assert len(now.question.challenger.experiment.t) == 0
+    assert "pump" in now.state.notes[-1][1]
+
+
+def test_a_run_that_returns_no_experiment_is_told_what_it_should(toy):
+    interview = begin(replace(toy, run=lambda theta, seed=0: 3))
+    now = proceed(interview)
+    assert now.phase is Phase.FAILED
+    assert now.problem.startswith("run must return an Experiment, got int")
+
+
+def test_a_study_resumes_with_the_identical_next_question(toy, tmp_path):
+    path = tmp_path / "mine.prefcal"
+    whole = begin(toy, n_max=9)
+    part = begin(toy, n_max=9, path=path)
+    for interview in (whole, part):
+        for _ in range(5):
+            answer(interview)
+        proceed(interview)
+    part.study.close()
+    resumed = reopened(toy, path)
+    assert resumed.now().question.id == whole.now().question.id
+    while proceed(whole).phase is Phase.QUESTION:
+        proceed(resumed)
+        a, b = whole.now().question, resumed.now().question
+        assert a.left.experiment == b.left.experiment
+        assert a.right.experiment == b.right.experiment
+        answer(whole)
+        answer(resumed)
+    assert proceed(resumed).phase is Phase.OVER
+
+
+def test_running_ahead_changes_nothing_but_the_waiting(toy):
+    questions = []
+    for ahead in (False, True):
+        interview = begin(toy, n_max=9, ahead=ahead)
+        thetas = []
+        while (now := proceed(interview)).phase is Phase.QUESTION:
+            while interview.work():
+                pass
+            now = interview.answer(now.question.id, judge(now.question))
+            if ahead and now.phase is not Phase.OVER:
+                assert now.phase is Phase.QUESTION  # nothing was left to compute
+            thetas.append(proceed(interview).state.history.samples[-1].theta)
+        questions.append(thetas)
+    assert questions[0] == questions[1]
+
+
+def test_a_background_thread_brings_the_next_question(toy):
+    interview = begin(toy)
+    with Background(interview):
+        now = interview.now()
+        while now.phase is Phase.RUNNING:
+            now = interview.wait(now.version, 10.0)
+        assert now.phase is Phase.QUESTION
+
+
+def test_a_full_disk_after_an_answer_is_a_problem_to_be_tried_again(interview, monkeypatch):
+    question = proceed(interview).question
+    append = StudyFile.append
+
+    def full(self, *events):
+        if not isinstance(events[0], Answered):
+            raise StudyError("the disk is full")
+        return append(self, *events)
+
+    monkeypatch.setattr(StudyFile, "append", full)
+    interview.answer(question.id, LEFT)
+    now = proceed(interview)
+    assert (now.phase, now.problem) == (Phase.FAILED, "the disk is full")
+    assert now.state.history.answered == 2
+    monkeypatch.undo()
+    interview.retry()
+    assert proceed(interview).phase is Phase.QUESTION
+
+
+def test_a_full_disk_at_an_answer_leaves_the_question_open(interview, monkeypatch):
+    question = proceed(interview).question
+
+    def full(self, *events):
+        raise StudyError("the disk is full")
+
+    monkeypatch.setattr(StudyFile, "append", full)
+    with pytest.raises(StudyError, match="the disk is full"):
+        interview.answer(question.id, LEFT)
+    assert interview.now().question.id == question.id
+    monkeypatch.undo()
+    interview.answer(question.id, LEFT)
+    assert interview.now().state.history.answered == 2
+
+
+def test_a_study_of_other_knobs_is_refused(toy, tmp_path):
+    path = tmp_path / "mine.prefcal"
+    begin(toy, path=path).study.close()
+    other = replace(toy, space=type(toy.space)(toy.space.knobs[:2]), references={})
+    with pytest.raises(StudyError, match="knobs have changed"):
+        Interview(other, StudyFile.open(path, clock=clock()))
+
+
+def test_the_unattended_loop_equals_the_loop_in_memory(toy):
+    from prefcal_agents import GLISp
+    from prefcal_env.preferences.loop import calibrate
+    from prefcal_scenarios.kpis import outcome
+
+    agent = GLISp(toy.space, n_init=3, n_max=8, seed=0)
+    judge_ = toy.calibrators["synthetic"](0)
+    steps = calibrate(agent, toy.run, judge_, partial(outcome, toy))
+    plain = [c for c in steps if not c.query.further]
+    interview = begin(toy, n_max=8)
+    stored = list(unattended(interview, judge_))
+    assert [c.answer for c in stored] == [c.answer for c in plain]
+    assert all(a.challenger == b.challenger for a, b in zip(stored, plain, strict=True))
+    best = interview.now().incumbent
+    assert np.array_equal(interview.experiment(best).theta, agent.best)
+
+
+def test_ids_of_questions_grow():
+    interview = begin(toy_scenario())
+    ids = []
+    for _ in range(3):
+        ids.append(proceed(interview).question.id)
+        answer(interview)
+    assert all(a < b for a, b in itertools.pairwise(ids))
+
+
+def test_scores_take_the_place_of_questions(toy):
+    interview = begin(toy, agent=GLIS)
+    list(unattended(interview, None))
+    state = interview.now().state
+    assert [c.question for c in state.history.comparisons] == [None] * 6
+    costs = [toy.cost(interview.experiment(i)) for i in range(6)]
+    assert [c.answer.value for c in state.history.comparisons] == costs
+    assert interview.now().incumbent == int(np.argmin(costs))
+    verdicts = [c.answer.preference for c in interview.comparisons()[1:]]
+    best = np.minimum.accumulate(costs)
+    assert verdicts == [int(np.sign(new - old)) for new, old in zip(costs[1:], best, strict=False)]
+
+
+def test_a_run_without_a_record_has_no_score_and_loses(toy):
+    def run(theta, seed=0):
+        if theta[0] < 0.8:
+            raise RuntimeError("the pump is off")
+        return toy.run(theta)
+
+    interview = begin(replace(toy, run=run), agent=GLIS)
+    while interview.now().phase is not Phase.OVER:
+        now = proceed(interview)
+        if now.phase is Phase.FAILED:
+            interview.fail(now.pending.index)
+    state = interview.now().state
+    scores = [c.answer.value for c in state.history.comparisons]
+    assert None in scores
+    assert state.history.samples[interview.now().incumbent].theta[0] >= 0.8
+    assert interview.comparisons()[-1].winner_index == interview.now().incumbent
+
+
+@pytest.mark.parametrize("choice", Choice)
+def test_every_verdict_is_foreseen(toy, choice):
+    interview = begin(toy, n_max=9, ahead=True)
+    question = proceed(interview).question
+    while interview.work():
+        pass
+    answered = interview.answer(question.id, choice)
+    assert answered.phase is Phase.QUESTION  # nothing had to be computed first
+
+
+def test_one_mark_takes_the_other_away(interview):
+    now = proceed(interview)
+    question = now.question
+    interview.mark(question.id, "left", "good enough", True)
+    interview.mark(question.id, "left", "unsafe", True)
+    assert interview.now().question.left.marks == {"unsafe"}
+    interview.mark(question.id, "left", "good enough", True)
+    assert interview.now().question.left.marks == {"good enough"}
+    interview.mark(question.id, "left", "good enough", False)
+    assert interview.now().question.left.marks == frozenset()
+
+
+def test_the_comment_comes_back_with_the_answer_that_is_taken_back(interview):
+    question = proceed(interview).question
+    assert interview.answer(question.id, Choice.LEFT, comment="it swings").draft == ""
+    now = interview.undo(proceed(interview).version)
+    assert now.draft == "it swings"
+    assert interview.answer(now.question.id, Choice.LEFT).draft == ""
+
+
+def test_a_question_that_is_asked_again_is_skipped_without_a_trace(interview):
+    for _ in range(2):
+        interview.answer(proceed(interview).question.id, Choice.LEFT)
+    before = proceed(interview)
+    now = interview.repeat()
+    assert now.question.repeats is not None
+    after = interview.undo(now.version)
+    sides = {after.question.left.index, after.question.right.index}
+    assert sides == {before.question.left.index, before.question.right.index}
+    assert after.question.repeats is None
+    assert (after.state.history.comparisons, after.state.history.repeats) == (
+        before.state.history.comparisons,
+        (),
+    )

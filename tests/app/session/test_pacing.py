@@ -1,0 +1,169 @@
+"""Questions per experiment, changed in the middle of an interview."""
+
+import pytest
+
+from prefcal_agents import GLIS, RandomSearch
+from prefcal_app.session import Phase
+from prefcal_app.session.memory import agent_of, questions_of
+from prefcal_env.errors import SettingsError, StaleError, StudyError
+from support.interviews import THREE, begin, judge, proceed, reopened, until_further
+from toy_study import toy_scenario
+
+
+@pytest.fixture
+def toy():
+    return toy_scenario()
+
+
+def answer(interview):
+    now = proceed(interview)
+    interview.answer(now.question.id, judge(now.question, interview.scenario.cost))
+    return proceed(interview)
+
+
+def pair(question):
+    return question.challenger.index, question.incumbent.index
+
+
+def test_more_questions_come_with_the_next_experiments(toy):
+    interview = begin(toy, n_max=12)
+    for _ in range(4):
+        answer(interview)
+    asked = interview.now().question
+    now = interview.pace(3)
+    assert interview.questions == 3
+    assert (now.question.id, pair(now.question)) == (asked.id, pair(asked))
+    until_further(interview)
+    while answer(interview).phase is not Phase.OVER:
+        pass
+    assert interview.now().state.history.follow_ups
+
+
+def test_an_open_further_question_disappears_when_there_are_to_be_fewer(toy):
+    interview = begin(toy, n_max=8, agent=THREE)
+    question = until_further(interview)
+    assert interview.pace(2).question.id == question.id
+    interview.pace(1)
+    now = proceed(interview)
+    assert not now.question.further
+    assert now.question.challenger.index == question.challenger.index + 1
+    with pytest.raises(StaleError):
+        interview.answer(question.id, judge(question, toy.cost))
+    while answer(interview).phase is not Phase.OVER:
+        pass
+    assert not interview.now().state.history.follow_ups
+
+
+@pytest.mark.parametrize("most", [1, 2, 12])
+def test_a_study_resumes_identically_after_each_change(toy, tmp_path, most):
+    """At every step the file says what the interview in memory goes on with."""
+    path = tmp_path / "paced.prefcal"
+    interview = begin(toy, n_max=9, agent=THREE, path=path)
+    until_further(interview)
+    interview.pace(most)
+    asked = []
+    while (now := proceed(interview)).phase is Phase.QUESTION:
+        twin = agent_of(now.state, toy.space)
+        assert twin.state == interview._flow.agent.state
+        assert twin.ask() == interview._flow.agent.ask()
+        asked.append(pair(now.question))
+        if len(asked) == 3:
+            interview.study.close()
+            interview = reopened(toy, path)
+            assert interview.questions == most
+            assert pair(proceed(interview).question) == asked[-1]
+        answer(interview)
+    assert len(asked) > 3
+
+
+def test_a_change_before_a_crash_leaves_no_question_that_is_not_asked(toy, tmp_path):
+    """The question that follows was not written yet."""
+    from prefcal_env.study import Adjusted
+
+    path = tmp_path / "crash.prefcal"
+    interview = begin(toy, n_max=8, agent=THREE, path=path)
+    until_further(interview)
+    interview.study.append(Adjusted({"questions_per_experiment": 1}))
+    interview.study.close()
+    resumed = reopened(toy, path)
+    assert not proceed(resumed).question.further
+
+
+def test_running_ahead_foresees_no_longer_what_was(toy):
+    def answers(ahead):
+        interview = begin(toy, n_max=8, agent=THREE, ahead=ahead)
+        for _ in range(30):
+            now = proceed(interview)
+            if now.question is None:
+                break
+            while ahead and interview.work():
+                pass
+            now = interview.pace((3, 1, 4)[len(now.state.answers) % 3])
+            if now.question is None:  # a further one that is one too many
+                continue
+            answer(interview)
+        return [(c.challenger, c.incumbent) for c in interview.now().state.answers]
+
+    assert answers(ahead=True) == answers(ahead=False)
+
+
+def test_the_same_number_again_is_no_event(toy):
+    interview = begin(toy, n_max=8, agent=THREE)
+    proceed(interview)
+    before = sum(1 for _ in interview.study.events())
+    interview.pace(3)
+    assert sum(1 for _ in interview.study.events()) == before
+
+
+@pytest.mark.parametrize("agent", [RandomSearch, GLIS])
+def test_an_agent_that_asks_one_refuses(toy, agent):
+    interview = begin(toy, agent=agent)
+    proceed(interview)
+    assert interview.questions is None
+    with pytest.raises(SettingsError, match="only the agent glisp"):
+        interview.pace(2)
+
+
+def test_an_impossible_number_changes_nothing(toy):
+    interview = begin(toy, agent=THREE)
+    proceed(interview)
+    with pytest.raises(SettingsError, match="questions_per_experiment"):
+        interview.pace(0)
+    assert interview.questions == 3
+
+
+def test_an_undo_goes_back_behind_a_change(toy):
+    interview = begin(toy, n_max=8, agent=THREE)
+    until_further(interview)
+    now = answer(interview)
+    assert len(now.state.history.follow_ups) == 1
+    interview.pace(1)
+    interview.undo(interview.now().version)
+    now = proceed(interview)
+    assert not now.state.history.follow_ups
+    assert not now.question.further
+
+
+def test_while_something_has_failed_it_has_to_wait(toy):
+    from dataclasses import replace
+
+    def broken(theta, seed=0):
+        raise RuntimeError("the pump is off")
+
+    interview = begin(replace(toy, run=broken), agent=THREE)
+    assert proceed(interview).phase is Phase.FAILED
+    with pytest.raises(StaleError, match="try it again first"):
+        interview.pace(1)
+
+
+@pytest.mark.parametrize(
+    ("settings", "most"), [({}, 1), ({"questions_per_experiment": 4}, 4), (None, 1)]
+)
+def test_a_study_says_how_many_it_asks(settings, most):
+    assert questions_of({"agent": {"settings": settings}}) == most
+
+
+@pytest.mark.parametrize("most", ["3", 2.5, True, None])
+def test_a_strange_number_in_a_study_is_refused(most):
+    with pytest.raises(StudyError, match="whole number"):
+        questions_of({"agent": {"settings": {"questions_per_experiment": most}}})

@@ -1,0 +1,133 @@
+"""Records of a rig: seen before they are saved, refused twice, replaced; and the θ really set."""
+
+from dataclasses import replace
+
+import pytest
+
+from prefcal_agents.history.lessons import kpis_of
+from prefcal_app.session import Choice, Given, Phase
+from prefcal_env.errors import RecordError, StaleError
+from prefcal_env.preferences.answer import Mark
+from prefcal_env.rig import Rig
+from prefcal_env.study import Suggested, verify
+from prefcal_scenarios.scenario import KPI
+from support.interviews import begin, reopened
+from toy_scenario_tools import CHANNELS, record_of_toy
+from toy_study import toy_scenario
+
+TOY = toy_scenario()
+RIG = replace(
+    TOY, cost=None, references={}, kpis=(KPI("highest", "highest", "m", better="lower"),),
+    run=Rig(CHANNELS, (2.0,), kpis=lambda e: {"highest": float(e.x.max())}),
+)  # fmt: skip
+
+
+def csv(highest: float) -> bytes:
+    """A record whose highest level is so much."""
+    return record_of_toy().replace("0,8.0000,", f"0,{highest:.4f},").encode()
+
+
+@pytest.fixture
+def interview(tmp_path):
+    """The first experiment is recorded, the second one is waited for."""
+    interview = begin(RIG, path=tmp_path / "rig.prefcal")
+    interview.record(Given(0, csv(8.0)))
+    return interview
+
+
+def test_a_preview_shows_the_curves_and_saves_nothing(interview):
+    before = interview.now()
+    seen = interview.preview(Given(1, csv(9.0), unsafe=True))
+    assert seen.experiment.x.max() == 9.0
+    assert seen.experiment.end.interrupted
+    assert (seen.same, seen.retracts) == (None, 0)
+    assert interview.now() == before
+
+
+def test_the_file_of_the_run_before_is_refused_unless_it_is_meant(interview):
+    saved_anew = csv(8.0).replace(b",", b";")
+    for content in (csv(8.0), saved_anew):
+        assert interview.preview(Given(1, content)).same == 0
+        with pytest.raises(RecordError, match="curves of experiment 1"):
+            interview.record(Given(1, content))
+    assert sorted(interview.now().state.finished) == [0]
+    assert interview.record(Given(1, csv(8.0), again=True)).phase is Phase.QUESTION
+
+
+def test_the_theta_that_was_dialed_is_learned_from_and_the_proposed_one_kept(interview, tmp_path):
+    proposed = interview.now().pending.theta
+    dialed = (1.07, 20.0, proposed[2])
+    now = interview.record(Given(1, csv(9.0), theta=dialed))
+    assert now.state.history.samples[1].theta == pytest.approx(dialed)
+    assert now.state.proposed == {1: proposed}
+    assert interview.experiment(1).theta == pytest.approx(dialed)
+    interview.answer(now.question.id, Choice.LEFT)
+    while interview.now().phase is Phase.RUNNING:
+        interview.work()
+    following = interview.now()
+    history = interview._flow.agent.state.history
+    assert history.samples[1].theta == pytest.approx(dialed)
+    interview.study.close()
+    again = reopened(RIG, tmp_path / "rig.prefcal")
+    assert again.now().pending == following.pending
+    suggested = [r.event for r in again.study.events() if isinstance(r.event, Suggested)]
+    assert suggested[1].theta == proposed
+    assert verify(tmp_path / "rig.prefcal") == ()
+
+
+@pytest.mark.parametrize(
+    ("theta", "told"),
+    [
+        ((9.0, 20.0, 1.0), r"T_s.*must be in \[0.25, 1.5\] h, got 9"),
+        ((0.5, 20.5, 1.0), "N_p.*integer"),
+        ((0.5, 20.0), "shape"),
+    ],
+)
+def test_a_theta_that_cannot_be_learned_from_is_refused(interview, theta, told):
+    with pytest.raises(RecordError, match=told):
+        interview.record(Given(1, csv(9.0), theta=theta))
+    assert interview.now().phase is Phase.RECORD
+
+
+def test_no_theta_runs_twice_by_hand_either(interview):
+    first = interview.now().state.history.samples[0].theta
+    with pytest.raises(RecordError, match="experiment 1 was run with exactly the θ"):
+        interview.record(Given(1, csv(9.0), theta=first))
+
+
+def test_a_record_that_is_not_answered_yet_is_replaced_and_its_question_put_anew(interview):
+    asked = interview.record(Given(1, csv(9.0))).question
+    now = interview.record(Given(1, csv(7.5), theta=(0.5, 20.0, 1.0)))
+    with pytest.raises(StaleError):
+        interview.answer(asked.id, Choice.LEFT)
+    assert now.question.challenger.experiment.x.max() == 7.5
+    assert now.state.history.samples[1].theta == pytest.approx((0.5, 20.0, 1.0))
+
+
+def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(interview):
+    asked = interview.record(Given(1, csv(9.0), unsafe=True)).question
+    interview.answer(asked.id, asked.choice(asked.preference(Choice.LEFT)))
+    while interview.now().phase is Phase.RUNNING:
+        interview.work()
+    assert interview.preview(Given(1, csv(7.5))).retracts == 1
+    now = interview.record(Given(1, csv(7.5)))
+    closed = now.state.history.comparisons[1]
+    assert now.phase is Phase.RECORD
+    assert closed.retracted
+    assert Mark.CHALLENGER_UNSAFE not in closed.answer.marks
+    assert closed.answer.outcomes[0]["highest"] == 7.5
+    history = interview._flow.agent.state.history
+    assert [o["highest"] for o in kpis_of(history)] == [8.0, 7.5]
+    with pytest.raises(RecordError, match="compared already"):
+        interview.record(Given(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
+
+
+def test_a_simulated_plant_and_a_study_that_is_over_take_no_record(interview):
+    simulated = begin(TOY)
+    while simulated.now().phase is Phase.RUNNING:
+        simulated.work()
+    with pytest.raises(StaleError):
+        simulated.record(Given(0, csv(9.0)))
+    interview.finish()
+    with pytest.raises(StaleError):
+        interview.record(Given(0, csv(9.0)))

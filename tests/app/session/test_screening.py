@@ -1,0 +1,311 @@
+"""An interview whose agent simulates unseen: nothing waits for it, and a restart asks the same."""
+
+import threading
+import time
+from dataclasses import replace
+from functools import partial
+
+import pytest
+
+from prefcal_agents.screening.agent import Screening
+from prefcal_app.session import Background, Choice, Interview, Phase, unattended
+from prefcal_app.session.prefetch import LIKELIEST
+from prefcal_app.simulating import Simulator
+from prefcal_env.calibrators import LatentCost
+from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.study import StudyFile
+from support.interviews import answer_all, begin, clock, judge, proceed, reopened
+from support.processes import wait_until
+from support.unseen import cost, unseen
+
+AGENT = partial(Screening, n_simulated=40)
+
+
+def started(path=None, n_max=5, ahead=False, seed=0, agent=AGENT):
+    return begin(unseen, n_max=n_max, agent=agent, path=path, ahead=ahead, seed=seed)
+
+
+def worked(interview):
+    """Do all work that there is."""
+    while interview.work():
+        pass
+    return interview.now()
+
+
+def asked(now):
+    question = now.question
+    return question.id, question.challenger.experiment.theta.tolist(), question.incumbent.index
+
+
+def test_the_first_question_is_chosen_by_work_and_not_when_it_begins():
+    interview = started()
+    assert interview.now().phase is Phase.RUNNING
+    assert interview.now().simulated.simulated == 0
+    now = proceed(interview)
+    assert now.phase is Phase.QUESTION
+    assert now.simulated.shown == 2
+    assert now.simulated.planned == 40
+    assert now.simulated.simulated == len(interview.screened().bank) > 2
+
+
+def test_its_numbers_are_one_line():
+    now = proceed(started(agent=partial(Screening, n_simulated=400)))
+    failed = now.simulated.failed
+    assert failed > 0  # a gain above 0.95 has no solution
+    plural = "" if failed == 1 else "s"
+    line = f"{now.simulated.simulated} simulated, 2 shown, {failed} simulation{plural} failed"
+    assert now.simulated.line == line
+
+
+def test_an_agent_that_simulates_nothing_has_no_numbers_and_no_basis():
+    interview = begin(unseen)
+    assert proceed(interview).simulated is None
+    assert interview.screened() is None
+
+
+def test_a_study_without_prefetching_is_the_same_as_one_with_it():
+    plain, ahead = started(), started(ahead=True)
+    now, same = proceed(plain), worked(ahead)
+    while now.phase is not Phase.OVER:
+        assert asked(now)[1:] == asked(same)[1:]
+        assert now.simulated.simulated == same.simulated.simulated
+        for interview, there in ((plain, now), (ahead, same)):
+            interview.answer(there.question.id, judge(there.question, cost))
+        now, same = proceed(plain), worked(ahead)
+    assert same.phase is Phase.OVER
+    assert now.state.history == same.state.history
+
+
+def test_a_likely_answer_is_followed_by_the_next_question_without_work():
+    interview = started(ahead=True)
+    proceed(interview)
+    now = worked(interview)
+    now = interview.answer(now.question.id, Choice.LEFT)
+    assert now.phase is Phase.QUESTION
+    assert interview.screened() is not None
+
+
+def test_only_the_likeliest_answers_are_prepared():
+    interview = started(ahead=True)
+    proceed(interview)
+    worked(interview)
+    assert len(interview._flow.prefetch._twins) == LIKELIEST
+
+
+def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
+    path = tmp_path / "mine.prefcal"
+    interview = started(path)
+    for _ in range(2):
+        now = proceed(interview)
+        interview.answer(now.question.id, judge(now.question, cost))
+    now = proceed(interview)
+    before = asked(now), interview.screened()
+    interview.study.close()
+    again = reopened(unseen, path)
+    assert asked(again.now()) == before[0]
+    assert again.screened() is None
+    assert again.now().simulated.simulated == 0
+    again._runs_ahead = True
+    version = again.now().version
+    now = worked(again)
+    assert asked(now) == before[0]
+    assert now.version > version  # pages look again
+    assert again.screened().bank.thetas.tolist() == before[1].bank.thetas.tolist()
+    assert again.screened().reason == before[1].reason
+    answer_all(again, lambda number: None)
+    assert again.now().phase is Phase.OVER
+
+
+def test_an_answer_after_a_restart_need_not_wait_for_the_simulations(tmp_path):
+    path = tmp_path / "mine.prefcal"
+    straight = started()
+    interview = started(path)
+    for one in (straight, interview):
+        now = proceed(one)
+        one.answer(now.question.id, judge(now.question, cost))
+        proceed(one)
+    interview.study.close()
+    again = reopened(unseen, path)
+    for one in (straight, again):
+        one.answer(one.now().question.id, judge(one.now().question, cost))
+    assert again.now().phase is Phase.RUNNING
+    assert asked(proceed(again))[1:] == asked(proceed(straight))[1:]
+
+
+def test_undo_and_retract_and_marks_need_no_simulation():
+    interview = started()
+    now = proceed(interview)
+    first = asked(now)
+    interview.answer(now.question.id, Choice.LEFT)
+    proceed(interview)
+    count = interview._flow.simulator.count
+    now = interview.undo(interview.now().version)
+    assert asked(now)[1:] == first[1:]
+    now = interview.mark(now.question.id, "left", "unsafe", True)
+    assert now.phase is Phase.QUESTION
+    interview.answer(now.question.id, Choice.RIGHT)
+    now = proceed(interview)
+    assert interview.retract(1).phase is Phase.QUESTION
+    assert interview._flow.simulator.count >= count
+
+
+def test_an_answer_is_not_retracted_while_the_next_experiment_is_chosen():
+    interview = started()
+    now = proceed(interview)
+    interview.answer(now.question.id, Choice.LEFT)
+    with pytest.raises(StaleError, match="being chosen"):
+        interview.retract(1)
+
+
+def test_an_answer_of_a_finished_study_is_retracted_after_a_restart(tmp_path):
+    path = tmp_path / "mine.prefcal"
+    interview = started(path, n_max=3)
+    answer_all(interview, lambda number: None)
+    interview.study.close()
+    again = reopened(unseen, path)
+    assert again.now().phase is Phase.OVER
+    again.retract(1)
+    assert again.now().state.history.comparisons[1].retracted
+    assert again._flow.simulator.count == 0
+
+
+def test_more_experiments_can_be_added_at_the_end():
+    interview = started(n_max=3)
+    answer_all(interview, lambda number: None)
+    interview.go_on(2)
+    assert proceed(interview).phase is Phase.QUESTION
+    answer_all(interview, lambda number: None)
+    assert interview.now().state.history.answered == 5
+
+
+class Slow:
+    """The runs of a scenario, each of which waits until it may go on."""
+
+    def __init__(self):
+        self.gate = threading.Event()
+        self.gate.set()
+        self.waiting = threading.Event()
+
+    def __call__(self, theta, seed=0):
+        if not self.gate.is_set():
+            self.waiting.set()
+            self.gate.wait(20)
+        return unseen.run(theta, seed)
+
+
+@pytest.fixture
+def slow():
+    """A scenario that can be held up, and what holds it."""
+    run = Slow()
+    yield replace(unseen, run=run), run
+    run.gate.set()
+
+
+def test_a_request_is_answered_while_it_simulates(slow):
+    scenario, run = slow
+    interview = begin(scenario, n_max=5, agent=AGENT)
+    run.gate.clear()
+    with Background(interview):
+        assert run.waiting.wait(20)
+        begun = time.monotonic()
+        assert interview.now().phase is Phase.RUNNING
+        assert interview.screened() is None
+        assert interview.now().simulated.simulated == 0
+        assert time.monotonic() - begun < 1.0
+        run.gate.set()
+        wait_until(lambda: interview.now().phase is Phase.QUESTION)
+
+
+@pytest.fixture
+def held(slow, tmp_path):
+    """A restarted interview that simulates what the first likely answer leads to, held up."""
+    scenario, run = slow
+    first = begin(scenario, n_max=5, agent=AGENT, path=tmp_path / "mine.prefcal")
+    proceed(first)
+    first.study.close()
+    interview = reopened(scenario, tmp_path / "mine.prefcal")
+    interview._runs_ahead = interview._flow.prefetch.explained = True
+    run.gate.clear()
+    attempt = threading.Thread(target=interview.work)
+    attempt.start()
+    assert run.waiting.wait(20)
+
+    def go_on():
+        run.gate.set()
+        attempt.join(20)
+        assert not attempt.is_alive()
+
+    return interview, go_on
+
+
+def test_an_answer_does_not_wait_for_simulations_for_another_answer(held):
+    interview, go_on = held
+    interview.give(interview.now().question.id, Answer(Preference.INCUMBENT))
+    go_on()
+    assert interview._flow.simulator.count <= 1  # the one that was running
+    assert interview.now().phase is Phase.RUNNING
+    assert proceed(interview).phase is Phase.QUESTION
+
+
+def test_simulations_for_the_answer_that_is_given_are_used(held):
+    interview, go_on = held
+    interview.give(interview.now().question.id, Answer(Preference.CHALLENGER))
+    go_on()
+    assert interview._flow.simulator.count > 1
+    assert not interview._flow.must_think
+    assert proceed(interview).phase is Phase.QUESTION
+
+
+def test_closing_gives_up_the_simulations(held):
+    interview, go_on = held
+    interview.close()
+    go_on()
+    assert interview._flow.simulator.count <= 1
+
+
+def test_a_simulator_of_processes_is_closed_by_whoever_made_it(tmp_path):
+    with Simulator(unseen, jobs=1) as simulator:
+        one = started(tmp_path / "one.prefcal")
+        one.study.close()
+        study = StudyFile.open(tmp_path / "one.prefcal", clock=clock())
+        interview = Interview(unseen, study, ahead=False, simulator=simulator)
+        here = started()
+        assert asked(proceed(interview)) == asked(proceed(here))
+        interview.close()
+        assert simulator.count == here._flow.simulator.count
+
+
+def test_it_runs_unattended():
+    interview = started()
+    comparisons = list(unattended(interview, LatentCost(cost, seed=0)))
+    assert len(comparisons) == 5
+    now = interview.now()
+    assert now.phase is Phase.OVER
+    assert now.simulated.shown == 5
+
+
+def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkeypatch):
+    def fail(thetas):
+        raise ScenarioError("no process can load the scenario")
+
+    interview = started()
+    with monkeypatch.context() as broken:
+        broken.setattr(interview._flow.simulator, "_here", fail)
+        interview.work()
+    assert interview.now().phase is Phase.FAILED
+    assert "no process can load" in interview.now().problem
+    interview.retry()
+    assert proceed(interview).phase is Phase.QUESTION
+
+
+def test_a_question_whose_reason_cannot_be_found_is_asked_without_one(monkeypatch):
+    def broken(agent):
+        raise ValueError("singular")
+
+    monkeypatch.setattr(Screening, "chance_of_better", property(broken))
+    interview = started(ahead=True)
+    assert proceed(interview).phase is Phase.QUESTION
+    now = worked(interview)  # which comes to an end
+    assert interview.screened() is None
+    assert interview.answer(now.question.id, Choice.LEFT).phase is Phase.QUESTION

@@ -1,0 +1,169 @@
+"""Runs of an own scenario that never return, in an interview: stopped, counted as failed, gone on.
+
+The scenario hangs where the gain is above 40; what it does else is the toy's.
+"""
+
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from prefcal_agents import RandomSearch
+from prefcal_app.isolated import isolation
+from prefcal_app.session import Background, Choice, Phase, unattended
+from prefcal_app.web.view import now_view
+from prefcal_env.errors import RunError, ScenarioError, StaleError
+from prefcal_env.experiments.end import End
+from prefcal_scenarios.scenario import load
+from support.interviews import begin, proceed
+from support.wild_runs import GAIN
+from toy_study import toy_scenario
+
+BAD = np.array([0.31, 26, 50.0])
+HANGS = str(Path(__file__).parents[2] / "support" / "wild_runs.py") + ":hangs"
+
+
+@contextmanager
+def hanging(limit=60.0, **options):
+    """An interview about it; with seed 9 the third run of GLISp hangs."""
+    with isolation(HANGS, limit) as isolated:
+        yield begin(isolated(load(HANGS)), **options)
+
+
+def until(interview, wanted, seconds=20.0):
+    """Wait for a moment of the interview that is as `wanted` says."""
+    end = time.monotonic() + seconds
+    while not wanted(now := interview.now()):
+        assert time.monotonic() < end, f"{now.phase} {now.problem}"
+        time.sleep(0.01)
+    return now
+
+
+def hangs(now):
+    return now.phase is Phase.RUNNING and now.pending is not None and now.pending.theta[2] > GAIN
+
+
+def settled(now):
+    return now.phase is not Phase.RUNNING
+
+
+def answer_until_it_hangs(interview):
+    while not hangs(now := until(interview, lambda now: settled(now) or hangs(now))):
+        assert now.phase is Phase.QUESTION, now.problem
+        interview.answer(now.question.id, Choice.LEFT)
+    return now
+
+
+@pytest.mark.parametrize("ahead", [False, True], ids=["when due", "ahead"])
+def test_a_run_that_hangs_is_stopped_counted_as_failed_and_the_study_goes_on(ahead):
+    with hanging(n_max=8, seed=9, ahead=ahead) as interview, Background(interview):
+        now = answer_until_it_hangs(interview)
+        assert now.run_limit == 60.0
+        assert now_view(interview)["stopping"].startswith("A run is stopped after 1 min (")
+        index = now.pending.index
+        with pytest.raises(StaleError):
+            interview.stop_run(index + 1)
+        interview.stop_run(index)
+        now = until(interview, settled)
+        assert now.phase is Phase.FAILED
+        assert "you stopped the run" in now.problem
+        assert now.state.failures[index] == now.problem
+        interview.fail(index, now.problem)
+        now = until(interview, settled)
+        assert interview.experiment(index).end is End.FAILED
+        assert now.phase is Phase.QUESTION
+
+
+def test_a_run_that_was_stopped_can_be_tried_again():
+    with hanging(n_max=8, seed=9) as interview, Background(interview):
+        now = answer_until_it_hangs(interview)
+        for _ in range(2):
+            interview.stop_run(now.pending.index)
+            assert until(interview, settled).phase is Phase.FAILED
+            assert interview.retry().phase is Phase.RUNNING
+
+
+def on_suspicion(interview):
+    """Have the interview run ahead what hangs, when all else is run ahead."""
+    proceed(interview)
+    while interview.work():
+        pass
+    interview._flow.prefetch.next = BAD
+    interview._idle_at = None
+
+
+def test_a_run_on_suspicion_that_hangs_makes_way():
+    with hanging(n_max=8, seed=1, ahead=True) as interview:
+        on_suspicion(interview)
+        with Background(interview):
+            worker = interview.scenario.run.worker
+            now = until(interview, lambda now: worker.busy_with(BAD))
+            interview.mark(now.question.id, "left", "unsafe", True)  # foreseen answers are void
+            interview.answer(now.question.id, Choice.LEFT)
+            until(interview, lambda now: now.pending is not None)  # the next one is chosen
+
+
+def test_a_run_on_suspicion_that_took_too_long_is_not_waited_for_twice():
+    with hanging(2.0, n_max=8, seed=1, ahead=True) as interview:
+        on_suspicion(interview)
+        assert interview.work()
+        ahead = interview._flow.prefetch
+        assert ahead.is_known(BAD)
+        assert "longer than 2 s" in str(ahead.take_failure(BAD))
+        assert not ahead.is_known(BAD)  # who tries again means it
+
+
+def test_closing_ends_a_run_that_hangs_at_once_and_records_no_failure():
+    with hanging(n_max=8, seed=9) as interview:
+        with Background(interview):
+            answer_until_it_hangs(interview)
+        # Had closing waited for the run, the time limit would have made it a failure.
+        assert interview.now().state.failures == {}
+
+
+def test_experiments_of_a_built_in_scenario_cannot_be_stopped():
+    interview = begin(toy_scenario())
+    interview.work()
+    assert interview.now().run_limit is None
+    with pytest.raises(ScenarioError, match="wait for this one"):
+        interview.stop_run(interview.now().pending.index)
+
+
+def test_the_same_seed_gives_the_same_study_in_either_process():
+    def studied(scenario):
+        interview = begin(scenario, n_max=6, agent=RandomSearch)
+        calibrator = scenario.calibrators["synthetic"](0)
+        return [c.challenger for c in unattended(interview, calibrator)]
+
+    toy = HANGS.replace(":hangs", ":plant")
+    with isolation(toy) as isolated:
+        assert studied(isolated(load(toy))) == studied(load(toy))
+
+
+def test_an_unattended_study_counts_runs_that_hang_as_failed_and_ends():
+    told = []
+    with hanging(2.0, n_max=6, seed=1, agent=RandomSearch) as interview:
+        calibrator = interview.scenario.calibrators["synthetic"](0)
+        given = unattended(interview, calibrator, failed=told.append)
+        ends = [comparison.challenger.end for comparison in given]
+    failed = [end for end in ends if end is End.FAILED]
+    assert len(ends) == 6
+    assert 0 < len(failed) == len(told) < 6
+    assert "failed: the run took longer than 2 s" in told[0]
+    best = interview.experiment(interview.now().incumbent)
+    assert best.end is not End.FAILED
+
+
+def test_an_unattended_study_gives_up_where_every_run_hangs():
+    told = []
+    with isolation(HANGS, 0.3) as isolated:
+        scenario = isolated(load(HANGS))
+        space = scenario.space.narrowed({"gain": (50.0, 60.0)})
+        interview = begin(replace(scenario, space=space), n_max=9, agent=RandomSearch)
+        calibrator = scenario.calibrators["synthetic"](0)
+        with pytest.raises(RunError, match=r"longer than 0.3 s"):
+            list(unattended(interview, calibrator, failed=told.append))
+    assert len(told) == 2

@@ -1,0 +1,110 @@
+"""Simulations for an agent: the same with any workers, failures counted, and given up at once."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_app.isolated import isolation
+from prefcal_app.simulating import Abandoned, Simulator
+from prefcal_scenarios.scenario import load
+from support import unseen as unseen_module
+from support.processes import wait_until
+from support.unseen import unseen
+
+SOURCE = f"{unseen_module.__file__}:unseen"
+THETAS = list(np.random.default_rng(0).random((30, 2)))
+
+
+@pytest.fixture(scope="module")
+def alone():
+    """The KPIs of all θ, simulated in this process."""
+    return Simulator(unseen, jobs=0).many(THETAS)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_any_number_of_workers_gives_the_same(alone, jobs):
+    with Simulator(unseen, jobs=jobs) as simulator:
+        assert simulator.many(THETAS) == alone
+        assert simulator(THETAS[3]) == alone[3]
+
+
+def test_a_built_in_scenario_gives_the_same_in_workers():
+    scenario = load("servo")
+    z = np.random.default_rng(1).random((12, len(scenario.space)))
+    thetas = list(scenario.space.decode_all(z))
+    with Simulator(scenario, seed=3, jobs=1) as simulator:
+        assert simulator.many(thetas) == Simulator(scenario, seed=3, jobs=0).many(thetas)
+
+
+def test_an_own_scenario_loads_its_file_in_each_worker(alone):
+    with isolation(SOURCE, early=False) as isolated:
+        scenario = isolated(load(SOURCE))
+        with Simulator(scenario, jobs=2) as simulator:
+            assert simulator.many(THETAS) == alone
+
+
+def test_an_agent_learns_from_kpis_with_a_direction(alone):
+    calm = next(kpis for kpis, theta in zip(alone, THETAS, strict=True) if 0.1 < theta[0] < 0.9)
+    assert set(calm) == {"slow", "rough"}
+
+
+def test_without_any_direction_it_learns_from_the_trajectory():
+    bare = replace(unseen, kpis=())
+    with Simulator(bare, jobs=1) as simulator:
+        (found,) = simulator.many([np.array([0.5, 0.5])])
+    assert len(found) > 1
+    assert not {"slow", "rough", "mood"} & set(found)
+
+
+def test_failures_are_counted_and_not_repeated(monkeypatch):
+    monkeypatch.setenv("PREFCAL_TEST_CRASH", "1")
+    thetas = [np.array([0.5, 0.5]), np.array([0.99, 0.5]), np.array([0.01, 0.5])]
+    with (
+        isolation(SOURCE, early=False) as isolated,
+        Simulator(isolated(load(SOURCE)), jobs=1) as simulator,
+    ):
+        works, raises, crashes = simulator.many(thetas)
+        assert works
+        assert not raises
+        assert not crashes
+        assert (simulator.count, simulator.failed) == (3, 2)
+        monkeypatch.setattr(simulator, "_in", None)  # it may run nothing again
+        assert simulator.many(thetas) == [works, raises, crashes]
+
+
+@pytest.mark.parametrize("jobs", [0, 1])
+def test_a_batch_is_given_up_at_once_and_keeps_what_it_knows(monkeypatch, jobs):
+    monkeypatch.setenv("PREFCAL_TEST_SECONDS", "0.05")
+    raised = []
+
+    def simulate():
+        try:
+            simulator.many(list(np.random.default_rng(1).random((1000, 2))))
+        except Abandoned as error:
+            raised.append(error)
+
+    with Simulator(unseen, jobs=jobs) as simulator:
+        thread = threading.Thread(target=simulate)
+        thread.start()
+        wait_until(lambda: simulator.count > 2)
+        simulator.abandon()
+        thread.join(2.0)
+        assert not thread.is_alive()
+        assert raised
+        known = simulator.count
+        with pytest.raises(Abandoned):
+            simulator.many(THETAS)
+        simulator.resume()
+        assert simulator(THETAS[0])
+        assert simulator.count > known
+
+
+def test_progress_is_told_while_it_simulates(monkeypatch):
+    monkeypatch.setattr("prefcal_app.simulating.simulator._TELL", 0.0)
+    counts = []
+    simulator = Simulator(unseen, jobs=0)
+    simulator.tell = lambda: counts.append(simulator.count)
+    simulator.many(THETAS)
+    assert counts == list(range(len(THETAS)))

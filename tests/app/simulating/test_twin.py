@@ -1,0 +1,41 @@
+"""A twin simulates for a plant, if it has its knobs and KPIs."""
+
+from dataclasses import replace
+
+import pytest
+
+from prefcal_app.simulating import named_twin, twin_of
+from prefcal_env.errors import SettingsError
+from support.twins import model, other_knobs, plant, renamed
+
+
+def test_a_twin_takes_the_ranges_of_the_plant():
+    narrow = plant.space.narrowed({"gain": (0.2, 0.5)})
+    found = twin_of(replace(plant, space=narrow), model)
+    assert found.space == narrow
+    assert found.name == "model"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "complaint"),
+    [
+        (plant, "the twin 'plant' does not let experiments run unseen"),
+        (other_knobs, r"expected gain, delay \[s\], got gain, lag \[s\]"),
+        (renamed, "it lacks slow, rough, and has speed"),
+    ],
+    ids=["not simulated", "other knobs", "other KPIs"],
+)
+def test_a_scenario_that_cannot_be_the_twin_is_refused(wrong, complaint):
+    with pytest.raises(SettingsError, match=complaint):
+        twin_of(plant, wrong)
+
+
+def test_studies_without_a_twin_name_none():
+    assert named_twin({"agent": "glisp"}) is None
+    assert named_twin({"options": {"twin": "lag"}}) == "lag"
+
+
+def test_a_plant_needs_kpis_with_a_direction_if_its_twin_has_some():
+    bare = replace(plant, kpis=tuple(replace(kpi, better=None) for kpi in plant.kpis))
+    with pytest.raises(SettingsError, match="'plant' must have KPIs with a direction, as its twin"):
+        twin_of(bare, model)

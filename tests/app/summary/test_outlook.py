@@ -1,0 +1,144 @@
+"""Whether to go on, and knobs at the end of their range with the command that widens them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_app.cli.studies.changes import Changes, respace
+from prefcal_app.session import Choice
+from prefcal_app.summary.outlook import at_end, falls_outward, outlook, study_name
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.study import StudyFile
+from prefcal_env.study.locations import study_path
+from support.interviews import begin, clock, proceed
+from toy_study import TOY, toy_scenario
+
+PROMISE = "The chance that something better is left is 8 %."
+SPACE = KnobSpace(
+    [
+        Knob("T_s", 0.25, 1.5, "h"),
+        Knob("N_p", 4, 40, integer=True),
+        Knob("gain", 0.01, 100.0, "m/%", scale="log10"),
+        Knob("offset", -5.0, 3.0),
+    ]
+)
+STATE = begin(toy_scenario()).study.state
+MIDDLE = [0.9, 20.0, 1.0, 0.0]
+
+
+def always(knob, upper):
+    return True
+
+
+def said(
+    theta, promise=PROMISE, place="/tmp/mine.prefcal", scenario="cstr", missed=(), helps=always
+):  # fmt: skip
+    state = replace(STATE, configuration={**STATE.configuration, "scenario": scenario})
+    return outlook(promise, np.array(theta), SPACE, place, state, missed=missed, helps=helps)
+
+
+def test_inside_the_ranges_there_is_one_sentence_and_no_more():
+    found = said(MIDDLE)
+    assert (found.text, found.ends, found.command) == (PROMISE, "", "")
+    assert said(MIDDLE, "").sentences == ()  # nothing is simulated unseen
+
+
+def test_knobs_at_their_ends_are_named_with_the_command():
+    found = said([0.25, 4, 1.0, 3.0])
+    assert found.ends.startswith("T_s, N_p and offset of the best θ are at the end of their ranges")
+    assert found.command == (
+        "prefcal studies respace /tmp/mine.prefcal --knob T_s=0.125:1.5 --knob N_p=2:40 "
+        "--knob offset=-5:5"
+    )
+
+
+def test_only_ends_are_named_beyond_which_something_better_is_expected():
+    found = said([0.26, 4, 1.0, 3.0], helps=lambda knob, upper: (knob, upper) == (0, False))
+    assert found.ends.startswith("T_s of the best θ is near the end of its range")
+    assert said([0.28, 20, 1.0, 0.0]).ends == ""  # 2.4 % of the range inside
+    assert said([0.25, 4, 1.0, 3.0], helps=lambda knob, upper: False).ends == ""
+
+
+def test_a_cost_that_falls_toward_an_end_calls_for_a_wider_range():
+    def cost(thetas):
+        return thetas[:, 0]
+
+    best = np.array([0.25, 20, 1.0, 3.0])
+    assert falls_outward(cost, SPACE, best, 0, upper=False)
+    assert not falls_outward(lambda thetas: -cost(thetas), SPACE, best, 0, upper=False)
+    assert not falls_outward(cost, SPACE, best, 3, upper=True)  # flat
+
+
+def test_no_sentence_contradicts_another():
+    found = said([0.25, 20, 1.0, 0.0])
+    assert found.promise.startswith("Within the present ranges, the chance that something better")
+    assert found.ends.startswith("T_s of the best θ is at the end of its range; ")
+    assert said([0.25, 20, 1.0, 0.0], "").sentences == (found.ends,)
+
+
+@pytest.mark.parametrize("theta", [MIDDLE, [0.25, 20, 1.0, 0.0]])
+@pytest.mark.parametrize("place", [":memory:", "/tmp/mine.prefcal"])
+def test_missed_objectives_come_first(theta, place):
+    found = said(theta, place=place, missed=["settling time", "overshoot", "peak"])
+    assert found.sentences[0].startswith(
+        "The best experiment misses the objectives for settling time, overshoot and peak: continue"
+    )
+    one = said(theta, place=place, missed=["overshoot"])
+    assert one.sentences[0].startswith("The best experiment misses the objective for overshoot: ")
+    assert PROMISE[1:] in one.text
+
+
+@pytest.mark.parametrize(
+    ("theta", "range_"),
+    [
+        ([1.5, 20, 1.0, 0.0], "T_s=0.25:1.81"),
+        ([0.9, 40, 1.0, 0.0], "N_p=4:49"),
+        ([0.9, 20, 0.01, 0.0], "gain=0.001:100"),
+        ([0.9, 20, 100.0, 0.0], "gain=0.01:1000"),
+        ([0.9, 20, 1.0, -5.0], "offset=-7:3"),
+    ],
+)
+def test_ranges_become_a_quarter_wider_and_positive_ones_stay_so(theta, range_):
+    assert said(theta).command.endswith(f"--knob {range_}")
+
+
+def test_a_frozen_knob_is_where_it_was_put():
+    frozen = SPACE.narrowed({"T_s": (0.25, 0.25), "N_p": (10, 30)})
+    assert [knob.name for knob, _ in at_end(frozen, np.array([0.25, 30, 1.0, 0.0]))] == ["N_p"]
+
+
+def test_without_a_file_there_is_no_command():
+    found = said([0.25, 20, 1.0, 0.0], place=":memory:")
+    assert found.command == ""
+    assert found.ends.endswith("widen its range.")
+
+
+def test_a_scenario_of_ones_own_is_named_and_a_study_of_the_data_folder_by_its_name():
+    found = said([0.25, 20, 1.0, 0.0], scenario="my own.py:plant", place=str(study_path("mine")))
+    assert found.command.startswith(
+        "prefcal studies respace mine --scenario 'my own.py:plant' --knob "
+    )
+    assert study_name("./a.prefcal") == "./a.prefcal"
+
+
+def test_the_command_can_be_carried_out(tmp_path):
+    toy = toy_scenario()
+    path = tmp_path / "mine.prefcal"
+    interview = begin(replace(toy, name=TOY), n_max=7, path=path)
+    for _ in range(6):
+        now = proceed(interview)
+        best = max if now.question.left.experiment.theta[0] else min
+        assert best
+        low = now.question.left.experiment.theta[0] < now.question.right.experiment.theta[0]
+        interview.answer(now.question.id, Choice.LEFT if low else Choice.RIGHT)
+    theta = np.array([0.25, 20.0, 1.0])
+    found = outlook(PROMISE, theta, toy.space, str(path), interview.study.state, helps=always)
+    interview.study.close()
+    words = found.command.split()
+    assert words[:3] == ["prefcal", "studies", "respace"]
+    space = respace(words[3], words[5], Changes(knobs=words[7::2]))
+    assert space.knobs[0].low == 0.125
+    with StudyFile.open(path, clock=clock()) as file:
+        assert file.state.configuration["within"]["T_s"] == [0.125, 1.5]

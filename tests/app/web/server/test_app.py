@@ -1,0 +1,254 @@
+"""Every address of the window, around a real interview; and how errors are told."""
+
+import asyncio
+import threading
+
+import httpx
+import pytest
+
+from prefcal_app.session import Choice, Given, Interview, Phase
+from prefcal_app.web.api import Pace
+from support.interviews import begin, proceed
+from support.windows import make_room
+from toy_study import toy_scenario
+
+LEFT, RIGHT = Choice.LEFT, Choice.RIGHT
+
+
+def verdict(room, **changes):
+    return {
+        "question": room.question(), "choice": "left", "comment": "", "blind": False, **changes
+    }  # fmt: skip
+
+
+def test_now_shows_the_open_question(room):
+    shown = room.page().get("/api/now").json()
+    assert shown["question"]["id"] == room.question()
+    assert (shown["phase"], shown["blind"]) == ("question", False)
+    assert room.page().get("/api/now?blind=1").json()["blind"] is True
+    assert room.seen == ["poll", "poll"]
+
+
+def test_a_poll_of_another_version_is_answered_at_once(toy, static):
+    interview = begin(toy)
+    proceed(interview)
+    room = make_room(interview, static, pace=Pace(poll=60.0))
+    assert room.page().get("/api/now?after=0").status_code == 200
+
+
+def test_forty_polls_wake_with_an_answer_that_they_do_not_hold_up(toy, static):
+    interview = begin(toy)
+    proceed(interview)
+    room = make_room(interview, static, pace=Pace(poll=60.0, after_answer=0.0))
+    version = interview.now().version
+
+    async def meet() -> list[httpx.Response]:
+        async with room.page().client() as client:
+            polls = [
+                asyncio.create_task(client.get(f"/api/now?after={version}")) for _ in range(60)
+            ]
+            while len(room.seen) < 60:  # all of them are in
+                await asyncio.sleep(0)
+            answered = await client.post("/api/answer", json=verdict(room))
+            return [answered, *await asyncio.gather(*polls)]
+
+    async def in_time() -> list[httpx.Response]:
+        return await asyncio.wait_for(meet(), 20)
+
+    answered, *polled = asyncio.run(in_time())
+    assert answered.json()["version"] > version
+    assert all(p.json()["version"] > version for p in polled)
+
+
+def test_an_answer_is_recorded_with_what_belongs_to_it(room):
+    asked = room.interview.now().question
+    body = verdict(room, choice="right", comment="θ: it swings", blind=True)
+    assert room.post("answer", **body).status_code == 200
+    (closed,) = room.interview.now().state.history.comparisons[1:]
+    assert (closed.question, closed.comment, closed.blind) == (asked.id, "θ: it swings", True)
+    assert closed.answer.preference is asked.preference(Choice.RIGHT)
+
+
+@pytest.mark.parametrize("choice", ["left", "right", "same", "cannot tell"])
+def test_every_verdict_can_be_given(room, choice):
+    assert room.post("answer", **verdict(room, choice=choice)).status_code == 200
+    assert room.interview.now().state.history.answered == 2
+
+
+def test_the_second_of_two_tabs_is_told_and_nothing_is_recorded_twice(room):
+    body = verdict(room)
+    assert room.post("answer", **body).status_code == 200
+    events = room.events
+    late = room.post("answer", **body)
+    assert late.status_code == 409
+    assert late.json()["kind"] == "stale"
+    assert "nothing was recorded twice" in late.json()["error"]
+    assert late.json()["now"] == room.page().get("/api/now").json()
+    assert room.events == events
+
+
+def test_two_tabs_at_the_same_instant_record_one_answer(room):
+    body = verdict(room)
+
+    async def both() -> list[int]:
+        async with room.page().client() as client:
+            posts = (client.post("/api/answer", json=body) for _ in range(2))
+            return [response.status_code for response in await asyncio.gather(*posts)]
+
+    assert sorted(asyncio.run(both())) == [200, 409]
+    assert room.interview.now().state.history.answered == 2
+
+
+def test_the_answer_waits_for_the_next_question(toy, static):
+    interview = begin(toy)
+    proceed(interview)
+    room = make_room(interview, static, pace=Pace(after_answer=60.0))
+    first = room.question()
+    worker = threading.Thread(target=lambda: work_until_another(interview, first))
+    worker.start()
+    shown = room.post("answer", **verdict(room)).json()
+    worker.join()
+    assert shown["phase"] == "question"
+    assert shown["question"]["id"] != first
+
+
+def work_until_another(interview: Interview, first: int) -> None:
+    while (now := interview.now()).question is None or now.question.id == first:
+        interview.wait(now.version, 60.0) if now.phase is Phase.QUESTION else interview.work()
+
+
+def test_marks_stand_in_the_study(room):
+    index = room.interview.now().question.right.index
+    body = {"question": room.question(), "side": "right", "mark": "unsafe", "on": True}
+    assert room.post("mark", **body).status_code == 200
+    assert room.interview.now().state.marks[index] == {"unsafe"}
+
+
+def test_undo_opens_the_question_again(room):
+    first = room.interview.now().question
+    room.post("answer", **verdict(room))
+    assert room.post("undo", version=room.interview.now().version).status_code == 200
+    again = room.interview.now().question
+    assert (again.left.index, again.right.index) == (first.left.index, first.right.index)
+    assert room.post("undo", version=room.interview.now().version).status_code == 409
+
+
+def test_an_answer_is_retracted(room):
+    room.post("answer", **verdict(room))
+    proceed(room.interview)
+    assert room.post("retract", answer=1).status_code == 200
+    assert room.interview.now().state.history.comparisons[1].retracted
+    assert room.post("retract", answer=9).status_code == 409
+
+
+def test_an_earlier_question_is_asked_again(room):
+    assert room.post("repeat").status_code == 409
+    room.post("answer", **verdict(room))
+    proceed(room.interview)
+    assert room.post("repeat").status_code == 200
+    assert room.interview.now().question.repeats is not None
+
+
+def test_the_study_ends_and_goes_on(room):
+    assert room.post("go_on", more=1).status_code == 409
+    assert room.post("finish").json()["phase"] == "over"
+    assert room.interview.now().state.ended == "stopped"
+    assert room.post("go_on", more=10).status_code == 200
+    assert room.interview.now().state.n_max == 16
+    assert room.post("go_on", more=10_001).status_code == 400
+
+
+def test_the_questions_per_experiment_are_changed(room):
+    assert room.page().get("/api/status").json()["questions"] == 1
+    assert room.post("pace", questions=3).status_code == 200
+    assert room.page().get("/api/status").json()["questions"] == 3
+    for impossible in (0, 100, 1.5, "3"):
+        assert room.post("pace", questions=impossible).status_code == 400
+    assert room.interview.questions == 3
+
+
+def test_history_and_status_are_shown(room):
+    room.post("answer", **verdict(room))
+    page = room.page()
+    assert page.get("/api/history").status_code == 200
+    assert page.get("/api/status").status_code == 200
+    asked = page.get("/api/history/1?blind=1")
+    assert asked.status_code == 200
+    assert asked.json()["question"]["id"] == room.interview.asked(1).id
+    for answer in ("0", "2", "x", "-1", "1.0", "9" * 30):
+        assert page.get(f"/api/history/{answer}").status_code == 404
+
+
+def failing_room(static, error):
+    """A room whose experiment has failed."""
+    toy = toy_scenario()
+
+    def run(theta, seed=0):
+        raise error
+
+    object.__setattr__(toy, "run", run)
+    interview = begin(toy)
+    while interview.now().phase is Phase.RUNNING:
+        interview.work()
+    return make_room(interview, static)
+
+
+def test_a_failed_run_is_tried_again_or_counted(static):
+    room = failing_room(static, ValueError("the plant is on fire"))
+    assert room.interview.now().phase is Phase.FAILED
+    assert room.post("retry").json()["phase"] == "running"
+    room.interview.work()
+    assert room.post("fail", index=0, reason="on fire").status_code == 200
+    assert 0 in room.interview.now().state.finished
+    assert room.post("fail", index=0, reason="").status_code == 409
+
+
+def test_a_record_that_nobody_waits_for_is_told(room):
+    page = room.page(**{"content-type": "text/csv"})
+    late = page.post("/api/record?index=0&unsafe=0", content=b"time\n0\n")
+    assert (late.status_code, late.json()["kind"]) == (409, "stale")
+    assert late.json()["now"]["phase"] == "question"
+    assert page.post("/api/record", content=b"time").status_code == 400
+    wrong = room.page(**{"content-type": "application/json"})
+    assert wrong.post("/api/record?index=0", content=b"time").status_code == 415
+
+
+def test_a_record_arrives_as_it_was_sent(room, monkeypatch):
+    got = []
+
+    def record(self, given):
+        got.append(given)
+        return self.now()
+
+    monkeypatch.setattr(Interview, "record", record)
+    content = bytes(range(256)) * 4000  # larger than any JSON body may be
+    page = room.page(**{"content-type": "text/csv; charset=utf-8"})
+    address = "/api/record?index=3&unsafe=1&theta=0.5,20,1e-3&again=1"
+    assert page.post(address, content=content).status_code == 200
+    assert got == [Given(3, content, True, (0.5, 20.0, 0.001), True)]
+    for theta in ("", "a", "1,,2", "nan", "1,inf"):
+        assert page.post(f"/api/record?index=3&theta={theta}", content=b"x").status_code == 400
+
+
+def test_only_json_is_taken_as_json(room):
+    for kind in ("text/plain", "application/x-www-form-urlencoded", "", "application/jsonp"):
+        page = room.page(**{"content-type": kind})
+        assert page.post("/api/finish", content=b"{}").status_code == 415
+    with_charset = room.page(**{"content-type": "Application/JSON; charset=utf-8"})
+    assert with_charset.post("/api/finish", content=b"{}").status_code == 200
+
+
+def test_closing_is_acknowledged_first(room):
+    assert room.post("close", more=1).status_code == 400
+    assert not room.closed.is_set()
+    assert room.post("close").status_code == 200
+    assert room.closed.is_set()
+
+
+def test_an_unknown_address_or_method_is_told(room):
+    page = room.page()
+    assert page.get("/api/nothing").json()["kind"] == "refused"
+    assert page.get("/api/answer").status_code == 405
+    assert page.post("/api/now").status_code == 405
+    assert page.get("/nothing").status_code == 404
+    assert page.get("/api/now/").status_code == 404

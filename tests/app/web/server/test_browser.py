@@ -1,0 +1,62 @@
+"""A browser is opened where one can be seen, never in the terminal."""
+
+import webbrowser
+
+import pytest
+
+from prefcal_app.web import open_browser
+
+SCREEN = {"DISPLAY": ":0"}
+
+
+class Graphical(webbrowser.BaseBrowser):
+    """Remembers what it was asked to open."""
+
+    def __init__(self, name="firefox", works=True):
+        super().__init__(name)
+        self.opened, self._works = [], works
+
+    def open(self, url, new=0, autoraise=True):
+        self.opened.append(url)
+        return self._works
+
+
+def found(monkeypatch, browser):
+    monkeypatch.setattr(webbrowser, "get", lambda using=None: browser)
+    return browser
+
+
+@pytest.mark.parametrize("environ", [SCREEN, {"WAYLAND_DISPLAY": "wayland-0"}])
+def test_a_graphical_browser_is_opened(monkeypatch, environ):
+    browser = found(monkeypatch, Graphical())
+    assert open_browser("http://x/", environ=environ, platform="linux")
+    assert browser.opened == ["http://x/"]
+
+
+def test_without_a_display_none_is_opened(monkeypatch):
+    browser = found(monkeypatch, Graphical())
+    assert not open_browser("http://x/", environ={"DISPLAY": ""}, platform="linux")
+    assert open_browser("http://x/", environ={}, platform="darwin")
+    assert browser.opened == ["http://x/"]
+
+
+@pytest.mark.parametrize("name", ["w3m", "/usr/bin/lynx", "www-browser", "links", "elinks"])
+def test_a_text_browser_is_never_opened(monkeypatch, name):
+    browser = found(monkeypatch, Graphical(name))
+    assert not open_browser("http://x/", environ=SCREEN, platform="linux")
+    assert browser.opened == []
+
+
+def test_a_browser_that_would_run_in_the_terminal_is_not_opened(monkeypatch):
+    found(monkeypatch, webbrowser.GenericBrowser("/bin/false"))
+    assert not open_browser("http://x/", environ=SCREEN, platform="linux")
+
+
+def test_no_browser_is_no_error(monkeypatch):
+    def none(using=None):
+        raise webbrowser.Error("could not locate runnable browser")
+
+    monkeypatch.setattr(webbrowser, "get", none)
+    assert not open_browser("http://x/", environ=SCREEN, platform="linux")
+    found(monkeypatch, Graphical(works=False))
+    assert not open_browser("http://x/", environ=SCREEN, platform="linux")

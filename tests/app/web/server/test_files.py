@@ -1,0 +1,109 @@
+"""The page's own files, and those of the report."""
+
+import asyncio
+import gzip
+
+import httpx
+import pytest
+
+from prefcal_app.web.api import Pace
+from prefcal_app.web.server.files import Assets
+from support.interviews import begin, proceed
+from support.windows import make_room
+
+
+def test_the_page_names_the_version_of_its_files(room, static):
+    page = room.page()
+    html = page.get("/").text
+    link = html.partition('src="')[2].partition('"')[0]
+    assert "VERSION" not in html
+    file = page.get(link)
+    assert file.text == (static / "main.js").read_text()
+    assert file.headers["cache-control"] == "private, max-age=31536000, immutable"
+    assert page.get("/static/main.js").headers["cache-control"] == "no-store"
+
+
+def test_files_are_packed_for_clients_that_accept_it(room):
+    asset = room.app.state.assets.get("main.js")
+    room.app.state.assets.pack_all().join()
+    packed = room.page(**{"accept-encoding": "br, gzip"}).get("/static/main.js")
+    plain = room.page(**{"accept-encoding": "br, gzip;q=0"}).get("/static/main.js")
+    assert (packed.headers["content-encoding"], packed.content) == ("gzip", asset.content)
+    assert gzip.decompress(asset.packed) == asset.content
+    assert "content-encoding" not in plain.headers
+    assert plain.content == asset.content
+    assert plain.headers["etag"] != packed.headers["etag"]
+
+
+def test_a_file_that_the_browser_has_is_not_sent_again(room):
+    first = room.page().get("/static/main.js")
+    again = room.page(**{"if-none-match": first.headers["etag"]}).get("/static/main.js")
+    assert (again.status_code, again.content) == (304, b"")
+    other = room.page(**{"if-none-match": '"other"'}).get("/static/main.js")
+    assert other.status_code == 200
+
+
+def test_plotly_comes_from_the_installed_package(room):
+    response = room.page().get("/static/plotly.min.js")
+    assert response.status_code == 200
+    assert response.headers["content-type"].startswith("text/javascript")
+    assert b"plotly.js" in response.content[:200]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["notes.txt", "../index.html", "%2e%2e%2findex.html", "..%5cindex.html", "%00", "main.js%00"],
+)
+def test_only_the_files_of_the_page_are_there(room, name):
+    assert room.page().get(f"/static/{name}").status_code == 404
+
+
+def test_the_report_is_there_once_it_is_written(room, tmp_path):
+    page = room.page()
+    assert page.get("/report/a.png").status_code == 404
+    folder = tmp_path / "report"
+    folder.mkdir()
+    (tmp_path / "secret.json").write_text("{}")
+    for name in ("a.png", "b.html", "c.py", ".d.json", "e.svg"):
+        (folder / name).write_bytes(b"content")
+    (folder / "link.json").symlink_to(tmp_path / "secret.json")
+    (folder / "folder.png").mkdir()
+    room.reports.put(folder)
+    picture = page.get("/report/a.png")
+    assert (picture.content, picture.headers["content-type"]) == (b"content", "image/png")
+    policy = page.get("/report/b.html").headers["content-security-policy"]
+    assert policy.startswith("sandbox allow-popups; default-src 'none'")
+    assert "allow-same-origin" not in policy
+    assert room.page(cookie="").get("/report/b.html").status_code == 401
+    for name in (
+        "c.py", ".d.json", "e.svg", "link.json", "folder.png", "%2e%2e%2fsecret.json", "z.png",
+    ):  # fmt: skip
+        assert page.get(f"/report/{name}").status_code == 404
+
+
+def test_the_report_wakes_the_pages(toy, static, tmp_path):
+    interview = begin(toy)
+    proceed(interview)
+    room = make_room(interview, static, pace=Pace(poll=60.0))
+    room.reports.changed = room.watch.wake
+    version = interview.now().version
+
+    async def meet() -> httpx.Response:
+        async with room.page().client() as client:
+            poll = asyncio.create_task(client.get(f"/api/now?after={version}"))
+            while not room.watch.waiting:
+                await asyncio.sleep(0)
+            room.reports.put(tmp_path)
+            return await asyncio.wait_for(poll, 20)
+
+    assert asyncio.run(meet()).status_code == 200
+
+
+def test_no_module_that_others_import_is_linked_with_a_version():
+    """The browser would load it twice, under two addresses, each with a state of its own."""
+    assets = Assets()
+    scripts = {name: a.content.decode() for name, a in assets.items() if name.endswith(".js")}
+    page = assets.get("index.html").content.decode()
+    imported = {name for name in scripts if any(f'"./{name}"' in s for s in scripts.values())}
+    assert "flow.js" in imported
+    assert [name for name in imported if f"/static/{name}?" in page] == []

@@ -1,0 +1,241 @@
+"""Who is let in: names, origins, the cookie; and what every response bears."""
+
+import asyncio
+
+import pytest
+
+from prefcal_app.web.server.hosts import Hosts, in_link, warning
+from prefcal_app.web.server.security import LARGEST_BODY, LARGEST_RECORD, POLICY
+from support.windows import COOKIE, HOST, ORIGIN, PORT, TOKEN
+
+
+@pytest.fixture
+def room(shared_room):
+    """Nothing that is refused may change anything: one room will do."""
+    return shared_room
+
+
+def answer(room, **changes):
+    return {
+        "question": room.question(), "choice": "left", "comment": "", "blind": False, **changes
+    }  # fmt: skip
+
+
+def untouched(room, ask):
+    """The response of `ask`, which must not have recorded anything."""
+    version, events = room.interview.now().version, room.events
+    response = ask()
+    assert (room.interview.now().version, room.events) == (version, events)
+    return response
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example", f"evil.example:{PORT}", "127.0.0.1", f"127.0.0.1:{PORT + 1}", "",
+        f"127.0.0.1.evil.example:{PORT}", f"localhost:{PORT}:{PORT}", f"127.0.0.1:{PORT}x",
+        f"192.168.0.9:{PORT}", f"evil@127.0.0.1:{PORT}", "127.0.0.1:\u0661", f"[::2]:{PORT}",
+    ],
+)  # fmt: skip
+def test_a_foreign_name_is_refused_even_with_the_cookie(room, host):
+    given = {"cookie": COOKIE, "host": host.encode("utf-8")}
+    page = room.page()
+    page.headers = given
+    assert untouched(room, lambda: page.get("/api/now")).status_code == 403
+    assert page.get(f"/open/{TOKEN}").status_code == 403
+
+
+@pytest.mark.parametrize("host", [HOST, f"localhost:{PORT}", f"[::1]:{PORT}", f"LOCALHOST:{PORT}"])
+def test_the_names_of_the_loopback_device_are_ours(room, host):
+    assert room.page(host=host, origin=f"http://{host}").get("/api/now").status_code == 200
+
+
+def test_a_request_without_or_with_two_hosts_is_refused(room):
+    for hosts in ([], [HOST, HOST]):
+        headers = [*(("host", host) for host in hosts), ("cookie", COOKIE)]
+        assert bare(room, "GET", "/api/now", headers) == 403
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "null", "http://evil.example", f"https://{HOST}", "http://127.0.0.1", f"{ORIGIN}/",
+        f"http://127.0.0.1:{PORT + 1}", f"http://localhost:{PORT}", ORIGIN + ".evil.example", "*",
+    ],
+)  # fmt: skip
+def test_a_foreign_origin_is_refused(room, origin):
+    page = room.page(origin=origin)
+    response = untouched(room, lambda: page.post("/api/answer", json=answer(room)))
+    assert response.status_code == 403
+    assert "another page" in response.json()["error"]
+    assert page.get("/api/now").status_code == 403
+
+
+def test_a_post_without_an_origin_is_refused(room):
+    page = room.page(origin="")
+    response = untouched(room, lambda: page.post("/api/answer", json=answer(room)))
+    assert response.status_code == 403
+    assert page.get("/api/now").status_code == 200
+
+
+def test_two_origins_are_refused(room):
+    headers = [("host", HOST), ("cookie", COOKIE), ("origin", ORIGIN), ("origin", ORIGIN)]
+    assert bare(room, "POST", "/api/finish", headers) == 403
+
+
+@pytest.mark.parametrize(
+    "cookie",
+    [
+        "", f"prefcal_{PORT}=", f"prefcal_{PORT}={TOKEN}x", f"prefcal_{PORT}={TOKEN[:-1]}",
+        f"prefcal_{PORT + 1}={TOKEN}", f"prefcal={TOKEN}", TOKEN, f"x=prefcal_{PORT}={TOKEN}",
+        f"prefcal_{PORT}={TOKEN.upper()}",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("path", ["/", "/api/now", "/static/main.js", "/report/x.png", "/nowhere"])
+def test_without_the_cookie_nothing_is_shown_but_a_sentence(room, cookie, path):
+    response = room.page(cookie=cookie).get(path)
+    assert response.status_code == 401
+    assert "link" in response.text
+
+
+def test_an_answer_without_the_cookie_is_refused(room):
+    page = room.page(cookie="")
+    response = untouched(room, lambda: page.post("/api/answer", json=answer(room)))
+    assert (response.status_code, response.json()["kind"]) == (401, "refused")
+    assert response.json()["now"] is None
+
+
+def test_a_cookie_that_another_program_has_set_beside_ours_does_no_harm(room):
+    page = room.page(cookie=f"a=b; prefcal_{PORT}=wrong; {COOKIE}")
+    assert page.get("/api/now").status_code == 200
+
+
+def test_the_link_gives_the_cookie_and_the_page(room):
+    response = room.page(cookie="").get(f"/open/{TOKEN}")
+    assert response.status_code == 200
+    assert response.headers["content-type"].startswith("text/html")
+    parts = {part.strip() for part in response.headers["set-cookie"].split(";")}
+    assert parts == {f"prefcal_{PORT}={TOKEN}", "HttpOnly", "SameSite=Strict", "Path=/"}
+
+
+@pytest.mark.parametrize(
+    "token", ["wrong", TOKEN + "x", "%C3%A9", "%00", "%ff", "%2e%2e", "the-toke"]
+)
+def test_a_wrong_link_is_refused(room, token):
+    response = room.page().get(f"/open/{token}")
+    assert response.status_code in (401, 404)
+    assert "set-cookie" not in response.headers
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/", 200), ("GET", f"/open/{TOKEN}", 200), ("GET", "/api/now", 200),
+        ("GET", "/static/main.js", 200), ("GET", "/nowhere", 404), ("GET", "/api/nowhere", 404),
+        ("GET", "/api/answer", 405), ("POST", "/api/answer", 415), ("PUT", "/api/answer", 405),
+        ("OPTIONS", "/api/answer", 405), ("TRACE", "/", 405), ("DELETE", "/", 405),
+    ],
+)  # fmt: skip
+def test_every_response_bears_the_policy_and_is_not_kept(room, method, path, status):
+    response = room.page().request(method, path)
+    assert response.status_code == status
+    assert response.headers["content-security-policy"] == POLICY
+    assert response.headers["x-content-type-options"] == "nosniff"
+    assert response.headers["referrer-policy"] == "no-referrer"
+    assert response.headers["cross-origin-opener-policy"] == "same-origin"
+    assert response.headers["cross-origin-resource-policy"] == "same-origin"
+    assert response.headers["cache-control"] == "no-store"
+    assert "access-control-allow-origin" not in response.headers
+
+
+def test_the_policy_lets_nothing_foreign_in():
+    for part in POLICY.split("; "):
+        name, *sources = part.split(" ")
+        assert {*sources} <= {"'none'", "'self'", "data:", "blob:", "'unsafe-inline'"}
+        assert "'unsafe-inline'" not in sources or name == "style-src"
+
+
+def test_a_body_that_is_too_long_is_refused_before_it_is_read(room):
+    huge = str(LARGEST_BODY + 1)
+    headers = [*ours(), ("content-length", huge)]
+    assert bare(room, "POST", "/api/answer", headers, chunks=None) == 413
+    record = [*ours(), ("content-length", str(LARGEST_RECORD + 1)), ("content-type", "text/csv")]
+    assert bare(room, "POST", "/api/record?index=0", record, chunks=None) == 413
+
+
+def test_a_body_in_endless_chunks_is_refused(room):
+    endless = (b"x" * 1000 for _ in iter(int, 1))
+    assert untouched(room, lambda: bare(room, "POST", "/api/answer", ours(), endless)) == 413
+
+
+@pytest.mark.parametrize("length", ["-1", "1e3", "", "9" * 30, "\u0663", "1, 1"])
+def test_a_length_that_is_no_number_is_refused(room, length):
+    assert bare(room, "POST", "/api/answer", [*ours(), ("content-length", length)]) == 400
+
+
+@pytest.mark.parametrize("path", ["/api/now?" + "x" * 40_000, "/" + "x" * 40_000, "/api/now"])
+def test_too_long_a_head_is_refused(room, path):
+    more = [] if "x" in path else [(f"x-{i}", "y" * 1000) for i in range(40)]
+    assert bare(room, "GET", path, [*ours(), *more]) == 431
+
+
+def test_a_client_that_goes_away_in_its_body_records_nothing(room):
+    sent = untouched(room, lambda: bare(room, "POST", "/api/finish", ours(), chunks=()))
+    assert sent is None
+
+
+def test_a_web_socket_is_refused(room):
+    assert bare(room, "GET", "/api/now", ours(), type_="websocket") == "websocket.close"
+
+
+def test_a_window_beyond_this_machine_knows_its_address_and_warns():
+    lan = Hosts.of("192.0.2.7", 80)
+    assert lan.allow("192.0.2.7:80")
+    assert lan.allow("192.0.2.7")
+    assert lan.allow("localhost")
+    assert not lan.allow("192.0.2.8:80")
+    everywhere = Hosts.of("0.0.0.0", 8000)
+    assert everywhere.allow("192.0.2.8:8000")
+    assert everywhere.allow("[2001:db8::1]:8000")
+    assert not everywhere.allow("2001:db8::1:8000")
+    assert not everywhere.allow("[192.0.2.8]:8000")
+    assert not everywhere.allow("evil.example:8000")
+    assert "not encrypted" in warning("0.0.0.0")
+    assert warning("127.0.0.1") == warning("::1") == ""
+
+
+@pytest.mark.parametrize(
+    ("address", "link"),
+    [("0.0.0.0", "127.0.0.1"), ("::", "[::1]"), ("::1", "[::1]"), ("192.0.2.7", "192.0.2.7")],
+)
+def test_links_can_be_opened(address, link):
+    assert in_link(address) == link
+
+
+def ours():
+    return [("host", HOST), ("origin", ORIGIN), ("cookie", COOKIE)]
+
+
+def bare(room, method, path, headers, chunks=(b"{}",), *, type_="http"):
+    """Status of a request that no client library would send; None if there is no response."""
+    path, _, query = path.partition("?")
+    scope = {
+        "type": type_, "http_version": "1.1", "method": method, "path": path, "root_path": "",
+        "raw_path": path.encode(), "query_string": query.encode(), "scheme": "http",
+        "headers": [(k.encode(), v.encode("utf-8")) for k, v in headers],
+    }  # fmt: skip
+    sent, left = [], None if chunks is None else iter(chunks)
+
+    async def receive():
+        assert left is not None, "the body must not be read"
+        for chunk in left:
+            return {"type": "http.request", "body": chunk, "more_body": True}
+        return {"type": "http.disconnect"}
+
+    async def send(message):
+        sent.append(message)
+
+    asyncio.run(room.app(scope, receive, send))
+    if not sent:
+        return None
+    return sent[0].get("status", sent[0]["type"])

@@ -1,0 +1,122 @@
+"""What the page sends is read strictly: either it is what was agreed on, or it is refused."""
+
+import json
+from contextlib import suppress
+from typing import Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec import Struct
+
+from prefcal_app.web.bodies import (
+    LONGEST_TEXT,
+    MalformedError,
+    Real,
+    Text,
+    Whole,
+    bit,
+    digits,
+    read_json,
+    read_query,
+)
+
+
+class Fields(Struct, forbid_unknown_fields=True):
+    n: Whole
+    word: Literal["left", "right"]
+    on: bool
+    note: Text
+
+
+class Empty(Struct, forbid_unknown_fields=True):
+    pass
+
+
+class Number(Struct, forbid_unknown_fields=True):
+    n: Whole
+
+
+class Numbers(Struct, forbid_unknown_fields=True):
+    theta: tuple[Real, ...]
+
+
+GOOD = {"n": 3, "word": "left", "on": True, "note": "θ is fine\n"}
+
+
+def test_an_agreed_body_is_read():
+    assert read_json(json.dumps(GOOD).encode(), Fields) == GOOD
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"n": 3.0}, {"n": True}, {"n": "3"}, {"n": None}, {"n": -1}, {"n": 2**53}, {"n": [3]},
+        {"word": "up"}, {"word": ["left"]}, {"word": None}, {"on": 1}, {"on": "true"},
+        {"note": 3}, {"note": "a\0b"}, {"note": "\ud800"}, {"note": "\x1b[31m"},
+        {"note": "x" * (LONGEST_TEXT + 1)}, {"more": 1},
+    ],
+)  # fmt: skip
+def test_another_value_or_field_is_refused(change):
+    with pytest.raises(MalformedError, match=r"\.$"):
+        read_json(json.dumps({**GOOD, **change}).encode(), Fields)
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_missing_field_is_refused_and_named(name):
+    rest = {key: value for key, value in GOOD.items() if key != name}
+    with pytest.raises(MalformedError, match=f"missing required field `{name}`"):
+        read_json(json.dumps(rest).encode(), Fields)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"", b"[]", b"3", b"null", b"{", b'{"n": 1', b'{"n": NaN}', b'{"n": -Infinity}', b"\xff",
+        b'{"n": 1, "n": 1}', b"[" * 50_000, b'{"n":' * 9_000, b'{"n": ' + b"9" * 60_000 + b"}",
+        b'{"n": 1e999}', '{"n": 1}'.encode("utf-16"), b"\xef\xbb\xbf{}", b"{}\0", b"{} {}",
+    ],
+)  # fmt: skip
+def test_what_is_no_json_object_is_refused(body):
+    with pytest.raises(MalformedError):
+        read_json(body, Number)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(body):
+    with suppress(MalformedError):
+        assert read_json(body, Empty) == {}
+
+
+@given(st.binary(max_size=60))
+def test_any_query_is_read_or_refused(query):
+    with suppress(MalformedError):
+        assert read_query(query, {"after": digits, "blind": bit}).keys() <= {"after", "blind"}
+
+
+def test_a_query_is_read():
+    assert read_query(b"after=12&blind=1", {"after": digits, "blind": bit}) == {
+        "after": 12, "blind": True,
+    }  # fmt: skip
+    assert read_query(b"", {"after": digits}) == {}
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        b"after=", b"after=-1", b"after=1.0", b"after=1&after=1", b"after", b"x=1", b"&",
+        b"after=+1", b"after=%D9%A3", b"after=%00", b"after=" + b"9" * 40, b"blind=2",
+        b"blind=true", b"a=%ff",
+        b"&".join(b"after=1" for _ in range(1000)),
+    ],
+)  # fmt: skip
+def test_another_query_is_refused(query):
+    with pytest.raises(MalformedError):
+        read_query(query, {"after": digits, "blind": bit})
+
+
+@pytest.mark.parametrize("value", ["1e999", "1" + "0" * 400, "true", '"1"', "null", "[1]"])
+def test_what_is_no_finite_number_is_refused(value):
+    assert read_json(b'{"theta": [1, 2.5]}', Numbers) == {"theta": (1.0, 2.5)}
+    with pytest.raises(MalformedError, match=r"\.$"):
+        read_json(f'{{"theta": [1, {value}]}}'.encode(), Numbers)

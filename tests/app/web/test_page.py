@@ -1,0 +1,484 @@
+"""The query window in a real browser: by keyboard, in two tabs, after a kill, and by its pixels."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from prefcal_app.session.memory import questions_of
+from prefcal_env.study import verify
+from support.browser import Watched
+from support.page_checks import pixels
+from toy_study import TOY
+
+BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
+"""The curves of the two sides, in light."""
+
+
+def gray(page, selector):
+    """An element's picture, from 0 to 255."""
+    shot = page.locator(selector).screenshot()
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("L")).astype(int)
+
+
+def test_twelve_comparisons_by_keyboard(browser, command):
+    # Answers at random contradict what GLISp expects, and it would ask more than twelve questions.
+    served, watched = command(TOY, "--agent", "lhs"), Watched(browser)
+    watched.open(served.link)
+    assert watched.page.url.endswith("/")  # the token is not left in the address
+    keys = ["ArrowLeft", "ArrowRight", "ArrowDown", "s"] * 3
+    question = watched.question()
+    for number, key in enumerate(keys, start=1):
+        text = watched.page.inner_text("#progress-text")
+        assert text == f"question {number} of 12"
+        watched.page.keyboard.press(key)
+        if number < len(keys):
+            question = watched.question(question)
+    watched.phase("over")
+    watched.page.wait_for_selector("text=Open the report")
+    watched.shot("over")
+    state = served.state
+    assert state.ended == "all compared"
+    choices = []
+    for closed in state.history.comparisons[1:]:
+        p = closed.answer.preference
+        left_won = p is not None and p != 0 and (p == -1) == closed.challenger_left
+        choices.append("s" if p is None else "ArrowDown" if p == 0 else
+                       "ArrowLeft" if left_won else "ArrowRight")  # fmt: skip
+    assert choices == keys
+    watched.page.click("text=Close prefcal")
+    out, _ = served.process.communicate(timeout=30)
+    assert served.process.returncode == 0
+    assert "Report: " in out
+    assert verify(served.study) == ()
+    assert watched.errors == []
+
+
+def test_no_request_leaves_the_machine(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.answer("ArrowLeft")
+    for key in ("h", "w", "Escape", "o", "f"):
+        watched.page.keyboard.press(key)
+    origin = re.match(r"http://127\.0\.0\.1:\d+/", served.link)[0]
+    others = [url for url in watched.requests if not url.startswith((origin, "data:", "blob:"))]
+    assert others == []
+    assert len(watched.requests) > 10
+    assert watched.errors == []
+
+
+def test_the_page_follows_the_system_until_a_theme_is_chosen(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    page, theme = watched.page, "document.documentElement.dataset.theme"
+    assert page.evaluate(theme) == "light"
+    page.emulate_media(color_scheme="dark")
+    # A function, here and everywhere: the page's policy lets no string be run as code.
+    page.wait_for_function(f"() => {theme} === 'dark'")
+    page.click("#theme")
+    assert page.evaluate(theme) == "light"
+    page.emulate_media(color_scheme="light")
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_timeout(100)
+    assert page.evaluate(theme) == "light"
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_both_sides_show_their_curves(browser, window, theme):
+    served, watched = window(), Watched(browser, color_scheme=theme)
+    watched.open(served.link)
+    watched.shot(f"question-{theme}")
+    left, right = (BLUE, ORANGE) if theme == "light" else ((116, 180, 255), (255, 157, 107))
+    assert pixels(watched.page, "#left-plot", left) > 400
+    assert pixels(watched.page, "#right-plot", right) > 400
+    assert pixels(watched.page, "#left-plot", right) == 0
+    watched.page.keyboard.press("o")
+    watched.page.wait_for_selector("#both-plot .js-line")
+    watched.page.wait_for_timeout(200)
+    assert pixels(watched.page, "#both-plot", left) > 400
+    assert pixels(watched.page, "#both-plot", right) > 200
+    watched.shot(f"overlay-{theme}")
+
+
+RANGES = """div => { const l = div._fullLayout;
+  return [l.xaxis.range, l.yaxis.range, l.yaxis2.range, l.shapes.length] }"""
+
+
+def test_axes_are_the_same_and_one_zoom_moves_both(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    ranges = """name => { const l = document.getElementById(name + "-plot")._fullLayout;
+      return [l.xaxis.range, l.yaxis.range, l.yaxis2.range] }"""
+    both = lambda: [watched.page.evaluate(ranges, name) for name in ("left", "right")]  # noqa: E731
+    whole = both()
+    assert whole[0] == whole[1]
+    watched.page.keyboard.press("f")
+    zoomed = both()
+    assert zoomed[0] == zoomed[1] != whole[0]
+    assert zoomed[0][1] == pytest.approx([2 - 8 * 0.06, 2 + 8 * 0.06])
+    watched.page.keyboard.press("f")
+    assert both() == whole
+    box = watched.page.locator("#left-plot .nsewdrag").first.bounding_box()
+    watched.page.mouse.move(box["x"] + 40, box["y"] + 20)
+    watched.page.mouse.down()
+    watched.page.mouse.move(box["x"] + 160, box["y"] + 60, steps=4)
+    watched.page.mouse.up()
+    watched.page.wait_for_timeout(300)
+    dragged = both()
+    assert dragged[0] == dragged[1] != whole[0]
+
+
+def test_one_cursor_reads_both_sides(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    box = watched.page.locator("#left-plot").bounding_box()
+    watched.page.mouse.move(box["x"] + 200, box["y"] + 60)
+    texts = [watched.page.inner_text(f"#{side}-plot output >> nth=0") for side in ("left", "right")]
+    assert all(re.fullmatch(r"h = -?[\d.]+ @ [\d.]+ h", text) for text in texts)
+    assert texts[0].split("@")[1] == texts[1].split("@")[1]
+    watched.page.keyboard.press(".")
+    assert watched.page.inner_text("#left-plot output >> nth=0") != texts[0]
+
+
+def test_undo_takes_the_answer_back(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    before = watched.page.inner_text("#left .which") + watched.page.inner_text("#right .which")
+    question = watched.answer("ArrowLeft")
+    watched.page.keyboard.press("z")
+    watched.question(question)
+    after = watched.page.inner_text("#left .which") + watched.page.inner_text("#right .which")
+    assert after == before
+    assert watched.page.inner_text("#progress-text") == "question 1 of 12"
+    assert served.state.history.answered == 1
+
+
+def test_two_tabs_answer_the_same_question(browser, window):
+    served, first = window(), Watched(browser)
+    first.open(served.link)
+    second = Watched(browser)
+    # The second tab hears of no change, as if its long poll hung in a slow network.
+    second.page.route(re.compile("/api/now.*after="), lambda route: None)
+    second.open(served.link)
+    question = first.question()
+    first.page.keyboard.press("ArrowLeft")
+    first.question(question)
+    assert second.page.evaluate("() => document.body.dataset.question") == question
+    second.page.keyboard.press("ArrowRight")
+    second.page.wait_for_selector("#banner:not([hidden])")
+    assert "nothing was recorded twice" in second.page.inner_text("#banner")
+    second.question(question)  # it goes on with the open one
+    assert served.state.history.answered == 2
+
+
+def test_a_reload_changes_nothing(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    question = watched.answer("ArrowLeft")
+    watched.page.reload()
+    assert watched.question() == question
+    assert served.state.history.answered == 2
+
+
+def test_a_killed_server_goes_on_where_it_was(browser, command):
+    served, watched = command(), Watched(browser)
+    watched.open(served.link)
+    watched.answer("ArrowLeft")
+    question = watched.question()
+    watched.page.keyboard.press("ArrowRight")
+    watched.page.wait_for_function("() => document.getElementById('saved').textContent")
+    served.kill()
+    watched.page.wait_for_selector("#banner:not([hidden])")
+    told = watched.page.inner_text("#banner")
+    assert "It had saved 2 answers, the last one “right is better”. To continue, run: " in told
+    assert "prefcal calibrate" in told
+    assert verify(served.study) == ()
+    assert served.state.history.answered == 3
+    again = command()
+    watched.page.goto(again.link)
+    assert watched.question() != question
+    assert watched.page.inner_text("#progress-text") == "question 3 of 12"
+
+
+def test_keys_rest_while_somebody_types(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("c")
+    watched.page.keyboard.type("quieter, so q and s")
+    watched.page.keyboard.press("ArrowLeft")
+    assert served.state.history.answered == 1
+    watched.page.keyboard.press("Escape")
+    watched.answer("ArrowRight")
+    watched.page.keyboard.press("c")
+    watched.page.keyboard.type("louder")
+    watched.page.keyboard.press("Enter")
+    watched.answer("ArrowRight")
+    assert [c.comment for c in served.state.history.comparisons[1:]] == [
+        "quieter, so q and s",
+        "louder",
+    ]
+    assert watched.page.input_value("#comment") == ""
+    assert served.state.marks == {}
+
+
+def test_a_long_press_answers_once(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    question = watched.question()
+    for _ in range(6):
+        watched.page.keyboard.down("ArrowLeft")  # all but the first are repeats
+    watched.question(question)
+    watched.page.keyboard.up("ArrowLeft")
+    watched.page.wait_for_timeout(300)
+    assert served.state.history.answered == 2
+
+
+def test_marks_are_kept_and_shown(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("e")
+    watched.page.wait_for_selector("#right.unsafe")
+    watched.page.keyboard.press("a")
+    watched.page.wait_for_selector("#left-good-enough[aria-pressed=true]")
+    watched.shot("marks")
+    watched.page.keyboard.press("a")
+    watched.page.wait_for_selector("#left-good-enough[aria-pressed=false]")
+    assert sorted(map(sorted, served.state.marks.values())) == [[], ["unsafe"]]
+
+
+def test_good_enough_offers_the_end(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("a")
+    watched.page.wait_for_selector("#left-good-enough[aria-pressed=true]")
+    watched.answer("ArrowLeft")
+    watched.page.click("#offer-finish")
+    watched.phase("over")
+    assert served.state.ended == "good enough"
+    assert "What was gained" in watched.page.inner_text("#view-over")
+    watched.page.click("text=Keep comparing")
+    watched.question()
+
+
+def test_blind_hides_what_is_which_and_does_not_even_send_it(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("b")
+    watched.page.wait_for_selector("body[data-blind=true]")
+    shown = watched.page.inner_text("#pair")
+    for word in ("experiment", "best so far", "new", "N_p", "gain"):
+        assert word not in shown
+    sent = watched.page.evaluate("fetch('/api/now?blind=1').then((r) => r.text())")
+    assert '"theta":[{' not in sent
+    assert "best so far" not in sent
+    watched.answer("ArrowLeft")
+    assert served.state.history.comparisons[1].blind
+
+
+def test_history_shows_again_and_retracts(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    time, *_ = watched.page.eval_on_selector("#left-plot", RANGES)
+    watched.answer("ArrowLeft")
+    watched.answer("ArrowRight")
+    asked = watched.page.eval_on_selector("#left-plot", RANGES)
+    watched.page.keyboard.press("h")
+    watched.page.click(".answers tbody tr:last-child td:first-child button")
+    watched.page.wait_for_selector("#again .right .js-line")
+    watched.shot("history")
+    # As it was shown: the same axes, with targets and limits.
+    left, right = watched.page.eval_on_selector_all("#again .plot", f"all => all.map({RANGES})")
+    assert left == right
+    assert left[3] > 0
+    # The question's own component: the time in which things happened there, the study's heights.
+    assert left[:3] == [time, *asked[1:3]]
+    assert watched.page.locator("#again .head").count() == 4
+    watched.page.click(".answers tbody tr:last-child >> text=Retract")
+    assert "primary" not in watched.page.get_attribute("text=Retract it", "class")
+    watched.page.click("text=Retract it")
+    watched.page.wait_for_selector("tr.retracted")
+    assert served.state.history.comparisons[1].retracted
+
+
+def test_where_are_we_shows_the_best_and_what_was_learned(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    for key in ("ArrowLeft", "ArrowRight", "ArrowLeft"):
+        watched.answer(key)
+    watched.page.keyboard.press("w")
+    watched.page.wait_for_selector("[data-plot=slice] .js-line")
+    assert watched.page.locator("[data-plot=tried] .points path").count() >= 12
+    watched.shot("where-are-we")
+    watched.page.click("text=Ask me an earlier question again")
+    once = "() => document.getElementById('heading').textContent.startsWith('Once')"
+    watched.page.wait_for_function(once)
+    watched.answer("ArrowLeft")
+    assert len(served.state.history.repeats) == 1
+
+
+def test_the_verdicts_are_in_sight_at_1280_by_720_and_on_a_tablet(browser, window):
+    served = window("overtake", n_max=5)
+    for size in ((1280, 720), (768, 1024), (1024, 768)):
+        watched = Watched(browser, viewport={"width": size[0], "height": size[1]})
+        watched.open(served.link)
+        watched.page.wait_for_timeout(200)
+        watched.shot(f"overtake-{size[0]}")
+        for choice in ("left", "right", "same", "cannot-tell"):
+            box = watched.page.locator(f"#verdict-{choice}").bounding_box()
+            assert box["y"] + box["height"] <= size[1]
+            assert box["x"] + box["width"] <= size[0]
+        wide = "document.documentElement.scrollWidth > document.documentElement.clientWidth"
+        assert not watched.page.evaluate(wide)
+
+
+def test_one_table_compares_both_sides_and_a_key_opens_it(browser, window):
+    served, watched = window("overtake", n_max=5), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    assert page.is_hidden("#compare")
+    page.keyboard.press("t")
+    cells = "all => all.map(row => [...row.children].map(cell => cell.innerText.trim()))"
+    rows = page.eval_on_selector_all("#compare tbody tr", cells)
+    told = page.evaluate("fetch('/api/now').then((r) => r.json())")["question"]["comparison"]
+    differing = [row for row in told if row["size"] > 0]
+    assert len(rows) == len(differing) > 6
+    for shown, row in zip(rows, differing, strict=True):
+        assert row["left"]["text"] in shown[1]
+        assert row["right"]["text"] in shown[2]
+        assert shown[3] == (row["difference"] or "–")
+    # An objective that only one side misses, then the largest difference.
+    ranks = [(row["left"]["met"] == row["right"]["met"], -row["size"]) for row in differing]
+    assert ranks == sorted(ranks)
+    assert pixels(page, "#compare", BLUE) + pixels(page, "#compare", ORANGE) > 200  # bars
+    watched.shot("table")
+    watched.answer("ArrowLeft")
+    assert page.is_visible("#compare")  # it stays, for the next question
+    page.click("#compare-toggle")
+    assert page.is_hidden("#compare")
+
+
+def test_curves_follow_the_size_of_their_card(browser, window):
+    served, watched = window("cstr", n_max=5), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    for width, height in ((960, 720), (1100, 640), (1280, 720)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(400)
+        for side in ("left", "right"):
+            figure = page.locator(f"#{side}-plot .main-svg").first.bounding_box()
+            cell = page.locator(f"#{side}-plot").bounding_box()
+            assert figure["width"] == pytest.approx(cell["width"], abs=1)
+            assert figure["height"] <= cell["height"] + 1
+        for choice in ("left", "cannot-tell", "right"):
+            box = page.locator(f"#verdict-{choice}").bounding_box()
+            assert box["x"] + box["width"] <= width
+        assert pixels(page, "#right-plot", BLUE) == 0  # nothing of the left card
+    say = "b => { b.hidden = false; b.textContent = 'No connection to prefcal'; }"
+    page.eval_on_selector("#banner", say)
+    page.wait_for_timeout(400)
+    title = page.locator("#left-plot .xtitle").bounding_box()
+    footer = page.locator("#verdicts").bounding_box()
+    assert title["y"] + title["height"] <= footer["y"]
+    assert watched.errors == []
+
+
+def test_axes_stay_what_they_are_from_one_question_to_the_next(browser, window):
+    """And curves that are renewed in place show what a figure made anew would show."""
+    served, watched = window(n_max=13), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    same, before = 0, None
+    for _ in range(8):
+        watched.answer("ArrowLeft")
+        now = page.eval_on_selector("#left-plot", RANGES)
+        same += now == before
+        before = now
+    assert same >= 2
+    page.mouse.move(1, 1)
+    shown = [gray(page, f"#{side}-plot") for side in ("left", "right")]
+    page.reload()
+    watched.question()
+    page.wait_for_timeout(300)
+    for one, side in zip(shown, ("left", "right"), strict=True):
+        assert np.mean(np.abs(one - gray(page, f"#{side}-plot")) > 40) < 0.002
+
+
+def test_time_has_a_title_and_the_tab_says_how_far_it_is(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    assert page.locator("#left-plot .xtitle").text_content().startswith("time [h]")
+    assert re.fullmatch(r"1/12 · .+ · prefcal", page.title())
+    icon = page.get_attribute("link[rel=icon]", "href")
+    fetched = "u => fetch(u).then((r) => [r.status, r.headers.get('content-type')])"
+    assert page.evaluate(fetched, icon) == [200, "image/svg+xml"]
+    watched.answer("ArrowLeft")
+    assert page.title().startswith("2/12 · ")
+    assert watched.errors == []
+
+
+def test_on_a_phone_both_are_in_one_plot_and_the_chrome_is_small(browser, window):
+    served = window("cstr", n_max=5)
+    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+    watched = Watched(browser, **phone)
+    watched.open(served.link)
+    page = watched.page
+    page.wait_for_timeout(300)
+    watched.shot("phone")
+    assert pixels(page, "#both-plot", BLUE) > 150
+    assert pixels(page, "#both-plot", ORANGE) > 100
+    top, footer = (page.locator(at).bounding_box() for at in (".top", "#verdicts"))
+    assert top["height"] + footer["height"] < 190
+    assert page.locator("kbd:visible").count() == 0
+    choices = ("left", "same", "cannot-tell", "right")
+    tops = [page.locator(f"#verdict-{c}").bounding_box()["y"] for c in choices]
+    assert max(tops) - min(tops) < 3  # one row
+    assert not page.evaluate("document.documentElement.scrollWidth > innerWidth")
+    assert page.is_visible("#undo")
+
+
+@pytest.mark.parametrize("height", [720, 560])
+def test_no_card_is_cut_off(browser, window, height):
+    served = window("overtake", n_max=5)
+    watched = Watched(browser, viewport={"width": 1280, "height": height})
+    watched.open(served.link)
+    watched.page.click("text=Got it")  # the briefing, above the first question only
+    for shown in ("left", "both"):
+        watched.page.wait_for_selector(f"#{shown}-plot .js-line")
+        card, figure, footer = (
+            watched.page.locator(at).first.bounding_box()
+            for at in (f"#{shown}", f"#{shown}-plot .main-svg", "#verdicts")
+        )
+        bottom = card["y"] + card["height"]
+        assert figure["y"] + figure["height"] <= bottom
+        # Nothing has to be scrolled at the size that is promised.
+        assert height < 720 or bottom <= footer["y"]
+        watched.shot(f"overtake-{shown}-{height}")
+        watched.page.keyboard.press("o")
+
+
+def test_titles_of_panels_are_whole_on_a_tablet(browser, window):
+    served = window("cstr", n_max=5)
+    watched = Watched(browser, viewport={"width": 820, "height": 1180})
+    watched.open(served.link)
+    cut = "all => all.filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent)"
+    assert watched.page.eval_on_selector_all("#pair .head span", cut) == []
+
+
+def test_the_questions_per_experiment_are_chosen_on_the_page(browser, window):
+    served, watched = window(n_max=7), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    page.keyboard.press("w")
+    assert page.wait_for_selector("#pace").input_value() == "1"
+    page.focus("#pace")
+    with page.expect_response("**/api/pace*") as posted:
+        page.select_option("#pace", "3")
+    assert posted.value.ok
+    # Drawn anew, and still in focus.
+    page.wait_for_function("() => document.activeElement.id === 'pace'")
+    assert page.input_value("#pace") == "3"
+    assert questions_of(served.state.configuration) == 3
+    assert watched.errors == []

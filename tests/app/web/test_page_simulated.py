@@ -1,0 +1,239 @@
+"""Everything simulated, in a real browser: the reason, the picture, a look, a request, an offer."""
+
+import contextlib
+import re
+from functools import partial
+
+import pytest
+
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.reason import Reason
+from prefcal_app.session import Background
+from prefcal_app.web import Window
+from support.browser import Served, Watched
+from support.interviews import begin
+from support.page_checks import pixels, serious
+from support.screened import screening
+from support.unseen import unseen
+
+GOOD = {"light": (23, 113, 63), "dark": (105, 207, 149)}
+
+
+@pytest.fixture
+def screen(tmp_path, monkeypatch):
+    """Serve a study whose agent simulates, has reasons, and promises nothing after an answer."""
+    reason = Reason(0.7, ("final",), ("t_f",))
+    monkeypatch.setattr(Screening, "reason", property(lambda agent: reason))
+    monkeypatch.setattr(Screening, "chance_of_better", property(lambda agent: 0.08))
+    with contextlib.ExitStack() as served:
+
+        def start(n_max=6):
+            path = tmp_path / "mine.prefcal"
+            interview = screening(n_max=n_max, path=path, count=240)
+            window = served.enter_context(Window(interview))
+            served.enter_context(Background(interview))
+            return Served(window.link, path)
+
+        yield start
+
+
+def test_a_bar_grows_while_the_first_question_is_simulated(browser, tmp_path, monkeypatch):
+    # Slow until the bar was seen, however long a busy machine takes to show the page.
+    hurry = tmp_path / "hurry"
+    monkeypatch.setenv("PREFCAL_TEST_SECONDS", "1")
+    monkeypatch.setenv("PREFCAL_TEST_HURRY", str(hurry))
+    interview = begin(unseen, agent=partial(Screening, n_simulated=200))
+    with Window(interview) as window, Background(interview):
+        watched = Watched(browser)
+        page = watched.page
+        page.goto(window.link)
+        page.wait_for_function("() => document.getElementById('wait-progress').value > 0")
+        bar = page.locator("#wait-progress")
+        assert bar.is_visible()
+        assert bar.get_attribute("max") == "56"
+        assert re.search(r"\d+ of 56 simulated", page.inner_text("#wait-text"))
+        watched.shot("simulating-1280")
+        hurry.touch()
+        watched.question()
+        assert watched.errors == []
+
+
+def opened(browser, served, **options):
+    """A page with the picture on show."""
+    watched = Watched(browser, **options)
+    watched.open(served.link)
+    watched.page.keyboard.press("m")
+    watched.page.wait_for_selector("#map .point")
+    watched.page.wait_for_timeout(200)
+    return watched
+
+
+def chosen(page):
+    """What is written about the chosen point."""
+    return page.inner_text("#point h3"), page.inner_text("#point .values")
+
+
+def never_shown(page):
+    """Go to a point that was never shown, by keyboard."""
+    page.focus("#map")
+    for key in ("ArrowLeft", "ArrowDown", "ArrowRight", "ArrowUp") * 5:
+        if page.inner_text("#point h3") == "Simulated, never shown":
+            return chosen(page)
+        page.keyboard.press(key)
+    raise AssertionError("no such point was reached")
+
+
+def test_the_reason_stands_above_the_question_and_blind_hides_it(browser, screen):
+    watched = Watched(browser)
+    watched.open(screen().link)
+    page = watched.page
+    page.wait_for_function("() => document.getElementById('why').textContent.includes(' has ')")
+    assert re.match(r"Nothing learned yet: (left|right) has ", page.inner_text("#why"))
+    assert page.is_hidden("#offer")  # nothing is learned before an answer
+    watched.shot("why")
+    page.keyboard.press("b")
+    page.wait_for_selector("body[data-blind=true]")
+    assert page.is_hidden("#why")
+    assert watched.errors == []
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_picture_shows_the_simulated_and_the_best(browser, screen, theme):
+    watched = opened(browser, screen(), color_scheme=theme)
+    page = watched.page
+    watched.shot(f"simulated-{theme}")
+    assert pixels(page, "#map", GOOD[theme]) > 60  # the star
+    told = r"(\d+) simulated, 2 shown\. Not drawn: (\d+) failed, (\d+) stopped as unsafe or "
+    simulated, failed, stopped = map(int, re.match(told, page.inner_text("#map-told")).groups())
+    gray = page.locator("#map .scatterlayer .trace").first.locator(".point")
+    assert gray.count() == simulated - 2 - failed - stopped > 20
+    # Plotly puts empty characters around a subscript.
+    titles = [page.text_content(f"#map .{axis}title").replace("\u200b", "") for axis in "xy"]
+    assert titles == ["final level: distance from its target [m]", "settling time tf [h]"]
+    page.select_option("#map-x", label="gain [m/%]")
+    page.wait_for_timeout(200)
+    assert page.text_content("#map .xtitle") == "gain [m/%]"
+    assert watched.errors == []
+
+
+def test_a_click_and_the_arrow_keys_choose_a_point(browser, screen):
+    watched = opened(browser, screen())
+    page = watched.page
+    assert "Experiment 2" in chosen(page)[0]  # the new one of the open question
+    assert page.is_disabled("#ask-for")
+    first = never_shown(page)
+    page.keyboard.press("ArrowUp")  # all reach the target, so they lie above each other
+    assert chosen(page) != first
+    page.keyboard.press("ArrowDown")
+    points = page.locator("#map .scatterlayer .trace").first.locator(".point")
+    before = chosen(page)
+    for index in (3, 4):
+        box = points.nth(index).bounding_box()
+        page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.wait_for_timeout(100)
+    assert chosen(page) != before
+    assert page.evaluate("document.body.dataset.view") == "simulated"
+    assert watched.errors == []
+
+
+def test_a_look_shows_its_curves_and_records_nothing(browser, screen):
+    served = screen()
+    watched = opened(browser, served)
+    page, before = watched.page, served.state
+    never_shown(page)
+    page.click("#look-at")
+    page.wait_for_selector("#look .js-line")
+    assert "nothing is recorded" in page.inner_text("#look h3")
+    assert page.inner_text("#look .left h4") == "Best so far"
+    assert page.inner_text("#look .right .which") == "never shown"
+    watched.shot("simulated-look")
+    assert served.state == before
+    assert watched.errors == []
+
+
+def test_asking_for_a_point_makes_it_the_next_question(browser, screen):
+    served = screen()
+    watched = opened(browser, served)
+    page = watched.page
+    question = page.evaluate("document.body.dataset.question")
+    _, theta = never_shown(page)
+    page.focus("#ask-for")
+    page.keyboard.press("Enter")
+    watched.question(question)
+    page.wait_for_function("() => document.getElementById('why').textContent.includes('asked')")
+    side = page.inner_text("#why").split()[0].lower()
+    words = theta.split()
+    assert words[1] in page.inner_text(f"#{side}-thetas")
+    assert served.state.requested == {1}
+    assert page.inner_text("#progress-text").startswith("question 1 of 5")
+    watched.answer("ArrowLeft")
+    assert watched.errors == []
+
+
+def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
+    served = screen()
+    watched = Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    watched.answer("ArrowLeft")
+    page.wait_for_selector("#offer:visible")
+    offer = page.inner_text("#offer-text")
+    assert re.fullmatch(
+        r"The chance that the most promising of the \d+ simulated is better than the best so far "
+        r"is 8 %\. Stop here, or go on\?", offer,
+    )  # fmt: skip
+    watched.shot("offer")
+    page.click("#offer-go-on")
+    watched.answer("ArrowLeft")
+    page.wait_for_timeout(500)
+    assert page.is_hidden("#offer")
+    page.keyboard.press("w")
+    page.wait_for_selector("text=Continue or stop?")
+    assert "simulated is better than the best so far is 8 %" in page.inner_text("#view-status")
+    page.reload()
+    page.wait_for_selector("#offer:visible")
+    page.click("#offer-finish")
+    watched.phase("over")
+    page.wait_for_function("() => document.body.textContent.includes('Continue or stop?')")
+    assert served.state.ended == "stopped"
+    assert watched.errors == []
+
+
+def test_nothing_of_it_is_there_for_other_agents(browser, window):
+    watched = Watched(browser)
+    watched.open(window().link)
+    page = watched.page
+    assert page.is_hidden("#to-simulated")
+    assert page.is_hidden("#why")
+    page.keyboard.press("m")
+    assert page.evaluate("document.body.dataset.view") == "now"
+    page.keyboard.press("?")
+    page.wait_for_selector(".keys")
+    assert "simulated" not in page.inner_text(".keys")
+    assert not any("/api/simulated" in url for url in watched.requests)
+
+
+@pytest.mark.parametrize("width", [1280, 820, 390])
+def test_it_fits_every_width(browser, screen, width):
+    watched = opened(browser, screen(), viewport={"width": width, "height": 800})
+    page = watched.page
+    watched.shot(f"simulated-{width}")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate("() => document.getElementById('main').scrollWidth <= innerWidth")
+    box = page.locator("#map").bounding_box()
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= width
+    assert box["width"] > 0.4 * width
+
+
+def test_nothing_serious_is_found_by_axe(browser, screen):
+    watched = opened(browser, screen(), color_scheme="light")
+    page = watched.page
+    never_shown(page)
+    page.click("#look-at")
+    page.wait_for_selector("#look .js-line")
+    assert serious(page) == []
+    page.keyboard.press("Escape")
+    watched.answer("ArrowLeft")
+    page.wait_for_selector("#offer:visible")
+    assert serious(page) == []

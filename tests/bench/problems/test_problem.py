@@ -1,0 +1,147 @@
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from prefcal_bench.problems import Outcome, judges, prefer, problem
+from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.preferences.answer import Preference
+from prefcal_scenarios.tastes import TASTES, Runs, taste
+
+OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"
+module = import_module("prefcal_bench.problems.problem")
+
+
+@pytest.fixture
+def tiny(small_samples, monkeypatch, tmp_path):
+    """A closed loop that takes microseconds, nothing of which has been computed."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("WIN_PD_OVERRIDE_LOCAL_APPDATA", str(tmp_path / "cache"))
+    return problem(f"{OWN}:SCENARIO")
+
+
+@pytest.mark.parametrize(
+    ("name", "with_value"),
+    [
+        ("camel", {"perfect"}),
+        ("cstr-guidelines", set()),
+        ("cstr", {"perfect", "weights", "limits", "narrow", "hidden"}),
+        ("overtake", {"weights", "limits", "narrow", "hidden"}),
+        ("servo", {"weights", "limits", "narrow", "hidden"}),
+    ],
+)
+def test_agents_can_be_told_a_value_where_answers_follow_one(name, with_value):
+    where = problem(name)
+    assert {who for who in where.answering if where.has_value(who)} == with_value
+
+
+def test_a_problem_with_calibrators_needs_a_referee():
+    camel = problem("camel")
+    with pytest.raises(SettingsError, match="'camel' has calibrators, and so needs a referee"):
+        replace(camel, referee=None)
+
+
+def test_people_have_a_gap_where_there_is_a_cost_and_a_worth_where_there_is_a_taste(tiny):
+    camel, person = problem("camel"), problem("camel").person("noisy10", 3)
+    assert person.worth is None
+    low = camel.outcome(np.array([0.0898, -0.7126]))
+    assert person.gap(low) == camel.gap(low) == pytest.approx(0.0, abs=1e-6)
+    assert person.cost(low) == low.cost
+    blind = problem("overtake").person("lexicographic", 0)
+    assert blind.gap is None
+    assert blind.worth is None
+    by_taste = tiny.person("weights", 0)
+    assert by_taste.gap is None
+    assert by_taste.worth(tiny.outcome(np.array([0.5, 0.5, 0.5]))) >= 1.0
+
+
+@pytest.mark.parametrize("name", TASTES)
+def test_whoever_has_a_taste_answers_on_a_closed_loop(tiny, name):
+    one, other = (tiny.outcome(tiny.space.decode(np.full(3, z))) for z in (0.2, 0.6))
+    first, again = (tiny.person(name, 5) for _ in "ab")
+    verdict = prefer(first.judge, one, other)
+    assert isinstance(verdict, Preference)
+    assert prefer(again.judge, one, other) is verdict
+    # As somebody else would make the same person from the same runs.
+    usual, pool = (module.sample(tiny.scenario, which) for which in ("usual", "pool"))
+    same = taste(name, tiny.scenario.kpis, usual, 5)
+    assert int(same.calibrator().prefer(one.experiment, other.experiment)) == verdict
+    assert first.worth(one) == module.person_of(same, pool).worth(one)
+
+
+@pytest.mark.parametrize("name", ["rising", "rising-noisy20"])
+def test_every_study_begins_with_the_standards_of_the_start(tiny, name):
+    one, other = tiny.person(name, 5).judge, tiny.person(name, 5).judge
+    assert one is not other
+    assert getattr(one, "calibrator", one).rule is not getattr(other, "calibrator", other).rule
+
+
+def test_samples_are_prepared_once_and_read_once(tiny, monkeypatch):
+    assert not tiny.is_prepared
+    tiny.prepare()
+    assert tiny.is_prepared
+    read = []
+    monkeypatch.setattr(module, "sample", lambda *words: read.append(words))
+    tiny.person("weights", 1)
+    assert not read
+    monkeypatch.setattr(module, "_READ", {})
+    tiny.prepare()
+    assert [name for _, name in read] == ["usual", "pool"]
+
+
+def test_without_a_scenario_nothing_is_to_be_prepared():
+    assert problem("camel").is_prepared
+    problem("camel").prepare()
+    assert problem("camel").kpi_names == ()
+
+
+@pytest.mark.parametrize(("name", "who"), [("camel", "weights"), ("servo", "perfect")])
+def test_somebody_unknown_says_who_answers(name, who):
+    expected = f"calibrator of {name} must be one of .*, got '{who}'"
+    with pytest.raises(SettingsError, match=expected):
+        problem(name).person(who, 0)
+
+
+def test_theta_outside_the_box_of_a_loop_is_refused(tiny):
+    with pytest.raises(KnobError, match="lead"):
+        tiny.outcome(np.array([0.5, 1.5, 0.5]))
+
+
+def test_a_loop_has_no_gap(tiny):
+    with pytest.raises(SettingsError, match="no cost"):
+        tiny.gap(tiny.outcome(np.array([0.5, 0.5, 0.5])))
+
+
+def test_an_abstention_is_refused_in_the_benchmark():
+    class Abstains:
+        def prefer(self, challenger, incumbent):
+            return None
+
+    outcome = Outcome(np.zeros(2), 1.0)
+    with pytest.raises(SettingsError, match="must decide"):
+        prefer(Abstains(), outcome, outcome)
+
+
+def test_noisy_judges_flip_the_referee():
+    referee = problem("camel").referee
+    made = judges(referee, "perfect")
+    assert list(made) == ["perfect", "noisy10", "noisy20"]
+    assert made["perfect"](1) is made["perfect"](2) is referee
+    rng = np.random.default_rng(0)
+    pairs = [[Outcome(rng.random(2), float(rng.random())) for _ in "ab"] for _ in range(400)]
+    sure = [prefer(referee, *pair) for pair in pairs]
+    for name, share in (("noisy10", 0.1), ("noisy20", 0.2)):
+        said = [prefer(made[name](3), *pair) for pair in pairs]
+        wrong = np.mean([a != b for a, b in zip(said, sure, strict=True)])
+        assert wrong == pytest.approx(share, abs=0.05)
+
+
+def test_runs_of_this_process_are_kept_by_name_and_version(tiny):
+    tiny.prepare()
+    assert {key[0] for key in module._READ} == {tiny.name}
+    assert all(isinstance(runs, Runs) for runs in module._READ.values())
+    newer = replace(tiny, version="another")
+    newer.prepare()
+    assert len(module._READ) == 4

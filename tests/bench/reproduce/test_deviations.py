@@ -1,0 +1,40 @@
+"""The deviations from the paper: the page shows exactly the rows, and each can be measured."""
+
+import re
+from pathlib import Path
+
+from prefcal_bench.reproduce.deviations import DEVIATIONS, TABLE
+
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "deviations.md").read_text("utf-8")
+
+
+def test_the_page_shows_exactly_these_rows():
+    tables = re.findall(r"(?:^\|.*\n)+", PAGE, re.M)
+    assert tables == [TABLE]
+
+
+def test_every_part_is_one_that_the_script_has_and_every_other_row_says_where_to_look():
+    script = (ROOT / "benchmarks" / "checks" / "deviations.py").read_text("utf-8")
+    parts = re.findall(r"^([a-z]+) {2,}\S", script, re.M)
+    assert {row.part for row in DEVIATIONS} - {""} == set(parts)
+    for row in DEVIATIONS:
+        for page in re.findall(r"docs/[\w/]+\.md", row.effect):
+            assert (ROOT / page).exists()
+
+
+def test_every_row_has_its_five_cells_and_only_a_part_can_be_empty():
+    for line, row in zip(TABLE.splitlines()[2:], DEVIATIONS, strict=True):
+        assert line.count("|") == 6, line
+        assert all((row.paper, row.ours, row.why, row.effect))
+
+
+def test_the_code_names_the_deviations_where_they_stand():
+    for path, words in (
+        ("prefcal_env/mpc/controller.py", "Deviation: eq. MPC weighs y_0"),
+        ("prefcal_env/mpc/controller.py", "N_u + 1"),
+        ("prefcal_env/knobs/space.py", "Deviation: [0, 1]"),
+        ("agents/prefcal_agents/space/design.py", "Deviation: a plain design"),
+        ("agents/prefcal_agents/glisp/agent.py", "Deviation: the box"),
+    ):
+        assert words in (ROOT / path).read_text("utf-8"), path

@@ -1,0 +1,214 @@
+"""The folder of a campaign and its page."""
+
+import base64
+import csv
+import re
+import subprocess
+import sys
+
+import pytest
+
+from prefcal_bench.duels import PAPER
+from prefcal_bench.results import write
+from prefcal_bench.results.curves import frame_of
+from prefcal_env.errors import SettingsError
+from support.campaigns import duel, failed, grid, result
+from support.pages import Outline, assert_accessible
+from support.worths import walks
+
+FACTORS = {"GLISp": 1.0, "<Own> & co": 3.0, "RandomSearch": 100.0}
+FIGURES = ["duels.png", "gaps.png", "profiles.png", "questions.png", "ranking.png", "seconds.png"]
+
+
+def campaign():
+    return [
+        *grid(FACTORS),
+        failed("GLISp", "bowl", 9, "the worker <died>", n_max=3),
+        *[result(a, "road", s, None, n_max=3, seconds=0.01) for a in FACTORS for s in range(3)],
+    ]
+
+
+def duels():
+    names = list(FACTORS)
+    found = [duel(a, PAPER, s, -1) for a in names for s in range(3)]
+    return found + [duel(names[0], name, s, s - 1) for name in names[1:] for s in range(3)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("bench") / "made"
+    notes = ("GLIS on road: <no> cost",)
+    index = write(
+        campaign(), duels(), path, command="prefcal bench --jobs 2", digest="ab12", notes=notes
+    )
+    assert index == path / "index.html"
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return (folder / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_folder_holds_every_figure_the_tables_and_the_page(folder):
+    names = sorted(p.name for p in folder.iterdir())
+    assert names == sorted(["index.html", "table.csv", "worth.csv", "duels.csv", *FIGURES])
+    rows = list(csv.DictReader((folder / "table.csv").open()))
+    assert len(rows) == 12
+    assert {row["agent"] for row in rows} == set(FACTORS)
+
+
+def test_the_page_holds_every_figure_and_asks_the_network_for_nothing(folder, page):
+    inside = {base64.b64decode(m) for m in re.findall(r"base64,([^\"]+)", page)}
+    assert inside == {(folder / name).read_bytes() for name in FIGURES}
+    assert "http" not in page
+    assert "<script" not in page
+
+
+def test_the_page_is_accessible_and_follows_the_color_scheme(page):
+    assert_accessible(page)
+
+
+def test_what_was_typed_the_digest_and_versions_are_there(page):
+    for text in ("prefcal bench --jobs 2", "ab12", "numpy", "python", "1e-9"):
+        assert text in page
+
+
+def test_failed_cells_and_what_was_left_out_are_listed_with_reasons(page):
+    assert "GLISp on bowl, perfect, seed 9" in page
+    assert "the worker &lt;died&gt;" in page
+    assert "GLIS on road: &lt;no&gt; cost" in page
+    assert "bowl, perfect calibrator: no seed 9 of" in page
+    assert "Not complete" in page
+
+
+def test_names_are_escaped(page):
+    assert "&lt;Own&gt; &amp; co" in page
+    assert "<Own>" not in page
+
+
+def test_alternative_texts_say_what_the_figures_say(page):
+    alts = " ".join(a["alt"] for a in Outline(page).all("img"))
+    assert "Lowest median gap at the end: bowl GLISp (0.0025)" in alts
+    assert "Average ranks over 3 problems: GLISp 1.00" in alts
+    assert "GLISp to the paper's optimum 100 %" in alts
+
+
+def test_the_lowest_median_of_each_problem_is_tinted(page):
+    table = page[page.index("Median gaps") :]
+    table = table[: table.index("</table>")]
+    rows = re.findall(r'<tr><th scope="row">(\w+)</th>(.*?)</tr>', table)
+    for name, cells in rows:
+        assert cells.count('class="best"') == 1, name
+    assert "<td>3 of 3</td><td>0 of 3</td><td>0 of 3</td>" in table
+
+
+def test_equal_results_write_equal_bytes_in_whatever_order(folder, tmp_path, page):
+    write(
+        reversed(campaign()), reversed(duels()), tmp_path, command="prefcal bench --jobs 2",
+        digest="ab12", notes=("GLIS on road: <no> cost",),
+    )  # fmt: skip
+    for path in folder.iterdir():
+        assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
+
+
+def test_a_smaller_campaign_takes_the_figures_of_a_larger_one_away(tmp_path):
+    for name in (
+        "ranking.png",
+        "gaps-noisy.png",
+        "worth-drift-noisy.png",
+        "holiday.png",
+        "duels.txt",
+    ):
+        (tmp_path / name).write_bytes(b"")
+    write([result("GLISp", "p", s, (1.0, 0.1)) for s in range(2)], [], tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "index.html", "table.csv", "worth.csv", "duels.csv", "gaps.png", "profiles.png",
+        "questions.png", "holiday.png", "duels.txt",
+    }  # fmt: skip
+    text = (tmp_path / "index.html").read_text()
+    assert "a ranking needs two agents and two problems" in text
+    assert "Not complete" not in text
+    assert "Seconds per proposal: measured in serial runs only" in text
+
+
+def test_several_calibrators_have_figures_each(tmp_path):
+    results = [
+        result("GLISp", "p", s, (1.0, 0.1), calibrator=name)
+        for name in ("perfect", "noisy")
+        for s in range(2)
+    ]
+    write(results, [], tmp_path)
+    text = (tmp_path / "index.html").read_text()
+    assert {p.name for p in tmp_path.glob("gaps*")} == {"gaps-perfect.png", "gaps-noisy.png"}
+    assert text.index("Median gaps (perfect calibrator)") < text.index("(noisy calibrator)")
+
+
+@pytest.mark.parametrize("results", [[], [failed()]])
+def test_a_campaign_without_any_result_has_a_page_that_says_so(tmp_path, results):
+    write(results, [], tmp_path)
+    text = (tmp_path / "index.html").read_text()
+    Outline(text)
+    assert "No study has finished yet" in text
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_a_baseline_without_results_is_told(tmp_path):
+    write([result("A", "p", 0, (1.0, 0.1))], [], tmp_path)
+    assert "there are no results of GLISp" in (tmp_path / "index.html").read_text()
+
+
+def test_nothing_is_written_of_impossible_results(tmp_path):
+    with pytest.raises(SettingsError):
+        write([result(), result(gaps=(1.0, 0.3))], [], tmp_path / "made")
+    assert not (tmp_path / "made").exists()
+
+
+LOOPS = walks({"GLISp": 1.3, "GLIS": 1.6, "RandomSearch": 1.0}, seeds=2, n_max=5)
+
+
+def test_closed_loops_come_first_and_have_no_gaps(tmp_path):
+    write([*LOOPS, *grid(FACTORS)], [], tmp_path)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert_accessible(page)
+    headings = re.findall(r"<h2>(.*?)</h2>", page)
+    assert headings[:4] == [
+        "Worth after 5 experiments", "Who beats GLISp", "Worth along the study", "Worth: weights"
+    ]  # fmt: skip
+    assert headings.index("Worth: weights") < headings.index("Median gaps")
+    assert {row["problem"] for row in csv.DictReader((tmp_path / "table.csv").open())} == {
+        "bowl", "valley", "waves"
+    }  # fmt: skip
+    rows = list(csv.DictReader((tmp_path / "worth.csv").open()))
+    assert {row["taste"] for row in rows} == {"weights"}
+    assert {row["agent"] for row in rows} == {"GLISp", "GLIS", "RandomSearch"}
+
+
+def test_of_closed_loops_alone_the_page_does_not_speak_of_gaps(tmp_path):
+    write(LOOPS, [], tmp_path)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert " gap" not in page[page.index("</style>") :]
+    assert {p.name for p in tmp_path.glob("*.png")} == {
+        "worth-summary.png", "worth-improvement.png", "worth-drift.png",
+        "worth-experiments.png", "worth-answers.png",
+    }  # fmt: skip
+
+
+def test_published_studies_stand_beside_ours(tmp_path):
+    mine = walks({"own.py:Mine": 1.4}, seeds=2, n_max=5)
+    write(mine, [], tmp_path, baseline="own.py:Mine", published=frame_of(LOOPS))
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "Beside them, 3 published agents." in page
+    assert "Who beats own.py:Mine" in page
+    agents = {row["agent"] for row in csv.DictReader((tmp_path / "worth.csv").open())}
+    assert agents == {"own.py:Mine", "GLISp", "GLIS", "RandomSearch"}
+
+
+def test_a_table_alone_loads_no_plots():
+    code = "import sys, prefcal_bench.results as r; r.table([]); "
+    code += "print([m for m in ('matplotlib', 'torch') if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        env={"PYTHONPATH": ":".join(p for p in sys.path if p)},
+    )  # fmt: skip
+    assert done.stdout.strip() == "[]"

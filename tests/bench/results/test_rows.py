@@ -1,0 +1,248 @@
+"""The table as data, of whole and of partial campaigns."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from prefcal_bench.problems import HOLES
+from prefcal_bench.results import as_csv, table
+from prefcal_bench.results.campaign import campaign_of
+from prefcal_bench.results.missing import beaten, failures, in_holes, missing, not_run
+from prefcal_bench.results.statistics import FLOOR
+from prefcal_env.errors import SettingsError
+from support.campaigns import ends, failed, grid, result
+from support.worths import study
+
+KINDS = st.sampled_from(["there", "missing", "failed"])
+
+
+def by_agent(rows):
+    return {row["agent"]: row for row in rows}
+
+
+def test_a_row_by_hand():
+    results = ends("GLISp", "p", [1e-3, 2e-3, 3e-3]) + ends("Own", "p", [1e-1, 2e-1, 3e-3])
+    rows = by_agent(table(results))
+    own = rows["Own"]
+    assert (own["problem"], own["knobs"], own["calibrator"]) == ("p", 2, "perfect")
+    assert (own["n_init"], own["n_max"], own["seeds"], own["failed"]) == (1, 2, 3, 0)
+    assert own["gap_median"] == pytest.approx(0.1)
+    assert (own["gap_lower_quartile"], own["gap_upper_quartile"]) == (
+        pytest.approx(0.0515),
+        pytest.approx(0.15),
+    )
+    assert own["log10_ratio"] == pytest.approx(2)
+    assert (own["wins"], own["ties"], own["losses"]) == (0, 1, 2)
+    assert own["floor"] == FLOOR
+    assert own["questions_median"] == 1
+    assert rows["GLISp"]["log10_ratio"] is None
+    assert rows["GLISp"]["p_holm"] is None
+
+
+def test_p_values_are_corrected_for_the_agents_on_one_problem():
+    rows = by_agent(table(grid({"GLISp": 1.0, "A": 3.0, "B": 9.0}, problems=("p",), seeds=6)))
+    assert rows["A"]["p"] == rows["B"]["p"] == pytest.approx(2 / 2**6)
+    assert rows["A"]["p_holm"] == pytest.approx(2 * 2 / 2**6)
+
+
+def test_no_row_depends_on_which_other_agents_there_are():
+    results = grid({"GLISp": 1.0, "A": 3.0, "B": 9.0})
+    alone = [r for r in results if r.cell.agent != "B"]
+    kept = [row for row in table(results) if row["agent"] == "A"]
+    few = [row for row in table(alone) if row["agent"] == "A"]
+    for row, other in zip(kept, few, strict=True):
+        assert {**row, "p_holm": None} == {**other, "p_holm": None}
+
+
+def test_intervals_come_out_again():
+    gaps = np.random.default_rng(1).random((2, 20))
+    results = ends("GLISp", "p", gaps[0]) + ends("A", "p", gaps[1])
+    assert table(results) == table(results)
+
+
+def test_swapping_agent_and_baseline_flips_the_sign():
+    results = grid({"A": 1.0, "B": 3.0})
+    one = [row for row in table(results, baseline="A") if row["agent"] == "B"]
+    two = [row for row in table(results, baseline="B") if row["agent"] == "A"]
+    for row, other in zip(one, two, strict=True):
+        assert row["log10_ratio"] == pytest.approx(-other["log10_ratio"])
+        assert row["log10_ratio_low"] == pytest.approx(-other["log10_ratio_high"])
+        assert (row["wins"], row["losses"]) == (other["losses"], other["wins"])
+
+
+@settings(max_examples=10)
+@given(st.randoms())
+def test_the_order_of_results_changes_nothing(random):
+    results = [*grid({"GLISp": 1.0, "A": 3.0}), failed("A", "bowl", 9, n_max=3)]
+    shuffled = results * 2
+    random.shuffle(shuffled)
+    assert table(results) == table(shuffled)
+
+
+@settings(max_examples=25)
+@given(st.lists(KINDS, min_size=12, max_size=12), st.lists(KINDS, min_size=4, max_size=4))
+def test_any_part_of_a_campaign_has_a_table_and_says_what_is_missing(kinds, roads):
+    cells = [(a, p, s) for a in ("GLISp", "B") for p in ("p", "q") for s in range(3)]
+    cells += [(a, "road", s) for a in ("GLISp", "B") for s in range(2)]
+    results = []
+    for (a, p, s), kind in zip(cells, [*kinds, *roads], strict=True):
+        if kind == "failed":
+            results.append(failed(a, p, s))
+        elif kind == "there":
+            results.append(result(a, p, s, None if p == "road" else (1.0, 0.1 * (s + 1))))
+    rows = table(results)
+    json.dumps(rows, allow_nan=False)
+    campaign = campaign_of(results)
+    assert sum(row["seeds"] for row in rows) == [*kinds, *roads].count("there")
+    assert sum(row["failed"] for row in rows) == len(failures(campaign))
+    assert bool(missing(campaign) + not_run(campaign)) == _is_uneven(cells, [*kinds, *roads])
+
+
+def _is_uneven(cells, kinds):
+    """Whether an agent that was run at all lacks a seed that another one has there."""
+    tried = {cell for cell, kind in zip(cells, kinds, strict=True) if kind != "missing"}
+    agents = {agent for agent, _, _ in tried}
+    return any((agent, p, s) not in tried for agent in agents for _, p, s in tried)
+
+
+def test_what_is_missing_is_named():
+    results = [*ends("A", "p", [1.0] * 4), *ends("B", "p", [1.0] * 2), *ends("A", "q", [1.0])]
+    campaign = campaign_of(results)
+    assert missing(campaign) == ["p, perfect calibrator: no seeds 2, 3 of B"]
+    assert not_run(campaign) == ["q, perfect calibrator: not run with B"]
+
+
+def test_an_agent_that_is_nowhere_with_a_calibrator_is_told_once():
+    results = [*grid({"A": 1.0, "GLIS": 1.0}), *ends("A", "p", [0.1], calibrator="noisy")]
+    results += ends("A", "q", [0.1], calibrator="noisy")
+    words = not_run(campaign_of(results))
+    assert words == ["noisy calibrator, 2 experiments (1 initial): not run with GLIS"]
+
+
+def test_nothing_is_missing_of_a_whole_campaign():
+    campaign = campaign_of(grid({"A": 1.0, "B": 2.0}))
+    assert missing(campaign) == not_run(campaign) == []
+
+
+def test_a_baseline_without_results_leaves_the_differences_out():
+    rows = table(grid({"A": 1.0, "B": 3.0}), baseline="nobody")
+    assert {row["log10_ratio"] for row in rows} == {None}
+    assert all(row["gap_median"] is not None for row in rows)
+
+
+def test_different_budgets_are_never_compared():
+    rows = table([*ends("GLISp", "p", [0.1]), result("A", "p", 0, (1.0, 0.5, 0.1))])
+    assert [row["log10_ratio"] for row in rows] == [None, None]
+    assert [row["n_max"] for row in rows] == [2, 3]
+
+
+def test_a_problem_without_a_cost_has_rows_without_gaps():
+    (row,) = table([result("A", "road", 0, None)])
+    assert row["seeds"] == 1
+    assert row["gap_median"] is None
+    assert row["questions_median"] == 1
+
+
+def test_infinite_gaps_are_no_crash_and_null():
+    inf = float("inf")
+    results = ends("GLISp", "p", [0.1, 0.2]) + [
+        result("A", "p", s, (inf, inf), visited=None) for s in range(2)
+    ]
+    row = by_agent(table(results))["A"]
+    assert row["gap_median"] is None
+    assert row["losses"] == 2
+    json.dumps(row, allow_nan=False)
+
+
+def test_a_study_that_ended_early_keeps_its_last_gap():
+    early = result("A", "p", 0, (1.0, 0.5), n_max=4)
+    (curve,) = campaign_of([early]).studies["curve"]
+    assert curve.tolist() == [1.0, 0.5, 0.5, 0.5]
+
+
+def test_what_was_visited_and_what_is_returned_are_two_things():
+    (row,) = table([result("A", "p", 0, (1.0, 0.01, 0.3))])
+    assert row["gap_median"] == 0.3
+    assert row["visited_median"] == 0.01
+
+
+def test_beating_the_best_known_value_is_told():
+    assert beaten(campaign_of(ends("A", "p", [-0.02]))) == [
+        "p, 2 knobs: 0.02 below the best known value, which is therefore not "
+        "the optimum; such gaps count as the floor"
+    ]
+    assert beaten(campaign_of(ends("A", "p", [-1e-12]))) == []
+
+
+def test_the_hole_of_the_reactor_s_index_is_counted_apart_from_what_nobody_knew():
+    campaign = campaign_of(
+        ends("GLIS", "cstr", [-0.27, 0.01, -0.2]) + ends("A", "cstr", [0.02] * 3)
+    )
+    assert beaten(campaign) == []
+    (words,) = in_holes(campaign)
+    assert "cstr, perfect calibrator: found the hole of the cost" in words
+    assert "GLIS in 2 of 3 seeds" in words
+    assert " A in" not in words
+    rows = by_agent(table(ends("GLIS", "cstr", [-0.27, 0.01, 0.02])))
+    assert rows["GLIS"]["seeds_in_hole"] == 1
+    assert rows["GLIS"]["gap_to_hole_median"] == pytest.approx(0.01 + HOLES["cstr"])
+    assert rows["GLIS"]["gap_median"] == 0.01
+
+
+def test_a_gap_below_the_bottom_of_the_hole_is_news_all_the_same():
+    campaign = campaign_of(ends("A", "cstr", [-0.4]))
+    assert in_holes(campaign) == []
+    assert "0.4 below the best known value" in beaten(campaign)[0]
+
+
+def test_where_no_hole_is_known_none_is_counted():
+    (row,) = table(ends("A", "p", [-0.02]))
+    assert row["seeds_in_hole"] is None
+    assert row["gap_to_hole_median"] is None
+
+
+def test_seconds_are_there_only_where_they_were_measured():
+    results = [result("A", "p", s, seconds=0.25 if s else None) for s in range(2)]
+    assert table(results)[0]["seconds_per_proposal"] == 0.25
+    assert table([results[0]])[0]["seconds_per_proposal"] is None
+
+
+def test_csv_reads_back():
+    rows = table(grid({"GLISp": 1.0, "A": 3.0}))
+    back = list(csv.DictReader(io.StringIO(as_csv(rows))))
+    assert len(back) == len(rows)
+    assert float(back[1]["log10_ratio"]) == rows[1]["log10_ratio"]
+    assert back[0]["log10_ratio"] == ""
+    assert as_csv([]) == ""
+
+
+def test_nothing_gives_an_empty_table():
+    assert table([]) == []
+
+
+@pytest.mark.parametrize(
+    ("results", "words"),
+    [
+        (lambda: [result(), result(gaps=(1.0, 0.2))], "two different results"),
+        (lambda: [replace(result(), best=())], "must have numbers"),
+        (lambda: [replace(result(), questions=())], "must have"),
+        (lambda: [result(gaps=(1.0, float("nan")))], "numbers"),
+        (lambda: [result(gaps=(1.0, -float("inf")))], "gaps must be numbers"),
+        (lambda: [replace(result(), visited=(1.0,))], "visited"),
+        (lambda: [result(seed=0), result(seed=1, gaps=None)], "other results of 'bowl' have gaps"),
+    ],
+)
+def test_results_that_contradict_themselves_are_refused(results, words):
+    with pytest.raises(SettingsError, match=words):
+        table(results())
+
+
+def test_worth_has_no_row_though_the_problem_has_gaps_with_other_calibrators():
+    rows = table([result("GLISp", "cstr"), study("GLISp", "cstr"), study("GLISp", "servo")])
+    assert [(row["problem"], row["calibrator"]) for row in rows] == [("cstr", "perfect")]

@@ -1,0 +1,86 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_bench import Cell, Result, digest
+from prefcal_env.errors import SettingsError
+
+CELL = Cell("RandomSearch", "camel", "perfect", 0, 1, 2)
+RESULT = Result(CELL, ((0.1, -0.0), (1.0, 2.0)), (3.0, 0.5), (3.0, 0.5), (0, 1), (1.0, 2.0))
+NUMBERS = st.floats(allow_nan=False)
+
+
+def through_json(result):
+    return Result.from_dict(json.loads(json.dumps(result.to_dict(), allow_nan=False)))
+
+
+@given(
+    rows=st.lists(st.tuples(st.tuples(NUMBERS, NUMBERS), NUMBERS, st.integers(0, 99)), min_size=1),
+    costs=st.booleans(),
+    seconds=st.none() | st.floats(0, 9),
+)
+def test_a_result_goes_through_json_to_the_last_bit(rows, costs, seconds):
+    thetas, gaps, questions = zip(*rows, strict=True)
+    numbers = tuple(gaps) if costs else None
+    result = Result(CELL, thetas, numbers, numbers, questions, thetas[0], seconds=seconds)
+    assert through_json(result) == result
+    assert repr(through_json(result)) == repr(result)  # == takes -0.0 for 0.0
+
+
+@given(
+    worths=st.lists(st.floats(1, 9e3), min_size=2, max_size=2),
+    kpis=st.lists(st.tuples(NUMBERS, NUMBERS), min_size=2, max_size=2),
+    verdict=st.sampled_from([-1, 0, 1]),
+)
+def test_a_result_on_a_loop_goes_through_json_to_the_last_bit(worths, kpis, verdict):
+    result = replace(
+        RESULT, gaps=None, visited=None, worth=tuple(worths), kpi_names=("error", "effort"),
+        kpis=tuple(kpis), comparisons=((1, 0, verdict),),
+    )  # fmt: skip
+    assert through_json(result) == result
+    assert repr(through_json(result)) == repr(result)
+
+
+def test_how_many_were_simulated_is_kept_and_older_results_stay_as_they_were():
+    simulating = replace(RESULT, simulated=1000)
+    assert through_json(simulating) == simulating
+    assert digest([simulating]) != digest([RESULT])
+    assert "simulated" not in RESULT.to_dict()
+    # Computed before there were agents that simulate.
+    assert digest([RESULT]).startswith("5e94f809e8983159")
+
+
+def test_a_failure_goes_through_json():
+    failed = Result.failed(CELL, "the pump does not answer")
+    assert through_json(failed) == failed
+    assert failed.thetas == failed.gaps == failed.best == ()
+    assert Result.failed(CELL, "").failure  # a failure without words is one all the same
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"gaps": [1.0]}, "gaps must have 2"),
+        ({"visited": [1.0, 2.0, 3.0]}, "visited must have 2"),
+        ({"questions": []}, "questions must have 2"),
+        ({"worth": [1.0]}, "worth must have 2"),
+        ({"worth": [1.0, "nan"]}, "NaN"),
+        ({"kpis": [[1.0]]}, "kpis must have 2 rows, got 1"),
+        ({"comparisons": [[1, 0]]}, "cannot be read"),
+        ({"gaps": [1.0, "nan"]}, "NaN"),
+        ({"best": [np.nan, 1.0]}, "NaN"),
+        ({"failure": "but it has experiments"}, "say why"),
+        ({"thetas": [], "gaps": [], "visited": [], "questions": []}, "say why"),
+        ({"thetas": 7}, r"cannot be read: Expected `array`, got `int` - at `\$.thetas`"),
+        ({"gaps": ["low", "high"]}, "cannot be read"),
+        ({"cell": {}}, "missing required field `agent`"),
+        ({"more": 1}, "a result must have"),
+    ],
+)
+def test_what_does_not_fit_is_not_taken_for_a_result(change, word):
+    with pytest.raises(SettingsError, match=word):
+        Result.from_dict(RESULT.to_dict() | change)

@@ -1,0 +1,45 @@
+"""The command line, called as a user calls it, in this process."""
+
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from prefcal_bench.program import main
+from prefcal_scenarios.tastes import named
+
+SAMPLE = import_module("prefcal_scenarios.tastes.sample")  # the function has the same name
+
+
+@pytest.fixture(autouse=True)
+def data_home(monkeypatch, tmp_path):
+    """Studies with a name go into a folder of the test, never into the user's."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
+@pytest.fixture
+def small_samples(monkeypatch):
+    """Random experiments of closed loops and others: 64 show what is usual, 128 are the pool."""
+    for name, count in (("_USUAL", 64), ("_QUICK_POOL", 128), ("_SLOW_POOL", 128)):
+        monkeypatch.setattr(SAMPLE, name, count)
+    monkeypatch.setattr(named, "_USUAL", (0.0, np.inf))  # with so few, hardly any taste is usual
+    monkeypatch.setattr(import_module("prefcal_bench.problems.problem"), "_READ", {})
+
+
+@pytest.fixture
+def prefcal(monkeypatch, capsys, tmp_path):
+    """Run a command line in an empty folder; gives exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["prefcal", *words])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+        out = capsys.readouterr()
+        return code, out.out, out.err
+
+    return run
