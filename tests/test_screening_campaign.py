@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from prefcal_bench import Cell, Result, Store
-from prefcal_bench.engine import each
+from prefcal_bench.cells.engine import each
 from prefcal_bench.problems import CSTR_BROAD, problem
 from support.worths import study
 

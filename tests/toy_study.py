@@ -9,7 +9,8 @@ import numpy as np
 from prefcal_agents import GLISp, RandomSearch
 from prefcal_app.report import Record
 from prefcal_env.preferences.loop import calibrate
-from prefcal_scenarios.scenario import Scenario, load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.scenario import Scenario
 
 TOY_FILE = Path(__file__).parent / "scenarios" / "toy_scenario.py"
 TOY = f"{TOY_FILE}:toy"

@@ -8,13 +8,13 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .cli.notebook import ask as ask
     from .looking.look import look as look
-    from .notebook import ask as ask
     from .report.export import load_controller as load_controller
     from .report.trajectories import figure as figure
 
 _HOMES = {
-    "ask": "notebook",
+    "ask": "cli.notebook",
     "figure": "report.trajectories",
     "load_controller": "report.export",
     "look": "looking.look",

@@ -41,9 +41,9 @@ from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, SCREENING, TASTES, Ch
 from rich.console import Console
 
 from prefcal_bench import Processes, Result, Store, Suite, run_suite
+from prefcal_bench.cells.roster import entry
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.published import write_raw
-from prefcal_bench.roster import entry
 from prefcal_env.errors import PrefcalError
 
 PARTS = ("loops", "noise", "hidden", "reactor", "overtaking")

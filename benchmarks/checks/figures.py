@@ -72,7 +72,7 @@ ANSWERED = 7
 
 def prefcal(*words: str) -> str:
     """Run the command; return its standard output."""
-    code = "from prefcal_bench.program import main; main()"
+    code = "from prefcal_bench.cli.program import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, *words], check=True, text=True, stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},

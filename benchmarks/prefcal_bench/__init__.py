@@ -10,28 +10,28 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .cell import Cell as Cell
-    from .duels import Duel as Duel
-    from .executors import Processes as Processes
-    from .result import Result as Result
-    from .result import digest as digest
-    from .run import run_cell as run_cell
-    from .runner import Finished as Finished
-    from .runner import run_suite as run_suite
-    from .store import Store as Store
-    from .suite import Suite as Suite
+    from .cells.cell import Cell as Cell
+    from .cells.duels import Duel as Duel
+    from .cells.executors import Processes as Processes
+    from .cells.result import Result as Result
+    from .cells.result import digest as digest
+    from .cells.run import run_cell as run_cell
+    from .cells.runner import Finished as Finished
+    from .cells.runner import run_suite as run_suite
+    from .cells.store import Store as Store
+    from .cells.suite import Suite as Suite
 
 _HOMES = {
-    "Cell": "cell",
-    "Duel": "duels",
-    "Finished": "runner",
-    "Processes": "executors",
-    "Result": "result",
-    "Store": "store",
-    "Suite": "suite",
-    "digest": "result",
-    "run_cell": "run",
-    "run_suite": "runner",
+    "Cell": "cells.cell",
+    "Duel": "cells.duels",
+    "Finished": "cells.runner",
+    "Processes": "cells.executors",
+    "Result": "cells.result",
+    "Store": "cells.store",
+    "Suite": "cells.suite",
+    "digest": "cells.result",
+    "run_cell": "cells.run",
+    "run_suite": "cells.runner",
 }
 
 __all__ = list(_HOMES)

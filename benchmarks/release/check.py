@@ -29,7 +29,7 @@ LIMITS = {("-c", "import prefcal_env"): 0.4, ("-m", "prefcal_bench", "--help"): 
 COMMANDS = """
 import sys
 from typer.main import get_command
-from prefcal_bench.program import app
+from prefcal_bench.cli.program import app
 
 def walk(command, words):
     print(" ".join(words))

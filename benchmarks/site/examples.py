@@ -32,7 +32,7 @@ PAGES: Mapping[str, tuple[str, str, str]] = {
 FIGURES = tuple(figure for _, figure, _ in PAGES.values())
 _BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
 _FIRST = re.compile(r"^<!-- run first: ([\w.]+) -->", re.M)
-_COMMAND = "from prefcal_bench.program import main; main()"
+_COMMAND = "from prefcal_bench.cli.program import main; main()"
 
 
 def examples(docs: Path, folder: Path) -> tuple[dict[str, bytes], Mapping[str, float]]:

@@ -14,6 +14,7 @@ from gymnasium import register
 import prefcal_env as prefcal_env
 
 if TYPE_CHECKING:
+    from .catalog import load as load
     from .kpis import outcome as outcome
     from .kpis import screened as screened
     from .kpis import simulator as simulator
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from .scenario import KPI as KPI
     from .scenario import Panel as Panel
     from .scenario import Scenario as Scenario
-    from .scenario import load as load
 
 _HOMES = {
     "outcome": "kpis",
@@ -37,7 +37,7 @@ _HOMES = {
     "KPI": "scenario",
     "Panel": "scenario",
     "Scenario": "scenario",
-    "load": "scenario",
+    "load": "catalog",
 }
 
 __all__ = list(_HOMES)

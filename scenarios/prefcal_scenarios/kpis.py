@@ -14,8 +14,9 @@ from prefcal_env.experiments.maneuvers import MEAN, by_maneuver, named
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.reading import Reading
 
+from .catalog import load
 from .own.checks import returned
-from .scenario import KPI, Scenario, load
+from .scenario import KPI, Scenario
 
 INTERRUPTED = "interrupted"
 """Name of the KPI that is 1 for a run that was stopped or failed, and 0 otherwise."""

@@ -1,11 +1,7 @@
-"""A scenario: one calibration task described as data, and how to load it by name."""
+"""A scenario: one calibration task described as data."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
-from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
@@ -22,36 +18,12 @@ from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.preferences.reading import as_read
 from prefcal_env.rig import Rig
-from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.checks import check_parts
-from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.own.source import split_source
 from prefcal_scenarios.own.tracking import Tracked, TrackedRecord, found_rows
 from prefcal_scenarios.own.tracking import within as _within
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-_LOOPS = "prefcal_scenarios.cases.loops"
-CLOSED_LOOPS = (
-    "lag", "integrating", "oscillatory", "unstable", "tank", "quadruple-tank", "distillation",
-    "building", "servo", "cart-pole", "boost-converter", "steering", "mpc-oscillatory",
-    "mpc-quadruple-tank", "mpc-boost-converter",
-)  # fmt: skip
-"""Names of the closed loops of `prefcal_scenarios.cases.loops`, all of them built in."""
-BUILT_IN: Mapping[str, str] = {
-    "cstr": "prefcal_scenarios.cases.cstr:cstr",
-    "overtake": "prefcal_scenarios.cases.overtake:overtake",
-    **{name: f"{_LOOPS}:{name}" for name in CLOSED_LOOPS},
-}
-"""Scenario name to "module:attribute"; the module is imported on first use."""
-NAMES = ", ".join([*(n for n in BUILT_IN if n not in CLOSED_LOOPS), "a closed loop such as servo"])
-"""What a scenario may be called, for messages: the closed loops are too many to list."""
-_DESCRIBED = "prefcal_scenarios.own.described.making"
-CONTROLLERS = ("pid", "lqr")
-"""Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes."""
-_RANDOM_LOOP = re.compile(r"(loop|rough)-(0|[1-9]\d*)", re.ASCII)
 
 
 class Run(Protocol):
@@ -341,92 +313,4 @@ def with_ranges(scenario: Scenario, space: KnobSpace) -> Scenario:
         run=_within(scenario.run, space),
         controller=_within(scenario.controller, space),
         settings=_within(scenario.settings, space),
-    )
-
-
-def is_built_in(source: str) -> bool:
-    """Return whether the scenario is built in, with or without a configuration."""
-    return _home(source.partition("{")[0].strip()) is not None
-
-
-def _home(name: str) -> str | None:
-    """Return "module:attribute" of a built-in scenario or of a random loop such as "loop-17"."""
-    return f"{_LOOPS}:{name}" if is_random_loop(name) else BUILT_IN.get(name)
-
-
-def is_random_loop(name: str) -> bool:
-    """Return whether this is the name of a random closed loop, such as "loop-17" or "rough-17"."""
-    return _RANDOM_LOOP.fullmatch(name) is not None
-
-
-def is_own(source: str) -> bool:
-    """Return whether the scenario is a user's own, configured or not.
-
-    It is path/to/own.py:attribute, or described by plain data (see `is_described`).
-    """
-    name = source.partition("{")[0].strip()
-    return is_described(name) or name.rpartition(":")[0].endswith(".py")
-
-
-def is_described(source: str) -> bool:
-    """Return whether a scenario is described by plain data.
-
-    It is a TOML file, an FMU, or a standard controller such as "pid", configured or not.
-    """
-    name = source.partition("{")[0].strip()
-    return name in CONTROLLERS or name.endswith((".toml", ".fmu"))
-
-
-def load(name: str) -> Scenario:
-    """Return the scenario called `name`: one of `BUILT_IN`, or a user's own.
-
-    A user's own is "path/to/own.py:attribute", or described by plain data: "path/to/tank.toml",
-    "path/to/loop.fmu", or 'pid {"plant": "path/to/model.py:plant"}'.
-
-    "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`, and
-    "rough-17" the rough one, see `prefcal_scenarios.cases.loops.rough_loop`.
-
-    A configuration in JSON may follow the name: 'overtake {"lanes_count": 3}'.
-
-    Raises:
-        ScenarioError: If there is no such scenario, file or attribute, it is not a Scenario, it
-            cannot be configured, or the configuration is not JSON.
-        SettingsError: If the scenario rejects the configuration.
-    """
-    if not isinstance(name, str):
-        raise ScenarioError(f"a scenario is loaded by its name, got {name!r}")
-    bare, config = split_source(name)
-    if is_described(bare):
-        made: Scenario = import_module(_DESCRIBED).scenario_of(bare, config)
-        return made
-    if config is not None:
-        scenario = load(bare)
-        if scenario.configured is None:
-            raise ScenarioError(f"scenario {bare!r} takes no configuration, got {config}")
-        return scenario.configured(config)
-    path, _, attribute = name.rpartition(":")
-    if attribute.endswith(".py"):
-        raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
-    if is_own(name):
-        return _scenario_in(module_at(Path(path)), attribute, name)
-    home = _home(name)
-    if home is not None:
-        module, _, attribute = home.partition(":")
-        return _scenario_in(import_module(module), attribute, name)
-    raise ScenarioError(
-        f"no scenario is called {name!r}.{did_you_mean(name, BUILT_IN)} "
-        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, pid or lqr "
-        "(see `prefcal scenarios`)"
-    )
-
-
-def _scenario_in(module: ModuleType, attribute: str, name: str) -> Scenario:
-    found = getattr(module, attribute, None)
-    if isinstance(found, Scenario):
-        return found
-    got = repr(found) if hasattr(module, attribute) else "nothing of that name"
-    there = [key for key, value in vars(module).items() if isinstance(value, Scenario)]
-    raise ScenarioError(
-        f"{name!r} must name a prefcal_scenarios.Scenario, got {got}; "
-        f"in that file there is {', '.join(there) or 'none'}"
     )

@@ -16,7 +16,7 @@ from prefcal_app.report.export import best_as_json
 from prefcal_app.report.html import page
 from prefcal_app.session import Choice, Counts
 from prefcal_app.terminal.looking import show_status
-from prefcal_app.web.view import now_view, status_view
+from prefcal_app.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
 from support.screened import screening
 from toy_study import TOY, toy_scenario

@@ -8,7 +8,7 @@ from prefcal_app.cli.options import Options
 from prefcal_app.cli.report import record_of
 from prefcal_app.report.write import write_report
 from prefcal_app.session import Choice, Phase
-from prefcal_app.web.view import history_view, now_view, status_view
+from prefcal_app.view import history_view, now_view, status_view
 from support.interviews import begin, proceed
 from toy_study import toy_scenario
 

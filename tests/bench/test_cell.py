@@ -30,7 +30,7 @@ def test_the_key_of_a_cell_is_a_sha256_and_every_part_of_it_counts():
 def test_another_version_of_the_problem_has_another_key(monkeypatch):
     before = CELL.key
     newer = replace(problem("camel"), version=2)
-    monkeypatch.setattr("prefcal_bench.cell.problem", lambda name: newer)
+    monkeypatch.setattr("prefcal_bench.cells.cell.problem", lambda name: newer)
     assert CELL.key != before
 
 

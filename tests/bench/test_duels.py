@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from prefcal_bench import Cell, Duel, Result
-from prefcal_bench.duels import PAPER, Round, play, rounds
+from prefcal_bench.cells.duels import PAPER, Round, play, rounds
 from prefcal_bench.problems import problem
 from prefcal_env.errors import SettingsError
 from support.worths import study
@@ -57,7 +57,7 @@ def test_a_round_s_key_knows_the_version_of_the_problem(monkeypatch):
     before = round_.key
     now = problem("overtake")
     newer = replace(now, version=f"{now.version}, newer")
-    monkeypatch.setattr("prefcal_bench.duels.problem", lambda name: newer)
+    monkeypatch.setattr("prefcal_bench.cells.duels.problem", lambda name: newer)
     assert round_.key != before
 
 

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_bench.engine import Lost, each
-from prefcal_bench.executors import Processes
+from prefcal_bench.cells.engine import Lost, each
+from prefcal_bench.cells.executors import Processes
 from prefcal_env.errors import BenchmarkError, SettingsError
 from support import bench_tasks as tasks
 
@@ -84,7 +84,7 @@ def test_an_error_that_cannot_be_unpickled_is_lost_with_its_words():
 
 
 def test_workers_that_die_at_once_end_the_run(monkeypatch):
-    monkeypatch.setattr("prefcal_bench.executors._begin", tasks.refuse)
+    monkeypatch.setattr("prefcal_bench.cells.executors._begin", tasks.refuse)
     with pytest.raises(BenchmarkError, match="workers die as soon as they are started"):
         run([partial(tasks.double, k) for k in range(9)], jobs=1)
 

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_bench.roster import AGENTS, Entry, entry, in_order, is_installed
+from prefcal_bench.cells.roster import AGENTS, Entry, entry, in_order, is_installed
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from prefcal_bench import Cell, run_cell
+from prefcal_bench.cells.roster import entry
 from prefcal_bench.problems import problem
-from prefcal_bench.roster import entry
 from prefcal_scenarios.cases.functions import FUNCTIONS
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 
 OWN = Path(__file__).parents[1] / "support" / "bench_agents.py"
 LOOP = f"{OWN.with_name('bench_loop.py')}:SCENARIO"
@@ -135,7 +135,7 @@ def test_agents_are_told_kpis_unless_the_taste_is_for_hidden_ones(monkeypatch, t
         return Hears(space, n_init=n_init, n_max=n_max, seed=seed)
 
     made = SimpleNamespace(missing="", kind="preference", make=make, simulates=False)
-    monkeypatch.setattr("prefcal_bench.run.entry", lambda name: made)
+    monkeypatch.setattr("prefcal_bench.cells.run.entry", lambda name: made)
     result = run_cell(cell("RandomSearch", LOOP, taste, seed=1))
     assert not result.failure
     names = {name for answer in heard for side in answer.outcomes if side for name in side}
@@ -162,7 +162,7 @@ def test_no_theta_of_a_scenario_is_run_twice(monkeypatch):
 
     camel = problem("camel")
     watched = replace(camel, run=run)
-    monkeypatch.setattr("prefcal_bench.run.problem", lambda name: watched)
+    monkeypatch.setattr("prefcal_bench.cells.run.problem", lambda name: watched)
     assert not run_cell(cell(n_max=9)).failure
     assert len(ran) == len(set(ran)) == 9
 

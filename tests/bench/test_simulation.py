@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from prefcal_bench import Cell, run_cell
+from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.problems import problem
-from prefcal_bench.simulation import Simulation
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.kpis import screened
 
@@ -20,7 +20,7 @@ THETA = np.array([0.4, 0.5, 0.6])
 
 @pytest.fixture(autouse=True)
 def _nothing_known(monkeypatch):
-    monkeypatch.setattr("prefcal_bench.simulation._KNOWN", {})
+    monkeypatch.setattr("prefcal_bench.cells.simulation._KNOWN", {})
 
 
 def watched(name=LOOP):
@@ -74,8 +74,8 @@ def test_people_share_simulations_but_not_what_they_are_told():
 
 
 def test_memory_stays_small(monkeypatch):
-    monkeypatch.setattr("prefcal_bench.simulation._MOST", 3)
-    known = sys.modules["prefcal_bench.simulation"]._KNOWN
+    monkeypatch.setattr("prefcal_bench.cells.simulation._MOST", 3)
+    known = sys.modules["prefcal_bench.cells.simulation"]._KNOWN
     simulate, rng = Simulation(problem(LOOP)), np.random.default_rng(0)
     for theta in rng.random((9, 3)):
         assert simulate(theta) == simulate(theta)

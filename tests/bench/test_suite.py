@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from prefcal_bench import Suite
+from prefcal_bench.cells.roster import AGENTS, Entry
 from prefcal_bench.problems import PROBLEMS
-from prefcal_bench.roster import AGENTS, Entry
 from prefcal_env.errors import SettingsError
 
 OWN = Path(__file__).parents[1] / "support" / "bench_agents.py"
@@ -89,7 +89,7 @@ def test_problems_of_a_file_and_random_loops_are_in_a_suite():
 
 def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):
     far = Entry("Far", "preference", lambda *_: 1 / 0, lambda: "1", ("not_there",), "x")
-    monkeypatch.setattr("prefcal_bench.roster.AGENTS", {**AGENTS, "Far": far})
+    monkeypatch.setattr("prefcal_bench.cells.roster.AGENTS", {**AGENTS, "Far": far})
     suite = replace(BOTH, agents=("GLISp", "Far"))
     assert suite.left_out == ("Far needs not_there: pip install 'prefcal[x]'",)
     assert {c.agent for c in suite.cells} == {"GLISp"}

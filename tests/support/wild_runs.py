@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 
 TOY = load(str(Path(__file__).parents[1] / "scenarios" / "toy_scenario.py") + ":toy")
 FLAG = Path(os.environ.get("PREFCAL_TEST_FLAG", os.devnull))

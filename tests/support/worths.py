@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from prefcal_bench.cell import Cell
-from prefcal_bench.result import Result
+from prefcal_bench.cells.cell import Cell
+from prefcal_bench.cells.result import Result
 
 
 def study(agent="GLISp", loop="servo", seed=0, worth=(1.0, 4.0), *, taste="weights", **changes):

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .rbf import RADIAL_FUNCTIONS, squared_distances
+from prefcal_agents.space.distance import squared_distances
+
+from .rbf import RADIAL_FUNCTIONS
 
 POSITIVE_DEFINITE = ("gaussian", "inverse_quadratic")
 """Radial functions with a positive definite matrix over all pairs of samples."""

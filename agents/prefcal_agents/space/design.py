@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.models.rbf import squared_distances
+from prefcal_agents.space.distance import squared_distances
 from prefcal_env.knobs.space import KnobSpace
 
 from .feasible import Region

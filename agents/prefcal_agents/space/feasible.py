@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_agents.models.rbf import squared_distances
+from prefcal_agents.space.distance import squared_distances
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.space import KnobSpace
 

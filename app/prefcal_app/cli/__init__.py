@@ -72,7 +72,8 @@ def scenarios(
     ] = None,
 ) -> None:
     """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
-    from prefcal_scenarios.scenario import BUILT_IN, CLOSED_LOOPS, load
+    from prefcal_scenarios.catalog import load
+    from prefcal_scenarios.names import BUILT_IN, CLOSED_LOOPS
 
     if name is not None:
         from rich.console import Console
@@ -191,7 +192,7 @@ def _missing(error: Exception) -> str:
     """Return the message for a missing argument; empty for any other error."""
     if type(error).__name__ != "MissingParameter":
         return ""
-    from prefcal_scenarios.scenario import NAMES
+    from prefcal_scenarios.names import NAMES
 
     parameter = getattr(error, "param", None)
     words = _MISSING.get(str(getattr(parameter, "metavar", "")), "")

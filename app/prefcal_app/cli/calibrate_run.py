@@ -22,7 +22,6 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from prefcal_app.isolated import isolation
 from prefcal_app.report.export import versions
 from prefcal_app.report.record import VERDICTS
 from prefcal_app.session import (
@@ -40,13 +39,16 @@ from prefcal_env.errors import RunError, SimulationError, StudyError
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.study.locations import simulated_beside
-from prefcal_scenarios.own.described.options import words_to_resume
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.described.options import words_to_resume
+from prefcal_scenarios.isolated import isolation
+from prefcal_scenarios.names import is_own
 from prefcal_scenarios.presentation.wording import (
     earlier_text,
     printable,
     theta_text,
 )
-from prefcal_scenarios.scenario import Scenario, is_own, load
+from prefcal_scenarios.scenario import Scenario
 
 from .choices import make_calibrator
 from .cost_file import with_cost

@@ -98,7 +98,7 @@ def check(**typed: Any) -> None:
     store it. Ends with exit code 1 if anything is wrong.
     """
     # Imported here to keep --help fast.
-    from prefcal_app.isolated import isolation
+    from prefcal_scenarios.isolated import isolation
 
     from .checkup import run
     from .describing.source import source_of

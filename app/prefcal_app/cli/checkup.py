@@ -24,9 +24,10 @@ from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.rig import Rig
 from prefcal_env.study.codec import decode, encode
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.described.options import words_of
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
-from prefcal_scenarios.own.described.options import words_of
 from prefcal_scenarios.own.own_line import as_exception, in_words, located
 from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.presentation.folder import picture_at, put
@@ -38,7 +39,7 @@ from prefcal_scenarios.presentation.wording import (
     theta_text,
     with_unit,
 )
-from prefcal_scenarios.scenario import KPI, Scenario, load, with_found_kpis
+from prefcal_scenarios.scenario import KPI, Scenario, with_found_kpis
 
 from .choices import start_of
 

@@ -16,7 +16,8 @@ from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.scenario import Scenario, load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.scenario import Scenario
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by

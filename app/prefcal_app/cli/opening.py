@@ -45,8 +45,9 @@ from prefcal_env.study import (
     to_text,
 )
 from prefcal_env.study.connection import left_beside
+from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.own.source import fingerprint
-from prefcal_scenarios.scenario import Scenario, is_built_in
+from prefcal_scenarios.scenario import Scenario
 
 from .choices import (
     Thetas,

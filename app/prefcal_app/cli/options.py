@@ -337,7 +337,7 @@ class Options:
 
     def command(self) -> str:
         """Return a command line that repeats the study, without its folder."""
-        from prefcal_scenarios.own.described.options import words_of
+        from prefcal_scenarios.described.options import words_of
 
         words = ["prefcal", "calibrate", *words_of(self.scenario)]
         for name, (parameter, kept) in kept_by(Options).items():
@@ -367,8 +367,8 @@ def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str,
 def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     """Raise SettingsError if the study's program or configuration is not the one given."""
     from prefcal_env.errors import SettingsError
+    from prefcal_scenarios.names import is_described, is_own
     from prefcal_scenarios.own.source import split_source
-    from prefcal_scenarios.scenario import is_described, is_own
 
     from .cost_file import kept_cost
 

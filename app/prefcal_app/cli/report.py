@@ -12,7 +12,6 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.cli.studies.files import existing, open_described, trusted_source
-from prefcal_app.isolated import IsolatedRun, isolation
 from prefcal_app.report.export import jsonable
 from prefcal_app.report.ownership import Claim
 from prefcal_app.report.record import Record
@@ -27,6 +26,8 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_env.study import State
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.isolated import IsolatedRun, isolation
 from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.presentation.wording import (
     earlier_text,
@@ -34,7 +35,7 @@ from prefcal_scenarios.presentation.wording import (
     printable,
     printable_lines,
 )
-from prefcal_scenarios.scenario import Scenario, load
+from prefcal_scenarios.scenario import Scenario
 
 from .choices import follows_cost
 from .cost_file import kept_cost, with_cost

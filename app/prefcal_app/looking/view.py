@@ -3,10 +3,10 @@
 from typing import Any
 
 from prefcal_app.summary.compare import Spread, compared
-from prefcal_app.web.view import maneuvers
-from prefcal_app.web.view.seen import Seen
-from prefcal_app.web.view.sides import numbers_view
-from prefcal_app.web.view.sides import pair_view as maneuver_view
+from prefcal_app.view import maneuvers
+from prefcal_app.view.seen import Seen
+from prefcal_app.view.sides import numbers_view
+from prefcal_app.view.sides import pair_view as maneuver_view
 from prefcal_env.experiments.maneuvers import maneuvers_of
 
 from .pair import Pair, Run

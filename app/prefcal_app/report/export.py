@@ -16,7 +16,8 @@ from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.scenario import Scenario, load, with_ranges
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.scenario import Scenario, with_ranges
 
 from .record import Record
 

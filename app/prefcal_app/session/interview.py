@@ -13,8 +13,7 @@ from jaxtyping import Float
 from prefcal_agents import GLISp
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.screening import Screened
-from prefcal_app.simulating import Simulated, Simulator, named_twin
+from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin
 from prefcal_app.summary.consistency import Consistency
 from prefcal_app.summary.counts import Counts, Planned, answered
 from prefcal_app.summary.outlook import Outlook, falls_outward, others_unbeaten, outlook

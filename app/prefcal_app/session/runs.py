@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.isolated import IsolatedRun, Worker
 from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
+from prefcal_scenarios.isolated import IsolatedRun, Worker
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.own.own_line import as_exception
 from prefcal_scenarios.scenario import Scenario

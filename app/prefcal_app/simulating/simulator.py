@@ -8,9 +8,9 @@ from typing import Self, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.isolated import IsolatedRun, OwnRun
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
+from prefcal_scenarios.isolated import IsolatedRun, OwnRun
 from prefcal_scenarios.kpis import has_goals, reading, screened
 from prefcal_scenarios.many.pool import Pool
 from prefcal_scenarios.many.results import FailedRun, Result

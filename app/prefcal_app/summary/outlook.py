@@ -13,7 +13,7 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import State
 from prefcal_env.study.locations import data_folder
-from prefcal_scenarios.scenario import is_built_in
+from prefcal_scenarios.names import is_built_in
 
 _AT_END = 0.02
 """Share of a knob's searched range, in its scale, that counts as its end."""

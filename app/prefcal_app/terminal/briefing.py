@@ -5,7 +5,7 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.session import Interview
-from prefcal_app.web.view.brief import current_tuning, how, knob_view, kpi_view
+from prefcal_app.view.brief import current_tuning, how, knob_view, kpi_view
 from prefcal_scenarios.presentation.wording import labeled, printable, printable_lines
 from prefcal_scenarios.scenario import Scenario
 

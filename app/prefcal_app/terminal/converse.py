@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from prefcal_app.isolated import in_time
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
 from prefcal_app.session.live.state import LiveNow, Recovery
 from prefcal_app.session.view import GOOD_ENOUGH, UNSAFE
-from prefcal_app.web.view import Seen, preview_view
+from prefcal_app.view import Seen, preview_view
 from prefcal_env.errors import PrefcalError, RecordError, StaleError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import Stage
 from prefcal_env.study import Suggested
+from prefcal_scenarios.isolated import in_time
 from prefcal_scenarios.presentation.wording import theta_text
 
 from .briefing import show_brief

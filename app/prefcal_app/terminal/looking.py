@@ -6,8 +6,8 @@ from rich.table import Table
 
 from prefcal_app.session import Interview
 from prefcal_app.session.kpi_index import trust_text
-from prefcal_app.web.view.history import history_view
-from prefcal_app.web.view.status import in_words
+from prefcal_app.view.history import history_view
+from prefcal_app.view.status import in_words
 from prefcal_scenarios.presentation.wording import printable, theta_text
 
 

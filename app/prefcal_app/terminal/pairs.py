@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.session import Question
-from prefcal_app.web.view.sides import theta_view
+from prefcal_app.view.sides import theta_view
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.presentation.wording import printable, with_unit
 

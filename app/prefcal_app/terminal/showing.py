@@ -6,8 +6,8 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.session import Interview, Now, Question, Side
-from prefcal_app.web.view import Seen, comparison_view
-from prefcal_app.web.view.simulated import screening_view
+from prefcal_app.view import Seen, comparison_view
+from prefcal_app.view.simulated import screening_view
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.presentation.wording import (

@@ -9,9 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from prefcal_app.session import Given, Interview
-
-from .reports import Reports
-from .view import (
+from prefcal_app.view import (
     Seen,
     asked_view,
     brief_view,
@@ -22,6 +20,8 @@ from .view import (
     preview_view,
     status_view,
 )
+
+from .reports import Reports
 
 PLAIN: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
     {"brief": brief_view, "history": history_view, "status": status_view}

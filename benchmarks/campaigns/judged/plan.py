@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from prefcal_bench import Suite
-from prefcal_scenarios.scenario import CLOSED_LOOPS
+from prefcal_scenarios.names import CLOSED_LOOPS
 
 SCREENING, EQUAL, GLISP, THETA, RANDOM, PEER = (
     "Screening", "EqualWeights", "GLISp", "GLISp.no-outcomes", "RandomSearch", "BOPE",

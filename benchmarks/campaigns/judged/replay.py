@@ -24,14 +24,15 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Choice, Interview, Now, Phase, Question
 from prefcal_app.session.memory import agent_as_dict, knobs_as_dicts
 from prefcal_app.simulating import Simulator
-from prefcal_app.web.view import now_view
+from prefcal_app.view import now_view
 from prefcal_env import Channel
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.plants.plant import Plant
 from prefcal_env.study import StudyFile
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.kpis import reading
-from prefcal_scenarios.own.pid_scenario import pid_scenario
-from prefcal_scenarios.scenario import Scenario, load
+from prefcal_scenarios.scenario import Scenario
 
 LOOPS = ("cstr", "servo", "pid")
 _RANDOM = 60

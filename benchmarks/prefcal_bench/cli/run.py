@@ -12,7 +12,10 @@ from rich.text import Text
 
 from prefcal_app.cli.interrupt import INTERRUPTED, interruption
 from prefcal_app.report.export import jsonable
-from prefcal_bench import Finished, Processes, Store, Suite, run_suite
+from prefcal_bench.cells.executors import Processes
+from prefcal_bench.cells.runner import Finished, run_suite
+from prefcal_bench.cells.store import Store
+from prefcal_bench.cells.suite import Suite
 from prefcal_bench.published.raw import raw_file, write_raw
 from prefcal_bench.results import duel_table, print_table, table, write
 from prefcal_bench.results.curves import curves_of, frame_of, joined

@@ -10,8 +10,10 @@ from pathlib import Path
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.cases.functions import FUNCTIONS
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.names import CLOSED_LOOPS, is_built_in
 from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.scenario import CLOSED_LOOPS, Scenario, is_built_in, load
+from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.tastes import TASTES, VERSION
 
 from .cases import GUIDELINES, closed_loop, guidelines, of_function, overtaking, reactor

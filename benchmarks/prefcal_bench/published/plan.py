@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from prefcal_bench.cells.suite import Suite
 from prefcal_bench.results.curves import COLUMNS, curves_of
-from prefcal_bench.suite import Suite
 from prefcal_env.errors import SettingsError
 from prefcal_env.wording import did_you_mean
 

@@ -31,9 +31,9 @@ from typing import Any
 
 import pandas as pd
 
+from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.roster import entry, package_version
 from prefcal_bench.problems import problem
-from prefcal_bench.result import Result
-from prefcal_bench.roster import entry, package_version
 from prefcal_env.errors import PrefcalError, SettingsError
 from prefcal_env.parquet import pyarrow
 

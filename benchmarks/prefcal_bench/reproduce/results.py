@@ -7,8 +7,9 @@ import numpy as np
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.presentation.wording import labeled, measured, number
-from prefcal_scenarios.scenario import KPI, Scenario, load
+from prefcal_scenarios.scenario import KPI, Scenario
 
 from .printed import COMPARISONS, T_COMP, THETA
 from .studies import CASES, Case, Study

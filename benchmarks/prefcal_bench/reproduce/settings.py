@@ -5,8 +5,8 @@ from prefcal_agents.models.cross_validation import FOLDS
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_env.envs.cstr import START
 from prefcal_env.plants.cstr import CSTR, CSTRParams
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.presentation.wording import labeled, number
-from prefcal_scenarios.scenario import load
 
 from .printed import ALGORITHM, CSTR_TABLE, N_INIT, N_MAX, RANGES
 

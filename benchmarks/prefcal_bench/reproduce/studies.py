@@ -10,7 +10,8 @@ import numpy as np
 from prefcal_agents import GLIS, GLISp
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison, ask_and_tell, calibrate
-from prefcal_scenarios.scenario import Scenario, load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.scenario import Scenario
 
 from .printed import N_INIT, N_MAX
 

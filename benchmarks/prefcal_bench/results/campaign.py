@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from prefcal_bench.cell import Cell
-from prefcal_bench.result import Result
-from prefcal_bench.roster import in_order
+from prefcal_bench.cells.cell import Cell
+from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.roster import in_order
 from prefcal_env.errors import SettingsError
 
 from .curves import Setting, padded, set_order, setting_key

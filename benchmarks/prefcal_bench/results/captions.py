@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from prefcal_bench.duels import PAPER
+from prefcal_bench.cells.duels import PAPER
 
 from .curves import Curves, Setting
 from .duelling import Tally

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
+from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.roster import in_order
 from prefcal_bench.problems import CALIBRATORS, NOISES, PROBLEMS
-from prefcal_bench.result import Result
-from prefcal_bench.roster import in_order
 from prefcal_env.errors import SettingsError
 
 STUDY = ("taste", "n_init", "n_max", "loop", "agent", "seed")

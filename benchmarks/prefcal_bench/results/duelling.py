@@ -6,8 +6,8 @@ from typing import Any
 
 import pandas as pd
 
-from prefcal_bench.duels import PAPER, Duel
-from prefcal_bench.roster import in_order
+from prefcal_bench.cells.duels import PAPER, Duel
+from prefcal_bench.cells.roster import in_order
 from prefcal_env.errors import SettingsError
 
 from .statistics import CONFIDENCE

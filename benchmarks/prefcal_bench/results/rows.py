@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from prefcal_bench.cells.result import Result
 from prefcal_bench.problems import HOLES
-from prefcal_bench.result import Result
 
 from .campaign import HUGE, Campaign, campaign_of
 from .curves import Curves, Setting, after_answers

@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from prefcal_bench.duels import PAPER
+from prefcal_bench.cells.duels import PAPER
 
 from .campaign import Campaign
 from .curves import Curves, Setting

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from prefcal_bench.duels import Duel
-from prefcal_bench.result import Result
+from prefcal_bench.cells.duels import Duel
+from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.folder import folder_for, put
 
 from .campaign import campaign_of

@@ -10,8 +10,9 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.processes.cores import usable_cores
-from prefcal_scenarios.scenario import Scenario, load
+from prefcal_scenarios.scenario import Scenario
 
 from .pool import Pool
 from .progress import Progress, counting

@@ -15,7 +15,8 @@ from platformdirs import user_cache_path
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.scenario import CLOSED_LOOPS, Scenario, is_random_loop
+from prefcal_scenarios.names import CLOSED_LOOPS, is_random_loop
+from prefcal_scenarios.scenario import Scenario
 
 from .runs import Runs, runs_of
 

@@ -25,4 +25,4 @@ def _quick(request, monkeypatch):
     if "figures" not in request.fixturenames:
         without_figures(monkeypatch)
     if "own_process" not in request.fixturenames:
-        monkeypatch.setattr("prefcal_app.isolated.run.is_own", lambda source: False)
+        monkeypatch.setattr("prefcal_scenarios.isolated.run.is_own", lambda source: False)

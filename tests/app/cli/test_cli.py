@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from prefcal_app import load_controller
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.tastes import TASTES
 from toy_study import TOY, TOY_FILE
 

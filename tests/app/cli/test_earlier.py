@@ -12,7 +12,7 @@ from toy_study import TOY
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-init", "2"]
 OTHER = f"""
 from dataclasses import replace
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.knobs.constraints import LinearConstraint
 old = load({TOY!r})

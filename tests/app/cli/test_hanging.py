@@ -16,7 +16,7 @@ ENDLESS = """
 import os, sys
 from dataclasses import replace
 from pathlib import Path
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 toy = load({wild!r} + ":TOY")
 def run(theta, seed=0):
     Path("running").write_text(str(os.getpid()))

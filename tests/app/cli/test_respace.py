@@ -21,7 +21,7 @@ SYNTHETIC = ["--calibrator", "synthetic", "--n-init", "3"]
 # The toy as its author has it later: one knob more, which the run does not know.
 GROWN = f"""
 from dataclasses import replace
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 from prefcal_env.knobs import Knob, KnobSpace
 old = load({TOY!r})
 def run(theta, seed=0):

@@ -12,7 +12,7 @@ import pytest
 
 from prefcal_app.cli.starters.kinds import KINDS
 from prefcal_env.live import Journal
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 
 DOCS = Path(__file__).parents[3] / "docs"
 OWN = ["function", "controller", "mpc"]

@@ -10,8 +10,8 @@ from prefcal_app.report.export import best_as_json, jsonable, load_controller, r
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
-from prefcal_scenarios.own.pid_scenario import pid_scenario
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.described.pid_scenario import pid_scenario
 from toy_study import TOY_FILE, toy_record
 
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLIS, RandomSearch
-from prefcal_app.isolated import isolation
 from prefcal_app.session import Background, Choice, Phase, unattended
-from prefcal_app.web.view import now_view
+from prefcal_app.view import now_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.end import End
 from prefcal_env.rig import Rig
 from prefcal_env.study import Taken
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.isolated import isolation
 from support.interviews import begin, judge, reopened
 from toy_scenario_tools import CHANNELS
 from toy_study import TOY, toy_scenario

@@ -11,7 +11,7 @@ from prefcal_app.report import Record
 from prefcal_app.report.comparisons import comparisons_as_csv
 from prefcal_app.report.html import page
 from prefcal_app.session import Phase, unattended
-from prefcal_app.web.view import asked_view, history_view
+from prefcal_app.view import asked_view, history_view
 from prefcal_env import End
 from prefcal_env.study import export_csv
 from support.interviews import begin, reopened

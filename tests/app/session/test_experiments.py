@@ -5,8 +5,8 @@ import gc
 import pytest
 
 from prefcal_app.session import Choice, Interview, experiments
-from prefcal_app.web.view import Seen, now_view, status_view
-from prefcal_app.web.view import seen as seen_module
+from prefcal_app.view import Seen, now_view, status_view
+from prefcal_app.view import seen as seen_module
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.end import End
 from prefcal_env.study import StudyFile

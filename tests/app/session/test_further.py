@@ -8,8 +8,8 @@ import pytest
 from prefcal_agents.history.lessons import Preferences
 from prefcal_app.session import Choice, unattended
 from prefcal_app.session.memory import agent_of
-from prefcal_app.web.view import asked_view, history_view
-from prefcal_app.web.view.sides import question_view
+from prefcal_app.view import asked_view, history_view
+from prefcal_app.view.sides import question_view
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import calibrate

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from prefcal_agents import RandomSearch
-from prefcal_app.isolated import isolation
 from prefcal_app.session import Background, Choice, Phase, unattended
-from prefcal_app.web.view import now_view
+from prefcal_app.view import now_view
 from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.end import End
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.isolated import isolation
 from support.interviews import begin, proceed
 from support.wild_runs import GAIN
 from toy_study import toy_scenario

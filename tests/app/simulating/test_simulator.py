@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.isolated import isolation
 from prefcal_app.simulating import Abandoned, Simulator
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.isolated import isolation
 from support import unseen as unseen_module
 from support.processes import wait_until
 from support.unseen import unseen

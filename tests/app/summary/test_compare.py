@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice
-from prefcal_app.web.view import Seen, comparison_view
+from prefcal_app.view import Seen, comparison_view
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked, toy
 

@@ -9,19 +9,19 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from prefcal_app.isolated import isolation
 from prefcal_app.session import Background, Phase
 from prefcal_app.terminal import converse
 from prefcal_app.terminal.converse import ANSWER, _Conversation, _waiting
 from prefcal_app.terminal.lines import END
 from prefcal_app.terminal.showing import KEYS
-from prefcal_app.web.view import Seen, comparison_view
+from prefcal_app.view import Seen, comparison_view
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channels
 from prefcal_env.rig import Rig
 from prefcal_env.study import Answered, StudyFile
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.isolated import isolation
 from support.interviews import begin
 from toy_scenario_tools import CHANNELS, record_of_toy
 from toy_study import toy_scenario

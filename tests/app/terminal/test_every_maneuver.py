@@ -16,7 +16,7 @@ from prefcal_app.report.trajectories import alone
 from prefcal_app.session import Background
 from prefcal_app.terminal import converse
 from prefcal_app.terminal.pairs import show_kpis
-from prefcal_app.web.view.maneuvers import largest_difference, pairs_of
+from prefcal_app.view.maneuvers import largest_difference, pairs_of
 from prefcal_env.errors import ScenarioError
 from prefcal_env.study import export_csv
 from prefcal_scenarios import KPI

@@ -4,7 +4,7 @@ import contextlib
 
 import pytest
 
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 from support.browser import serve, window_on
 from support.interviews import begin, proceed
 from support.windows import make_room

@@ -12,7 +12,8 @@ from prefcal_bench.problems import (
 )
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_scenarios.cases.functions import FUNCTIONS
-from prefcal_scenarios.scenario import CLOSED_LOOPS, load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.tastes import TASTES, VERSION
 
 OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from prefcal_bench.cells.roster import entry
 from prefcal_bench.published.raw import raw_file, read_curves, write_raw
 from prefcal_bench.results.curves import curves_of, frame_of
-from prefcal_bench.roster import entry
 from prefcal_env.errors import MissingExtraError, SettingsError
 from support.campaigns import failed, result
 from support.worths import study, walks

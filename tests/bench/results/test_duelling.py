@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_bench.duels import PAPER
+from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.results import duel_table
 from prefcal_bench.results.duelling import tallies
 from prefcal_env.errors import SettingsError

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from prefcal_bench.duels import PAPER
+from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.results import write
 from prefcal_bench.results.curves import frame_of
 from prefcal_env.errors import SettingsError

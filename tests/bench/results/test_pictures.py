@@ -2,12 +2,12 @@
 
 import pytest
 
+from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results.curves import curves_of, frame_of
 from prefcal_bench.results.figures import looks
 from prefcal_bench.results.pictures import draw_loops, draw_overview
 from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.tables import Worths
-from prefcal_bench.roster import AGENTS
 from support.worths import study, walks
 
 

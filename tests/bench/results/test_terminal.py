@@ -4,7 +4,7 @@ import io
 
 from rich.console import Console
 
-from prefcal_bench.duels import PAPER
+from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.results import print_table
 from support.campaigns import duel, ends, failed, grid, result
 from support.worths import study

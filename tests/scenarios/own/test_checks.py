@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Phase
-from prefcal_app.web.view import now_view
+from prefcal_app.view import now_view
 from prefcal_env import (
     Channel,
     Channels,

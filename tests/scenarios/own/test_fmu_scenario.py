@@ -3,8 +3,8 @@ import pytest
 
 from prefcal_env import End, Knob
 from prefcal_env.errors import KnobError, PlantError, RunError, ScenarioError
+from prefcal_scenarios.described.fmu_scenario import fmu_scenario
 from prefcal_scenarios.many.simulate import simulate_many
-from prefcal_scenarios.own.fmu_scenario import fmu_scenario
 from support.fmus import built, changed
 
 pytest.importorskip("fmpy")
@@ -71,7 +71,7 @@ def test_everything_else_is_found_in_the_fmu(tank):
 
 @pytest.mark.parametrize(("longest", "simulated"), [(np.inf, True), (0.0, False)])
 def test_many_are_simulated_unseen_if_one_is_quick(tank, monkeypatch, longest, simulated):
-    monkeypatch.setattr("prefcal_scenarios.own.fmu_scenario._QUICK", longest)
+    monkeypatch.setattr("prefcal_scenarios.described.fmu_scenario._QUICK", longest)
     assert fmu_scenario(tank, knobs=KNOBS).simulated is simulated
 
 
@@ -121,7 +121,7 @@ def test_an_fmu_with_nothing_to_tune_or_to_show_says_how_to_export_it(tank, fold
 
 
 def test_the_command_line_checks_an_fmu_and_tells_how_to_start(tank, capsys, monkeypatch, tmp_path):
-    from prefcal_bench.program import main
+    from prefcal_bench.cli.program import main
 
     monkeypatch.chdir(tmp_path)
     command = ["prefcal", "check", str(tank), "--knob", "K_p=0.1:100:log", "--reference", "level=2"]

@@ -6,7 +6,7 @@ from prefcal_env import Channel, End, FunctionPlant, Knob
 from prefcal_env.controllers import as_data, from_data
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
-from prefcal_scenarios.own.lqr_scenario import lqr_scenario
+from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 
 TORQUE = Channel("torque", "N m", -8, 8)
 PENDULUM = FunctionPlant(

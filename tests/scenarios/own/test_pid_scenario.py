@@ -10,8 +10,8 @@ from prefcal_env.controllers import as_data
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import system_of
-from prefcal_scenarios.own.pid.process import process_of
-from prefcal_scenarios.own.pid_scenario import pid_scenario
+from prefcal_scenarios.described.pid.process import process_of
+from prefcal_scenarios.described.pid_scenario import pid_scenario
 
 VALVE = Channel("valve", "%", 0, 100)
 PLANTS = {

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.tastes import TASTES, USUAL, Runs, has_cost, runs_of, taste
 from prefcal_scenarios.tastes.named import WRONG, _usable
 from prefcal_scenarios.tastes.sample import _run, thetas

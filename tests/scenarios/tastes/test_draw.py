@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.tastes import Runs
 from prefcal_scenarios.tastes.draw import KINDS, _decided, limits, narrow, priorities, weights
 from prefcal_scenarios.tastes.draw import rising as rising_one

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.scenario import KPI, load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.tastes import (
     TASTES,
     USUAL,

@@ -10,7 +10,8 @@ from prefcal_env.errors import KnobError
 from prefcal_env.knobs.constraints import Constraint
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.scenario import KPI, load
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.tastes import USUAL, fingerprint, is_cached, sample
 from prefcal_scenarios.tastes.sample import _CHECKED, size, thetas
 from support.short_runs import short_run

@@ -7,11 +7,11 @@ from prefcal_app.cli.cost_file import kept_cost
 from prefcal_app.cli.studies.files import open_described
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
-from prefcal_scenarios.own.described.options import FLAGS
-from prefcal_scenarios.own.described.resuming import resumed_source
-from prefcal_scenarios.own.described.words import knob_of, listed, named_numbers
+from prefcal_scenarios.described.options import FLAGS
+from prefcal_scenarios.described.resuming import resumed_source
+from prefcal_scenarios.described.words import knob_of, listed, named_numbers
+from prefcal_scenarios.names import CONTROLLERS, is_described
 from prefcal_scenarios.own.source import joined_source, split_source, with_config_of
-from prefcal_scenarios.scenario import CONTROLLERS, is_described
 
 
 def source_of(given: Mapping[str, Any]) -> str:

@@ -33,8 +33,8 @@ from prefcal_env.study import (
 )
 from prefcal_env.study.exports import FORMATS as EXPORTS
 from prefcal_env.study.fold import step
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.presentation.wording import printable
-from prefcal_scenarios.scenario import load
 
 from .files import existing, open_described, summary, trusted_source, wall_clock
 

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from prefcal_bench.cells.roster import in_order
 from prefcal_bench.results.campaign import HUGE
 from prefcal_bench.results.statistics import FLOOR
-from prefcal_bench.roster import in_order
 from prefcal_scenarios.presentation.style import BEST, FIRST, GOOD, OTHERS, canvas
 from prefcal_scenarios.presentation.wording import printable
 

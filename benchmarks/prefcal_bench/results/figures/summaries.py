@@ -11,14 +11,14 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from prefcal_bench.duels import PAPER
+from prefcal_bench.cells.duels import PAPER
+from prefcal_bench.cells.roster import in_order
 from prefcal_bench.results.curves import Setting
 from prefcal_bench.results.duelling import Tally
 from prefcal_bench.results.standing import Ranking
 from prefcal_bench.results.statistics import random_search
 from prefcal_bench.results.tables import Worths
 from prefcal_bench.results.words import percent, plain_number
-from prefcal_bench.roster import in_order
 from prefcal_scenarios.presentation.style import FAINT, INK, canvas
 
 from .drawing import Look, drawn, worth_axis

@@ -5,9 +5,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Int
 
-from ..looks import LOOKS
-from ..runs import Runs
-from ..usual import distance, finished, good, some, spread
+from prefcal_scenarios.tastes.looks import LOOKS
+from prefcal_scenarios.tastes.runs import Runs
+from prefcal_scenarios.tastes.usual import distance, finished, good, some, spread
+
 from .ideal import Ideal, Wish
 from .majority import Majority
 from .noticing import Eyes, Judgement

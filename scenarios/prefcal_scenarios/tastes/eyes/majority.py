@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from ..rule import sign
-from ..runs import Runs
+from prefcal_scenarios.tastes.rule import sign
+from prefcal_scenarios.tastes.runs import Runs
+
 from .order import Criterion
 
 

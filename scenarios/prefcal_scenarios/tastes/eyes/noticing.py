@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..rule import survival
-from ..runs import Runs
+from prefcal_scenarios.tastes.rule import survival
+from prefcal_scenarios.tastes.runs import Runs
 
 
 class Judgement(Protocol):

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from ..rule import minus
-from ..runs import Runs
+from prefcal_scenarios.tastes.rule import minus
+from prefcal_scenarios.tastes.runs import Runs
+
 from .noticing import noticeable
 
 

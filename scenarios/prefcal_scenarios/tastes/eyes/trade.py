@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..runs import Runs
+from prefcal_scenarios.tastes.runs import Runs
+
 from .noticing import noticeable
 
 _FAR = 100.0

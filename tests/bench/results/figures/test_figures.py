@@ -7,13 +7,13 @@ import pytest
 from matplotlib.colors import to_hex
 from PIL import Image
 
-from prefcal_bench.duels import PAPER
+from prefcal_bench.cells.duels import PAPER
+from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results import figures
 from prefcal_bench.results.campaign import campaign_of
 from prefcal_bench.results.duelling import tallies
 from prefcal_bench.results.figures.drawing import drawn, looks
 from prefcal_bench.results.standing import profiles, rank
-from prefcal_bench.roster import AGENTS
 from prefcal_scenarios.presentation.style import save, style
 from support.campaigns import duel, ends, grid, result
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice
-from prefcal_app.web.view import now_view
+from prefcal_app.view import now_view
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.cases.loops import LOOPS, family, named
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.kpis import outcome
+from prefcal_scenarios.names import CLOSED_LOOPS, is_built_in
 from prefcal_scenarios.own.checks import check_experiment
-from prefcal_scenarios.scenario import CLOSED_LOOPS, is_built_in, load, panels_of
+from prefcal_scenarios.scenario import panels_of
 from support.interviews import begin, proceed
 
 SEEDS = (1, 2, 8, 13, 21)

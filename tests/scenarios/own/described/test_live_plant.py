@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.live import LiveRig
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 
 pytest.importorskip("asyncua")
 DOCS = Path(__file__).parents[4] / "docs"

@@ -4,7 +4,7 @@ import pytest
 
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.knobs.knob import Knob
-from prefcal_scenarios.own.described.words import knob_of, listed, named_numbers
+from prefcal_scenarios.described.words import knob_of, listed, named_numbers
 
 
 @pytest.mark.parametrize(

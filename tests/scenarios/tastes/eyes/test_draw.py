@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.tastes import USUAL, named, random_search_worth
 from prefcal_scenarios.tastes.eyes import draw
 from prefcal_scenarios.tastes.eyes.ideal import Ideal

@@ -3,11 +3,10 @@
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-
-from ..controllers import PID
-from ..loop import Loop, Task, Timing
-from ..plants import Linear
-from ..vary import Vary, nominal
+from prefcal_scenarios.cases.loops.controllers import PID
+from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing
+from prefcal_scenarios.cases.loops.plants import Linear
+from prefcal_scenarios.cases.loops.vary import Vary, nominal
 
 SETPOINT_WEIGHT = Knob("b", 0.0, 1.0)
 """Share of the target's step that acts at once."""

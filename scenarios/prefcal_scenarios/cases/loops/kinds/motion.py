@@ -5,11 +5,11 @@ from math import inf, sqrt
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.cases.loops.controllers import LQR, Cascade
+from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing
+from prefcal_scenarios.cases.loops.plants import BoostConverter, CartPole, Servo, Steering
+from prefcal_scenarios.cases.loops.vary import Vary, nominal
 
-from ..controllers import LQR, Cascade
-from ..loop import Loop, Task, Timing
-from ..plants import BoostConverter, CartPole, Servo, Steering
-from ..vary import Vary, nominal
 from .basic import ratio
 
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.cases.loops.controllers import Tunable
+from prefcal_scenarios.cases.loops.loop import Loop
+from prefcal_scenarios.cases.loops.vary import Vary, nominal
 
-from ..controllers import Tunable
-from ..loop import Loop
-from ..vary import Vary, nominal
 from .basic import oscillatory, ratio
 from .motion import boost_converter
 from .processes import quadruple_tank
@@ -29,7 +29,9 @@ def _mpc(
     disturbed: tuple[tuple[int, ...], tuple[int, ...]],
 ) -> Tunable:
     """Return the MPC of a loop; `disturbed` holds the outputs and inputs with a disturbance."""
-    from ..mpc import MPC  # here, since it loads the QP solver, which the other loops do without
+    from prefcal_scenarios.cases.loops.mpc import (
+        MPC,  # here, since it loads the QP solver, which the other loops do without
+    )
 
     return MPC(scales, moves, loop.task.noise, process, *disturbed, fixed={"Q_1": 1.0})
 

@@ -5,12 +5,12 @@ from math import sqrt
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.cases.loops._derivatives import GRAVITY
+from prefcal_scenarios.cases.loops.controllers import PID
+from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing
+from prefcal_scenarios.cases.loops.plants import Linear, QuadrupleTank, Tank
+from prefcal_scenarios.cases.loops.vary import Vary, nominal
 
-from .._derivatives import GRAVITY
-from ..controllers import PID
-from ..loop import Loop, Task, Timing
-from ..plants import Linear, QuadrupleTank, Tank
-from ..vary import Vary, nominal
 from .basic import SETPOINT_WEIGHT, ratio
 
 

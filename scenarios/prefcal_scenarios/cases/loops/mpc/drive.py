@@ -7,10 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.control import Controller, Measurement
-
-from .._simulate import advance
-from ..course import Course, Driven
-from ..plants import parameters_of
+from prefcal_scenarios.cases.loops._simulate import advance
+from prefcal_scenarios.cases.loops.course import Course, Driven
+from prefcal_scenarios.cases.loops.plants import parameters_of
 
 
 def by_controller(

@@ -6,10 +6,9 @@ from jaxtyping import Float
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.equations import Equations
 from prefcal_env.plants.plant import Jacobians
-
-from .._simulate import hold, rhs, slopes
-from ..course import Course
-from ..plants import parameters_of
+from prefcal_scenarios.cases.loops._simulate import hold, rhs, slopes
+from prefcal_scenarios.cases.loops.course import Course
+from prefcal_scenarios.cases.loops.plants import parameters_of
 
 X = Float[np.ndarray, " n_x"]
 U = Float[np.ndarray, " n_u"]
@@ -44,7 +43,9 @@ class Model:
     @property
     def equations(self) -> Equations:
         """Return the compiled equations."""
-        from .._equations import equations_of  # compiles them, the first time
+        from prefcal_scenarios.cases.loops._equations import (
+            equations_of,  # compiles them, the first time
+        )
 
         return equations_of(self._course)
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from prefcal_env.mpc import EstimatingMPC, EstimatorSettings, MPCSettings
+from prefcal_scenarios.cases.loops.controllers import Values
+from prefcal_scenarios.cases.loops.course import Course, Driven
 
-from ..controllers import Values
-from ..course import Course, Driven
 from .drive import by_controller
 from .model import Model
 

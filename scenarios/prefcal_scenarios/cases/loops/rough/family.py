@@ -8,12 +8,12 @@ import numpy as np
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.cases.loops.acceptance import is_worth_tuning
+from prefcal_scenarios.cases.loops.family import LOOPS, judged, varied
+from prefcal_scenarios.cases.loops.loop import Loop
+from prefcal_scenarios.cases.loops.vary import random
 from prefcal_scenarios.scenario import Scenario
 
-from ..acceptance import is_worth_tuning
-from ..family import LOOPS, judged, varied
-from ..loop import Loop
-from ..vary import random
 from .roughness import roughened, usual_of
 
 _TRIES = 30

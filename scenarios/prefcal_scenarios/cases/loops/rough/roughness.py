@@ -8,9 +8,8 @@ from jaxtyping import Float
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-
-from ..controllers import PID
-from ..loop import Actuator, Loop
+from prefcal_scenarios.cases.loops.controllers import PID
+from prefcal_scenarios.cases.loops.loop import Actuator, Loop
 
 _OFTEN = 0.6
 """Chance of each kind of roughness."""

@@ -9,7 +9,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.cases.loops import loop, rough_loop
 from prefcal_scenarios.cases.loops.rough import family
-from prefcal_scenarios.scenario import load
+from prefcal_scenarios.catalog import load
 
 pytestmark = pytest.mark.slow  # each loop takes half a second to draw
 SEEDS = (0, 3, 7, 14)

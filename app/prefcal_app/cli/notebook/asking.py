@@ -1,0 +1,266 @@
+"""Run a study beside a notebook: it asks on the page, while the notebook's cells stay free."""
+
+import threading
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from rich.console import Console
+
+from prefcal_app.cli.calibrate_run import simulator_of
+from prefcal_app.cli.choices import make_calibrator
+from prefcal_app.cli.opening import claim_folder, open_study
+from prefcal_app.cli.options import Options
+from prefcal_app.cli.report import Reporter
+from prefcal_app.report.export import load_controller
+from prefcal_app.session import Background, Interview, Phase, unattended
+from prefcal_app.web import Window
+from prefcal_env.errors import SettingsError, StudyError
+from prefcal_env.experiments.control import Controller
+from prefcal_env.study import State, study_path
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.isolated import isolation
+from prefcal_scenarios.scenario import Scenario
+
+from .frame import framed
+
+_OWN = ("scenario", "study", "out")
+"""Options of `prefcal calibrate` that `ask` takes itself."""
+_NOT_HERE = (
+    "terminal",
+    "browser",
+    "json",
+    "host",
+    "config",
+    "plant",
+    "twin",
+    "cost",
+    "at_once",
+)
+"""Options of `prefcal calibrate` that mean nothing in a notebook, or are Python objects there."""
+_PATIENCE = 0.5
+"""Longest wait for the next change, in seconds."""
+_LAST_RUN = 5.0
+"""Longest wait for a run that cannot be ended, or for the report, in `close`, in seconds."""
+_OPEN: dict[Path, "Asking"] = {}
+"""Studies that this process asks about, by file: a cell that runs again closes the earlier one."""
+
+
+def ask(
+    scenario: Scenario | str,
+    *,
+    study: str | None = None,
+    out: Path | str | None = None,
+    height: int = 760,
+    **options: Any,
+) -> "Asking":
+    """Start or resume a study whose questions appear below the cell; return at once.
+
+    The page is that of `prefcal calibrate`, so every answer is saved at once, and the same `study`
+    resumes. With `calibrator="synthetic"`, or another one of the scenario, no person is needed.
+
+    Args:
+        scenario: A scenario, or its name as in `prefcal calibrate`.
+        study: Name or file of the study; None for a new one.
+        out: Folder of the report; None for the default.
+        height: Height of the frame in pixels.
+        options: Further options of `prefcal calibrate`, with underscores: `n_max=20, seed=1`.
+
+    Raises:
+        SettingsError: If there is no such option, or its value does not fit.
+        StudyError: If the study cannot be opened, or belongs to another scenario.
+    """
+    if study is not None and (earlier := _OPEN.get(study_path(study).resolve())) is not None:
+        earlier.close()
+    given = _given(options)
+    own = scenario if isinstance(scenario, Scenario) else None
+    given |= {"scenario": scenario.name if isinstance(scenario, Scenario) else scenario,
+              "study": study, "out": None if out is None else Path(out)}  # fmt: skip
+    return Asking(own, given, height)
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a value for each option of `prefcal calibrate`, None if it is not given."""
+    names = [f.name for f in fields(Options) if f.name not in (*_OWN, *_NOT_HERE)]
+    unknown = [name for name in options if name not in names]
+    if unknown:
+        raise SettingsError(f"ask has no option {unknown[0]!r}: expected one of {names}")
+    start = options.get("start")
+    tuples = {} if start is None else {"start": (start,) if isinstance(start, str) else start}
+    every = dict.fromkeys(f.name for f in fields(Options))
+    return {**every, **options, **tuples}
+
+
+class Asking:
+    """A study that runs beside the notebook. Make one with `ask`.
+
+    A notebook shows it as the page with its questions. `with` closes it at the end.
+    """
+
+    def __init__(self, scenario: Scenario | None, given: Mapping[str, Any], height: int) -> None:
+        self._height = height
+        self._problem: Exception | None = None
+        self._reported: State | None = None  # the end of the study that its report shows
+        self._closed = False
+        self._changed = threading.Condition()
+        made_here = scenario is not None
+        with ExitStack() as stack:
+            if scenario is None:
+                source, limit = given["scenario"], Options.of(given).run_timeout
+                scenario = stack.enter_context(isolation(source, limit))(load(source))
+            opened = open_study(given, scenario, given["study"])
+            stack.enter_context(opened.file)
+            claim = claim_folder(opened, scenario.name)
+            stack.callback(claim.release)
+            # Of a scenario that was made here, the file of the study does not know the code.
+            simulator = stack.enter_context(simulator_of(opened, scenario, keep=not made_here))
+            person = opened.options.by_a_person
+            self._interview = Interview(scenario, opened.file, ahead=person, simulator=simulator)
+            self._reporter = Reporter(self._interview, opened, claim, Console(quiet=True))
+            self._calibrator = None if person else make_calibrator(opened.options, scenario)
+            self._person = person
+            self._window = stack.enter_context(
+                Window(self._interview, port=opened.options.port, framed=True)
+            )
+            if opened.name is not None:
+                path = Path(opened.file.path).resolve()
+                _OPEN[path] = self
+                stack.callback(_OPEN.pop, path, None)
+            self._start(stack)
+            self._stack = stack.pop_all()
+
+    def _start(self, stack: ExitStack) -> None:
+        """Begin to run experiments, and to write the report once the study is over."""
+        if self._person:
+            stack.enter_context(Background(self._interview))
+        watch = threading.Thread(target=self._watch, name="report", daemon=True)
+        stack.callback(watch.join, _LAST_RUN)
+        stack.callback(self._interview.close)
+        stack.callback(self._stop)
+        watch.start()
+
+    def _stop(self) -> None:
+        """Wake `wait`: nothing is asked any more."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _watch(self) -> None:
+        try:
+            while not self._closed:
+                if not self._person:
+                    for _ in unattended(self._interview, self._calibrator):
+                        if self._closed:
+                            return
+                now = self._interview.now()
+                # A finished study can go on, or lose its last answer, and end anew.
+                if now.phase is Phase.OVER and now.state is not self._reported:
+                    self.report()
+                    with self._changed:
+                        self._reported = now.state
+                        self._changed.notify_all()
+                self._interview.wait(now.version, _PATIENCE)
+        except Exception as error:  # raised by `wait`, in the notebook's own thread
+            with self._changed:
+                if not self._closed:  # else it only says that the study file is closed
+                    self._problem = error
+                self._changed.notify_all()
+
+    @property
+    def link(self) -> str:
+        """Return the link of the page, which holds its secret."""
+        return self._window.link
+
+    @property
+    def study(self) -> str | None:
+        """Return the name of the study, as in `prefcal calibrate --study`; None if not kept."""
+        return self._reporter.opened.name
+
+    @property
+    def best(self) -> dict[str, float] | None:
+        """Return the best θ so far by knob name; None before the first experiment."""
+        now = self._interview.now()
+        if now.incumbent is None:
+            return None
+        theta = now.state.history.samples[now.incumbent].theta
+        return dict(zip(self._interview.scenario.space.names, map(float, theta), strict=True))
+
+    @property
+    def over(self) -> bool:
+        """Return whether the study is over and the report of this end is written."""
+        now = self._interview.now()
+        return now.phase is Phase.OVER and now.state is self._reported
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until the study is over or closed; return whether it is over.
+
+        Args:
+            timeout: Longest wait in seconds; None for any.
+
+        Raises:
+            Exception: What a run or the report has raised.
+        """
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self.over or self._closed or self._problem is not None, timeout
+            )
+        if self._problem is not None:
+            raise self._problem
+        return self.over
+
+    def report(self) -> Path:
+        """Write the report of the study as it stands; return its folder.
+
+        Raises:
+            StudyError: If no experiment is compared yet, or the folder cannot be written.
+        """
+        if not self._interview.study.state.history.answered:
+            raise StudyError("nothing to report: no experiment was compared yet")
+        self._reporter.write()
+        folder = self._reporter.claim.folder
+        if not (folder / "report.html").is_file():
+            raise StudyError("nothing to report: no question was answered yet")
+        if self._interview.now().phase is Phase.OVER:
+            self._window.reports = folder
+        return folder
+
+    def controller(self) -> Controller:
+        """Return the controller tuned so far, by way of the report's best.json.
+
+        Raises:
+            StudyError: If no experiment is compared yet.
+            ScenarioError: If the scenario does not say how to build a controller.
+        """
+        make, best = self._interview.scenario.controller, self.best
+        if make is not None and best is not None:
+            space = self._interview.scenario.space
+            return make(space.check(np.array([best[name] for name in space.names])))
+        return load_controller(self.report() / "best.json")
+
+    def to_frame(self, *, answers: bool = False) -> Any:
+        """Return the experiments, or the answers, as a pandas DataFrame."""
+        return self._interview.study.to_frame(answers=answers)
+
+    def close(self) -> None:
+        """Stop asking, and wake `wait`. Answers are saved; `ask` with the same study resumes.
+
+        A run inside the notebook's process that takes longer than 5 s ends later, unrecorded.
+        """
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        return framed(self.link, self._height)
+
+    def __repr__(self) -> str:
+        counts = self._interview.counts
+        name = self.study or "not kept"
+        return f"<study {name}: {counts.experiments} experiments, {counts.comparisons} answers>"

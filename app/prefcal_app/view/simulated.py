@@ -1,0 +1,199 @@
+"""Show what a screening agent simulated, why it asks, and whether it offers to stop."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_app.session import Interview, Now, Question, Side
+from prefcal_app.simulating import Screened, as_shown, why
+from prefcal_scenarios.presentation.wording import knob_number
+from prefcal_scenarios.scenario import KPI, Scenario
+
+from .seen import Seen
+from .sides import question_view
+
+_SPAN = 100.0
+"""Ratio of the largest to the smallest value from which an axis is logarithmic: two decades."""
+_LEAST = 1.0
+"""Percentile of the values above 0 below which they are drawn at the edge of such an axis."""
+_DEEPEST = 1e-4
+"""Share of the median below which they are, too: rounding errors say nothing."""
+
+
+def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, Any] | None:
+    """Return why the open question is asked and an offer to stop; None for other agents.
+
+    With `blind`, the reason is not sent: it tells which side is new. While the best experiment
+    misses an objective, stopping is not offered.
+    """
+    if not interview.screens:
+        return None
+    screened = interview.screened()
+    prospect = None if screened is None else screened.prospect
+    asks = now.question is not None and now.question.repeats is None and not interview.missed
+    return {
+        "why": "" if blind else why_view(interview, now),
+        "offer": prospect.offer if asks and prospect is not None else "",
+    }
+
+
+def why_view(interview: Interview, now: Now) -> str:
+    """Return why the open question is asked, in one sentence; empty while there is no reason."""
+    question, screened = now.question, interview.screened()
+    if question is None or question.repeats is not None or not interview.screens:
+        return ""
+    if question.further:
+        return "You have seen both before: your answer settles which of the two is better."
+    new = question.challenger
+    side = "Left" if new is question.left else "Right"
+    requested = new.index in now.state.requested
+    if screened is None or screened.reason is None:
+        return f"{side} is shown because you asked for it." if requested else ""
+    other = question.right if new is question.left else question.left
+    scenario = interview.scenario
+    return why(
+        as_shown(screened.reason, scenario, new.experiment, other.experiment),
+        scenario,
+        side=side,
+        requested=requested,
+        learned=screened.prospect is not None,
+        missed=[
+            kpi.title
+            for kpi in scenario.shown_kpis
+            if kpi.met_by(new.experiment) is False and kpi.met_by(other.experiment)
+        ],
+    )
+
+
+def map_view(interview: Interview) -> dict[str, Any] | None:
+    """Return the simulated θ for a picture; None until the agent knows them."""
+    screened, now = interview.screened(current=False), interview.now()
+    if screened is None:
+        return None
+    scenario, question = interview.scenario, now.question
+    axes = _axes(screened, scenario)
+    rows = {
+        index: screened.row(np.array(now.state.history.samples[index].theta))
+        for index in sorted(now.state.finished)
+    }
+    numbers = {row: index + 1 for index, row in rows.items() if row is not None}
+    sides = {} if question is None else {"left": question.left, "right": question.right}
+    return {
+        "version": now.version,
+        "axes": [axis.as_json() for axis in axes],
+        "chosen": _chosen(screened, axes),
+        "points": _points(screened, axes, scenario, numbers),
+        "best": None if now.incumbent is None else rows.get(now.incumbent),
+        "sides": {name: rows.get(side.index) for name, side in sides.items()},
+        "over": now.state.ended is not None,
+        "left_to_ask": max(interview.n_max - now.state.history.answered, 0),
+    }
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Axis:
+    """One KPI or knob of all simulated θ, in the values that people see; NaN if it has none."""
+
+    name: str
+    title: str
+    unit: str
+    values: Float[np.ndarray, " m"]
+    log: bool
+    knob: bool = False
+    about: str = ""
+
+    @property
+    def least(self) -> float | None:
+        """Return the smallest value drawn in its place on a logarithmic axis."""
+        positive = self.values[self.values > 0]
+        if not self.log or self.knob:
+            return float(positive.min()) if self.log else None
+        return float(max(np.percentile(positive, _LEAST), _DEEPEST * np.median(positive)))
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "title": self.title, "unit": self.unit, "log": self.log, "least": self.least,
+            "knob": self.knob, "about": self.about,
+        }  # fmt: skip
+
+
+def _axes(screened: Screened, scenario: Scenario) -> list[_Axis]:
+    """Return the KPIs, in the scenario's order, and the knobs."""
+    bank, kpis = screened.bank, {kpi.name: kpi for kpi in scenario.kpis}
+    order = [name for name in kpis if name in bank.names]
+    order += [name for name in bank.names if name not in kpis]
+    found = [_of_kpi(n, kpis.get(n), bank.kpis[:, bank.names.index(n)]) for n in order]
+    for knob, values in zip(scenario.space, bank.thetas.T, strict=True):
+        log = knob.scale == "log10"
+        found.append(_Axis(knob.name, knob.name, knob.unit, values, log, True, knob.about))
+    return found
+
+
+def _of_kpi(name: str, kpi: KPI | None, badness: Float[np.ndarray, " m"]) -> _Axis:
+    values = np.where(np.isfinite(badness), badness, np.nan)
+    if kpi is None:
+        return _Axis(name, name.replace("_", " "), "", values, _spans(values))
+    title = kpi.title
+    if kpi.goal == "higher":
+        values = -values
+    elif kpi.goal == "target":
+        title = f"{kpi.title}: distance from its target"
+    return _Axis(name, title, kpi.unit, values, _spans(values), about=kpi.about)
+
+
+def _spans(values: Float[np.ndarray, " m"]) -> bool:
+    """Return whether the values span more than two decades, 0 aside."""
+    known = values[np.isfinite(values)]
+    positive = known[known > 0]
+    if not len(positive) or len(positive) < len(known) / 2 or known.min() < 0:
+        return False
+    return bool(positive.max() > _SPAN * np.percentile(positive, _LEAST))
+
+
+def _chosen(screened: Screened, axes: list[_Axis]) -> list[int]:
+    """Return the two axes shown first: the KPIs that matter most, else the first ones."""
+    reason, names = screened.reason, [axis.name for axis in axes]
+    by = () if reason is None else (*reason.better_in, *reason.worse_in)
+    places = [names.index(name) for name in by if name in names]
+    return list(dict.fromkeys([*places, *range(len(names))]))[:2]
+
+
+def _points(
+    screened: Screened, axes: list[_Axis], scenario: Scenario, numbers: dict[int, int]
+) -> list[dict[str, Any]]:
+    bank = screened.bank
+    stopped = np.isinf(bank.kpis).all(axis=1)  # or it has no value for another reason
+    values = np.array([axis.values for axis in axes]).T
+    return [
+        {
+            "theta": theta,
+            "text": [knob_number(k, v) for k, v in zip(scenario.space, theta, strict=True)],
+            "values": [None if v != v else float(f"{v:.6g}") for v in row],
+            "end": "failed" if bank.failed[i] else "stopped" if stopped[i] else "",
+            "number": numbers.get(i),
+        }
+        for i, (theta, row) in enumerate(zip(bank.thetas.tolist(), values.tolist(), strict=True))
+    ]
+
+
+def look_view(
+    interview: Interview, theta: tuple[float, ...], seen: Seen | None = None
+) -> dict[str, Any]:
+    """Return a simulated θ beside the best so far, as a question shows two experiments.
+
+    Nothing is recorded. Before the first experiment, it stands beside itself.
+    """
+    scenario = interview.scenario
+    experiment = interview.look_at(np.array(theta))
+    now = interview.now()
+    new = Side(-1, experiment, challenger=True, role="simulated")
+    old = new
+    if now.incumbent is not None:
+        old = Side(now.incumbent, interview.experiment(now.incumbent), False, role="best so far")
+    study = (Seen() if seen is None else seen).look(interview)
+    view = question_view(Question(0, 0, old, new), scenario, blind=False, seen=study)
+    for side in ("left", "right"):
+        view[side]["number"] = view[side]["number"] or None  # 0: not shown yet
+    return {"question": view, "time_unit": experiment.channels.time_unit}

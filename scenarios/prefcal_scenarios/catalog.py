@@ -1,0 +1,69 @@
+"""Load a scenario by its name."""
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+from prefcal_env.errors import ScenarioError
+from prefcal_env.wording import did_you_mean
+
+from .names import BUILT_IN, CASES, NAMES, is_built_in, is_described, is_own
+from .own.own_file import module_at
+from .own.source import split_source
+from .scenario import Scenario
+
+
+def load(name: str) -> Scenario:
+    """Return the scenario called `name`: one of `BUILT_IN`, or a user's own.
+
+    A user's own is "path/to/own.py:attribute", or described by plain data: "path/to/tank.toml",
+    "path/to/loop.fmu", or 'pid {"plant": "path/to/model.py:plant"}'.
+
+    "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`, and
+    "rough-17" the rough one, see `prefcal_scenarios.cases.loops.rough_loop`.
+
+    A configuration in JSON may follow the name: 'overtake {"lanes_count": 3}'.
+
+    Raises:
+        ScenarioError: If there is no such scenario, file or attribute, it is not a Scenario, it
+            cannot be configured, or the configuration is not JSON.
+        SettingsError: If the scenario rejects the configuration.
+    """
+    if not isinstance(name, str):
+        raise ScenarioError(f"a scenario is loaded by its name, got {name!r}")
+    bare, config = split_source(name)
+    if is_described(bare):
+        # Imported here, and the cases below: a scenario needs none of the others.
+        from .described.making import scenario_of
+
+        return scenario_of(bare, config)
+    if config is not None:
+        scenario = load(bare)
+        if scenario.configured is None:
+            raise ScenarioError(f"scenario {bare!r} takes no configuration, got {config}")
+        return scenario.configured(config)
+    path, _, attribute = name.rpartition(":")
+    if attribute.endswith(".py"):
+        raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
+    if is_own(name):
+        return _scenario_in(module_at(Path(path)), attribute, name)
+    if is_built_in(name):
+        case = name if name in CASES else "loops"
+        return _scenario_in(import_module(f"prefcal_scenarios.cases.{case}"), name, name)
+    raise ScenarioError(
+        f"no scenario is called {name!r}.{did_you_mean(name, BUILT_IN)} "
+        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, pid or lqr "
+        "(see `prefcal scenarios`)"
+    )
+
+
+def _scenario_in(module: ModuleType, attribute: str, name: str) -> Scenario:
+    found = getattr(module, attribute, None)
+    if isinstance(found, Scenario):
+        return found
+    got = repr(found) if hasattr(module, attribute) else "nothing of that name"
+    there = [key for key, value in vars(module).items() if isinstance(value, Scenario)]
+    raise ScenarioError(
+        f"{name!r} must name a prefcal_scenarios.Scenario, got {got}; "
+        f"in that file there is {', '.join(there) or 'none'}"
+    )

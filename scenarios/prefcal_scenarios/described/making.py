@@ -1,0 +1,228 @@
+"""Make a `Scenario` of its description."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
+from prefcal_env.experiments.experiment import Channels
+from prefcal_env.experiments.panels import Panel, plots_of
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.live import live_rig
+from prefcal_env.wording import did_you_mean
+from prefcal_scenarios.names import CONTROLLERS
+from prefcal_scenarios.own.tracking import found_rows, tracking_rows
+from prefcal_scenarios.scenario import KPI, Scenario
+
+from .reading import description_of
+from .rig import rig_of
+from .tables import Description, KnobTable, KPITable, PanelTable, checked
+from .words import KNOB_EXAMPLE, ranged_knob
+
+
+def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
+    """Return the scenario that plain data describe.
+
+    Args:
+        name: Path of a TOML file or an FMU, or the name of a standard controller such as "pid".
+        config: Keys of the description, in addition to those of the file.
+
+    Raises:
+        ScenarioError: If a file cannot be read, or the description is not valid; the message
+            names the file, the table and the key.
+    """
+    description = description_of(name, {} if config is None else config)
+    if description.timeout is not None and description.fmu is None:
+        if description.opcua is not None:
+            raise ScenarioError(
+                f"{name}: timeout above all tables is for an FMU: write it below [opcua]"
+            )
+        raise ScenarioError(f"{name}: timeout is for an FMU; --run-timeout limits other runs")
+    knobs = [_knob(key, value, name) for key, value in description.knobs.items()]
+    made = _maker(description)(description, knobs, name)
+    return _dressed(made, description, name)
+
+
+def _maker(d: Description) -> Callable[[Description, list[Knob], str], Scenario]:
+    if d.fmu is not None:
+        return _of_fmu
+    if d.controller is not None:
+        return _of_controller
+    return _of_rig if d.rig is not None else _of_live_rig
+
+
+def _of_fmu(d: Description, knobs: list[Knob], where: str) -> Scenario:
+    from prefcal_scenarios.described.fmu_scenario import fmu_scenario
+
+    assert d.fmu is not None
+    return fmu_scenario(
+        d.fmu, knobs=knobs, show=d.show, reference=d.reference or None, stop_time=d.stop_time,
+        title=d.title, brief=d.brief, timeout=60.0 if d.timeout is None else d.timeout,
+    )  # fmt: skip
+
+
+def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
+    from .plant import plant_at
+
+    assert d.controller is not None
+    if d.controller not in CONTROLLERS:
+        raise ScenarioError(
+            f"{where}: controller must be one of {', '.join(CONTROLLERS)}, got {d.controller!r}."
+            f"{did_you_mean(d.controller, CONTROLLERS)}".rstrip(".")
+        )
+    if not isinstance(d.plant, str):
+        raise ScenarioError(
+            f"the controller {d.controller!r} needs a plant: add --plant model.py:plant, or "
+            'plant = "model.py:plant" in a file'
+        )
+    module = import_module(f"prefcal_scenarios.described.{d.controller}_scenario")
+    made: Scenario = getattr(module, f"{d.controller}_scenario")(
+        plant_at(d.plant), knobs=knobs, reference=d.reference or None, horizon=d.stop_time,
+        title=d.title, brief=d.brief,
+    )  # fmt: skip
+    return made
+
+
+def _of_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
+    assert d.rig is not None
+    if d.stop_time is not None:
+        raise ScenarioError(f"{where}: a rig has no stop_time: say it in its instructions")
+    rig = rig_of(d.rig, d.reference, where)
+    title = d.title or f"Rig {Path(where).stem}"
+    return Scenario(Path(where).stem, title, _space(knobs, where), rig)
+
+
+def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
+    assert d.opcua is not None
+    for key, given, instead in (
+        (
+            "[knobs]",
+            knobs,
+            '[opcua.knobs] with K_p = { node = "...", low = 1, high = 5, rate = 1 }',
+        ),
+        ("[reference]", d.reference, "[opcua.references], since it is read from the plant"),
+        ("stop_time", d.stop_time is not None, "duration in [opcua]"),
+    ):
+        if given:
+            raise ScenarioError(f"{where}: a live plant takes no {key}: write {instead}")
+    try:
+        rig = live_rig(d.opcua)
+    except (KnobError, LiveError, SettingsError) as error:
+        raise ScenarioError(f"{where}, [opcua]: {error}") from error
+    measured = dict.fromkeys(tracking_rows(rig.channels), 0.0)  # only the names count
+    kpis = tuple(KPI(**row) for row in found_rows(rig.channels, measured))
+    title, name = d.title or f"Live plant {Path(where).stem}", Path(where).stem
+    return Scenario(name, title, rig.space, rig, kpis=kpis)
+
+
+def _space(knobs: list[Knob], where: str) -> KnobSpace:
+    if not knobs:
+        raise ScenarioError(f"{where}: it needs knobs, for example [knobs] with {_ENTRY}")
+    return KnobSpace(knobs)
+
+
+_ENTRY = 'K_p = "0.1:100:log %/m"'
+
+
+def _knob(name: str, value: str | Mapping[str, Any], where: str) -> Knob:
+    try:
+        if isinstance(value, str):
+            return ranged_knob(name, value)
+        t = checked(value, KnobTable, f"{where}, [knobs] {name}")
+        scale = "log10" if t.scale == "log" else t.scale
+        return Knob(name, t.low, t.high, t.unit, scale, t.integer, t.step, about=t.about)
+    except KnobError as error:
+        raise ScenarioError(f"{where}, [knobs]: {error}") from error
+    except ScenarioError as error:
+        shorter = str(error).replace(KNOB_EXAMPLE, _ENTRY)
+        known = shorter.startswith(where)
+        raise ScenarioError(shorter if known else f"{where}, [knobs]: {shorter}") from error
+
+
+def _dressed(made: Scenario, d: Description, where: str) -> Scenario:
+    """Return the scenario with what the description says of any kind of scenario."""
+    changes: dict[str, Any] = {"name": d.name or _name(where, d)}
+    changes |= {key: getattr(d, key) for key in ("title", "brief") if getattr(d, key)}
+    if d.simulated is not None:
+        changes["simulated"] = d.simulated
+    if d.kpis is not None:
+        changes["kpis"] = () if isinstance(d.kpis, str) else _kpis(d.kpis, made, where)
+    if d.panels or (d.show and d.fmu is None):
+        changes["panels"] = _panels(d, made, where)
+    if d.starts:
+        changes["references"] = {
+            **made.references,
+            **{name: _start(name, theta, made.space, where) for name, theta in d.starts.items()},
+        }
+    return replace(made, **changes)
+
+
+def _name(where: str, d: Description) -> str:
+    """Return the scenario's name: that of its file, or of its controller and plant: "pid-pump".
+
+    A plant that is only called "plant" is named as its file is.
+    """
+    if where.endswith((".toml", ".fmu")):
+        return Path(where).stem
+    file, _, plant = d.plant.rpartition(":") if isinstance(d.plant, str) else ("", "", "")
+    name = re.sub(r"[^\w-]+", "-", Path(file).stem) if plant == "plant" else plant
+    return f"{where}-{name}".rstrip("-")
+
+
+def _kpis(
+    stated: Mapping[str, float | Mapping[str, Any]], made: Scenario, where: str
+) -> tuple[KPI, ...]:
+    channels = getattr(made.run, "channels", None)
+    known = {kpi.name: kpi for kpi in made.kpis}
+    if isinstance(channels, Channels):
+        known = {n: KPI(**row) for n, row in tracking_rows(channels).items()} | known
+    return tuple(_kpi(name, value, known, where) for name, value in stated.items())
+
+
+def _kpi(name: str, value: float | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:
+    if name not in known:
+        raise ScenarioError(
+            f"{where}, [kpis]: there is no KPI {name!r}.{did_you_mean(name, known)} "
+            f"Expected one of {', '.join(known)}"
+        )
+    limits = {"at_most": value} if isinstance(value, float | int) else dict(value)
+    table = checked(limits, KPITable, f"{where}, [kpis] {name!r}")
+    said = {key: getattr(table, key) for key in table.__struct_fields__}
+    return replace(known[name], **{key: v for key, v in said.items() if v is not None})
+
+
+def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:
+    """Return the panels: those to show in their order, each with the look that the file gives."""
+    looks = {n: checked(t, PanelTable, f"{where}, [panels] {n}") for n, t in d.panels.items()}
+    channels = getattr(made.run, "channels", None)
+    usual = {panel.name: panel for panel in made.panels}
+    if not usual and isinstance(channels, Channels):
+        usual = {plot.name: Panel(plot.name) for plot in plots_of(channels)}
+    shown = d.show or [*usual, *(name for name in looks if name not in usual)]
+    found = []
+    for name in dict.fromkeys([*shown, *looks]):
+        panel = usual.get(name, Panel(name))
+        look = looks.get(name, PanelTable())
+        said = {k: getattr(look, k) for k in look.__struct_fields__}
+        changes = {k: v for k, v in said.items() if v not in (None, "")}
+        if look.scale == 1.0:
+            changes.pop("scale", None)
+        found.append(replace(panel, **changes))
+    return tuple(found)
+
+
+def _start(name: str, theta: Mapping[str, float], space: KnobSpace, where: str) -> Any:
+    strange = [knob for knob in theta if knob not in space.names]
+    missing = [knob for knob in space.names if knob not in theta]
+    if strange or missing:
+        raise ScenarioError(
+            f"{where}, [starts] {name}: expected a value for each of {', '.join(space.names)}, "
+            f"got {', '.join(theta) or 'none'}"
+        )
+    return np.array([theta[knob] for knob in space.names])

@@ -1,0 +1,47 @@
+"""What a scenario may be called: those that come with prefcal, and people's own."""
+
+import re
+
+CASES = ("cstr", "overtake")
+"""Names of the paper's case studies."""
+CLOSED_LOOPS = (
+    "lag", "integrating", "oscillatory", "unstable", "tank", "quadruple-tank", "distillation",
+    "building", "servo", "cart-pole", "boost-converter", "steering", "mpc-oscillatory",
+    "mpc-quadruple-tank", "mpc-boost-converter",
+)  # fmt: skip
+"""Names of the closed loops of `prefcal_scenarios.cases.loops`."""
+BUILT_IN = (*CASES, *CLOSED_LOOPS)
+NAMES = ", ".join([*CASES, "a closed loop such as servo"])
+"""What a scenario may be called, for messages: the closed loops are too many to list."""
+CONTROLLERS = ("pid", "lqr")
+"""Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes."""
+_RANDOM_LOOP = re.compile(r"(loop|rough)-(0|[1-9]\d*)", re.ASCII)
+
+
+def is_built_in(source: str) -> bool:
+    """Return whether the scenario is built in, with or without a configuration."""
+    name = source.partition("{")[0].strip()
+    return name in BUILT_IN or is_random_loop(name)
+
+
+def is_random_loop(name: str) -> bool:
+    """Return whether this is the name of a random closed loop, such as "loop-17" or "rough-17"."""
+    return _RANDOM_LOOP.fullmatch(name) is not None
+
+
+def is_own(source: str) -> bool:
+    """Return whether the scenario is a user's own, configured or not.
+
+    It is path/to/own.py:attribute, or described by plain data (see `is_described`).
+    """
+    name = source.partition("{")[0].strip()
+    return is_described(name) or name.rpartition(":")[0].endswith(".py")
+
+
+def is_described(source: str) -> bool:
+    """Return whether a scenario is described by plain data.
+
+    It is a TOML file, an FMU, or a standard controller such as "pid", configured or not.
+    """
+    name = source.partition("{")[0].strip()
+    return name in CONTROLLERS or name.endswith((".toml", ".fmu"))

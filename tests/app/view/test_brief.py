@@ -1,0 +1,64 @@
+"""The briefing says what everything is, and an own scenario without a word of it works too."""
+
+from dataclasses import replace
+
+import pytest
+
+from prefcal_app.session.memory import check_space
+from prefcal_app.view import brief_view
+from prefcal_env.errors import KnobError, ScenarioError
+from prefcal_env.study import knobs_as_dicts
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.names import BUILT_IN
+from prefcal_scenarios.scenario import KPI, described
+from support.interviews import begin
+from support.looks import asked, toy
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_built_in_scenario_says_what_everything_is(name):
+    scenario = load(name)
+    assert len(scenario.brief) > 200
+    assert [knob.name for knob in scenario.space if not knob.about] == []
+    assert [kpi.name for kpi in scenario.kpis if not kpi.about] == []
+
+
+def test_the_reactor_says_what_was_asked_about_it():
+    view = brief_view(begin(load("cstr"), n_max=50))
+    assert "a curve may end at 16 h" in view["text"]
+    assert "49 questions, about 12 minutes" in view["how"]
+    about = {kpi["title"]: kpi for kpi in view["kpis"]}
+    assert "held the coolant" in about["unsolved QPs"]["about"]
+    assert about["unsolved QPs"]["wanted"] == "≤ 0"
+    assert about["peak reactor T"]["wanted"] == "lower is better"
+    assert view["knobs"][0]["range"] == "0.25 to 1.5"
+
+
+def test_a_scenario_without_words_is_described_by_its_names():
+    view = brief_view(begin(toy, n_max=3))
+    assert view["text"] == ""
+    assert "2 questions, about 1 minute at" in view["how"]
+    assert [knob["about"] for knob in view["knobs"]] == ["", "", ""]
+
+
+def test_words_change_no_knob_and_no_study():
+    worded = toy.space.described({"N_p": "How far it looks ahead."})
+    assert worded.knobs == toy.space.knobs
+    assert worded.knobs[1].about == "How far it looks ahead."
+    assert knobs_as_dicts(worded) == knobs_as_dicts(toy.space)
+    check_space({"knobs": knobs_as_dicts(toy.space)}, worded)
+    assert replace(toy, space=worded).space.names == toy.space.names
+
+
+def test_words_about_nothing_are_refused():
+    with pytest.raises(KnobError, match="Np"):
+        toy.space.described({"Np": "A typo."})
+    with pytest.raises(ScenarioError, match="typo"):
+        described((KPI("t_f", "settling time"),), {"typo": "Nothing."})
+
+
+def test_the_briefing_asks_for_the_current_tuning_unless_it_was_given():
+    interview, _ = asked()
+    assert "T_s=…, N_p=…, gain=…" in brief_view(interview)["start"]
+    interview.study.state.configuration["options"]["start"] = ["T_s=1, N_p=5, gain=1"]
+    assert brief_view(interview)["start"] == ""

@@ -1,0 +1,99 @@
+"""The end compares the result with the first experiment, and says what can be done next."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_app.session import Choice
+from prefcal_app.summary.compare import Spread
+from prefcal_app.summary.gain import Baseline, gained
+from prefcal_app.view import now_view
+from prefcal_scenarios.scenario import KPI
+from support.looks import asked
+
+
+def over(tmp_path=None, choice=Choice.LEFT):
+    interview, now = asked(*[choice] * 5)
+    return interview, now, now_view(interview, report=tmp_path)["over"]
+
+
+def test_every_kpi_of_the_result_stands_beside_the_first_experiment_largest_change_first():
+    interview, now, view = over()
+    gain = view["gain"]
+    assert (gain["before"], gain["number"]) == ("first experiment", 1)
+    assert gain["after"] == now.incumbent + 1
+    assert gain["same"] == (now.incumbent == 0)
+    before, after = interview.experiment(0), interview.experiment(now.incumbent)
+    rows = {row["title"]: row for row in gain["kpis"]}
+    assert set(rows) == {"settling time t_f", "final level", "largest move"}
+    settled = rows["settling time t_f"]
+    assert settled["before"] == f"{before.kpis['t_f']:.4g}"
+    assert settled["after"] == f"{after.kpis['t_f']:.4g}"
+    assert settled["met"] == (after.kpis["t_f"] <= 20)
+
+
+def row(before, after, *, kpi=None, study=()):
+    first = asked()[0].experiment(0)
+    kpi = kpi or KPI("t_f", "settling time", "h", at_most=20.0)
+    runs = [replace(first, kpis={} if v is None else {kpi.name: v}) for v in (before, after)]
+    spread = Spread({kpi.name: v} for v in study)
+    return next(iter(gained(*runs, [kpi], spread)), None)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "change", "verdict"),
+    [(7.5, 3.0, "−4.5 h", "better"), (3.0, 7.5, "+4.5 h", "worse"), (np.inf, 3.0, "", "better"),
+     (3.0, 3.0, "no change", ""), (3.0, 3.0 + 1e-7, "no change", ""), (3.0, 3.05, "+0.05 h", "")],
+)  # fmt: skip
+def test_a_change_is_signed_and_a_slight_one_is_neither_better_nor_worse(
+    before, after, change, verdict
+):
+    found = row(before, after)
+    assert (found["change"], found["verdict"]) == (change, verdict)
+
+
+def test_what_is_usual_in_the_study_decides_whether_a_change_is_slight():
+    assert row(3.0, 3.05, study=[3.0, 3.01, 3.02, 3.05])["verdict"] == "worse"
+
+
+def test_a_kpi_that_changed_most_comes_first_and_robustness_is_not_left_out():
+    first = asked()[0].experiment(0)
+    names = ("a", "b", "c", "d", "M_s")
+    kpis = [KPI(n, n, better="lower") for n in names]
+    before = replace(first, kpis=dict.fromkeys(names, 2.0))
+    after = replace(first, kpis={"a": 2.01, "b": 2.0, "c": 2.1, "d": 1.9, "M_s": 3.04})
+    rows = gained(before, after, kpis, Spread())
+    assert rows[0]["title"] == "M_s"
+    assert {r["title"] for r in rows} == set(names)
+
+
+def test_a_change_of_a_few_percent_is_not_the_largest_though_the_study_hardly_varied():
+    first = asked()[0].experiment(0)
+    kpis = [KPI("error", "error"), KPI("move", "move"), KPI("M_s", "M_s", at_most=2.0)]
+    before = replace(first, kpis={"error": 1.0, "move": 52.0, "M_s": 1.95})
+    after = replace(first, kpis={"error": 0.97, "move": 116.0, "M_s": 2.05})
+    study = ({"error": 1.0 + k * 1e-3, "move": 50.0 + k, "M_s": 2.0} for k in range(9))
+    rows = gained(before, after, kpis, Spread(study))
+    assert [row["title"] for row in rows] == ["M_s", "move", "error"]
+
+
+@pytest.mark.parametrize(
+    ("start", "name"),
+    [([], "first experiment"), (["T_s=1, N_p=5, gain=1"], "current tuning"), (["paper"], "paper")],
+)
+def test_the_result_is_compared_with_the_tuning_that_the_person_gave(start, name):
+    _, now = asked()
+    options = {**now.state.configuration["options"], "start": start}
+    state = replace(now.state, configuration={**now.state.configuration, "options": options})
+    assert Baseline.of(state) == Baseline(0, name)
+
+
+def test_the_report_opens_and_the_controller_can_be_downloaded(tmp_path):
+    (tmp_path / "best.json").write_text("{}")
+    _, _, view = over(tmp_path)
+    assert view["report"]["link"] == "/report/report.html"
+    assert view["next"]["download"] == "/report/best.json"
+    assert str(tmp_path / "best.json") in view["next"]["python"]
+    _, _, without = over(tmp_path / "nowhere")
+    assert (without["next"]["download"], without["next"]["python"]) == (None, "")

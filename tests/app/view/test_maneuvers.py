@@ -1,0 +1,84 @@
+"""When things happen in a pair: the part of the time axis that is shown first."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_app.view import Seen, now_view
+from prefcal_app.view.maneuvers import eventful
+from support.looks import LEVEL, THETA, VALVE, asked, run
+
+T = np.linspace(0.0, 48.0, 481)
+PANELS = (LEVEL, VALVE)
+
+
+def made(level, valve=None):
+    """A run of 48 h with these curves."""
+    valve = np.full(len(T), 5.0) if valve is None else valve
+    one = run(THETA)
+    return replace(one, t=T, x=np.asarray(level)[:, None], u=np.asarray(valve)[:, None])
+
+
+def shown(left, right):
+    """The part of the time of two runs that is shown first."""
+    return eventful(PANELS, Seen().frame(PANELS, left, right), left, right)
+
+
+def step(at, tau=0.5):
+    """From 8 to the target 2 at a time, in h."""
+    return 2 + 6 * np.where(at > T, 1.0, np.exp(-np.clip(T - at, 0.0, None) / tau))
+
+
+def test_the_time_in_which_nothing_happens_is_left_out_at_both_ends():
+    start, end = shown(made(step(20.0)), made(step(21.0)))
+    assert 15 < start < 20
+    assert 23 < end < 32
+
+
+def test_the_side_that_is_still_moving_decides():
+    quick, slow = made(step(2.0)), made(step(2.0, tau=6.0))
+    assert shown(quick, slow) == shown(slow, quick)
+    assert shown(quick, slow)[1] > 2 * shown(quick, quick)[1]
+
+
+def test_a_disturbance_late_in_the_run_is_inside():
+    bump = step(2.0) + np.where(np.abs(T - 40) < 1, 1.0, 0.0)
+    start, end = shown(made(bump), made(step(2.0)))
+    assert start < 2
+    assert end > 41
+
+
+def test_a_curve_that_does_not_come_to_rest_shows_the_whole_time():
+    assert shown(made(2 + np.sin(T)), made(step(2.0)))[1] == pytest.approx(48, abs=2.1)
+
+
+def test_settling_is_by_the_band_of_the_target_and_not_by_the_axis_alone():
+    ringing = step(1.0) + 0.1 * np.where(T < 25, np.cos(3 * T), 0.0)  # the axis has 6 m and more
+    assert shown(made(ringing), made(step(1.0)))[1] > 25
+
+
+def test_a_move_of_the_input_counts():
+    valve = np.where(T < 30, 5.0, 9.0)
+    assert shown(made(step(1.0), valve), made(step(1.0)))[1] > 30
+
+
+def test_two_runs_in_which_nothing_happens_show_the_whole_time():
+    still = made(np.full(len(T), 2.0))
+    assert shown(still, still) == Seen().frame(PANELS, still, still)["x"]
+
+
+def test_a_run_without_a_record_leaves_the_time_to_the_other():
+    one = run(THETA)
+    empty = replace(
+        one, t=np.empty(0), x=np.empty((0, 1)), u=np.empty((0, 1)), t_control=np.empty(0),
+        u_control=np.empty((0, 1)), y_ref=np.empty((0, 1)), iterations=np.empty(0, int),
+        solve_time=np.empty(0), solved=np.empty(0, bool),
+    )  # fmt: skip
+    assert shown(made(step(2.0)), empty) == shown(made(step(2.0)), made(step(2.0)))
+
+
+def test_a_question_says_it_for_the_page():
+    question = now_view(asked()[0])["question"]
+    (first, last), (start, end) = question["axes"]["x"], question["window"]
+    assert first <= start < end <= last

@@ -1,0 +1,69 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from prefcal_app.session import Choice
+from prefcal_app.view import Seen, asked_view, now_view
+from prefcal_scenarios.scenario import panels_of
+from support.looks import LEVEL, THETA, VALVE, answer, asked, run
+
+
+def test_axes_cover_every_experiment_so_far_and_only_grow():
+    interview, _ = asked()
+    seen, axes = Seen(), []
+    for choice in (Choice.LEFT, Choice.RIGHT, Choice.LEFT, None):
+        axes.append(now_view(interview, seen=seen)["question"]["axes"])
+        finished = [interview.experiment(i) for i in interview.now().state.finished]
+        for i, values in enumerate(([e.x[:, 0] for e in finished], [e.u[:, 0] for e in finished])):
+            low, high = axes[-1]["y"][i]
+            assert low < min(v.min() for v in values)
+            assert max(v.max() for v in values) < high
+        if choice is not None:
+            answer(interview, choice)
+    for before, after in pairwise(axes):
+        assert after["x"][0] <= before["x"][0]
+        assert after["x"][1] >= before["x"][1]
+        for old, new in zip(before["y"], after["y"], strict=True):
+            assert new[0] <= old[0]
+            assert new[1] >= old[1]
+
+
+def test_history_is_drawn_on_the_axes_of_the_open_question():
+    interview, _ = asked(Choice.LEFT, Choice.RIGHT)
+    assert asked_view(interview, 1)["question"]["axes"] == now_view(interview)["question"]["axes"]
+
+
+def test_every_experiment_is_looked_at_once(monkeypatch):
+    interview, _ = asked(Choice.LEFT)
+    read = []
+    experiment = interview.experiment
+    monkeypatch.setattr(interview, "experiment", lambda i: (read.append(i), experiment(i))[1])
+    seen = Seen().look(interview).look(interview)
+    assert sorted(read) == sorted(interview.now().state.finished)
+    left = interview.now().question.left.experiment
+    panels = panels_of(interview.scenario, left)
+    assert seen.drawn(left, panels) is seen.drawn(left, panels)
+
+
+def test_axes_end_at_whole_steps_so_that_a_little_growth_moves_nothing():
+    one = run(THETA)
+    longer = replace(one, x=one.x * 1.001)
+    assert Seen().frame((LEVEL, VALVE), one) == Seen().frame((LEVEL, VALVE), one, longer)
+
+
+def test_limits_are_on_the_axes_where_curves_come_near_and_noise_is_not_magnified():
+    one = run(THETA)
+    still = replace(one, u=np.full_like(one.u, 5.0))
+    low, high = Seen().frame((VALVE,), still)["y"][0]
+    assert high - low >= 1.0  # a tenth of 0 to 10 %
+    full = replace(one, u=np.linspace(1.0, 9.0, len(one.t))[:, None])
+    low, high = Seen().frame((VALVE,), full)["y"][0]
+    assert low < 0
+    assert high > 10
+
+
+def test_a_run_without_a_record_leaves_axes_that_can_be_drawn():
+    frame = Seen().frame((LEVEL, VALVE))
+    assert frame["x"] == [0.0, 1.0]
+    assert all(low < high for low, high in frame["y"])

@@ -1,0 +1,252 @@
+"""What the page gets about an agent that simulates: reasons, the picture's data, and looks."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.reason import Reason
+from prefcal_agents.utility.bank import Bank
+from prefcal_app.session import Choice
+from prefcal_app.simulating import Basis, Screened
+from prefcal_app.view import look_view, map_view, now_view, why_view
+from prefcal_app.view.simulated import _axes, _chosen, _points
+from prefcal_env.preferences.history import History
+from support.interviews import begin, proceed
+from support.looks import toy
+from support.screened import explained, screening
+from support.windows import make_room
+
+REASON = Reason(0.7, ("final",), ("t_f",))
+WANTED = np.array([0.5, 21.0, 1.0])
+
+
+@pytest.fixture
+def says(monkeypatch):
+    """An agent with reasons that promises nothing more."""
+    monkeypatch.setattr(Screening, "reason", property(lambda agent: REASON))
+    monkeypatch.setattr(Screening, "chance_of_better", property(lambda agent: 0.08))
+
+
+def told(interview, *, blind=False):
+    return now_view(interview, blind=blind)["screening"]
+
+
+def test_nothing_of_it_appears_for_other_agents():
+    interview = begin(toy)
+    now = proceed(interview)
+    assert told(interview) is None
+    assert map_view(interview) is None
+    assert why_view(interview, now) == ""
+
+
+def test_the_reason_names_the_side_of_the_new_one_and_blind_hides_it(says):
+    interview = explained(screening())
+    question = interview.now().question
+    side = "Left" if question.left.challenger else "Right"
+    assert told(interview)["why"].startswith(f"Nothing learned yet: {side.lower()} has ")
+    assert told(interview, blind=True)["why"] == ""
+
+
+def test_without_a_reason_there_is_no_sentence_but_a_request_is_said(monkeypatch):
+    monkeypatch.setattr(Screening, "reason", property(lambda agent: None))
+    interview = explained(screening())
+    assert told(interview)["why"] == ""
+    interview.ask_for(WANTED)
+    explained(interview)
+    assert told(interview)["why"] in (
+        "Left is shown because you asked for it.", "Right is shown because you asked for it.",
+    )  # fmt: skip
+
+
+def test_a_requested_one_says_so_with_its_kpis(says):
+    interview = explained(screening())
+    interview.ask_for(WANTED)
+    explained(interview)
+    assert "is shown because you asked for it: it has " in told(interview)["why"]
+
+
+def test_kpis_are_called_better_as_the_table_of_the_same_question_does(says):
+    interview = explained(screening(n_max=9))
+    while (question := interview.now().question) is not None:
+        why = told(interview)["why"].split(", but ")[0]
+        new = "left" if question.left.challenger else "right"
+        for row in now_view(interview)["question"]["comparison"]:
+            for words in (f"lower {row['title']}", f"{row['title']} nearer to its target"):
+                assert words not in why or row["better"] == new
+        interview.answer(question.id, Choice.LEFT)
+        explained(interview)
+
+
+def test_a_repeated_question_has_no_reason_and_no_offer(says):
+    interview = explained(screening())
+    interview.answer(interview.now().question.id, Choice.LEFT)
+    explained(interview)
+    assert told(interview)["offer"].endswith("Stop here, or go on?")
+    interview.repeat()
+    assert told(interview) == {"why": "", "offer": ""}
+
+
+def test_a_follow_up_is_about_two_that_were_seen(says):
+    interview = explained(screening())
+    now = interview.now()
+    further = replace(now, question=replace(now.question, further=True))
+    assert why_view(interview, further) == (
+        "You have seen both before: your answer settles which of the two is better."
+    )
+
+
+def test_until_it_is_known_nothing_is_said(says):
+    interview = screening()
+    interview._flow.resume()
+    assert told(interview) == {"why": "", "offer": ""}
+    assert map_view(interview) is None
+    proceed(interview)
+    interview.ask_for(WANTED)
+    proceed(interview)
+    assert told(interview)["why"].endswith(" is shown because you asked for it.")
+
+
+def test_the_picture_has_every_simulated_theta_in_values_that_people_see(says):
+    interview = explained(screening())
+    view = map_view(interview)
+    json.dumps(view, allow_nan=False)
+    titles = [axis["title"] for axis in view["axes"]]
+    assert titles == [
+        "settling time t_f", "final level: distance from its target", "T_s", "N_p", "gain",
+    ]  # fmt: skip
+    assert [axis["knob"] for axis in view["axes"]] == [False, False, True, True, True]
+    assert view["axes"][4]["log"]
+    assert view["chosen"] == [1, 0]  # what was learned, then what else differs
+    for point in view["points"]:
+        run = toy.run(point["theta"])
+        if point["end"] == "":
+            assert point["values"][0] == pytest.approx(run.kpis["t_f"], rel=1e-5)
+        else:
+            assert point["end"] == ("failed" if point["theta"][1] == 7 else "stopped")
+            assert point["values"][:2] == [None, None]
+    ends = {point["end"] for point in view["points"]}
+    assert ends == {"", "stopped", "failed"}
+
+
+def test_shown_ones_have_their_numbers_and_the_sides_their_rows(says):
+    interview = explained(screening())
+    interview.answer(interview.now().question.id, Choice.LEFT)
+    now, view = explained(interview).now(), map_view(interview)
+    numbers = [point["number"] for point in view["points"] if point["number"] is not None]
+    assert sorted(numbers) == [1, 2, 3]
+    assert view["points"][view["best"]]["number"] == now.incumbent + 1
+    for name in ("left", "right"):
+        index = getattr(now.question, name).index
+        assert view["points"][view["sides"][name]]["number"] == index + 1
+    assert (view["over"], view["left_to_ask"]) == (False, 4)
+
+
+def screened(kpis, names, reason=None):
+    """A bank of these KPIs."""
+    kpis = np.array(kpis, dtype=float)
+    thetas = np.tile([0.5, 20.0, 1.0], (len(kpis), 1))
+    failed = np.isnan(kpis).all(axis=1)
+    bank = Bank(thetas, thetas, tuple(names), np.where(failed[:, None], np.inf, kpis), failed)
+    return Screened(toy.space, Basis(History(), None, bank, reason, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("values", "log"),
+    [
+        ([1, 10, 50], False),
+        ([1, 10, 150], True),
+        ([0, 1, 10, 150], True),  # 0 is drawn at the edge
+        ([0, 0, 0, 150], False),  # nothing but 0 would be at the edge
+        ([-1, 10, 150], False),
+        ([1, 10, np.inf], False),
+        ([0, 0], False),
+        ([np.inf, np.inf], False),
+    ],
+)
+def test_an_axis_is_logarithmic_beyond_two_decades(values, log):
+    (axis, *_) = _axes(screened([[v] for v in values], ["t_f"]), toy)
+    assert axis.log is log
+
+
+def test_kpis_that_the_scenario_does_not_know_keep_their_names():
+    axes = _axes(screened([[1, 2]], ["other_one", "t_f"]), toy)
+    assert [axis.title for axis in axes][:2] == ["settling time t_f", "other one"]
+
+
+def test_without_a_reason_the_first_two_kpis_are_chosen():
+    found = screened([[1, 2, 3]], ["final", "other", "t_f"])
+    assert _chosen(found, _axes(found, toy)) == [0, 1]
+    unknown = screened([[1, 2, 3]], ["final", "other", "t_f"], Reason(0.5, (), ("other",)))
+    assert _chosen(unknown, _axes(unknown, toy)) == [2, 0]
+
+
+def test_a_run_that_never_settles_is_neither_failed_nor_stopped():
+    found = screened([[np.inf, 1], [np.inf, np.inf], [np.nan, np.nan]], ["t_f", "a"])
+    axes = _axes(found, toy)
+    assert [p["end"] for p in _points(found, axes, toy, {})] == ["", "stopped", "failed"]
+
+
+def test_a_look_stands_beside_the_best_and_has_no_number():
+    interview = explained(screening())
+    view = look_view(interview, tuple(WANTED))
+    json.dumps(view, allow_nan=False)
+    question = view["question"]
+    best = interview.now().incumbent
+    assert (question["left"]["number"], question["right"]["number"]) == (best + 1, None)
+    assert question["right"]["theta"][0]["text"] == "0.5"
+    assert view["time_unit"] == "h"
+    assert len(question["right"]["curves"]) == 2
+
+
+def test_the_page_asks_for_a_point_and_looks_at_it_by_its_address():
+    room = make_room(explained(screening()))
+    points = room.page().get("/api/simulated").json()["points"]
+    theta = next(p["theta"] for p in points if p["number"] is None and not p["end"])
+    events = room.events
+    address = f"/api/look?theta={','.join(map(repr, theta))}"
+    assert room.page().get(address).json()["question"]["right"]["number"] is None
+    assert room.events == events
+    now = room.post("ask_for", theta=theta).json()
+    assert now["phase"] == "question"
+    sample = room.interview.study.state.history.pending
+    assert list(sample.theta) == theta  # to the last digit
+
+
+def test_addresses_and_bodies_are_checked():
+    room = make_room(explained(screening()))
+    page = room.page()
+    for query in ("", "?theta=", "?theta=1,2", "?theta=nan,1,1", "?theta=a,b,c", "?theta=1e9,1,1"):
+        assert page.get(f"/api/look{query}").status_code in (400, 422)
+    for theta in (None, 1, [], ["1", 2, 3], [True, 2, 3], [1, 2], [0.5, 21.5, 1], [10**400, 1, 1]):
+        assert room.post("ask_for", theta=theta).status_code in (400, 422)
+    for theta in ("[NaN,1,1]", "[Infinity,1,1]"):
+        sent = {"content": f'{{"theta":{theta}}}', "headers": {"content-type": "application/json"}}
+        assert page.post("/api/ask_for", **sent).status_code == 400
+    assert room.interview.study.state.requested == set()
+
+
+def test_for_other_agents_there_is_no_picture_and_no_look():
+    interview = begin(toy)
+    proceed(interview)
+    room = make_room(interview)
+    assert room.page().get("/api/simulated").json() is None
+    refused = room.page().get("/api/look?theta=0.5,21,1")
+    assert refused.status_code == 422
+    assert "simulated unseen" in refused.json()["error"]
+
+
+def test_the_picture_is_made_once_per_version(monkeypatch):
+    room = make_room(explained(screening()))
+    made = []
+    from prefcal_app.web import views
+
+    monkeypatch.setattr(views, "map_view", lambda interview: made.append(1) or {"n": 1})
+    for _ in range(3):
+        assert room.page().get("/api/simulated").json() == {"n": 1}
+    assert len(made) == 1
+    room.post("finish")
+    room.page().get("/api/simulated")
+    assert len(made) == 2

@@ -1,0 +1,73 @@
+"""The page and the terminal tell in one line how many experiments were simulated unseen."""
+
+import io
+import json
+from functools import partial
+
+import pytest
+from rich.console import Console
+
+from prefcal_agents.screening.agent import Screening
+from prefcal_app.session import Background, Simulated
+from prefcal_app.terminal import converse
+from prefcal_app.terminal.converse import _waiting
+from prefcal_app.view import now_view, status_view
+from support.interviews import begin, proceed
+from support.looks import toy
+from support.unseen import unseen
+
+
+@pytest.fixture
+def interview():
+    return begin(unseen, n_max=4, agent=partial(Screening, n_simulated=40))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "line"),
+    [
+        ((412, 1000, 0, 6), "412 simulated, 6 shown"),
+        ((412, 1000, 1, 6), "412 simulated, 6 shown, 1 simulation failed"),
+        ((412, 1000, 2, 6), "412 simulated, 6 shown, 2 simulations failed"),
+    ],
+)
+def test_the_numbers_are_one_line(numbers, line):
+    assert Simulated(*numbers).line == line
+
+
+def test_the_page_is_told_before_and_during_a_question(interview):
+    before = now_view(interview)
+    assert before["simulated"]["line"] == "0 simulated, 0 shown"
+    now = proceed(interview)
+    assert now.simulated.going_on == ""
+    view = now_view(interview)["simulated"]
+    assert view["line"] == now.simulated.line
+    assert (view["planned"], view["shown"]) == (40, 2)
+    assert status_view(interview)["simulated"] == view
+    json.dumps(view, allow_nan=False)
+
+
+def test_it_is_told_how_many_of_how_many_while_they_are_simulated(interview, monkeypatch):
+    monkeypatch.setattr("prefcal_app.simulating.simulator._TELL", 0.0)
+    told = []
+    interview._flow.simulator.tell = lambda: told.append(_waiting(interview.now()))
+    assert proceed(interview).simulated.going_on == ""
+    assert told == [f"choosing the next experiment ({k} of 11 simulated)" for k in range(11)]
+
+
+def test_an_agent_that_simulates_nothing_has_no_line():
+    interview = begin(toy)
+    proceed(interview)
+    assert now_view(interview)["simulated"] is None
+    assert status_view(interview)["simulated"] is None
+
+
+def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):
+    waiting = _waiting(interview.now())
+    assert waiting == "choosing the next experiment (0 simulated, 0 shown)"
+    console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
+    keys = iter("wlx")
+    with Background(interview):
+        converse(interview, console, lambda words: next(keys))
+    out = console.export_text()
+    assert " simulated, 2 shown" in out
+    assert out.count("Question 1 of 3") == 1  # not once more for each simulation

@@ -1,0 +1,120 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_agents import LatinHypercube
+from prefcal_app.session import Choice, Consistency
+from prefcal_app.view import status_view
+from prefcal_app.view.status import in_words
+from prefcal_scenarios.scenario import KPI
+from support.interviews import answer_all, begin, proceed
+from support.looks import SPACE, asked, toy
+
+
+def test_before_anything_is_answered_nothing_is_learned():
+    interview, _ = asked()
+    view = status_view(interview)
+    assert view["slices"] is None
+    assert [e["number"] for e in view["tried"]["experiments"]] == [1, 2]
+
+
+def test_before_the_first_experiment_there_is_no_best():
+    view = status_view(begin(toy))
+    assert (view["best"], view["slices"], view["tried"]["experiments"]) == (None, None, [])
+
+
+def test_slices_run_through_the_best_over_the_whole_range_of_each_knob():
+    interview, now = asked(Choice.LEFT, Choice.RIGHT, Choice.LEFT)
+    view = status_view(interview)
+    json.dumps(view, allow_nan=False)
+    best = interview.experiment(now.incumbent).theta
+    assert [s["best"] for s in view["slices"]] == best.tolist()
+    for part, knob in zip(view["slices"], SPACE, strict=True):
+        assert (part["x"][0], part["x"][-1]) == pytest.approx((knob.low, knob.high))
+        assert np.all(np.diff(part["x"]) > 0)
+        assert len(part["x"]) == len(part["y"])
+        assert len(part["samples"]["x"]) == len(now.state.finished)
+
+
+def test_the_samples_of_a_slice_lie_at_their_own_learned_cost():
+    interview, now = asked(Choice.LEFT, Choice.RIGHT, Choice.LEFT)
+    assert interview.surrogate is not None
+    tried = np.array([interview.experiment(i).theta for i in sorted(now.state.finished)])
+    cost = interview.surrogate(tried)
+    for k, part in enumerate(status_view(interview)["slices"]):
+        assert part["samples"]["x"] == tried[:, k].tolist()
+        y = np.array(part["samples"]["y"])
+        assert np.all(y >= 0)
+        assert min(part["y"]) >= 0
+        np.testing.assert_allclose(np.diff(y**2), np.diff(cost), atol=1e-9)
+    drawn = [[*part["y"], *part["samples"]["y"]] for part in status_view(interview)["slices"]]
+    assert min(map(min, drawn)) == 0
+
+
+def test_the_best_is_set_off_once_and_was_best_before_that():
+    interview, now = asked(*[Choice.LEFT] * 4)
+    tried = status_view(interview)["tried"]["experiments"]
+    assert [e["number"] for e in tried if e["best"]] == [now.incumbent + 1]
+    assert tried[0]["was_best"]
+    assert all(e["was_best"] for e in tried if e["best"])
+
+
+def test_verdicts_are_counted_and_retracted_ones_are_not():
+    interview, _ = asked(Choice.SAME, Choice.SAME, Choice.CANNOT_TELL)
+    interview.retract(1)
+    counted = interview.counts.verdicts
+    assert sum(counted.values()) == 2
+    assert sorted(counted.values()) == [0, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("consistency", "words"),
+    [
+        (Consistency(0, 0, ()), "No question has been asked twice yet. "
+         "The answers do not contradict each other."),
+        (Consistency(3, 2, ()), "2 of 3 repeated questions got the same answer. "
+         "The answers do not contradict each other."),
+        (Consistency(0, 0, ((0, 4, 2),)), "No question has been asked twice yet. "
+         "Preferred in a circle: 1 over 5 over 3."),
+    ],
+)  # fmt: skip
+def test_consistency_in_words(consistency, words):
+    assert in_words(consistency) == words
+
+
+def test_an_earlier_question_can_be_asked_again_once_there_is_one():
+    fresh, _ = asked()
+    later, _ = asked(*[Choice.LEFT] * 4)
+    assert status_view(fresh)["consistency"]["can_repeat"] is False
+    assert status_view(later)["consistency"]["can_repeat"] is True
+
+
+def test_how_well_kpis_explain_the_answers_is_said_once_they_tell():
+    interview = begin(toy, n_max=20, agent=LatinHypercube)
+    assert status_view(interview)["trust"] == ""
+    answer_all(interview, lambda number: None)
+    assert "of 19 answers that it had not learned from" in status_view(interview)["trust"]
+
+
+HARD = replace(toy, kpis=(KPI("t_f", "settling time", "h", at_most=1e-6), *toy.kpis[1:]))
+
+
+def test_a_missed_objective_is_said_once_enough_is_answered():
+    interview, answered = begin(HARD, n_max=9), 0
+    while (now := proceed(interview)).question is not None:
+        if answered < 5:
+            assert status_view(interview)["outlook"] is None
+        interview.answer(now.question.id, Choice.SAME)
+        answered += 1
+    assert "settling time" in interview.missed
+    outlook = status_view(interview)["outlook"]
+    assert outlook["sentences"][0].startswith("The best experiment misses the objective")
+    json.dumps(outlook)
+
+
+def test_with_nothing_to_say_there_is_no_outlook():
+    interview, _ = asked(*[Choice.LEFT] * 5)
+    interview._helps = lambda knob, upper: False
+    assert status_view(interview)["outlook"] is None
