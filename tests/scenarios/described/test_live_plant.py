@@ -10,7 +10,7 @@ from prefcal_env.live import LiveRig
 from prefcal_scenarios.catalog import load
 
 pytest.importorskip("asyncua")
-DOCS = Path(__file__).parents[4] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 TANK = re.search(r"```toml\n(.*?)```", (DOCS / "live.md").read_text("utf-8"), re.S)[1]
 
 

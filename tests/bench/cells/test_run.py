@@ -11,7 +11,7 @@ from prefcal_bench.problems import problem
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.catalog import load
 
-OWN = Path(__file__).parents[1] / "support" / "bench_agents.py"
+OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 LOOP = f"{OWN.with_name('bench_loop.py')}:SCENARIO"
 
 

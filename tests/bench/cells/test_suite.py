@@ -8,7 +8,7 @@ from prefcal_bench.cells.roster import AGENTS, Entry
 from prefcal_bench.problems import PROBLEMS
 from prefcal_env.errors import SettingsError
 
-OWN = Path(__file__).parents[1] / "support" / "bench_agents.py"
+OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 LOOP = OWN.with_name("bench_loop.py")
 BOTH = Suite(
     ("GLISp", "GLIS"), ("camel", "overtake", "cstr", "cstr-guidelines"),

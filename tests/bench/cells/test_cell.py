@@ -10,7 +10,7 @@ from prefcal_bench.problems import problem
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_scenarios.tastes import VERSION
 
-LOOP = Path(__file__).parents[1] / "support" / "bench_loop.py"
+LOOP = Path(__file__).parents[2] / "support" / "bench_loop.py"
 CELL = Cell("RandomSearch", "camel", "perfect", 0)
 OTHERS = [
     replace(CELL, **change)

@@ -13,7 +13,7 @@ from prefcal_bench.problems import problem
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.kpis import screened
 
-SUPPORT = Path(__file__).parents[1] / "support"
+SUPPORT = Path(__file__).parents[2] / "support"
 LOOP = f"{SUPPORT / 'bench_loop.py'}:SCENARIO"
 THETA = np.array([0.4, 0.5, 0.6])
 
