@@ -146,6 +146,19 @@ class Comparison:
 
 
 @dataclass(frozen=True, slots=True)
+class Lead:
+    """The sample that an agent holds for the best, where the answers one by one name another.
+
+    Args:
+        index: Index of the sample.
+        after: Number of answers that it follows from.
+    """
+
+    index: int
+    after: int
+
+
+@dataclass(frozen=True, slots=True)
 class History:
     """Samples in the order proposed, and the answers about them.
 
@@ -154,12 +167,14 @@ class History:
         comparisons: Comparison h closed the query of sample h.
         follow_ups: Answers about two samples whose queries were closed, in the order given.
         repeats: Answers to questions that were asked again; agents do not learn from them.
+        leads: What an agent held for the best against single answers, in order.
     """
 
     samples: tuple[Sample, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
     follow_ups: tuple[Comparison, ...] = ()
     repeats: tuple[Comparison, ...] = ()
+    leads: tuple[Lead, ...] = ()
 
     # Conclusions from the record.
 
@@ -220,8 +235,24 @@ class History:
         )
 
     @property
+    def given(self) -> int:
+        """Return the number of answers, follow-ups included."""
+        return len(self.comparisons) + len(self.follow_ups)
+
+    @property
     def incumbent(self) -> int | None:
-        """Return the index of the best sample by the whole record; None before the first answer.
+        """Return the index of the best sample so far; None before the first answer.
+
+        It is the one that the agent holds for the best, if it says so, else `by_answers`.
+        """
+        latest = self.leads[-1] if self.leads else None
+        if latest is None or latest.after != self.given or latest.index in self.unsafe():
+            return self.by_answers
+        return latest.index
+
+    @property
+    def by_answers(self) -> int | None:
+        """Return the index of the best sample by all answers; None before the first one.
 
         It is `best_of` the verdicts; if only scores are known, the first with the lowest score.
         """
@@ -234,7 +265,7 @@ class History:
         return best_of(verdicts, self.unsafe())
 
     def incumbents(self) -> tuple[int, ...]:
-        """Return the best sample after each closed query, by the answers until the next one."""
+        """Return the best sample after each closed query and the follow-ups until the next one."""
         given: list[list[Comparison]] = [[closed] for closed in self.comparisons]
         for c in self.follow_ups:
             if c.after is not None:
@@ -246,11 +277,13 @@ class History:
         found = zip(
             judged, bests(zip(verdicts, unsafe, strict=True)), accumulate(scores, min), strict=True
         )
-        return tuple(best if by_verdict else lowest[2] for by_verdict, best, lowest in found)
+        best = [best if by_verdict else lowest[2] for by_verdict, best, lowest in found]
+        leads = {each.after: each.index for each in self.leads}
+        return tuple(map(leads.get, accumulate(map(len, given)), best))
 
     def unbeaten(self) -> tuple[int, ...]:
         """Return the best sample, then the others that no answer calls worse, by index."""
-        best = self.incumbent
+        best = self.by_answers
         if best is None:
             return ()
         verdicts = self.verdicts()
@@ -271,6 +304,12 @@ class History:
         return History(self.samples[:count], self.comparisons[:count], follow_ups)
 
     # Changed copies.
+
+    def with_best(self, index: int) -> "History":
+        """Hold sample `index` for the best until the next answer, whatever the answers say."""
+        if index == self.incumbent:
+            return self
+        return replace(self, leads=(*self.leads, Lead(index, self.given)))
 
     def with_pending(self, sample: Sample) -> "History":
         """Store `sample` as the next one, in place of the one that has this number, if any."""
@@ -334,6 +373,7 @@ class History:
         if not self.comparisons:
             raise ProtocolError("there is no answer to undo")
         kept = self.arranged(self.undoing())
+        kept = replace(kept, leads=tuple(each for each in self.leads if each.after < self.given))
         if len(self.latest) > 1:
             return replace(kept, follow_ups=self.follow_ups[:-1])
         return replace(kept, comparisons=self.comparisons[:-1])
@@ -341,7 +381,8 @@ class History:
     def retracted(self, index: int, *, follow_up: bool = False) -> "History":
         """Stop learning from answer number `index` (from 0); every sample stays.
 
-        Follow-ups are numbered separately.
+        What was held for the best may have followed from it, so nothing is. Follow-ups are numbered
+        separately.
 
         Raises:
             ProtocolError: If there is no such answer, or it is already retracted.
@@ -359,8 +400,8 @@ class History:
         changed = replace(answers[index], retracted=True)
         answers = (*answers[:index], changed, *answers[index + 1 :])
         if follow_up:
-            return replace(self, follow_ups=answers)
-        return replace(self, comparisons=answers)
+            return replace(self, follow_ups=answers, leads=())
+        return replace(self, comparisons=answers, leads=())
 
     def corrected(self, index: int, outcome: Outcome | None, *, unsafe: bool) -> "History":
         """Return the record after that of experiment `index` was replaced by the right one.
@@ -397,7 +438,9 @@ class History:
                 for c in answers
             )
 
-        return History(self.samples, each(self.comparisons), each(self.follow_ups))
+        return History(
+            self.samples, each(self.comparisons), each(self.follow_ups), leads=self.leads
+        )
 
     def scores_alone(self) -> "History":
         """Return the record for an agent that learns from scores: nothing is compared.

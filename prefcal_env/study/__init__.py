@@ -17,6 +17,7 @@ from .events import Event as Event
 from .events import Extended as Extended
 from .events import Failed as Failed
 from .events import Finished as Finished
+from .events import Led as Led
 from .events import Marked as Marked
 from .events import Noted as Noted
 from .events import Recorded as Recorded

@@ -52,6 +52,12 @@ class Taken(Event, frozen=True):
     index: Int64
 
 
+class Led(Event, frozen=True):
+    """Hold sample `index` for the best until the next answer: single answers can be wrong."""
+
+    index: Int64
+
+
 class Finished(Event, frozen=True):
     """Add the experiment of sample `index`: the payload of this event, or of event `same_as`."""
 

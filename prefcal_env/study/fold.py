@@ -23,6 +23,7 @@ from .events import (
     Extended,
     Failed,
     Finished,
+    Led,
     Marked,
     Noted,
     Reopened,
@@ -130,6 +131,12 @@ def _taken(state: State, seq: int, _at: str, event: Taken) -> State:
     except ProtocolError as error:
         raise StudyError(f"event {seq} is impossible: {error}") from error
     return replace(_arranged(state, order), open=None)
+
+
+def _led(state: State, seq: int, _at: str, event: Led) -> State:
+    compared = 0 <= event.index < state.history.answered
+    _require(compared, seq, f"sample {event.index} was not compared")
+    return replace(state, history=state.history.with_best(event.index))
 
 
 def _arranged(state: State, order: Sequence[int]) -> State:
@@ -328,6 +335,7 @@ _RULES: Mapping[type[Event], Callable[[State, int, str, Any], State]] = {
     Created: _created,
     Suggested: _suggested,
     Taken: _taken,
+    Led: _led,
     Dialed: _dialed,
     Requested: _requested,
     Finished: _finished,

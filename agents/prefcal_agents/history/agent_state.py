@@ -1,12 +1,12 @@
 """Save the whole state of an agent as plain data that JSON keeps exactly."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.history import Comparison, History, Sample
+from prefcal_env.preferences.history import Comparison, History, Lead, Sample
 
 _UNREADABLE = (KeyError, TypeError, AttributeError, ValueError)
 
@@ -51,6 +51,11 @@ class AgentState:
             "samples": [_sample_to_dict(sample) for sample in self.history.samples],
             "answers": [_comparison_to_dict(c) for c in self.history.comparisons],
             **({"follow_ups": follow_ups} if follow_ups else {}),
+            **(
+                {"leads": [asdict(lead) for lead in self.history.leads]}
+                if self.history.leads
+                else {}
+            ),
         }
 
     def configuration(self) -> dict[str, Any]:
@@ -80,6 +85,7 @@ class AgentState:
                     replace(_comparison_from_dict(c["challenger"], c), after=c["after"])
                     for c in data.get("follow_ups", ())
                 ),
+                leads=tuple(Lead(int(c["index"]), int(c["after"])) for c in data.get("leads", ())),
             )
         except _UNREADABLE as error:
             raise _unreadable(error) from error

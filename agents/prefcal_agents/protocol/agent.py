@@ -75,7 +75,8 @@ class Agent(Stored):
         self.space, self.n_init, self._seed = space, int(n_init), int(seed)
         self._asked_for, self._capacity = int(n_max), capacity(space)
         self._given = start_points(space, start, self._asked_for)
-        self._chosen: tuple[History, int | None] | None = None
+        self._known_best: tuple[History, int | None] | None = None
+        self._judged: History | None = None
         self._thought: tuple[History, Pair | None] | None = None
         self.history = History()
 
@@ -84,6 +85,10 @@ class Agent(Stored):
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         """Return the next sample, a point of the unit cube, shape (n,)."""
         raise NotImplementedError
+
+    def _leader(self, history: History) -> int | None:
+        """Return the sample to hold for the best; None if the answers alone say which it is."""
+        return None
 
     def _follow_up(self, history: History) -> Pair | None:
         """Return known samples to compare before the next one is proposed; None if none."""
@@ -126,11 +131,17 @@ class Agent(Stored):
 
     @property
     def best_index(self) -> int | None:
-        """Return the index of the best sample; None before any answer."""
+        """Return the index of the best sample; None before any answer. It may take simulations."""
+        self._judge()
+        return self.incumbent
+
+    @property
+    def incumbent(self) -> int | None:
+        """Return the index of the best sample as far as it is known without simulations."""
         history = self.history
-        if self._chosen is None or self._chosen[0] != history:
-            self._chosen = (history, history.incumbent)
-        return self._chosen[1]
+        if self._known_best is None or self._known_best[0] != history:
+            self._known_best = (history, history.incumbent)
+        return self._known_best[1]
 
     @property
     def samples(self) -> Float[np.ndarray, "N n"]:
@@ -249,10 +260,21 @@ class Agent(Stored):
         self.history = self.history.with_pending(sample)
 
     def settle(self) -> None:
-        """Store the sample of the open query, unless it is stored or none is needed now."""
+        """Find the best sample, and store that of the open query, unless none is needed now."""
         # Asked first, since finding a pair may take simulations.
         if not self._all_answered and self._known_pair() is None:
             self._store()
+
+    def _judge(self) -> None:
+        """Let the agent say which sample it holds for the best, once after each answer."""
+        history = self.history
+        if self.by_value or not history.answered or self._judged == history:
+            return
+        # As long as two are unbeaten, the next answer says which one is better.
+        leader = None if rematch(history) is not None else self._leader(history)
+        if leader is not None:
+            self.history = history.with_best(leader)
+        self._judged = self.history
 
     def _store(self, n: int = 1) -> None:
         while len(self.history.samples) < min(self.history.answered + n, self.n_max):
@@ -263,6 +285,7 @@ class Agent(Stored):
 
         Open questions about the best sample come first, also after the last experiment.
         """
+        self._judge()
         history = self.history
         if self.by_value or history.waits or not history.answered:
             return None
@@ -281,7 +304,7 @@ class Agent(Stored):
 
     @property
     def _rival(self) -> int | None:
-        return None if self.by_value else self.best_index
+        return None if self.by_value else self.incumbent
 
     def _next(self) -> Float[np.ndarray, " n"]:
         """Return a given θ unchanged, a proposed one rounded to values that can be dialed in."""
@@ -296,10 +319,10 @@ class Agent(Stored):
         It is the record itself if none is pending. Other suppositions, such as the constant liar of
         Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/archive.md.
         """
-        history = self.history
+        history, best = self.history, self.incumbent
         while history.pending is not None:
             history = history.with_answer(Answer(None), None)  # nobody looked at it
-        return history
+        return history if best is None else history.with_best(best)
 
     def _suggestion(self, index: int) -> Suggestion:
         return Suggestion(index, self._theta_of(index))
@@ -343,7 +366,7 @@ def rematch(history: History) -> Pair | None:
     "can't tell" can leave two, which the next question then compares. A pair that the person
     cannot tell apart is not asked again; a pair whose answer was retracted is.
     """
-    best, verdicts = history.incumbent, history.verdicts()
+    best, verdicts = history.by_answers, history.verdicts()
     if best is None:
         return None
     for group in undominated(verdicts, history.unsafe()):

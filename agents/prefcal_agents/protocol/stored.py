@@ -132,6 +132,9 @@ def _check(history: History, agent: Stored) -> None:
         known = c.after is not None and 0 < c.after <= answered and not agent.by_value
         if not known or len(pair) < 2 or any(i is None or not 0 <= i < c.after for i in pair):  # type: ignore[operator]
             raise SettingsError(f"a follow-up answer of a state cannot be {c}")
+    for lead in history.leads:
+        if not (0 <= lead.index < answered and 0 < lead.after <= history.given):
+            raise SettingsError(f"the best one of a state cannot be {lead}")
     for index, sample in enumerate(history.samples):
         _check_sample(index, sample, agent.space)
         if sample.after is not None and not 0 <= sample.after <= min(index, answered):

@@ -117,6 +117,21 @@ class Screening(Simulating):
 
     # What the agent does.
 
+    def _leader(self, history: History) -> int | None:
+        """Return the shown sample with the largest expected worth.
+
+        Every answer has its say by how probable mistakes are, so a wrong one need not cost the best
+        experiment its place; the paper's best is the winner of the latest answers (sec. GLISp).
+        """
+        if self._growth is None or not history.lessons():
+            return None
+        stage, unsafe = self._growing.stage(history), history.unsafe()
+        safe = [i for i in range(history.answered) if i not in unsafe]
+        rows = [stage.bank.find(history.samples[i].theta) for i in safe]
+        value = dict(zip(safe, worth(stage.costs)[:, rows].mean(axis=0), strict=True))
+        winner = history.by_answers  # if another one is worth as much
+        return max(safe, key=lambda i: (value[i], i == winner), default=None)
+
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         stage, best = self._growing.stage(history), history.incumbent
         rng = np.random.default_rng([self._seed, history.answered])

@@ -22,6 +22,7 @@ from prefcal_env.study import (
     Event,
     Failed,
     Finished,
+    Led,
     Requested,
     Shown,
     State,
@@ -99,7 +100,7 @@ class Flow:
         """Return the index of the agent's best experiment so far; None before the first."""
         if not self.state.history.comparisons or self.agent.by_value:
             return self.state.history.incumbent
-        return self.agent.best_index
+        return self.agent.incumbent
 
     @property
     def pending(self) -> Suggested | None:
@@ -183,6 +184,8 @@ class Flow:
     def _proceed(self) -> None:
         if not self.state.ended and self.must_think:
             return self.move(Phase.RUNNING)
+        if self.simulator is not None and not self.state.ended:
+            self._keep_best()
         if not self.state.ended and self.agent.done:
             self.study.append(Ended("all compared"))
         if self.state.ended:
@@ -205,6 +208,13 @@ class Flow:
             self.study.append(Answered(None, index, None, first))
             self.agent.tell(query, first)
         return self._proceed()
+
+    def _keep_best(self) -> None:
+        """Store which sample the agent holds for the best, if the answers name another."""
+        self.agent.settle()
+        best = self.agent.incumbent
+        if best is not None and best != self.state.history.incumbent:
+            self.study.append(Led(best))
 
     def _suggest(self) -> None:
         """Store each new sample, and its experiment if it is already known, in one step."""

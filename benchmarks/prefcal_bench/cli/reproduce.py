@@ -99,8 +99,8 @@ def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
 
 def _studies(seeds: int, jobs: int, display: "BenchDisplay") -> "Sequence[Study]":
     """Run all studies; return them sorted by seed and case."""
-    from prefcal_bench.cells.executors import Processes
     from prefcal_bench.cells.engine import Lost, each
+    from prefcal_bench.cells.executors import Processes
     from prefcal_bench.reproduce import tasks
     from prefcal_env.errors import BenchmarkError
 
