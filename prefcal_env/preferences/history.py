@@ -246,9 +246,7 @@ class History:
         It is the one that the agent holds for the best, if it says so, else `by_answers`.
         """
         latest = self.leads[-1] if self.leads else None
-        if latest is None or latest.after != self.given or latest.index in self.unsafe():
-            return self.by_answers
-        return latest.index
+        return latest.index if latest and latest.after == self.given else self.by_answers
 
     @property
     def by_answers(self) -> int | None:
@@ -306,8 +304,8 @@ class History:
     # Changed copies.
 
     def with_best(self, index: int) -> "History":
-        """Hold sample `index` for the best until the next answer, whatever the answers say."""
-        if index == self.incumbent:
+        """Hold sample `index`, unless it is unsafe, for the best until the next answer."""
+        if index == self.incumbent or index in self.unsafe():
             return self
         return replace(self, leads=(*self.leads, Lead(index, self.given)))
 

@@ -270,8 +270,7 @@ class Agent(Stored):
         history = self.history
         if self.by_value or not history.answered or self._judged == history:
             return
-        # As long as two are unbeaten, the next answer says which one is better.
-        leader = None if rematch(history) is not None else self._leader(history)
+        leader = self._leader(history)
         if leader is not None:
             self.history = history.with_best(leader)
         self._judged = self.history

@@ -7,11 +7,10 @@ from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import Pair, one_thread
+from prefcal_agents.protocol.agent import one_thread
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
 from prefcal_agents.utility.utilities import Utilities
-from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .beyond_kpis import BeyondKPIs
@@ -21,11 +20,8 @@ from .simulating import Simulating
 from .simulations import Simulations
 
 _DOUBT = 0.5
-"""Probability of being better than the best above which an earlier experiment is shown again."""
-_TIMES, _BETWEEN = 2, 5
-"""Number of times that a pair is asked at most, and of questions between the two times at least."""
-_FOLLOW_UPS = 3
-"""Largest number of questions of a study about experiments that were shown before."""
+"""Probability of being noticeably better than the best by the answers above which an experiment
+takes its place."""
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
 all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
@@ -37,13 +33,13 @@ _ALIKE = 0.005
 class Screening(Simulating):
     """Simulate many θ unseen, learn the person's utility from KPIs, and show few experiments.
 
-    Arguments and errors are those of `Simulating`. n_max experiments take n_max - 1 comparisons,
-    and up to three more, in which earlier experiments are shown again. Differences of KPIs that
-    people cannot read, by the `reading` of `simulate`, are none.
+    Arguments and errors are those of `Simulating`. n_max experiments take n_max - 1 comparisons:
+    nothing is asked twice. Differences of KPIs that people cannot read, by the `reading` of
+    `simulate`, are none.
     """
 
-    version: ClassVar[int] = 4
-    most_follow_ups: ClassVar[float] = _FOLLOW_UPS
+    version: ClassVar[int] = 5
+    most_follow_ups: ClassVar[float] = 0
     _growth: Growth | None = None
     _beyond: BeyondKPIs
 
@@ -118,19 +114,20 @@ class Screening(Simulating):
     # What the agent does.
 
     def _leader(self, history: History) -> int | None:
-        """Return the shown sample with the largest expected worth.
+        """Return the sample of the largest worth that is probably better than the answers' best.
 
-        Every answer has its say by how probable mistakes are, so a wrong one need not cost the best
-        experiment its place; the paper's best is the winner of the latest answers (sec. GLISp).
+        One wrong answer can cost the best experiment its place. All answers and the KPIs together
+        give it back without a question.
         """
-        if self._growth is None or not history.lessons():
+        best = history.by_answers
+        if best is None or len(history.lessons()) < 2 or self._growth is None:
             return None
-        stage, unsafe = self._growing.stage(history), history.unsafe()
-        safe = [i for i in range(history.answered) if i not in unsafe]
-        rows = [stage.bank.find(history.samples[i].theta) for i in safe]
-        value = dict(zip(safe, worth(stage.costs)[:, rows].mean(axis=0), strict=True))
-        winner = history.by_answers  # if another one is worth as much
-        return max(safe, key=lambda i: (value[i], i == winner), default=None)
+        stage = self._growing.stage(history)
+        rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
+        better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
+        better[list(history.unsafe())] = 0.0
+        value = np.where(better > _DOUBT, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
+        return int(np.argmax(value)) if np.isfinite(value).any() else None
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         stage, best = self._growing.stage(history), history.incumbent
@@ -166,43 +163,11 @@ class Screening(Simulating):
             return np.asarray(2 * missed)
         return np.asarray(2 * missed + ~clearly_apart(kpis, missed == missed.min(), row))
 
-    def _follow_up(self, history: History) -> Pair | None:
-        """Return an earlier experiment that is probably better than the best, to ask again.
-
-        A wrong answer can have cost it the lead. A tie is no reason to ask again, and the second
-        time comes after other questions.
-        """
-        best = history.incumbent
-        if best is None or len(history.lessons()) < 2 or self._growth is None:
-            return None
-        stage = self._growing.stage(history)
-        rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
-        doubt = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
-        doubt[[best, *history.unsafe()]] = 0.0
-        for rival in map(int, np.argsort(-doubt, kind="stable")):
-            if doubt[rival] <= _DOUBT:
-                return None
-            if _may_be_asked(history, rival, best):
-                return max(rival, best), min(rival, best)
-        return None
-
-    def _final(self, history: History) -> Pair | None:
-        return self._follow_up(history)
-
     def _twin(self, state: AgentState) -> Self:
         twin = super()._twin(state)
         twin._growth = self._growth
         twin._beyond = BeyondKPIs(self.space, self._seed)  # its solver may not be shared
         return twin
-
-
-def _may_be_asked(history: History, first: int, second: int) -> bool:
-    """Return whether a question about two known experiments neither is settled nor comes soon."""
-    order = history.in_order()
-    places = [k for k, c in enumerate(order) if {c.challenger, c.incumbent} == {first, second}]
-    settled = any(order[k].answer.preference is Preference.TIE for k in places)
-    soon = bool(places) and len(order) - places[-1] <= _BETWEEN
-    return not settled and not soon and len(places) < _TIMES
 
 
 def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import Agent, rematch
+from prefcal_agents.protocol.agent import Agent
 from prefcal_app.simulating import Basis, Simulator, named_twin, past_of
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
@@ -118,7 +118,7 @@ class Flow:
     def must_think(self) -> bool:
         """Return whether choosing the next query may take simulations, so no lock may be held."""
         agent, history = self.agent, self.agent.history
-        if self.simulator is None or history.pending is not None or rematch(history) is not None:
+        if self.simulator is None or history.pending is not None:
             return False
         return self.knows is None or self.knows[0] is not agent or self.knows[1] != history
 

@@ -20,6 +20,7 @@ from support.processes import wait_until
 from support.unseen import cost, unseen
 
 AGENT = partial(Screening, n_simulated=40)
+OPPOSITE = {Choice.LEFT: Choice.RIGHT, Choice.RIGHT: Choice.LEFT, Choice.SAME: Choice.SAME}
 
 
 def started(path=None, n_max=5, ahead=False, seed=0, agent=AGENT):
@@ -115,6 +116,26 @@ def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
     assert again.screened().reason == before[1].reason
     answer_all(again, lambda number: None)
     assert again.now().phase is Phase.OVER
+
+
+def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_path):
+    """Someone who now and then says the opposite of what they mean."""
+    path, leads = tmp_path / "mine.prefcal", 0
+    interview = started(path, n_max=12, agent=partial(Screening, n_simulated=150))
+    now = proceed(interview)
+    while now.phase is not Phase.OVER:
+        assert now.question.incumbent.index == now.incumbent == now.state.history.incumbent
+        leads += now.incumbent != now.state.history.by_answers
+        meant = judge(now.question, cost)
+        slip = now.state.history.answered in (5, 6)
+        interview.answer(now.question.id, OPPOSITE[meant] if slip else meant)
+        now = proceed(interview)
+    assert leads >= 1
+    assert now.incumbent != now.state.history.by_answers
+    interview.study.close()
+    again = reopened(unseen, path).now()
+    assert again.state.history == now.state.history
+    assert again.incumbent == now.incumbent
 
 
 def test_an_answer_after_a_restart_need_not_wait_for_the_simulations(tmp_path):

@@ -1,5 +1,7 @@
 """The record of a study: rules that the agent and the study file share."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -41,6 +43,8 @@ def after(steps):
         elif kind == "follow up" and count > 1:
             first = 1 + number % (count - 1)
             history = history.with_follow_up(Answer((-1, 0, 1)[number % 3]), first, first - 1)
+        elif kind == "lead":
+            history = history.with_best(number % count)
         elif kind == "propose":
             history = history.with_pending(in_cube([number / 100, 1.0]))
         elif kind == "undo" and count > 1:
@@ -52,7 +56,7 @@ def after(steps):
 
 STEPS = st.lists(
     st.tuples(
-        st.sampled_from(["tell", "unsafe", "follow up", "propose", "undo", "retract"]),
+        st.sampled_from(["tell", "unsafe", "follow up", "lead", "propose", "undo", "retract"]),
         st.integers(0, 99),
     ),
     max_size=25,
@@ -75,7 +79,7 @@ def test_undo_takes_back_exactly_what_was_told_last(steps):
     settled = history.with_pending(in_cube([0.9, 0.9]))
     assert settled.with_answer(Answer(-1), history.incumbent).undone() == settled
     if history.answered > 1:
-        kept = History(history.samples[: history.answered], history.comparisons, history.follow_ups)
+        kept = replace(history, samples=history.samples[: history.answered])
         assert kept.with_follow_up(Answer(0), 1, 0).undone() == kept
 
 
@@ -83,9 +87,31 @@ def test_undo_takes_back_exactly_what_was_told_last(steps):
 def test_the_best_after_each_answer_is_the_best_of_the_record_until_then(steps):
     *_, history = after(steps)
     assert len(history.incumbents()) == history.answered
-    assert history.incumbents()[-1] == history.incumbent == history.unbeaten()[0]
+    assert history.incumbents()[-1] == history.incumbent
+    assert history.by_answers == history.unbeaten()[0]
+    alone = replace(history, leads=())
     until = [history.until(count).incumbent for count in range(1, history.answered + 1)]
-    assert history.incumbents() == tuple(until)
+    assert alone.incumbents() == tuple(until)
+
+
+@given(STEPS)
+def test_what_is_held_for_the_best_stands_until_the_next_answer(steps):
+    *_, history = after(steps)
+    for index in range(history.answered):
+        held = history.with_best(index)
+        assert held.incumbent == index or index in history.unsafe()
+        assert held.by_answers == history.by_answers
+        assert held.bare().incumbent == held.incumbent
+        after_it = held.with_pending(in_cube([0.9, 0.9])).with_answer(Answer(None), held.incumbent)
+        assert after_it.incumbent == after_it.by_answers
+        assert after_it.incumbents()[-2] == held.incumbent
+        assert after_it.undone().incumbent == held.incumbent
+
+
+def test_a_retracted_answer_takes_back_what_was_held_for_the_best():
+    history = told(None, 1, 1).with_best(2)
+    assert (history.incumbent, history.by_answers) == (2, 0)
+    assert history.retracted(1).incumbent == 0
 
 
 @given(STEPS)
