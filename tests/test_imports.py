@@ -242,7 +242,7 @@ def test_every_public_name_loads_and_is_known_to_type_checkers(package, folder):
 
 
 def in_a_new_process(code):
-    """Run Python code that finds the three packages; what it prints."""
+    """Run Python code that finds the five packages; what it prints."""
     path = [str(ROOT), *(str(folder.parent) for folder in FOLDERS.values())]
     program = f"import sys; sys.path[:0] = {path!r}\n{code}"
     done = subprocess.run(
