@@ -19,7 +19,7 @@ from .reason import Reason, chances, reason_for
 from .simulating import Simulating
 from .simulations import Simulations
 
-_DOUBT = 0.5
+_DOUBT = 0.75
 """Probability of being noticeably better than the best by the answers above which an experiment
 takes its place."""
 _OPEN = 4
