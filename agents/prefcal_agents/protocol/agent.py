@@ -2,7 +2,6 @@
 
 from contextlib import AbstractContextManager
 from functools import cache
-from math import inf
 from typing import Any, ClassVar, overload
 
 import numpy as np
@@ -53,8 +52,8 @@ class Agent(Stored):
 
     by_value = False
     """Whether the agent learns from scores, not preferences; then no query has an incumbent."""
-    most_follow_ups: ClassVar[float] = inf
-    """Largest number of questions about two known samples in a study."""
+    asks_further: ClassVar[bool] = True
+    """Whether it asks questions about two known samples."""
 
     def __init__(
         self,
@@ -286,9 +285,8 @@ class Agent(Stored):
         """
         self._judge()
         history = self.history
-        if self.by_value or history.waits or not history.answered:
-            return None
-        if len(history.follow_ups) >= self.most_follow_ups:
+        known = history.answered and not history.waits
+        if self.by_value or not self.asks_further or not known:
             return None
         if self._thought is None or self._thought[0] != history:
             with one_thread():

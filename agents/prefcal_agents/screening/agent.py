@@ -39,7 +39,7 @@ class Screening(Simulating):
     """
 
     version: ClassVar[int] = 5
-    most_follow_ups: ClassVar[float] = 0
+    asks_further: ClassVar[bool] = False
     _growth: Growth | None = None
     _beyond: BeyondKPIs
 

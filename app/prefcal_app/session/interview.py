@@ -193,9 +193,7 @@ class Interview:
     def planned(self) -> Planned:
         """Return how many questions the study asks."""
         with self._changed:
-            question = self._flow.question
-            further = question is not None and question.further
-            return Planned.of(self._flow.agent, asks_further=further)
+            return Planned.of(self._flow.agent)
 
     @property
     def n_max(self) -> int:

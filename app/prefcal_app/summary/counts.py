@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 
 from prefcal_agents.protocol.agent import Agent
 from prefcal_env.preferences.answer import Preference
@@ -42,57 +41,36 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """How many questions a study asks: the one number that is promised, counted and reached.
+    """How many questions a study asks: one for each experiment but the first.
 
-    Where an agent limits its questions about two known experiments, they count, too, and the number
-    is a range. Otherwise there is one question for each experiment but the first.
+    Follow-up questions, which only some agents ask, are called so and do not count.
 
     Args:
-        answered: Number of questions that are answered and count.
-        fewest: Smallest number of questions of the whole study.
-        most: Largest number.
-        counts_all: Whether questions about two known experiments count.
+        answered: Number of questions that are answered.
+        total: Number of questions of the whole study.
     """
 
     answered: int
-    fewest: int
-    most: int
-    counts_all: bool
+    total: int
 
     @classmethod
-    def of(cls, agent: Agent, *, asks_further: bool = False) -> "Planned":
-        """Return the plan of a study.
-
-        Args:
-            agent: Agent of the study.
-            asks_further: Whether the open question is about two known experiments.
-        """
-        history, fewest = agent.history, agent.n_max - 1
-        answered = max(history.answered - 1, 0)
-        if not isfinite(agent.most_follow_ups):
-            return cls(answered, fewest, fewest, False)
-        further = len(history.follow_ups)
-        most = fewest + max(int(agent.most_follow_ups), further)
-        return cls(answered + further, fewest + further + asks_further, most, True)
-
-    @property
-    def total(self) -> str:
-        """Return the number of questions of the whole study: "11", or "11 to 14"."""
-        return f"{self.fewest}" if self.fewest >= self.most else f"{self.fewest} to {self.most}"
+    def of(cls, agent: Agent) -> "Planned":
+        """Return the plan of the study of an agent."""
+        return cls(max(agent.history.answered - 1, 0), agent.n_max - 1)
 
     def place(self, *, over: bool, further: bool) -> str:
-        """Return how far the study is, such as "question 3 of 11 to 14".
+        """Return how far the study is, such as "question 3 of 10".
 
         Args:
             over: Whether the study is over.
             further: Whether the open question is about two known experiments.
         """
         if over:
-            done = self.answered >= self.fewest
+            done = self.answered >= self.total
             return f"{self.answered} {'' if done else f'of {self.total} '}questions answered"
-        if further and not self.counts_all:
+        if further:
             return f"follow-up question, after {self.answered} of {self.total}"
-        return f"question {min(self.answered + 1, self.most)} of {self.total}"
+        return f"question {min(self.answered + 1, self.total)} of {self.total}"
 
 
 def answered(state: State) -> tuple[Comparison, ...]:

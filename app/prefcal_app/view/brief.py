@@ -38,9 +38,9 @@ def how(interview: Interview) -> str:
     planned = interview.planned
     asked = (
         "You are shown two experiments at a time and say which one went better: "
-        f"{planned.total} question{'' if planned.most == 1 else 's'}"
+        f"{planned.total} question{'' if planned.total == 1 else 's'}"
     )
-    minutes = max(round(planned.most * _SECONDS / 60), 1)
+    minutes = max(round(planned.total * _SECONDS / 60), 1)
     pace = f"about {minutes} minute{'' if minutes == 1 else 's'} at {_SECONDS} s each"
     took = "at the pace of your experiments" if _by_hand(interview.scenario) else pace
     return (

@@ -98,8 +98,7 @@ def _progress(interview: Interview, now: Now) -> dict[str, Any]:
     further = now.question is not None and now.question.further
     return {
         "answered": planned.answered,
-        "questions": planned.fewest,
-        "total": planned.total,
+        "questions": planned.total,
         "text": planned.place(over=now.phase is Phase.OVER, further=further),
         "given": interview.counts.comparisons,
         "experiments": interview.counts.experiments,

@@ -37,8 +37,6 @@ from prefcal_scenarios.scenario import Scenario
 LOOPS = ("cstr", "servo", "pid")
 _RANDOM = 60
 """Number of random experiments that tell what differences and values are usual."""
-_BETWEEN, _FOLLOW_UPS = 5, 3
-"""Number of questions within which no pair comes twice, and of follow-ups in a study."""
 _TINY = re.compile(r"e[−-]\d")
 
 
@@ -146,7 +144,6 @@ class Replay:
     Args:
         untrue: What was not true, in words.
         questions: Number of questions asked.
-        follow_ups: Number of those about experiments that were shown before.
         ties: Number of answers "about the same".
         said: For each question with a stated chance, that chance and whether the new one won.
         promised: For each answer, the chance that something better is left, and whether any of
@@ -155,7 +152,6 @@ class Replay:
 
     untrue: list[str] = field(default_factory=list)
     questions: int = 0
-    follow_ups: int = 0
     ties: int = 0
     said: list[tuple[float, bool]] = field(default_factory=list)
     promised: list[tuple[float, bool]] = field(default_factory=list)
@@ -168,7 +164,6 @@ def replay(scenario: Scenario, who: Person, seed: int, simulator: Simulator,
     promise = interview.planned
     while (now := _next(interview)).question is not None:
         found.questions += 1
-        found.follow_ups += now.question.further
         found.untrue += [f"question {found.questions}: {words}" for words in
                          _untrue(interview, now, now.question, asked)]  # fmt: skip
         verdict = _verdict(scenario, who, now.question)
@@ -176,10 +171,8 @@ def replay(scenario: Scenario, who: Person, seed: int, simulator: Simulator,
         asked.append({now.question.left.index, now.question.right.index})
         found.ties += verdict is Choice.SAME
         interview.answer(now.question.id, verdict)
-    if not promise.fewest <= found.questions <= promise.most:
+    if found.questions != promise.total:
         found.untrue.append(f"{found.questions} questions, {promise.total} promised")
-    if found.follow_ups > _FOLLOW_UPS:
-        found.untrue.append(f"{found.follow_ups} follow-ups")
     return found
 
 
@@ -237,11 +230,9 @@ def _untrue(
         yield f"{why!r} of a run that misses objectives"
     if "Nothing learned" in why and now.state.history.lessons():
         yield f"{why!r} after answers"
-    if {question.left.index, question.right.index} in asked[-_BETWEEN:]:
-        yield "the same pair within five questions"
-    number, last = (int(text) for text in re.findall(r"\d+", view["progress"]["text"])[::2]
-                    ) if " to " in view["progress"]["text"] else (
-                        int(t) for t in re.findall(r"\d+", view["progress"]["text"]))  # fmt: skip
+    if {question.left.index, question.right.index} in asked:
+        yield "a pair that was asked before"
+    number, last = map(int, re.findall(r"\d+", view["progress"]["text"]))
     if number != len(asked) + 1 or number > last:
         yield f"{view['progress']['text']!r} at question {len(asked) + 1}"
     if not asked:
@@ -328,13 +319,9 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _line(loop: str, kind: str, some: Sequence[Replay]) -> str:
     """Return the figures of a loop and kind, and what was not true."""
-    asked, ties, again = (sum(getattr(r, n) for r in some)
-                          for n in ("questions", "ties", "follow_ups"))  # fmt: skip
-    lengths = [r.questions for r in some]
-    words = [f"{loop}, {kind}: {len(some)} studies of {min(lengths)} to {max(lengths)} questions, "
-             f"{asked} in all, {100 * ties / asked:.0f} % ties, {again} follow-ups (at most "
-             f"{max(r.follow_ups for r in some)}), {sum(len(r.untrue) for r in some)} "
-             "untrue"]  # fmt: skip
+    asked, ties = (sum(getattr(r, n) for r in some) for n in ("questions", "ties"))
+    words = [f"{loop}, {kind}: {len(some)} studies, {asked} questions, {100 * ties / asked:.0f} % "
+             f"ties, {sum(len(r.untrue) for r in some)} untrue"]  # fmt: skip
     return "\n".join([*words, *(f"  seed {s}, {w}" for s, r in enumerate(some) for w in r.untrue)])
 
 

@@ -18,7 +18,6 @@ def test_progress_counts_comparisons_which_are_one_fewer_than_experiments():
     progress = {
         "answered": 2,
         "questions": 5,
-        "total": "5",
         "text": "question 3 of 5",
         "given": 2,
         "experiments": 4,

@@ -196,8 +196,8 @@ export async function undo() {
 export const skip = () => act("undo", { version: state.now.version });
 
 export function finish() {
-  const { answered, total } = state.now.progress;
-  ask("Finish the study?", el("p", {}, `${answered} of ${total} questions are answered. ` +
+  const { answered, questions } = state.now.progress;
+  ask("Finish the study?", el("p", {}, `${answered} of ${questions} questions are answered. ` +
     "The best so far is the result. You can continue the study at any time."), [
     ["Finish", () => act("finish", {}), "primary"], ["Keep comparing", null]]);
 }

@@ -65,14 +65,14 @@ function asked(now) {
   say(`New question: ${which}. ${question.inWords(now.question)}`);
 }
 
-function progress({ answered, questions, total, text }, simulated) {
+function progress({ answered, questions, text }, simulated) {
   $("progress-text").textContent = text;
   if (simulated) $("progress-text").append(el("span", { class: "hidden" }, " · "), el("span", { class: "unseen" }, simulated.line));
   const bar = $("progress");
   bar.setAttribute("aria-valuemax", Math.max(questions, 1));
   bar.setAttribute("aria-valuenow", answered);
   bar.firstElementChild.style.width = `${(100 * answered) / Math.max(questions, 1)}%`;
-  const place = state.now.phase === "over" ? "done" : `${Math.min(answered + 1, questions)}/${total}`;
+  const place = state.now.phase === "over" ? "done" : `${Math.min(answered + 1, questions)}/${questions}`;
   document.title = `${place} · ${state.now.scenario.title} · prefcal`;
 }
 
