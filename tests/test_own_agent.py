@@ -1,4 +1,4 @@
-"""The agent of docs/benchmarks.md goes through the contract suite, as its reader is told to do."""
+"""The agent of docs/own_agent.md goes through the contract suite, as its reader is told to do."""
 
 import importlib.util
 from pathlib import Path

@@ -20,7 +20,7 @@ overtaking  share of fresh random θ that are not better, and verdicts on the pa
 Every question that a person sees is an answer, repeated ones too.
 All figures of worth are geometric means in which every loop counts the same, with 95 % bootstrap
 intervals over the seeds of each loop. The folder gets raw.parquet (every comparison, see
-docs/raw_results.md), screening.md with all tables, and a file for each study in results/.
+docs/own_agent.md), screening.md with all tables, and a file for each study in results/.
 Of each agent, the shortest studies with so many answers count.
 """
 

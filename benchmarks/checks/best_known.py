@@ -4,7 +4,7 @@
 
 Writes `reactor_index.csv` beside it: for every prediction horizon the smallest index of all, and
 the smallest one of a run that does not undershoot the accepted band. `prefcal bench` measures gaps
-from the second one; docs/reactor_index.md explains why there are two. With `--runs` every
+from the second one; docs/gallery/reactor.md explains why there are two. With `--runs` every
 experiment is kept, and the same command resumes.
 
 The index has a crease: where a run that overshot the target ends on it by chance, the final error

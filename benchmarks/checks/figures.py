@@ -172,7 +172,7 @@ def window(folder: Path) -> tuple[Pictures, Story]:
 
 
 def examples(folder: Path) -> tuple[Pictures, Story]:
-    """Draw what the code of further gallery pages saves."""
+    """Draw what the code of the gallery's other examples saves."""
     from examples import examples as pages
 
     return pages(ROOT / "docs", folder)
@@ -238,7 +238,7 @@ EXAMPLES = tuple(
     for page in ("reactor", "overtaking", "pid", "servo", "cart_pole", "fmu", "opc_ua",
                  "own_agent", "benchmark", "rl")
 )  # fmt: skip
-"""Figures of the gallery's pages that `benchmarks/site/examples.py` runs."""
+"""Figures of the gallery's examples that `benchmarks/site/examples.py` runs."""
 
 Maker = Callable[[Path], tuple[Pictures, Story]]
 MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
@@ -252,7 +252,7 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "look": (looking, ("look.png",)),
     "maneuvers": (maneuvers, ("maneuvers.png",)),
     "worth": (worth, tuple(WORTH)),
-    "gallery": (lambda folder: gallery(ROOT / "docs" / "gallery", folder), GALLERY),
+    "gallery": (lambda folder: gallery(ROOT / "docs", folder), GALLERY),
 }
 """Functions that draw the figures, by name."""
 SHOWN = re.compile(r"""(?:\]\(|src(?:set)?=")(?:[\w./]*/)?figures/([\w.-]+)[")]""")

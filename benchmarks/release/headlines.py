@@ -7,7 +7,7 @@ Each figure there stands in docs/claims.toml with the command that gives it, the
 at, its seeds, and its interval if it is a mean. A claim about an agent names the version it was
 measured with: on the three pages that are read whole, that is the version of today. The studies
 behind the worth of an agent on held-out loops are published in held_out.parquet, with a row for
-each comparison (docs/raw_results.md), and give the figures again.
+each comparison (docs/own_agent.md), and give the figures again.
 """
 
 import re

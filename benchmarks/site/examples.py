@@ -1,4 +1,4 @@
-"""Draw the pictures of gallery pages whose own code saves them."""
+"""Draw the pictures of the gallery's examples whose own code saves them."""
 
 import json
 import os
@@ -9,67 +9,78 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-PAGES: Mapping[str, tuple[str, str, str]] = {
-    "reactor": ("reactor.png", "gallery_reactor.png",
+EXAMPLES: Mapping[str, tuple[str, str, str, str]] = {
+    "reactor": ("gallery/reactor.md", "reactor.png", "gallery_reactor.png",
                 "{'index before': cstr.cost(first), 'index after': cstr.cost(best)}"),
-    "overtaking": ("overtaking.png", "gallery_overtaking.png",
+    "overtaking": ("overtaking.md#In Python", "overtaking.png", "gallery_overtaking.png",
                    "{'T_s of the best': float(agent.best[0])}"),
-    "pid": ("pid.png", "gallery_pid.png",
+    "pid": ("pid.md#A PID for a heater", "pid.png", "gallery_pid.png",
             "{'recovery': heater.run(found.best).kpis['recovery']}"),
-    "servo": ("servo.png", "gallery_servo.png", "{'settling time': best.kpis['settling_time']}"),
-    "cart-pole": ("cart_pole.png", "gallery_cart_pole.png",
+    "servo": ("loops.md#Tune the servo drive", "servo.png", "gallery_servo.png",
+              "{'settling time': best.kpis['settling_time']}"),
+    "cart-pole": ("loops.md#Tune the pole on a cart", "cart_pole.png", "gallery_cart_pole.png",
                   "{'integrated error': best.kpis['error']}"),
-    "fmu": ("fmu.png", "gallery_fmu.png",
+    "fmu": ("fmu.md#In Python", "fmu.png", "gallery_fmu.png",
             "{'integrated error': loop(found.best).kpis['integrated error of level']}"),
-    "opc-ua": ("opc_ua.png", "gallery_opc_ua.png", "{'restored': int(fast.restored)}"),
-    "own-agent": ("own_agent.png", "gallery_own_agent.png",
+    "opc-ua": ("live.md#In Python", "opc_ua.png", "gallery_opc_ua.png",
+               "{'restored': int(fast.restored)}"),
+    "own-agent": ("own_agent.md#In Python", "own_agent.png", "gallery_own_agent.png",
                   "{'gap of StepSearch': float(after['StepSearch'])}"),
-    "benchmark": ("small/gaps.png", "gallery_benchmark.png", "{'rows': len(table)}"),
-    "reinforcement-learning": ("rl.png", "gallery_rl.png",
+    "benchmark": ("benchmarks.md#A small benchmark", "small/gaps.png", "gallery_benchmark.png",
+                  "{'rows': len(table)}"),
+    "reinforcement-learning": ("gallery/reinforcement-learning.md", "rl.png", "gallery_rl.png",
                                "{'index of PPO': float(after['PPO'])}"),
 }  # fmt: skip
-"""Of each page: the file that its code saves, the figure, and the numbers to keep."""
-FIGURES = tuple(figure for _, figure, _ in PAGES.values())
+"""Of each example: its page and section, the file that it saves, the figure, numbers to keep."""
+FIGURES = tuple(figure for _, _, figure, _ in EXAMPLES.values())
 _BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
 _FIRST = re.compile(r"^<!-- run first: ([\w.]+) -->", re.M)
 _COMMAND = "from prefcal_bench.cli.program import main; main()"
 
 
 def examples(docs: Path, folder: Path) -> tuple[dict[str, bytes], Mapping[str, float]]:
-    """Run the code of every page, and return the pictures and the numbers to keep.
+    """Run the code of every example, and return the pictures and the numbers to keep.
 
     Args:
         docs: Folder of the documentation.
-        folder: Empty folder for the files that the pages make.
+        folder: Empty folder for the files that the examples make.
     """
     pictures, story = {}, {}
-    for page, (saved, figure, expression) in PAGES.items():
-        place = folder / page
+    for example, (source, saved, figure, expression) in EXAMPLES.items():
+        place = folder / example
         place.mkdir()
         for path in docs.glob("*.py"):
             shutil.copy(path, place)  # a reader has them at hand
-        for name, value in _run(docs / "gallery" / f"{page}.md", place, expression).items():
-            story[f"{page}: {name}"] = value
+        page, _, heading = source.partition("#")
+        for name, value in _run(docs / page, heading, place, expression).items():
+            story[f"{example}: {name}"] = value
         pictures[figure] = (place / saved).read_bytes()
     return pictures, story
 
 
-def _run(page: Path, place: Path, expression: str) -> dict[str, float]:
-    """Run what a page shows in the folder `place`; return the value of `expression` after it."""
-    text = page.read_text("utf-8")
-    blocks = [(kind, code) for skipped, kind, code in _BLOCK.findall(text) if not skipped]
-    codes = [code for kind, code in blocks if kind == "python"]
-    for code in codes:
+def _blocks(text: str, kind: str) -> list[str]:
+    """Return the code of a kind that is executed."""
+    return [code for skipped, found, code in _BLOCK.findall(text) if found == kind and not skipped]
+
+
+def _run(page: Path, heading: str, place: Path, expression: str) -> dict[str, float]:
+    """Run what a section shows in the folder `place`; return the value of `expression` after it.
+
+    Without a heading it is the whole page. The files that a page shows are there for each section.
+    """
+    whole = page.read_text("utf-8")
+    text = whole.split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0] if heading else whole
+    for code in _blocks(whole, "python"):
         for name in re.findall(r"\A# (\w+\.py)\n", code):
             (place / name).write_text(code, "utf-8")
-    for script in _FIRST.findall(text):
+    for script in _FIRST.findall(whole):
         _python(place, script)
-    lines = [line for kind, shown in blocks if kind == "console" for line in shown.splitlines()]
-    for line in lines:
+    for line in "".join(_blocks(text, "console")).splitlines():
         if line.startswith("$ prefcal bench "):
             _python(place, "-c", _COMMAND, *line.split()[2:])
     told = f"import json, pathlib\npathlib.Path('told.json').write_text(json.dumps({expression}))"
-    _python(place, "-c", "\n".join(["import sys; sys.path.insert(0, '')", *codes, told]))
+    codes = ["import sys; sys.path.insert(0, '')", *_blocks(text, "python"), told]
+    _python(place, "-c", "\n".join(codes))
     found: dict[str, float] = json.loads((place / "told.json").read_text("utf-8"))
     return found
 

@@ -26,7 +26,6 @@ PLACES = {
     **PAGES,
     "README.md": "index.md",
     "README.md#try-it": "start.md",
-    "docs/README.md": "index.md",
 }
 """Page of the site for what else links name; with an anchor, for that section."""
 _LINK = re.compile(r"(\]\()([^)\s]+)(\))")

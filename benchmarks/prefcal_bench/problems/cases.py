@@ -29,7 +29,7 @@ CSTR_HOLE = 0.41508
 
 It lies in a crease about 0.09 wide in log Q, where C_A undershoots the target by 0.49 kgmol/m³,
 which the index does not count, and ends on the target by chance.
-Source: `benchmarks/checks/best_known.py`, docs/reactor_index.md.
+Source: `benchmarks/checks/best_known.py`, docs/gallery/reactor.md.
 """
 HOLES: Mapping[str, float] = {"cstr": CSTR_BROAD - CSTR_HOLE}
 """How far below `best_known` a problem's cost can fall in a hole that gaps exclude."""
