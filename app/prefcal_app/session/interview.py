@@ -263,7 +263,7 @@ class Interview:
             promise, best, space, place, now.state, missed=self.missed, helps=self._helps
         )
         if not self._flow.agent.by_value:
-            found = replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
+            found = replace(found, unbeaten=others_unbeaten(now.state.history))
         return found if found.sentences else None
 
     def _helps(self, knob: int, upper: bool) -> bool:

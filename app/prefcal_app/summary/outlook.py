@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.history import History
 from prefcal_env.study import State
 from prefcal_env.study.locations import data_folder
 from prefcal_scenarios.names import is_built_in
@@ -57,17 +58,30 @@ class Outlook:
         return " ".join(self.lines)
 
 
-def others_unbeaten(indices: Sequence[int]) -> str:
-    """Return a sentence on the experiments besides the best, the first index, that never lost.
+def others_unbeaten(history: History) -> str:
+    """Return a sentence on the experiments besides the best that never lost; empty without any.
 
-    The answers do not say which of them is better: they were compared without a verdict.
+    The answers do not say which of them is better: they were compared without a verdict. Or the
+    agent takes one of them for a slip.
     """
+    if history.leads and history.incumbent != history.by_answers:
+        return after_a_slip(history)
+    indices = history.unbeaten()
     if len(indices) < 2:
         return ""
     best, *others = (str(index + 1) for index in indices)
     *most, last = others
     named = f"experiments {', '.join(most)} and {last} were" if most else f"experiment {last} was"
     return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
+
+
+def after_a_slip(history: History) -> str:
+    """Return a sentence on the best, which is not the winner of the answers."""
+    best, winner = ((index or 0) + 1 for index in (history.incumbent, history.by_answers))
+    return (
+        f"Experiment {best} is the best so far, though {winner} won: all answers together speak "
+        f"for {best}, so one of them is probably a slip."
+    )
 
 
 def outlook(

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from prefcal_app.session import Interview, Now, Question, Side
 from prefcal_app.simulating import Screened, as_shown, why
+from prefcal_app.summary.outlook import after_a_slip
 from prefcal_scenarios.presentation.wording import knob_number
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -53,7 +54,7 @@ def why_view(interview: Interview, now: Now) -> str:
         return f"{side} is shown because you asked for it." if requested else ""
     other = question.right if new is question.left else question.left
     scenario = interview.scenario
-    return why(
+    told = why(
         as_shown(screened.reason, scenario, new.experiment, other.experiment),
         scenario,
         side=side,
@@ -65,6 +66,9 @@ def why_view(interview: Interview, now: Now) -> str:
             if kpi.met_by(new.experiment) is False and kpi.met_by(other.experiment)
         ],
     )
+    history = now.state.history
+    slip = history.incumbent != history.by_answers
+    return f"{told} {after_a_slip(history)}" if slip else told
 
 
 def map_view(interview: Interview) -> dict[str, Any] | None:

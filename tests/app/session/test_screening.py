@@ -11,6 +11,8 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Background, Choice, Interview, Phase, unattended
 from prefcal_app.session.prefetch import LIKELIEST
 from prefcal_app.simulating import Simulator
+from prefcal_app.summary.outlook import others_unbeaten
+from prefcal_app.view.simulated import why_view
 from prefcal_env.calibrators import LatentCost
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
@@ -125,13 +127,19 @@ def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_pat
     now = proceed(interview)
     while now.phase is not Phase.OVER:
         assert now.question.incumbent.index == now.incumbent == now.state.history.incumbent
-        leads += now.incumbent != now.state.history.by_answers
+        held = now.incumbent != now.state.history.by_answers
+        leads += held
+        assert ("probably a slip" in why_view(interview, now)) == held
         meant = judge(now.question, cost)
         slip = now.state.history.answered in (4, 7)
         interview.answer(now.question.id, OPPOSITE[meant] if slip else meant)
         now = proceed(interview)
     assert leads >= 1
     assert now.incumbent != now.state.history.by_answers
+    best, winner = now.incumbent + 1, now.state.history.by_answers + 1
+    assert f"Experiment {best} is the best so far, though {winner} won" in others_unbeaten(
+        now.state.history
+    )
     interview.study.close()
     again = reopened(unseen, path).now()
     assert again.state.history == now.state.history
