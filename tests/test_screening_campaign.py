@@ -1,4 +1,4 @@
-"""The campaign that judges Screening: what it runs, its figures by hand, and its bars."""
+"""The campaign that judges Screening: what it runs, and its figures by hand."""
 
 import importlib
 from pathlib import Path
@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from prefcal_bench import Cell, Result, Store
-from prefcal_bench.cells.engine import each
+from prefcal_bench.cells.engine import Here, each
+from prefcal_bench.cells.paired import mean_of, ratio_of
 from prefcal_bench.problems import CSTR_BROAD, problem
 from support.worths import study
 
@@ -78,14 +79,13 @@ def test_answers_count_and_not_experiments(script):
     assert list(curve) == [1, 1, 2]
 
 
-def test_every_loop_counts_the_same_and_ratios_are_paired(script):
-    courses = script("judged.courses")
+def test_every_loop_counts_the_same_and_ratios_are_paired():
     ours = {("a", 0): 4.0, ("a", 1): 16.0, ("b", 0): 1.0}
-    assert courses.mean_of(ours).value == pytest.approx(np.sqrt(8.0))
+    assert mean_of(ours).value == pytest.approx(np.sqrt(8.0))
     theirs = {("a", 0): 2.0, ("a", 1): 8.0, ("c", 0): 5.0}
-    ratio = courses.ratio_of(ours, theirs)
+    ratio = ratio_of(ours, theirs)
     assert (ratio.value, ratio.low, ratio.high) == pytest.approx((2.0, 2.0, 2.0))
-    assert courses.mean_of({}) is None
+    assert mean_of({}) is None
 
 
 def test_the_fall_is_that_of_the_median_from_its_peak_so_far(script):
@@ -95,22 +95,6 @@ def test_the_fall_is_that_of_the_median_from_its_peak_so_far(script):
     assert fall([up, down, down]) == 0.75
 
 
-def test_bars_of_worth_are_met_from_their_value_on_and_only_surely_above_equal_weights(script):
-    tables, courses = script("judged.tables"), script("judged.courses")
-    results = [rising("Screening", 401, seed=s, taste="priorities") for s in range(4)]
-    equal = [rising("EqualWeights", 400 if s else 900, seed=s, n_max=51, taste="priorities")
-             for s in range(4)]  # fmt: skip
-    choice = small(script, tastes=("priorities",), loops={"named": ("servo",)})
-    bars = tables.loops(courses.Courses.of([*results, *equal]), choice).bars
-    met = {bar.what: bar.met for bar in bars}
-    where = "priorities, named, after"
-    assert [met[f"worth: {where} {n} answers"] for n in (3, 5, 10)] == [True, True, False]
-    assert not any(met[f"ratio to EqualWeights: {where} {n} answers"] for n in (3, 5, 10))
-    better = [rising("EqualWeights", 300, seed=s, n_max=51, taste="priorities") for s in range(4)]
-    bars = tables.loops(courses.Courses.of([*results, *better]), choice).bars
-    assert all(bar.met for bar in bars if "ratio" in bar.what)
-
-
 def test_the_headline_is_about_families_of_another_form_with_the_worst_one_beside_it(script):
     others = script("judged.plan").OTHERS
     worths = dict(zip(others, (400, 1600, 1600, 1600), strict=True))
@@ -118,25 +102,22 @@ def test_the_headline_is_about_families_of_another_form_with_the_worst_one_besid
     results.append(rising("Screening", 9999, taste="trade"))  # the learner has that form
     choice = small(script, tastes=("trade", *others), loops={"rough": ("servo",)})
     courses = script("judged.courses").Courses.of(results)
-    report = script("judged.families").families(courses, choice)
-    assert "mean (worst family) after answers" in report.lines[1]
-    assert report.lines[5] == "| Screening | 1 (ideal 1)" + " | 1131 (ideal 400)" * 3 + " | – | – |"
-    assert [(bar.figure, bar.met) for bar in report.bars] == [("1131", True), ("400", False)]
-    fewer = small(script, tastes=others[:1], loops={"rough": ("servo",)})
-    assert script("judged.families").families(courses, fewer).bars == []
+    lines = list(script("judged.tables").families(courses, choice))
+    assert "mean (worst family) after answers" in lines[1]
+    assert lines[5] == "| Screening | 1 (ideal 1)" + " | 1131 (ideal 400)" * 3 + " | – | – |"
 
 
 def test_questions_are_counted_with_ties_and_pairs_that_come_again(script):
     asked = ((1, 0, 0), (0, 1, 0), (2, 1, -1), (3, 2, 0), (4, 2, 1), (5, 2, 1), (6, 2, 1),
              (7, 2, 1), (2, 1, -1), (8, 2, 1), (9, 2, 0))  # fmt: skip
-    again = script("judged.families").again
+    again = script("judged.tables").again
     assert again([asked], 5) == pytest.approx(1 / 11)  # (0, 1) at once; (2, 1) six later
     assert again([asked], None) == pytest.approx(2 / 11)
     assert again([], 5) == 0
     one = study("Screening", worth=(1.0,) * 12, comparisons=asked, questions=range(12))
     courses = script("judged.courses").Courses.of([one])
-    report = script("judged.families").families(courses, small(script))
-    assert "| Screening | weights | 30 % | 9 % | 18 % |" in report.lines
+    lines = script("judged.tables").families(courses, small(script))
+    assert "| Screening | weights | 30 % | 9 % | 18 % |" in lines
 
 
 def test_noise_is_measured_against_the_same_people_without_mistakes(script):
@@ -146,11 +127,9 @@ def test_noise_is_measured_against_the_same_people_without_mistakes(script):
         for end, worth in (("", 100), ("-noisy10", 60), ("-noisy20", 30))
     ]
     choice = small(script, loops={"named": ("servo",)}, agents=("Screening",))
-    report = tables.noise(courses.Courses.of(results), choice)
-    kept = [(bar.figure, bar.met) for bar in report.bars if "share" in bar.what]
-    assert kept == [("0.60", True), ("0.30", False)]
-    assert all(bar.met for bar in report.bars if "fall" in bar.what)
-    assert "| Screening | weights-noisy20 | 30 | 0.30 | 0 % |" in report.lines
+    lines = list(tables.noise(courses.Courses.of(results), choice))
+    assert "| Screening | weights-noisy10 | 60 | 0.60 | 0 % |" in lines
+    assert "| Screening | weights-noisy20 | 30 | 0.30 | 0 % |" in lines
 
 
 def test_the_reactor_is_judged_by_its_index_after_8_and_12(script):
@@ -158,9 +137,8 @@ def test_the_reactor_is_judged_by_its_index_after_8_and_12(script):
     gaps = (1.0,) * 7 + (0.704 - CSTR_BROAD,) + (0.5,) * 3 + (0.698 - CSTR_BROAD,)
     thetas = ((0.25, 26.0, -1.0),) * 12
     result = Result(cell, thetas, gaps, gaps, tuple(range(12)), thetas[0])
-    report = script("judged.cases").reactor([result])
-    assert report.lines[-1] == "| Screening | 1 | 0.7040 | 0.7040 | 0.6980 | 0.6980 |"
-    assert [bar.met for bar in report.bars] == [True, False, True]
+    lines = script("judged.cases").reactor([result])
+    assert lines[-1] == "| Screening | 1 | 0.7040 | 0.7040 | 0.6980 | 0.6980 |"
 
 
 def test_the_overtaking_counts_random_theta_that_are_not_better(script, monkeypatch, tmp_path):
@@ -170,15 +148,14 @@ def test_the_overtaking_counts_random_theta_that_are_not_better(script, monkeypa
     cell = Cell("Screening", "overtake", "lexicographic", 0, 5, 10)
     result = Result(cell, (paper,) * 10, None, None, tuple(range(10)), paper)
     file = tmp_path / "overtaking.json"
-    report = cases.overtaking([result], 4, file)
+    lines = cases.overtaking([result], 4, file)
     ours = where.outcome(where.paper)
     drawn = [where.outcome(theta) for theta in cases.thetas(where.scenario, "fresh", 4)]
     lost = sum(where.referee.prefer(ours.experiment, one.experiment) == 1 for one in drawn)
     share = f"{1 - lost / 4:.4f}"
-    assert report.lines[-1] == f"| Screening | 1 | {share} | {share} | 0 | 1 | 0 |"
+    assert lines[-1] == f"| Screening | 1 | {share} | {share} | 0 | 1 | 0 |"
     monkeypatch.setattr(cases, "_shares", None)  # what is in the file does not run again
-    assert cases.overtaking([result], 4, file) == report
-    assert not report.bars[1].met  # a tie with the paper's is not preferred
+    assert cases.overtaking([result], 4, file) == lines
 
 
 def test_the_script_reports_what_is_in_a_folder(script, tmp_path, capsys):
@@ -196,14 +173,14 @@ def test_the_script_reports_what_is_in_a_folder(script, tmp_path, capsys):
     assert (tmp_path / "raw.parquet").exists()
 
 
-def test_a_small_campaign_runs_here_and_keeps_what_a_failing_task_says(script):
+def test_a_small_campaign_runs_here_and_keeps_what_a_failing_task_says():
     def good():
         return 3
 
     def bad():
         raise OSError("the pump")
 
-    results = dict(each([good, bad, good], script("judged.here").Here()))
+    results = dict(each([good, bad, good], Here()))
     assert (results[0], results[2]) == (3, 3)
     assert results[1].why == "OSError: the pump"
 

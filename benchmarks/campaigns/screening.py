@@ -30,17 +30,16 @@ import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from judged import cases, tables
 from judged.courses import Courses
-from judged.families import families
-from judged.here import Here
-from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, SCREENING, TASTES, Choice, suites
+from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, TASTES, Choice, suites
 from rich.console import Console
 
 from prefcal_bench import Processes, Result, Store, Suite, run_suite
+from prefcal_bench.cells.engine import Here
 from prefcal_bench.cells.roster import entry
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.published import write_raw
@@ -112,33 +111,21 @@ def stored(todo: Sequence[Suite], store: Store) -> list[Result]:
     return [result for result in found if result is not None]
 
 
-def reports(
+def lines_of(
     options: argparse.Namespace, choice: Choice, results: dict[str, list[Result]]
-) -> list[tables.Report]:
-    """Return the report of each part."""
-    found = []
+) -> Iterator[str]:
+    """Yield the tables of each part."""
     for part, some in results.items():
         if part == "reactor":
-            found.append(cases.reactor(some))
+            yield from cases.reactor(some)
         elif part == "overtaking":
             fresh = 20 if options.quick else options.fresh
-            found.append(cases.overtaking(some, fresh, options.out / "overtaking.json"))
-        elif part == "loops":
-            courses = Courses.of(some)
-            found += [families(courses, choice), tables.loops(courses, choice)]
+            yield from cases.overtaking(some, fresh, options.out / "overtaking.json")
         else:
-            found.append(getattr(tables, part)(Courses.of(some), choice))
-    return found
-
-
-def page(found: Sequence[tables.Report], results: Sequence[Result], left: Sequence[str]) -> str:
-    """Return the Markdown page with bars, tables, failures and what was left out."""
-    bars = [bar for report in found for bar in report.bars]
-    failed = [f"- {r.cell}: {r.failure}" for r in results if r.failure]
-    lines = ["## Bars", ""] + (tables.bars_table(bars) if bars else [f"No study of {SCREENING}."])
-    lines += ["", "## Tables", *(line for report in found for line in report.lines)]
-    lines += ["", "## Not run or failed", "", *(f"- {words}" for words in left), *failed]
-    return "\n".join(lines) + "\n"
+            courses = Courses.of(some)
+            if part == "loops":
+                yield from tables.families(courses, choice)
+            yield from getattr(tables, part)(courses, choice)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -155,8 +142,11 @@ def main(words: Sequence[str] | None = None) -> int:
             return 130
     results = {part: stored(some, store) for part, some in todo.items()}
     flat = list({r.cell: r for some in results.values() for r in some}.values())
-    left = [entry(agent).missing for agent in choice.agents if entry(agent).missing]
-    text = page(reports(options, choice, results), flat, left)
+    missing = (entry(agent).missing for agent in choice.agents)
+    failed = (f"{result.cell}: {result.failure}" for result in flat if result.failure)
+    absent = [f"- {words}" for words in (*missing, *failed) if words]
+    lines = ["## Tables", *lines_of(options, choice, results)]
+    text = "\n".join([*lines, "", "## Not run or failed", "", *absent, ""])
     (options.out / "screening.md").write_text(text, encoding="utf-8")
     write_raw(flat, options.out / "raw.parquet")
     print(text)

@@ -25,22 +25,23 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from judged.courses import mean_of, ratio_of
-from judged.tables import interval, markdown
 
 from prefcal_agents import GLISp, RandomSearch, Screening
 from prefcal_agents.protocol.agent import Agent, one_thread
-from prefcal_bench.problems import Outcome, Person, prefer, problem
-from prefcal_env.preferences.answer import Answer
+from prefcal_bench import Processes
+from prefcal_bench.cells.engine import Here, Lost, each
+from prefcal_bench.cells.paired import interval, markdown, mean_of, ratio_of
+from prefcal_bench.cells.run import Study
+from prefcal_bench.problems import Outcome, Person, Problem, problem
+from prefcal_env.errors import BenchmarkError
 from prefcal_env.preferences.kpis import Outcome as Kpis
-from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_scenarios import load, simulator
 from prefcal_scenarios.cases.loops import rough_model
 from prefcal_scenarios.scenario import Scenario
@@ -87,24 +88,18 @@ def main(words: Sequence[str] | None = None) -> None:
     file = options.out / "studies.jsonl"
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     known = {_key(row) for row in rows}
+    workers = Here() if options.jobs == 1 else Processes(options.jobs)
     for seed in range(options.seeds):  # so that an interruption leaves whole seeds
         jobs = [partial(study_plant, plant, seed, options, known) for plant in options.plants]
-        for found in _done(jobs, options.jobs):
+        for _, found in each(jobs, workers):
+            if isinstance(found, Lost):
+                raise BenchmarkError(found.why)
             rows += found
             with file.open("a") as stored:
                 stored.writelines(json.dumps(row) + "\n" for row in found)
     report = "\n".join(tables(rows))
     (options.out / "twin.md").write_text(report + "\n")
     print(report)
-
-
-def _done(jobs: Sequence[Callable[[], list[Row]]], processes: int) -> Iterator[list[Row]]:
-    """Yield the result of each job as soon as it is ready."""
-    if processes == 1:
-        yield from (job() for job in jobs)
-        return
-    with ProcessPoolExecutor(processes) as pool:
-        yield from (each.result() for each in as_completed([pool.submit(job) for job in jobs]))
 
 
 def _key(row: Row) -> tuple[Any, ...]:
@@ -127,7 +122,7 @@ def study_plant(plant: int, seed: int, options: argparse.Namespace, known: set[A
                 simulate = None if without else twin_of(plant, twin)
                 with one_thread():
                     made = _made(agent, where.space, simulate, seed, options.simulated)
-                    found.append(row | study(made, where.outcome, person, agent != "believing"))
+                    found.append(row | study(made, where, person, agent != "believing"))
     return found
 
 
@@ -140,31 +135,19 @@ def _made(agent: str, space: Any, simulate: Simulate | None, seed: int, simulate
     return Screening(space, simulate=simulate, n_simulated=simulated, n_max=n_max, seed=seed)
 
 
-def study(
-    agent: Agent, run: Callable[[Any], Outcome], person: Person, tells: bool
-) -> dict[str, list[float]]:
+def study(agent: Agent, where: Problem, person: Person, tells: bool) -> dict[str, list[float]]:
     """Return worth and cost of the best so far after each run on the plant."""
-    worths, costs = list[float](), list[float]()
-    ran: dict[bytes, Outcome] = {}
+    lowest = _lowest(person)
+    if not tells:
+        where = replace(where, run=partial(_without_kpis, where.run))
+    cost: Any = person.cost if lowest else None
+    course = Study(agent, where, replace(person, gap=cost), max(RUNS))
+    course.run()
+    return {"worth": course.worth, "cost": course.gaps, "lowest": lowest}
 
-    def once(theta: Float[np.ndarray, " n"]) -> Outcome:
-        key = theta.tobytes()
-        if key not in ran:
-            ran[key] = run(theta)
-        return ran[key]
 
-    def answer(new: Outcome, old: Outcome | None) -> Answer:
-        verdict = None if old is None else prefer(person.judge, new, old)
-        kpis = (new.kpis, None if old is None else old.kpis) if tells else None
-        return Answer(verdict, outcomes=kpis)
-
-    for _ in ask_and_tell(agent, once, answer):
-        best, last = once(agent.best), agent.history.answered - 1
-        assert person.worth is not None
-        worths[last:] = [person.worth(best)]
-        cost = person.cost(best)
-        costs[last:] = [] if cost is None else [cost]
-    return {"worth": worths, "cost": costs, "lowest": _lowest(person)}
+def _without_kpis(run: Callable[[Any], Outcome], theta: Float[np.ndarray, " n"]) -> Outcome:
+    return replace(run(theta), kpis=None)
 
 
 def _lowest(person: Person) -> list[float]:

@@ -1,1 +1,1 @@
-"""What Screening is judged by: which studies run, what they are worth, and the bars."""
+"""What Screening is judged by: which studies run, and what they are worth."""

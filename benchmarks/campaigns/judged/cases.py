@@ -10,17 +10,15 @@ from rich.console import Console
 from rich.progress import track
 
 from prefcal_bench import Result
+from prefcal_bench.cells.paired import markdown
 from prefcal_bench.problems import CSTR_BROAD, Outcome, Problem, prefer, problem
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.tastes.sample import thetas
 
-from .plan import OVERTAKING_SHOWN, SCREENING
-from .tables import Bar, Report, markdown
+from .plan import OVERTAKING_SHOWN
 
-_INDEX = {8: 0.705, 12: 0.697}
-"""Bar of the median index by number of experiments shown."""
-_WORST_INDEX = 0.75
-_SHARE, _PREFERRED = 0.985, 0.95
+_SHOWN = (8, 12)
+"""Numbers of experiments after which the reactor's index is told."""
 _VERDICTS = {
     Preference.CHALLENGER: "better",
     Preference.TIE: "a tie",
@@ -28,27 +26,16 @@ _VERDICTS = {
 }
 
 
-def reactor(results: Iterable[Result]) -> Report:
+def reactor(results: Iterable[Result]) -> list[str]:
     """Return the index of the returned θ after 8 and 12 experiments; it is not among the KPIs."""
-    by_agent = _by_agent(results)
-    rows, bars = [], []
-    for agent, found in by_agent.items():
-        row = [agent, str(len(found))]
-        for shown, bar in _INDEX.items():
-            index = np.array([_index(result, shown) for result in found])
-            median, worst = float(np.median(index)), float(index.max())
-            row += [f"{median:.4f}", f"{worst:.4f}"]
-            if agent == SCREENING:
-                what = f"reactor: median index after {shown} shown"
-                bars.append(Bar(what, f"{median:.4f}", f"at most {bar:g}", median <= bar))
-        if agent == SCREENING:
-            what = f"reactor: worst index after {max(_INDEX)} shown"
-            met = worst <= _WORST_INDEX
-            bars.append(Bar(what, f"{worst:.4f}", f"at most {_WORST_INDEX:g}", met))
-        rows.append(row)
-    head = ["agent", "seeds"]
-    head += [f"{what} after {shown}" for shown in _INDEX for what in ("median", "worst")]
-    return Report(["", "Reactor: index of the returned θ", "", *markdown(head, rows)], bars)
+    rows = []
+    for agent, found in _by_agent(results).items():
+        after = [np.array([_index(result, shown) for result in found]) for shown in _SHOWN]
+        cells = [f"{value:.4f}" for index in after for value in (np.median(index), index.max())]
+        rows.append([agent, len(found), *cells])
+    head = [f"{what} after {shown}" for shown in _SHOWN for what in ("median", "worst")]
+    title = "Reactor: index of the returned θ"
+    return ["", title, "", *markdown(["agent", "seeds", *head], rows)]
 
 
 def _index(result: Result, shown: int) -> float:
@@ -56,7 +43,7 @@ def _index(result: Result, shown: int) -> float:
     return result.gaps[min(shown, len(result.gaps)) - 1] + CSTR_BROAD
 
 
-def overtaking(results: Iterable[Result], fresh: int, file: Path) -> Report:
+def overtaking(results: Iterable[Result], fresh: int, file: Path) -> list[str]:
     """Return the share of fresh random θ that the returned θ beat, and who beats the paper's.
 
     Args:
@@ -66,26 +53,16 @@ def overtaking(results: Iterable[Result], fresh: int, file: Path) -> Report:
     """
     by_agent = _by_agent(results)
     bests = {result.best for found in by_agent.values() for result in found}
-    verdicts = _verdicts(sorted(bests), fresh, file)
-    rows, bars = [], []
+    verdicts, rows = _verdicts(sorted(bests), fresh, file), []
     for agent, found in by_agent.items():
         shares = [verdicts[_key(result.best)]["at least as good"] for result in found]
         paper = [verdicts[_key(result.best)]["paper"] for result in found]
-        counts = [str(paper.count(word)) for word in _VERDICTS.values()]
-        median, least = float(np.median(shares)), min(shares)
-        rows.append([agent, str(len(found)), f"{median:.4f}", f"{least:.4f}", *counts])
-        if agent == SCREENING:
-            preferred = paper.count("better")
-            where = f"overtaking, {OVERTAKING_SHOWN} shown"
-            bars.append(Bar(f"{where}: median share of random θ that are not better",
-                            f"{median:.4f}", f"at least {_SHARE:g}", median >= _SHARE))  # fmt: skip
-            bars.append(Bar(f"{where}: preferred to the paper's optimum",
-                            f"{preferred} of {len(paper)}", f"at least {100 * _PREFERRED:.0f} %",
-                            preferred >= _PREFERRED * len(paper)))  # fmt: skip
+        counts = [paper.count(word) for word in _VERDICTS.values()]
+        rows.append([agent, len(found), f"{np.median(shares):.4f}", f"{min(shares):.4f}", *counts])
     head = ["agent", "seeds", f"not worse than random θ ({fresh}): median", "least",
             *(f"than the paper's: {word}" for word in _VERDICTS.values())]  # fmt: skip
     title = f"Overtaking: the returned θ after {OVERTAKING_SHOWN} experiments"
-    return Report(["", title, "", *markdown(head, rows)], bars)
+    return ["", title, "", *markdown(head, rows)]
 
 
 def _verdicts(bests: Sequence[tuple[float, ...]], fresh: int, file: Path) -> dict[str, Any]:

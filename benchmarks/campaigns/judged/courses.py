@@ -7,11 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_bench import Result
+from prefcal_bench.cells.paired import Study
 from prefcal_bench.results.curves import after_answers
-from prefcal_bench.results.statistics import Estimate, geometric_mean
-
-Study = tuple[str, int]
-"""Loop and seed."""
 
 
 @dataclass(frozen=True)
@@ -65,25 +62,6 @@ class Courses:
             for r in self.studies[agent, taste, enough]
             if r.cell.problem in loops
         }
-
-
-def mean_of(found: dict[Study, float]) -> Estimate | None:
-    """Return the geometric mean over loops, each counting the same; None without studies.
-
-    The interval is a bootstrap over the seeds of each loop.
-    """
-    by_loop: dict[str, list[float]] = {}
-    for (loop, _), value in sorted(found.items()):
-        by_loop.setdefault(loop, []).append(value)
-    if not by_loop:
-        return None
-    loops = [np.array(values) for values in by_loop.values()]
-    return geometric_mean(loops, rng=np.random.default_rng(0))
-
-
-def ratio_of(ours: dict[Study, float], theirs: dict[Study, float]) -> Estimate | None:
-    """Return the geometric mean of the ratio, in pairs of one loop and seed."""
-    return mean_of({study: ours[study] / theirs[study] for study in ours if study in theirs})
 
 
 def largest_fall(curves: Iterable[Float[np.ndarray, " N"]]) -> float:

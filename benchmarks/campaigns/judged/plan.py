@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from prefcal_bench import Suite
 from prefcal_scenarios.names import CLOSED_LOOPS
 
-SCREENING, EQUAL, GLISP, THETA, RANDOM, PEER = (
-    "Screening", "EqualWeights", "GLISp", "GLISp.no-outcomes", "RandomSearch", "BOPE",
-)  # fmt: skip
-AGENTS = (SCREENING, EQUAL, GLISP, THETA, RANDOM, PEER)
+SCREENING, GLISP, RANDOM, PEER = "Screening", "GLISp", "RandomSearch", "BOPE"
+AGENTS = (SCREENING, "EqualWeights", GLISP, "GLISp.no-outcomes", RANDOM, PEER)
 GROUPS = {
     "held-out": tuple(f"loop-{number}" for number in range(900, 915)),
     "named": tuple(name for name in CLOSED_LOOPS if not name.startswith("mpc-")),
@@ -20,12 +18,11 @@ GROUPS = {
 """Loops by group. Nobody develops or tunes an agent on those that are held out."""
 DEVELOPED = ("rough",)
 """Groups on which agents are developed: they run only if asked for."""
-SEEING_ALL = ("weights", "priorities", "limits", "narrow", "rising")
-"""Tastes that notice every difference, at least in the end."""
 OTHERS = ("ideal", "majority", "ranks", "curves")
 """People with eyes whose form the learner does not have; the headline is about them."""
-TASTES = (*SEEING_ALL, "trade", "order", *OTHERS)
-"""The learner has trade-offs and orders, too."""
+TASTES = ("weights", "priorities", "limits", "narrow", "rising", "trade", "order", *OTHERS)
+"""The first five notice every difference, at least in the end. The learner has trade-offs and
+orders, too."""
 NOISES = ("-noisy10", "-noisy20")
 REACTOR_SHOWN, OVERTAKING_SHOWN = 12, 10
 _N_INIT = 10

@@ -5,7 +5,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, final
 
 from prefcal_scenarios.own.own_line import described, whole
 
@@ -49,6 +49,36 @@ class Workers(Protocol):
 
     def why(self, error: BaseException) -> str:
         """Return why a task has no result; empty if its worker died."""
+
+
+@final
+class Here:
+    """Workers that are this process, which saves starting others: one task at a time."""
+
+    @property
+    def serial(self) -> bool:
+        """Return True: nothing else runs meanwhile."""
+        return True
+
+    def open(self, tasks: int) -> None:
+        """Do nothing: there is nothing to start."""
+
+    def width(self) -> int:
+        """Return 1."""
+        return 1
+
+    def submit(self, task: Callable[[], Any]) -> Future[Any]:
+        """Run `task` now, and return its result as a future that is done."""
+        future: Future[Any] = Future()
+        future.set_result(task())  # tasks return what they raise
+        return future
+
+    def close(self, *, at_once: bool) -> None:
+        """Do nothing: nothing is left running."""
+
+    def why(self, error: BaseException) -> str:
+        """Return why a task has no result."""
+        return f"{type(error).__name__}: {error}"
 
 
 def each(tasks: Sequence[Task[T]], workers: Workers) -> Generator[tuple[int, T | Lost], None, None]:

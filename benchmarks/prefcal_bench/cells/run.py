@@ -71,17 +71,18 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
     arguments = (where.space, cell.n_init, cell.n_max, cell.seed)
     simulation = Simulation(where, person.withheld) if one.simulates else None
     agent = one.make(*arguments) if simulation is None else one.make(*arguments, simulation)
-    study = _Study(agent, where, person, cell.n_max, clock, by_value=one.kind == "value")
+    study = Study(agent, where, person, cell.n_max, clock, by_value=one.kind == "value")
     study.run()
     result = study.result(cell)
     return result if simulation is None else replace(result, simulated=simulation.count)
 
 
-class _Study:
+class Study:
     """Study of one agent; outcomes are kept by θ, so that none is computed twice.
 
     The loop asks and tells the study, which watches that the agent keeps the rules. With
-    `by_value` the agent is told costs, otherwise verdicts.
+    `by_value` the agent is told costs, otherwise verdicts. `gaps` and `worth` are those of the θ
+    that the agent would return after each experiment, as far as `person` has them.
     """
 
     def __init__(
@@ -90,16 +91,16 @@ class _Study:
         where: Problem,
         person: Person,
         n_max: int,
-        clock: Clock | None,
+        clock: Clock | None = None,
         *,
-        by_value: bool,
+        by_value: bool = False,
     ) -> None:
         self._agent, self._where, self._person = agent, where, person
         self._n_max, self._clock, self._by_value = n_max, clock, by_value
         self._known: dict[bytes, Outcome] = {}
         self._thetas: list[Float[np.ndarray, " n"]] = []
-        self._gaps: list[float] = []
-        self._worth: list[float] = []
+        self.gaps: list[float] = []
+        self.worth: list[float] = []
         self._comparisons: list[tuple[int, int, int]] = []
         self._questions: list[int] = []
         self._seconds: list[float] = []
@@ -111,7 +112,7 @@ class _Study:
             row = len(self._thetas) - 1
             self._questions[row:] = [len(self._comparisons)]
             person = self._person
-            for score, scores in ((person.gap, self._gaps), (person.worth, self._worth)):
+            for score, scores in ((person.gap, self.gaps), (person.worth, self.worth)):
                 if score is not None:
                     scores[row:] = [score(self._outcome(self._agent.best))]
 
@@ -186,9 +187,9 @@ class _Study:
         return Result(
             cell,
             thetas=tuple(tuple(theta.tolist()) for theta in self._thetas),
-            gaps=tuple(self._gaps) or None,
+            gaps=tuple(self.gaps) or None,
             visited=None if visited is None else tuple(visited.tolist()),
-            worth=tuple(self._worth) or None,
+            worth=tuple(self.worth) or None,
             kpi_names=names,
             kpis=tuple(_kpis(one, names) for one in outcomes if names),
             comparisons=tuple(self._comparisons),

@@ -17,7 +17,7 @@ from .campaign import Campaign
 from .curves import Curves, Setting
 from .duelling import Tally
 from .figures import Look, looks
-from .rows import BASELINE, gap_rows, worth_rows
+from .rows import BASELINE, gap_rows
 from .standing import Profiles, Ranking, profiles, rank
 from .tables import Worths
 from .words import named, short_name
@@ -69,7 +69,7 @@ class Material:
     @cached_property
     def worths(self) -> Worths:
         """Return the worth of all studies, and its table."""
-        return Worths(self.curves, worth_rows(self.curves, self.baseline), self.baseline)
+        return Worths(self.curves, self.baseline)
 
     @property
     def looks(self) -> Mapping[str, Look]:
@@ -118,7 +118,7 @@ def draw_loops(worths: Worths, looks: Mapping[str, Look]) -> list[Shown]:
 
 def draw_worth(curves: Curves) -> tuple[list[Shown], Worths]:
     """Draw all figures of worth, compared with `BASELINE`."""
-    worths, found = Worths(curves, worth_rows(curves), BASELINE), looks(curves.agents)
+    worths, found = Worths(curves, BASELINE), looks(curves.agents)
     return [*draw_overview(worths, found), *draw_loops(worths, found)], worths
 
 

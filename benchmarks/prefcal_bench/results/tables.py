@@ -1,17 +1,16 @@
 """Tables of the page and the terminal: the text and the kind of each cell."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import pandas as pd
 
-from prefcal_bench.cells.duels import PAPER
-
 from .campaign import Campaign
 from .curves import Curves, Setting
 from .duelling import Tally
-from .rows import checkpoints
+from .rows import checkpoints, worth_rows
 from .standing import SIGNIFICANCE
 from .statistics import FLOOR
 from .words import (
@@ -57,7 +56,7 @@ class Table:
         rows: Cells of each row, starting with its heading.
         words: Columns that hold text, not numbers.
         tall: Whether the table may need to scroll vertically.
-        apart: Whether the terminal leaves space between rows with different headings.
+        page_only: Columns that a terminal has no room for.
     """
 
     label: str
@@ -66,7 +65,13 @@ class Table:
     rows: list[list[Cell]]
     words: tuple[str, ...] = ()
     tall: bool = True
-    apart: bool = False
+    page_only: tuple[str, ...] = ()
+
+    def without(self, columns: Collection[str]) -> "Table":
+        """Return the table without some of its columns."""
+        kept = [i for i, column in enumerate(self.columns) if column not in columns]
+        rows = [[row[i] for i in kept] for row in self.rows]
+        return replace(self, columns=tuple(self.columns[i] for i in kept), rows=rows)
 
 
 def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> Table:
@@ -110,6 +115,12 @@ def _mark(row: Any, baseline: str) -> Mark | None:
     return Mark(kind, sign, f"significantly {word} than {baseline}")
 
 
+_GAP_COLUMNS = (
+    "seeds", "median gap", "quartiles", "best visited", "questions", "ratio", "won–tied–lost", "p",
+    "in the hole", "s/proposal",
+)  # fmt: skip
+
+
 def _gap_cells(row: Any) -> dict[str, str]:
     """Return the cells of a row of the table of gaps as text, by column."""
     low, high = row.gap_lower_quartile, row.gap_upper_quartile
@@ -128,62 +139,37 @@ def _gap_cells(row: Any) -> dict[str, str]:
 
 
 def numbers(rows: pd.DataFrame, baseline: str, label: str) -> Table:
-    """Return all numbers of the rows of one setting."""
-    columns = [
-        "seeds", "median gap", "quartiles", "best visited", "questions", "ratio",
-        "won–tied–lost", "p",
-    ]  # fmt: skip
+    """Return all numbers of the rows of one setting, with the lowest medians tinted."""
     holed = rows["seeds_in_hole"].notna().any()
-    columns += ["in the hole"] if holed else []
-    columns += ["s/proposal"] if rows["seconds_per_proposal"].notna().any() else []
+    timed = rows["seconds_per_proposal"].notna().any()
+    absent = {"in the hole": not holed, "s/proposal": not timed}
+    columns = [column for column in _GAP_COLUMNS if not absent.get(column)]
     caption = (
-        f"× {baseline}: median over the seeds of the ratio of both gaps, each "
-        f"counted as at least {short(FLOOR)}, with a 95 % bootstrap interval; below 1 the "
-        "agent is nearer. p: Wilcoxon signed-rank test, two-sided, after Holm's correction for the "
+        f"× {baseline}: median over the seeds of the ratio of both gaps, each at least "
+        f"{short(FLOOR)}, with a 95 % bootstrap interval; below 1 the agent is nearer. "
+        "p: Wilcoxon signed-rank test, two-sided, after Holm's correction for the "
         "agents on that problem. Failed seeds have no gap. Full precision in table.csv."
     )
     if holed:
         caption += " In the hole: seeds that ended where the cost is lower than it should be."
     lines = []
-    for row in rows.itertuples():
-        texts = _gap_cells(row)
-        cells = [Cell(texts[column]) for column in columns]
-        lines.append([Cell(row.problem), Cell(row.agent, "words"), *cells])
-    titles = {"ratio": f"× {baseline} (95 %)"}
-    names = ("problem", "agent", *(titles.get(column, column) for column in columns))
-    return Table(label, caption, names, lines, words=("agent",))
-
-
-def short_numbers(
-    campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str, *, wide: bool
-) -> Table:
-    """Return the numbers of a setting that the terminal has room for, with the lowest medians."""
-    titles = {"seeds": "seeds", "median gap": "median gap", "quartiles": "quartiles",
-              "ratio": f"× {baseline}", "won–tied–lost": "w–t–l", "p": "p"}  # fmt: skip
-    if not wide:
-        del titles["quartiles"], titles["p"]
-    lines = []
     for problem, group in rows.groupby("problem", sort=False):
-        lowest = short(group["gap_median"].min())
+        lowest = short(group["gap_median"].astype(float).min())
         for row in group.itertuples():
             texts = _gap_cells(row)
             sure = row.p_holm is not None and row.p_holm < SIGNIFICANCE
-            kinds = {"median gap": "best" if texts["median gap"] == lowest else "",
+            kinds = {"median gap": "best" if texts["median gap"] == lowest != "–" else "",
                      "p": "sure" if sure else ""}  # fmt: skip
-            cells = (Cell(texts[column], kinds.get(column, "")) for column in titles)
-            lines.append([Cell(problem), Cell(row.agent), *cells])
-    caption = (
-        f"× {baseline}: median ratio of both gaps, seed by seed, each at least {short(FLOOR)}, "
-        "with its 95 % interval. p: Wilcoxon's test, corrected (Holm) for the agents on that "
-        "problem. w–t–l: seeds won, tied, lost."
-    )
-    title = f"Gap after {setting.n_max} experiments, {named(setting, campaign)}"
-    columns = ("problem", "agent", *titles.values())
-    return Table(title, caption, columns, lines, words=("problem", "agent"), apart=True)
+            cells = (Cell(texts[column], kinds.get(column, "")) for column in columns)
+            lines.append([Cell(problem), Cell(row.agent, "words"), *cells])
+    titles = {"ratio": f"× {baseline} (95 %)"}
+    names = ("problem", "agent", *(titles.get(column, column) for column in columns))
+    room = ("best visited", "questions", "in the hole", "s/proposal")
+    return Table(label, caption, names, lines, words=("problem", "agent"), page_only=room)
 
 
 def duels(tallies: Sequence[Tally]) -> Table:
-    """Return all tallies of one problem and calibrator."""
+    """Return tallies of one problem and calibrator."""
     caption = (
         "Share of seeds in which the agent's θ is preferred, with its exact binomial interval; "
         "p of the exact sign test on wins and losses, not corrected."
@@ -191,19 +177,8 @@ def duels(tallies: Sequence[Tally]) -> Table:
     columns = ("agent", "against", "seeds", "preferred", "95 % interval", "won–tied–lost", "p")
     lines = [[Cell(t.agent), Cell(t.rival, "words"), Cell(str(t.seeds)), *_duel_cells(t)]
              for t in tallies]  # fmt: skip
-    label = f"Duels: {tallies[0].problem}, {tallies[0].calibrator}"
-    return Table(label, caption, columns, lines, words=("against",))
-
-
-def short_duels(tallies: Sequence[Tally], baseline: str) -> Table:
-    """Return the tallies against the paper's optimum and `baseline`, for the terminal."""
-    lines = [[Cell(t.agent), Cell(t.rival), *_duel_cells(t)]
-             for t in tallies if t.rival in (PAPER, baseline)]  # fmt: skip
-    return Table(
-        f"Who is preferred: {tallies[0].problem}, {tallies[0].calibrator} calibrator",
-        "Share of seeds in which the agent's θ is preferred, with its exact 95 % interval.",
-        ("agent", "against", "preferred", "95 %", "w–t–l", "p"), lines, ("agent", "against"),
-    )  # fmt: skip
+    label = f"Who is preferred: {tallies[0].problem}, {tallies[0].calibrator} calibrator"
+    return Table(label, caption, columns, lines, ("agent", "against"), page_only=("seeds",))
 
 
 def _duel_cells(t: Tally) -> list[Cell]:
@@ -225,13 +200,16 @@ class Worths:
 
     Args:
         curves: Worth along each study.
-        rows: Table of worth, see `worth_rows`.
         baseline: Agent that the others are compared with.
     """
 
     curves: Curves
-    rows: pd.DataFrame
     baseline: str
+
+    @cached_property
+    def rows(self) -> pd.DataFrame:
+        """Return the table of worth, see `worth_rows`."""
+        return worth_rows(self.curves, self.baseline)
 
     def ended(self, setting: Setting) -> pd.DataFrame:
         """Return the rows of a setting after all its experiments."""
@@ -245,7 +223,7 @@ class Worths:
 
 
 def worth_numbers(worths: Worths, setting: Setting) -> Table:
-    """Return the table of worth of a setting for the page, with the highest worth tinted."""
+    """Return the table of worth of a setting, with the highest worth tinted."""
     rows = worths.rows[worths.rows["setting"] == setting]
     spots, loops = checkpoints(setting), len(worths.curves.loops(setting))
     tinted = _leaders(worths.ended(setting))
@@ -263,6 +241,8 @@ def worth_numbers(worths: Worths, setting: Setting) -> Table:
     names = ("worth [95 %]", "middle half", "answers",
              f"beats {short_name(worths.baseline)} [95 %]", "drift")  # fmt: skip
     columns = [f"{name} ({n})" for n in spots for name in names]
+    last = f"worth after {spots[-1] - 1} answers [95 %]"
+    room = ("studies", *columns[1 : len(names)], last)
     caption = (
         f"After {spots[0]} and {spots[-1]} experiments. Worth: geometric mean over the loops and "
         "seeds, with its bootstrap interval; the highest of the agents that ask is tinted. Middle "
@@ -272,29 +252,8 @@ def worth_numbers(worths: Worths, setting: Setting) -> Table:
         "Full precision in worth.csv."
     )
     title = f"Worth: {setting.name(worths.curves.settings)}"
-    last = f"worth after {spots[-1] - 1} answers [95 %]"
-    return Table(title, caption, ("agent", "studies", *columns, last), lines)
-
-
-def short_worth(worths: Worths, setting: Setting) -> Table:
-    """Return the table of worth of a setting that the terminal has room for."""
-    early, late = checkpoints(setting)
-    rows = worths.rows[worths.rows["setting"] == setting]
-    first = rows[(rows["unit"] == "experiments") & (rows["after"] == early)]
-    then = dict(zip(first["agent"], first["worth"], strict=True))
-    lines = [
-        [Cell(row.agent), Cell(plain_number(then[row.agent])), *map(Cell, _worth_cells(row))]
-        for row in worths.ranked(setting).itertuples()
-    ]
-    count = len(worths.curves.loops(setting))
-    return Table(
-        f"Worth on {count} closed loop{'s' * (count != 1)}, "
-        f"{setting.name(worths.curves.settings)}",
-        "Worth: number of random experiments that find a θ at least as good, geometric mean with "
-        "its 95 % interval. Beats: probability. Drift: best held before over end.",
-        ("agent", f"after {early}", f"after {late} experiments", "middle half", "answers",
-         f"beats {worths.baseline.rpartition(':')[2]}", "drift"), lines, ("agent",),
-    )  # fmt: skip
+    heads = ("agent", "studies", *columns, last)
+    return Table(title, caption, heads, lines, ("agent",), page_only=room)
 
 
 def _leaders(ends: pd.DataFrame) -> set[str]:

@@ -8,7 +8,7 @@ from rich import box, table
 from rich.console import Console
 from rich.markup import escape
 
-from prefcal_bench.cells.duels import Duel
+from prefcal_bench.cells.duels import PAPER, Duel
 from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.wording import printable
 
@@ -16,8 +16,10 @@ from .campaign import campaign_of
 from .curves import curves_of, frame_of, joined
 from .duelling import tallies
 from .missing import failures, in_holes, missing
-from .rows import BASELINE, gap_rows, worth_rows
-from .tables import Table, Worths, short_duels, short_numbers, short_worth
+from .rows import BASELINE, gap_rows
+from .tables import Table, Worths, numbers, worth_numbers
+from .tables import duels as duel_numbers
+from .words import named
 
 _MOST = 5
 """Number of lines about missing or failed cells; the page shows all of them."""
@@ -43,17 +45,20 @@ def print_table(
         SettingsError: If results or duels contradict each other.
     """
     results = list(results)
-    campaign, curves = campaign_of(results), curves_of(joined(frame_of(results), published))
-    rows, worths = gap_rows(campaign, baseline), worth_rows(curves, baseline)
-    for setting in curves.settings:
-        _print(console, short_worth(Worths(curves, worths, baseline), setting))
+    campaign = campaign_of(results)
+    rows = gap_rows(campaign, baseline)
+    worths = Worths(curves_of(joined(frame_of(results), published)), baseline)
+    narrow = () if console.width >= _WIDE else ("quartiles", "p")
+    for setting in worths.curves.settings:
+        _print(console, worth_numbers(worths, setting))
     for setting in campaign.settings:
-        shown = rows[(rows["setting"] == setting) & rows["gap_median"].notna()]
-        if len(shown):
-            wide = console.width >= _WIDE
-            _print(console, short_numbers(campaign, shown, setting, baseline, wide=wide))
+        ended = rows[(rows["setting"] == setting) & rows["gap_median"].notna()]
+        if len(ended):
+            label = f"Gap after {setting.n_max} experiments, {named(setting, campaign)}"
+            _print(console, numbers(ended, baseline, label).without(narrow))
     for _, group in groupby(tallies(duels), lambda t: (t.problem, t.calibrator)):
-        _print(console, short_duels(list(group), baseline))
+        if shown := [t for t in group if t.rival in (PAPER, baseline)]:
+            _print(console, duel_numbers(shown))
     if not len(rows):
         console.print("No results yet.")
     _tell(console, "failed", [f"{cell}: {words}" for cell, words in failures(campaign)])
@@ -62,7 +67,8 @@ def print_table(
 
 
 def _print(console: Console, shown: Table) -> None:
-    """Print a table, of which a heading that repeats is shown once; nothing without rows."""
+    """Print a table, of which a heading that repeats is shown once, with rows of it together."""
+    shown = shown.without(shown.page_only)
     printed = table.Table(
         title=_safe(shown.label), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
         caption=_safe(shown.caption), caption_justify="left", pad_edge=False, collapse_padding=True,
@@ -74,13 +80,13 @@ def _print(console: Console, shown: Table) -> None:
         for number, (_, *cells) in enumerate(rows):
             texts = [_styled(_safe(cell.text), cell.kind) for cell in cells]
             printed.add_row("" if number else _safe(heading), *texts)
-        if shown.apart:
+        if number:
             printed.add_section()
-    console.print(printed if shown.rows else "")
+    console.print(printed)
 
 
 def _styled(text: str, kind: str) -> str:
-    return f"[{_STYLES[kind]}]{text}[/]" if kind else text
+    return f"[{_STYLES[kind]}]{text}[/]" if kind in _STYLES else text
 
 
 def _tell(console: Console, what: str, lines: Sequence[str]) -> None:

@@ -6,14 +6,13 @@ from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results.curves import curves_of, frame_of
 from prefcal_bench.results.figures import looks
 from prefcal_bench.results.pictures import draw_loops, draw_overview
-from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.tables import Worths
 from support.worths import study, walks
 
 
 def shown(results, baseline="GLISp"):
     curves = curves_of(frame_of(results))
-    given = (Worths(curves, worth_rows(curves, baseline), baseline), looks(curves.agents))
+    given = (Worths(curves, baseline), looks(curves.agents))
     return {one.file: one for one in (*draw_overview(*given), *draw_loops(*given))}
 
 

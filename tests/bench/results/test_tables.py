@@ -1,14 +1,13 @@
 """The tables of worth on the page."""
 
 from prefcal_bench.results.curves import curves_of, frame_of
-from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.tables import Worths, worth_numbers
 from support.worths import study, walks
 
 
 def tables(results):
     curves = curves_of(frame_of(results))
-    worths = Worths(curves, worth_rows(curves), "GLISp")
+    worths = Worths(curves, "GLISp")
     return [worth_numbers(worths, setting) for setting in curves.settings]
 
 

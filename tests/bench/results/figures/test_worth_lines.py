@@ -6,7 +6,6 @@ import pytest
 from prefcal_bench.results import figures
 from prefcal_bench.results.curves import curves_of, frame_of
 from prefcal_bench.results.figures import looks
-from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.statistics import random_search
 from prefcal_bench.results.tables import Worths
 from prefcal_scenarios.presentation.style import style
@@ -21,7 +20,7 @@ def house_style():
 
 def worths_of(results):
     curves = curves_of(frame_of(results))
-    return Worths(curves, worth_rows(curves), "GLISp")
+    return Worths(curves, "GLISp")
 
 
 def drawn(draw, results):
