@@ -8,8 +8,8 @@ import pytest
 
 from prefcal_bench import Cell, Result, Store
 from prefcal_bench.cells.engine import Here, each
-from prefcal_bench.cells.paired import mean_of, ratio_of
 from prefcal_bench.problems import CSTR_BROAD, problem
+from prefcal_bench.results.paired import mean_of, ratio_of
 from support.worths import study
 
 ROOT = Path(__file__).parents[1]

@@ -37,9 +37,9 @@ from prefcal_agents import GLISp, RandomSearch, Screening
 from prefcal_agents.protocol.agent import Agent, one_thread
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import Here, Lost, each
-from prefcal_bench.cells.paired import interval, markdown, mean_of, ratio_of
 from prefcal_bench.cells.run import Study
 from prefcal_bench.problems import Outcome, Person, Problem, problem
+from prefcal_bench.results.paired import interval, markdown, mean_of, ratio_of
 from prefcal_env.errors import BenchmarkError
 from prefcal_env.preferences.kpis import Outcome as Kpis
 from prefcal_scenarios import load, simulator

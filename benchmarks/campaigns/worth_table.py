@@ -7,9 +7,9 @@
 
 from typing import Any
 
-from prefcal_bench.cells.paired import interval, markdown
 from prefcal_bench.published.plan import read_published
 from prefcal_bench.results import curves_of, worth_table
+from prefcal_bench.results.paired import interval, markdown
 from prefcal_bench.results.rows import BASELINE
 from prefcal_bench.results.statistics import Estimate
 

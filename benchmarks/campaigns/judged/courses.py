@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_bench import Result
-from prefcal_bench.cells.paired import Study
 from prefcal_bench.results.curves import after_answers
+from prefcal_bench.results.paired import Study
 
 
 @dataclass(frozen=True)

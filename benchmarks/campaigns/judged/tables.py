@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from prefcal_bench.cells.paired import interval, markdown, mean_of, ratio_of
+from prefcal_bench.results.paired import interval, markdown, mean_of, ratio_of
 
 from .courses import Courses, largest_fall
 from .plan import NOISES, OTHERS, Choice

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from .results.statistics import Estimate, geometric_mean
+from .statistics import Estimate, geometric_mean
 
 Study = tuple[str, int]
 """Loop and seed."""
