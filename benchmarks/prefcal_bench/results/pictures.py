@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 
 from prefcal_scenarios.presentation.style import save, style
 
-from . import captions, figures
+from . import figures
 from .campaign import Campaign
 from .curves import Curves, Setting
 from .duelling import Tally
-from .figures import Look, looks
+from .figures import Look, captions, looks
 from .rows import BASELINE, gap_rows
 from .standing import Profiles, Ranking, profiles, rank
 from .tables import Worths

@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 
 from prefcal_bench.cells.duels import PAPER
-
-from .curves import Curves, Setting
-from .duelling import Tally
-from .standing import Profiles, Ranking
-from .tables import Worths
-from .words import percent, plain_number, probability, short
+from prefcal_bench.results.curves import Curves, Setting
+from prefcal_bench.results.duelling import Tally
+from prefcal_bench.results.standing import Profiles, Ranking
+from prefcal_bench.results.tables import Worths
+from prefcal_bench.results.words import percent, plain_number, probability, short
 
 RANKING = (
     "Agents ranked on each problem by the median of their gaps at the end, over the seeds that all "
