@@ -112,7 +112,8 @@ def anchors(document):
 
 
 def test_links_between_documents_lead_somewhere():
-    for document in [*DOCUMENTS, ROOT / "CHANGELOG.md"]:
+    others = (ROOT / f"{name}.md" for name in ("CHANGELOG", "CONTRIBUTING", "SECURITY"))
+    for document in [*DOCUMENTS, *others]:
         for path, anchor in re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", document.read_text()):
             target = document.parent / path if path else document
             assert target.exists(), f"{document.name}: {path}"

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import pytest
 
@@ -28,13 +27,7 @@ def test_a_state_wakes_up_the_agent_that_it_was_taken_from(name):
     assert twin.ask() == agent.ask()
 
 
-def test_an_agent_that_simulates_is_restored_with_its_simulate_and_no_other_takes_one():
-    agent = maker(CLASSES["Screening"])(MIXED, n_max=4)
-    agent.tell(agent.ask(), None)
-    state = replace(agent.state, history=agent.state.history.until(1))  # nothing is open
-    assert restore(MIXED, state, simulate=quick).ask() == agent.ask()
-    with pytest.raises(SettingsError, match="needs simulate"):
-        restore(MIXED, state).ask()
+def test_an_agent_that_does_not_simulate_takes_no_simulate():
     with pytest.raises(SettingsError, match="RandomSearch takes no simulate"):
         restore(MIXED, prefcal_agents.RandomSearch(MIXED).state, simulate=quick)
 

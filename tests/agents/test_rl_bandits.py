@@ -77,20 +77,6 @@ def test_two_agents_and_the_caller_do_not_disturb_each_other(make):
         assert np.array_equal(agent.samples, samples)
 
 
-@EACH
-def test_what_was_learned_survives_an_undo_and_a_restart(make):
-    agent = quick(make)(LINE, n_init=3, n_max=20, seed=1)
-    for _ in range(12):
-        step(agent)
-    query = agent.ask()
-    step(agent)
-    agent.ask()
-    agent.undo()
-    assert agent.ask() == query
-    twin = make.restore(LINE, agent.state)
-    assert (step(agent), step(agent)) == (step(twin), step(twin))
-
-
 def test_a_reward_is_a_rank():
     assert np.allclose(rewards(np.array([3.0, 1e9, -2.0, 3.0])), [0.0, -0.75, 0.75, 0.0])
     assert np.allclose(rewards(np.ones(4)), 0.0)

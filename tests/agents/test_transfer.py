@@ -1,14 +1,12 @@
 """Warm start from an earlier study: its best θ, as θ of another space."""
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, latent, run
-from prefcal_agents import GLIS, AgentState, Earlier, GLISp, RandomSearch, restore
+from prefcal_agents import Earlier, GLISp, RandomSearch
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.constraints import LinearConstraint
 from prefcal_env.knobs.knob import Knob
@@ -36,20 +34,6 @@ def test_the_best_of_an_earlier_study_is_the_first_experiment_of_the_next():
     assert agent.ask().challenger.theta == pytest.approx(before.best)
     run(agent)
     assert latent(agent.best) <= latent(before.best)
-
-
-def test_a_retracted_answer_does_not_apply():
-    agent = RandomSearch(LINE, n_init=1, n_max=4)
-    run(agent, [None, -1, -1])
-    agent.retract(2)
-    assert Earlier.of(agent).best == tuple(agent.samples[1])
-
-
-def test_a_study_by_scores_has_a_best_too():
-    agent = GLIS(LINE, n_init=2, n_max=5)
-    for value in (3.0, None, 1.0, 2.0):
-        agent.tell(agent.ask(), value)
-    assert Earlier.of(agent).best == tuple(agent.samples[2])
 
 
 def test_nothing_found_is_refused():
@@ -102,16 +86,6 @@ def test_constraints_are_respected():
     assert record(3).start(below) == (3.0,)
     assert record(9).start(below) is None
     assert GLISp(below, start=record(9).start(below)).ask()  # begins as without it
-
-
-def test_a_resumed_study_needs_the_earlier_one_no_more():
-    agent = GLISp(LINE, n_init=2, n_max=5, start=record(5).start(LINE))
-    stored = json.loads(json.dumps(agent.state.to_dict()))
-    again = restore(LINE, AgentState.from_dict(stored))
-    run(agent)
-    run(again)
-    assert again.samples.tolist() == agent.samples.tolist()
-    assert again.samples[0].tolist() == [5.0]
 
 
 @settings(max_examples=40)

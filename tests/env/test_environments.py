@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import prefcal_env
 from contracts.environments import environment_contract
 from prefcal_env import Knob, KnobSpace, LatentCost, PrefcalError, PreferenceReward
 from support.short_runs import final_level
@@ -60,16 +59,6 @@ def test_vectors_do_what_single_ones_do(env_id, mode):
         assert env.step(action)[1] == reward
 
 
-@pytest.mark.parametrize("mode", ["sync", "async"])
-@pytest.mark.parametrize("env_id", SUBJECTS)
-def test_twenty_environments_run_beside_each_other(env_id, mode):
-    vector = gym.make_vec(env_id, num_envs=20, vectorization_mode=mode, **SUBJECTS[env_id])
-    vector.reset(seed=0)
-    observations, rewards, *_ = vector.step(vector.action_space.sample())
-    vector.close()
-    assert len(observations) == len(rewards) == 20
-
-
 SETTINGS = {
     "prefcal/CSTR-v0": {"T_s": 0.5, "x0": [310.0, 8.4], "max_move": 5.0},
     "prefcal/CSTRTuning-v0": {"T_s": 0.5, "x0": [310.0, 8.4], "max_move": 5.0},
@@ -107,20 +96,6 @@ def test_what_cannot_be_is_refused_when_an_environment_is_made():
     ]:  # fmt: skip
         with pytest.raises(PrefcalError):
             gym.make(f"prefcal/{env_id}-v0", **settings)
-
-
-def test_a_vector_of_one_step_episodes_can_be_run_in_processes_without_wasted_steps():
-    mode = gym.vector.AutoresetMode.SAME_STEP
-    vector = gym.make_vec(
-        "prefcal/Experiment-v0", num_envs=2, vectorization_mode="async",
-        vector_kwargs={"autoreset_mode": mode}, **OWN,
-    )  # fmt: skip
-    vector.reset(seed=0)
-    for _ in range(2):
-        *_, terminated, _, infos = vector.step(np.zeros((2, 2), np.float32))
-        assert terminated.all()
-        assert all(isinstance(e, prefcal_env.Experiment) for e in infos["final_info"]["experiment"])
-    vector.close()
 
 
 @pytest.mark.peers

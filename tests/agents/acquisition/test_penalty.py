@@ -158,23 +158,6 @@ def test_good_enough_alone_changes_no_proposal():
     assert penalized(bowl, good, GLISpSettings()) is bowl
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"unsafe_weight": -1.0},
-        {"unsafe_weight": np.nan},
-        {"least_safe": 0.0},
-        {"least_safe": 1.0},
-        {"least_safe": "high"},
-    ],
-)
-def test_impossible_settings_are_refused_by_name(options):
-    from prefcal_env.errors import SettingsError
-
-    with pytest.raises(SettingsError, match=next(iter(options))):
-        GLISpSettings(**options)
-
-
 def study(unsafe, *, settings=None, n_max=24, seed=0, told=True):
     """θ of a study of the camel; `unsafe` says of a θ whether it is marked, and then it loses."""
     agent = GLISp(SQUARE, n_init=6, n_max=n_max, seed=seed, settings=settings)
@@ -184,18 +167,6 @@ def study(unsafe, *, settings=None, n_max=24, seed=0, told=True):
         unsafe=unsafe if told else lambda theta: False,
     )
     return agent
-
-
-def test_without_marks_every_proposal_is_the_one_of_before():
-    runs = [study(lambda theta: False, settings=s, n_max=16) for s in (None, OFF)]
-    assert np.array_equal(runs[0].samples, runs[1].samples)
-
-
-def test_once_its_answer_is_retracted_a_mark_steers_nothing():
-    bowl, book = Bowl(), history(None, Answer(1, marks=(NEW, OLD_GOOD)), 1)
-    assert penalized(bowl, book, GLISpSettings()) is not bowl
-    assert penalized(bowl, book.retracted(1), GLISpSettings()) is bowl
-    assert unsafe_penalty(book.retracted(1), GLISpSettings()) is None
 
 
 @pytest.mark.unchecked
@@ -217,20 +188,3 @@ def test_where_everything_is_marked_unsafe_proposals_go_on_and_spread_out():
     agent = study(lambda theta: True)
     assert len({theta.tobytes() for theta in agent.samples}) == 24
     assert np.all(np.ptp(agent.samples, axis=0) > [3.0, 1.5])
-
-
-@pytest.mark.unchecked
-def test_the_optimum_is_found_although_the_first_sample_beside_it_was_marked_wrongly():
-    def bowl(theta):
-        return (theta[0] - 0.5) ** 2 + (theta[1] + 0.2) ** 2
-
-    agent, wrong = GLISp(SQUARE, n_init=6, n_max=50, seed=0), 0
-    while not agent.done:
-        query = agent.ask()
-        new, old = query.challenger.theta, query.incumbent and query.incumbent.theta
-        beside = bowl(new) < 0.5 and not wrong
-        wrong += beside
-        verdict = None if old is None else int(np.sign(bowl(new) - bowl(old)))
-        agent.tell(query, Answer(verdict, marks=(NEW,) if beside else ()))
-    assert wrong == 1
-    assert bowl(agent.best) < 1e-3

@@ -36,23 +36,6 @@ def test_it_shows_its_best_first_and_then_the_next_best_whatever_is_answered():
     assert np.array_equal([shown.theta for shown in first], bank.thetas[order])
 
 
-def test_each_theta_is_simulated_once_also_by_copies():
-    seen = []
-
-    def simulate(theta):
-        seen.append(tuple(theta))
-        return quick(theta)
-
-    agent = EqualWeights(MIXED, simulate=simulate, n_simulated=50, n_max=6)
-    assert not seen
-    run(agent)
-    run(agent.copy())
-    assert len(seen) == len(set(seen)) == agent.simulations.count == 50
-    other = agent.with_simulations(quick)
-    assert other.simulate is quick
-    assert other.simulations.count == 0
-
-
 def test_without_simulate_it_can_only_be_looked_at():
     agent = EqualWeights(MIXED)
     assert agent.simulate is None
@@ -60,5 +43,3 @@ def test_without_simulate_it_can_only_be_looked_at():
     for look in (agent.ask, lambda: agent.simulations, lambda: agent.bank):
         with pytest.raises(SettingsError, match="needs simulate"):
             look()
-    with pytest.raises(SettingsError, match="n_simulated"):
-        EqualWeights(MIXED, n_simulated=0)

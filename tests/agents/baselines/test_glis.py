@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents import GLIS, GLISSettings, RandomSearch
+from prefcal_agents import GLIS, GLISSettings
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_scenarios.cases.functions import FUNCTIONS
 
@@ -22,16 +22,6 @@ def test_it_comes_near_the_minimum_in_30_experiments(name, gap):
     function = FUNCTIONS[name]
     gaps = [function.gap(minimize(function, seed).best) for seed in range(3)]
     assert np.median(gaps) < gap
-
-
-def test_it_beats_random_search_by_far():
-    function = FUNCTIONS["camel"]
-    random = RandomSearch(function.space, n_max=30, seed=0)
-    while not random.done:
-        query = random.ask()
-        rival = query.incumbent
-        random.tell(query, rival and function.prefer(query.challenger.theta, rival.theta))
-    assert function.gap(minimize(function, 0).best) < 0.1 * function.gap(random.best)
 
 
 def test_an_interrupted_run_that_costs_a_thousand_does_not_blind_it():

@@ -5,7 +5,6 @@ import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
 from prefcal_agents.glisp.training import train
-from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.models.cross_validation import FOLDS
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_env.errors import KnobError, SettingsError
@@ -45,6 +44,11 @@ def study(count=14, **options):
         {"error_rate": 0.5},
         {"error_rate": np.nan},
         {"questions_per_experiment": 0},
+        {"unsafe_weight": -1.0},
+        {"unsafe_weight": np.nan},
+        {"least_safe": 0.0},
+        {"least_safe": 1.0},
+        {"least_safe": "high"},
     ],
 )
 def test_impossible_settings_are_refused_by_name(options):
@@ -77,12 +81,6 @@ def test_the_paper_s_settings_are_those_of_section_iv():
     assert (paper.process, paper.kpis) == (False, False)
 
 
-def test_epsilon_is_one_until_the_first_cross_validation():
-    settings = GLISpSettings(validate_at=(12,), rescale=False)
-    assert study(11, settings=settings).epsilon == 1.0
-    assert study(12, settings=settings).epsilon == study(14, settings=settings).epsilon
-
-
 def test_the_surrogate_orders_the_samples_as_the_answers_do():
     agent = study()
     values = agent.surrogate(agent.samples)
@@ -91,10 +89,6 @@ def test_the_surrogate_orders_the_samples_as_the_answers_do():
     assert agent.surrogate(agent.best[None])[0] == pytest.approx(0, abs=1e-6)
     latent = np.array([CAMEL(theta) for theta in agent.samples])
     assert np.all(values[latent > CAMEL(agent.best)] > 0)
-
-
-def test_the_surrogate_is_flat_while_nothing_is_known():
-    assert GLISp(SQUARE).surrogate(np.zeros((3, 2))).tolist() == [0, 0, 0]
 
 
 def test_thetas_of_another_shape_or_outside_the_box_are_refused_by_the_surrogate():
@@ -216,17 +210,6 @@ def test_an_answer_to_a_further_query_stays_when_the_number_is_lowered():
     fewer.undo()
     assert fewer.state.history.follow_ups == before.follow_ups[:-1]
     assert not fewer.ask().further
-
-
-def test_a_changed_agent_is_restored_with_the_identical_query():
-    agent = asking(1)
-    run(agent, 6)
-    agent = agent.with_questions(3)
-    while not agent.done:
-        twin = GLISp.restore(ANY, AgentState.from_dict(agent.state.to_dict()))
-        assert twin.ask() == agent.ask()
-        run(agent, 1)
-    assert agent.state.history.follow_ups
 
 
 @pytest.mark.parametrize("most", [0, -1, 1.5, True, None])

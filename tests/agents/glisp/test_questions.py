@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
+from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.glisp.noise_test import NoiseTest, rows_of
 from prefcal_agents.glisp.questions import (
     confirm_best,
@@ -24,7 +24,7 @@ from prefcal_agents.models.rbf import Shape
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer, Mark, Preference
+from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 from support.histories import in_cube
@@ -231,10 +231,6 @@ def run(agent, stop=None):
     return drive(agent, prefer, stop)
 
 
-def test_one_question_per_experiment_asks_nothing_further():
-    assert not any(query.further for query in run(asking(1)))
-
-
 @pytest.mark.parametrize("questions", [2, 3, 12])
 def test_no_experiment_gets_more_questions_than_allowed(questions):
     asked = run(asking(questions))
@@ -244,12 +240,6 @@ def test_no_experiment_gets_more_questions_than_allowed(questions):
     assert [q.challenger.index for q in asked if not q.further] == list(range(12))
 
 
-def test_a_further_query_names_two_samples_that_are_closed():
-    for query in run(asking(3)):
-        if query.further:
-            assert query.incumbent.index < query.challenger.index
-
-
 def test_asking_twice_copying_and_restoring_change_nothing():
     agent = asking(3)
     while not agent.done:
@@ -257,19 +247,6 @@ def test_asking_twice_copying_and_restoring_change_nothing():
         state = AgentState.from_dict(agent.state.to_dict())
         assert agent.ask() == agent.copy().ask() == GLISp.restore(SQUARE, state).ask() == query
         run(agent, 1)
-
-
-def test_undo_takes_one_answer_back_whichever_it_is():
-    agent = asking(3)
-    asked = []
-    while not agent.done:
-        asked += run(agent, stop=1)
-    assert any(query.further for query in asked)
-    for query in reversed(asked):
-        agent.undo()
-        assert agent.ask() == query
-    with pytest.raises(ProtocolError):
-        agent.undo()
 
 
 def test_a_further_answer_can_be_retracted_and_every_sample_stays():
@@ -294,23 +271,6 @@ def test_what_a_state_says_of_further_answers_is_checked():
         broken = {**plain, "follow_ups": [{**plain["follow_ups"][0], **change}]}
         with pytest.raises(SettingsError, match="follow-up answer"):
             GLISp.restore(SQUARE, AgentState.from_dict(broken))
-
-
-def test_comparisons_come_in_the_order_answered():
-    agent = asking(3)
-    asked = [q for q in run(agent) if q.incumbent is not None]
-    taught = Preferences.of(agent.state.history)
-    assert taught.first.tolist() == [q.challenger.index for q in asked]
-    assert taught.second.tolist() == [q.incumbent.index for q in asked]
-
-
-def test_samples_are_listed_once_each_whatever_is_asked():
-    def make(space, **counts):
-        return GLISp(space, settings=GLISpSettings(questions_per_experiment=3), **counts)
-
-    found = minimize_by_preference(prefer, SQUARE, agent=make, n_max=12)
-    assert len(found.samples) == 12
-    assert len(found.answers) > 11
 
 
 def further_pairs(flips, questions, *, n_max=24, seed=0):
@@ -354,19 +314,6 @@ def test_a_suspicion_leads_to_a_question_about_the_best_at_most_once_an_experime
     assert len(before_the_end) == len(set(before_the_end))
 
 
-@pytest.mark.parametrize("questions", [1, 3])
-def test_a_restored_agent_suspects_the_same(questions):
-    agent = asking(questions, n_init=6, n_max=16)
-    drive(agent, prefer, wrong=lambda query: query.challenger.index in {7, 9, 12})
-    agent.undo()
-    cold = GLISp.restore(SQUARE, agent.state)
-    assert cold.ask() == agent.ask()
-    for one in (cold, agent):
-        one.tell(one.ask(), 1)
-    assert cold.state == agent.state
-    assert cold.best_index == agent.best_index == agent.copy().best_index
-
-
 def agreement(questions, seed, **settings):
     """Return how well Ĵ ranks the samples of a study."""
     settings = GLISpSettings(questions_per_experiment=questions, **settings)
@@ -391,14 +338,6 @@ def test_with_further_answers_the_samples_are_ranked_better():
     assert np.median(many) > 0.99
     assert min(many) > 0.94
     assert np.mean(many) > np.mean(one)
-
-
-def test_the_winner_stays_the_winner_along_the_first_answers():
-    agent = asking(12)
-    run(agent)
-    costs = [bowl(theta) for theta in agent.samples]
-    assert np.array_equal(agent.best, agent.samples[int(np.argmin(costs))])
-    assert Preference.INCUMBENT in {c.answer.preference for c in agent.state.history.follow_ups}
 
 
 def cut_short(history, *indices):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISpSettings
-from prefcal_agents.glisp.selection import FEW, MANY, ModelSelection, shared
+from prefcal_agents.glisp.selection import FEW, MANY, Dataset, ModelSelection, shared
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History
@@ -172,6 +172,18 @@ def test_kpis_that_explain_the_answers_are_used_and_may_be_left_out():
     assert selecting().kpi_fit(HISTORY) is not None
     assert selecting(replace(QUICK, kpis=False)).kpi_fit(HISTORY) is None
     assert selecting().kpi_fit(history_of(11)) is None  # none are known
+
+
+def test_a_data_set_is_strict_once_an_answer_says_which_is_better():
+    vague = History()
+    for k, answer in enumerate((None, 0, None, 0)):
+        vague = vague.with_pending(in_cube([k / 4, 0.5])).with_answer(
+            Answer(answer), 0 if k else None
+        )
+    assert not Dataset.of(vague).is_strict
+    clear = vague.with_follow_up(Answer(1), 3, 0)
+    assert Dataset.of(clear).is_strict
+    assert not Dataset.of(clear.retracted(0, follow_up=True)).is_strict
 
 
 def test_histories_share_what_comes_before_their_first_difference():

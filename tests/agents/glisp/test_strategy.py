@@ -152,13 +152,6 @@ def test_the_start_is_a_latin_hypercube():
         )
 
 
-@pytest.mark.parametrize("kpis", [True, False])
-def test_marks_keep_samples_away_from_where_it_is_unsafe(kpis):
-    setup = setup_of()
-    z = propose(setup, fit_of(history_of(12, unsafe=True), setup, kpis=kpis))
-    assert z[0] < 0.6
-
-
 def test_marks_keep_the_start_away_too():
     setup = setup_of()
     early, unsafe = replace(setup, n_init=30), 0

@@ -110,12 +110,6 @@ def test_it_keeps_the_answers_and_predicts_others():
     assert np.mean(right) > 0.85
 
 
-def test_its_lowest_point_is_near_the_minimum_of_the_cost():
-    process, others = PreferenceGP.of(PREFERENCES), CHANCE.random((4000, 3))
-    lowest = others[np.argmin(process(others))]
-    assert lowest[:2] == pytest.approx([0.4, 0.7], abs=0.1)
-
-
 def test_by_comparisons_too_a_knob_that_does_not_matter_gets_the_greatest_length():
     assert np.argmax(PreferenceGP.of(PREFERENCES).lengths) == 2
 

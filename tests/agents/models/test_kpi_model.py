@@ -32,14 +32,6 @@ def test_shares_run_from_the_best_to_the_worst_and_one_lost_run_does_not_flatten
     assert outcomes.ranges[0] == pytest.approx((1.0, 5.5))
 
 
-def test_infinite_is_as_bad_as_can_be_and_a_missing_one_is_predicted():
-    outcomes = Outcomes.of(history_of({"k": [1.0, 2.0, np.inf, None, 3.0], "l": [5, 4, 3, 2, 1]}))
-    column = outcomes.columns[:, outcomes.names.index("k")]
-    assert column[2] == 1.0
-    assert 0.0 <= column[3] <= 1.0
-    assert outcomes.columns[:, outcomes.names.index("l")] == pytest.approx([1, 0.75, 0.5, 0.25, 0])
-
-
 def test_what_cannot_teach_is_left_out():
     columns = {"same": [3.0] * 5, "rare": [1.0, 2.0, None, None, None], "nan": [np.nan] * 5}
     assert len(Outcomes.of(history_of(columns))) == 0

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +10,6 @@ from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.qp import make_backend
 
 BACKEND = make_backend()
-SOFT = Learning(sigma=1.0, lam=1.0)
 
 
 def comparisons(n_samples=9, count=10, seed=0, ties=True, weights=None):
@@ -124,12 +121,6 @@ def test_of_two_contradicting_answers_the_stronger_one_is_believed():
         beta = weights_of(preferences, Learning(sigma=1e-6, lam=1.0))
         learned = Surrogate(samples, beta, Shape(1.5, (1.0, 1.0)))(samples)
         assert np.sign(learned[0] - learned[1]) == sign
-
-
-def test_weights_grow_with_c_h_until_the_margin_is_reached():
-    told = comparisons(count=1, ties=False)
-    learned = [weights_of(replace(told, weights=np.array([c])), SOFT) for c in (0.1, 0.2)]
-    assert learned[1] == pytest.approx(2 * learned[0])
 
 
 def test_nothing_known_and_nothing_but_ties_give_a_flat_surrogate():

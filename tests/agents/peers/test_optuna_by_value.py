@@ -55,12 +55,6 @@ def test_they_propose_what_the_package_does_when_driven_by_hand(make, name):
     assert found == pytest.approx(np.array(tried), abs=1e-6)
 
 
-@pytest.mark.parametrize("make", [OptunaTPE, OptunaGP])
-def test_they_find_the_minimum_of_a_bowl(make):
-    samples = run(make(SQUARE, n_init=5, n_max=30, seed=0))
-    assert min(map(cost, samples)) < 0.2 * min(map(cost, samples[:5]))
-
-
 def test_after_two_fits_that_diverge_the_next_sample_is_random(monkeypatch):
     from optuna.samplers import GPSampler
 

@@ -1,7 +1,6 @@
 """Screening keeps the promises of an agent whatever its simulation returns, raises or does."""
 
 import json
-import threading
 import warnings
 from dataclasses import replace
 from functools import partial
@@ -12,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import HALF, MIXED, RARE, SMALL, TINY, judge, run
-from prefcal_agents import AgentState, Screening, respaced, restore
+from prefcal_agents import AgentState, Screening, restore
 from prefcal_env.errors import ProtocolError, SettingsError, SimulationError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -158,54 +157,6 @@ def test_what_is_shown_was_simulated_before_it_is_asked_about():
         agent.tell(query, judge(query))
 
 
-class InAnyOrder:
-    """Simulates all θ of a batch in threads, the last one first."""
-
-    def __call__(self, theta):
-        return quick(theta)
-
-    def many(self, thetas):
-        found = {}
-        for k, theta in reversed(list(enumerate(thetas))):
-            thread = threading.Thread(target=lambda k=k, t=theta: found.update({k: quick(t)}))
-            thread.start()
-            thread.join()
-        return [found[k] for k in range(len(thetas))]
-
-
-def test_the_same_seed_gives_the_same_study_one_by_one_or_many_at_once():
-    agents = [
-        Screening(MIXED, simulate=simulate, n_simulated=60, n_max=7, seed=4)
-        for simulate in (quick, InAnyOrder())
-    ]
-    one, many = (run(agent) for agent in agents)
-    assert one == many
-    assert agents[0].bank.kpis.tolist() == agents[1].bank.kpis.tolist()
-
-
-def test_copies_that_are_asked_in_threads_give_what_one_after_the_other_gives():
-    def study():
-        agent = Screening(MIXED, simulate=quick, n_simulated=60, n_max=8, seed=1)
-        run(agent, [None, -1, 1])
-        twins = [agent.copy() for _ in (-1, 0, 1)]
-        for twin, answer in zip(twins, (-1, 0, 1), strict=True):
-            twin.tell(twin.ask(), answer)
-        return agent, twins
-
-    expected = [twin.ask() for twin in study()[1]]
-    agent, twins = study()
-    found = {}
-    threads = [
-        threading.Thread(target=lambda k=k: found.update({k: twins[k].ask()})) for k in range(3)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert [found[k] for k in range(3)] == expected
-    assert all(twin.simulations is agent.simulations for twin in twins)
-
-
 def test_what_a_copy_simulates_is_not_simulated_again():
     runs = []
 
@@ -221,6 +172,9 @@ def test_what_a_copy_simulates_is_not_simulated_again():
     agent.tell(agent.ask(), -1)
     assert agent.ask() == expected
     assert len(runs) == count
+    assert twin.simulations is agent.simulations
+    other = agent.with_simulations(quick)
+    assert (other.simulate, other.simulations.count) == (quick, 0)
 
 
 def test_a_restored_agent_repeats_its_question_and_simulates_again_when_told_how():
@@ -238,20 +192,6 @@ def test_a_restored_agent_repeats_its_question_and_simulates_again_when_told_how
     assert (again.n_simulated, again.simulate) == (40, quick)
     assert run(again) == run(agent)
     assert again.bank.kpis.tolist() == agent.bank.kpis.tolist()
-
-
-def test_a_respaced_agent_simulates_where_it_searches_now_and_knows_what_was_shown():
-    agent = Screening(MIXED, simulate=quick, n_simulated=40, n_max=8)
-    run(agent, [judge] * 4)
-    part = MIXED.narrowed({"gain": (0.1, 1.0)})
-    after = respaced(agent, part, keep_open=False)
-    bank = after.bank
-    assert all(bank.find(theta) is not None for theta in agent.samples)
-    new = [t for t in bank.thetas if tuple(t) not in set(map(tuple, agent.samples))]
-    assert new
-    assert all(part.searches(theta) for theta in new)
-    run(after)
-    assert np.all((after.samples[4:, 0] >= 0.1) & (after.samples[4:, 0] <= 1.0))
 
 
 @pytest.mark.parametrize("n_simulated", [0, -1, 2.5, "many", None, True])

@@ -1,18 +1,13 @@
 """How the bank grows from answer to answer."""
 
-import gc
-
 import numpy as np
 import pytest
 
-from contracts.agents import MIXED, judge, run
-from prefcal_agents import Screening, restore
-from prefcal_agents.screening.growth import Growth, Stage
+from prefcal_agents.screening.growth import Growth
 from prefcal_agents.screening.simulations import Simulations
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
 from prefcal_env.preferences.reading import Reading
-from support.agents import quick
 from support.simulated import SQUARE, in_chain
 
 
@@ -118,28 +113,6 @@ def test_a_stage_depends_on_the_record_alone_not_on_what_was_asked_before():
     assert not same(used.stage(record), used.stage(record.retracted(2)))
 
 
-def test_an_agent_after_undo_and_retraction_knows_what_a_restored_one_knows():
-    agent = Screening(MIXED, simulate=quick, n_simulated=60, n_max=8, seed=2)
-    run(agent, [None, judge, 1, judge])
-    agent.undo()
-    agent.undo()
-    run(agent, [judge, -1])
-    agent.retract(2)
-    again = restore(MIXED, agent.state, simulate=quick)
-    assert np.array_equal(again.bank.thetas, agent.bank.thetas)
-    assert again.chance_of_better == agent.chance_of_better
-    assert again.ask() == agent.ask()
-    assert again.simulations.count <= agent.simulations.count
-
-
-def test_circumstances_and_the_open_sample_do_not_matter():
-    grown = growth(40)
-    record = chain(grown, [1, -1])
-    stage = grown.stage(record)
-    assert grown.stage(record.with_pending(record.samples[0])) is stage
-    assert grown.stage(record) is stage
-
-
 def test_answers_to_follow_ups_teach_but_bring_no_new_theta():
     grown = growth()
     record = chain(grown, [1, 1, 1])
@@ -156,20 +129,6 @@ def test_an_abstention_teaches_nothing():
     grown = growth(20)
     first = grown.stage(History())
     assert grown.stage(chain(grown, [None, None])).utilities is first.utilities
-
-
-def test_the_answers_move_the_simulations_toward_what_is_wanted():
-    def leaders(answer):
-        grown = growth(200)
-        record = chain(grown, [0])
-        bank = grown.stage(History()).bank
-        order = np.argsort(bank.kpis[:, 0])  # a: wants x near 0.2
-        rows = [int(r) for r in order[[-1, 20, 3, 1]]]
-        record = in_chain(bank, rows, [answer] * 3)
-        stage = grown.stage(record)
-        return stage.bank.kpis[np.argsort(stage.costs.mean(axis=0))[:10], 0].mean()
-
-    assert leaders(-1) < 0.8 * leaders(1)
 
 
 @pytest.mark.parametrize("known", [{}, {"late": 0.0}], ids=["absent", "constant"])
@@ -193,26 +152,3 @@ def test_a_kpi_that_appears_after_the_first_answer_is_learned(known):
     after = grown.stage(record).utilities.normals
     assert after.shape == (1024, 4)
     assert np.mean(np.argmax(after, axis=1) == 3) > 0.5  # it counts most
-
-
-def test_an_answer_takes_no_longer_once_early_stages_are_forgotten(monkeypatch):
-    grown, made = growth(180), []
-    record = chain(grown, [None] * 45)
-    grow = grown._grown
-    monkeypatch.setattr(grown, "_grown", lambda *known: made.append(1) or grow(*known))
-    for count in range(record.answered + 1):
-        grown.stage(record.until(count))
-    assert len(made) == record.answered
-
-
-def test_memory_is_bounded_and_what_was_forgotten_is_worked_out_again():
-    gc.collect()
-    others = {id(o) for o in gc.get_objects() if isinstance(o, Stage)}
-    grown = growth(200)
-    record = chain(grown, [-1, 1, *[None] * 42])
-    costs = grown.stage(record.until(3)).costs.copy()
-    grown.stage(record)
-    gc.collect()
-    alive = [o for o in gc.get_objects() if isinstance(o, Stage) and id(o) not in others]
-    assert 1 < len(alive) <= 40
-    assert np.array_equal(grown.stage(record.until(3)).costs, costs)

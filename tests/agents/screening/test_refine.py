@@ -33,13 +33,6 @@ def test_points_are_inside_what_is_searched_and_allowed(space):
     assert Region(space).allows(points).all()  # θ that rounding takes over an edge: `Growth`
 
 
-def test_frozen_knobs_stay_and_the_others_move():
-    points, _ = near(FROZEN)
-    thetas = np.array([FROZEN.decode(point) for point in points])
-    assert np.all(thetas[:, 2] == 0.31)
-    assert len(np.unique(points[:, 0])) > 30
-
-
 def test_points_are_near_those_that_lead():
     goal = np.array([0.3, 0.6, 0.7])
     z = latin_hypercube(CUBE, 400, 1)

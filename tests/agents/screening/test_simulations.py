@@ -97,20 +97,6 @@ def test_a_batch_with_another_number_of_results_is_refused(results):
         Simulations(simulate)(THETAS)
 
 
-@pytest.mark.parametrize("nothing", [None, {}, {"a": np.nan}])
-def test_nothing_and_nan_alone_are_failures_and_so_is_any_exception(nothing):
-    def simulate(theta):
-        if theta[0] == 1.0:
-            return nothing
-        if theta[0] == 3.0:
-            raise ZeroDivisionError("no plant")
-        return {"a": np.inf, "b": np.nan, "c": 1.0}
-
-    simulations = Simulations(simulate)
-    assert [dict(o) for o in simulations(THETAS)] == [{}, {}, {"a": np.inf, "c": 1.0}]
-    assert (simulations.count, simulations.failed) == (3, 2)
-
-
 def test_if_all_fail_the_function_is_wrong_and_says_so_each_time_without_running_again():
     calls = []
 

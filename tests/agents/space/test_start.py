@@ -14,7 +14,6 @@ from prefcal_agents import (
     GLISp,
     LatinHypercube,
     RandomSearch,
-    minimize_by_preference,
     restore,
 )
 from prefcal_agents.registry import AGENTS as ROWS
@@ -84,13 +83,6 @@ def test_a_state_without_a_start_reads_as_before(make_agent):
     assert make_agent(MIXED, n_init=3, n_max=6, start=()).state == agent.state
 
 
-def test_undo_keeps_the_start(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=6, start=[PRESENT, OTHER])
-    run(agent, [None, -1])
-    agent.undo()
-    assert agent.ask().challenger.theta == pytest.approx(OTHER)
-
-
 def test_one_knob_takes_one_theta_or_several():
     line = KnobSpace([Knob("x", 0.0, 4.0, "m")])
     assert GLISp(line, start=(3.0,)).ask().challenger.theta == pytest.approx([3.0])
@@ -122,24 +114,12 @@ def test_something_else_is_refused(start):
         GLISp(MIXED, n_init=2, n_max=4, start=start)
 
 
-def test_the_unit_is_named():
-    with pytest.raises(KnobError, match=r"'T_s' must be in \[0.25, 1.5\] h, got 3"):
-        RandomSearch(KnobSpace([Knob("T_s", 0.25, 1.5, "h")]), start=(3.0,))
-
-
 def test_a_malformed_start_of_a_state_is_refused():
     plain = RandomSearch(MIXED, n_init=2, n_max=4, start=PRESENT).state.to_dict()
     with pytest.raises(SettingsError, match="start of a state"):
         restore(MIXED, AgentState.from_dict({**plain, "start": [[0.5, 2.0, 0.5]]}))
     with pytest.raises(SettingsError, match="cannot be read"):
         AgentState.from_dict({**plain, "start": 3})
-
-
-def test_the_five_line_entry_takes_a_start():
-    found = minimize_by_preference(
-        lambda a, b: int(np.sign(latent(a) - latent(b))), MIXED, n_max=6, start=PRESENT
-    )
-    assert found.samples[0] == pytest.approx(PRESENT)
 
 
 @settings(max_examples=25)

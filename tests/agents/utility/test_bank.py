@@ -38,10 +38,6 @@ def test_a_kpi_that_is_missing_is_infinite_and_names_are_in_order():
     assert bank.failed.tolist() == [False, True, False]
 
 
-def test_without_any_kpi_a_bank_has_no_columns():
-    assert bank_of({}, {}, {}).kpis.shape == (3, 0)
-
-
 def test_a_theta_is_found_by_its_value_and_only_if_it_was_simulated():
     bank = bank_of({"a": 1.0}, {"a": 2.0}, {"a": 3.0})
     assert [bank.find(theta) for theta in THETAS] == [0, 1, 2]

@@ -14,6 +14,7 @@ from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from prefcal_env.preferences.reading import Reading
 from support.simulated import SQUARE, bank_of, in_chain, random_bank
+from support.studies import by, drive
 
 EXACT = Reading()
 POINTS = np.random.default_rng(2).random((120, 2))
@@ -164,16 +165,6 @@ def test_measured_kpis_lead_away_from_what_the_twin_has_wrong(twin):
     assert corrected_gap < 0.5 * believed_gap
 
 
-def test_a_twin_that_fails_or_returns_nan_still_gives_a_study():
-    def fragile(theta):
-        if theta[0] < 0.2:
-            raise ArithmeticError("diverged")
-        return biased(theta) | ({"rough": np.nan} if theta[1] > 0.8 else {})
-
-    found = minimize_by_preference(told, SQUARE, twin=fragile, n_simulated=200, n_max=10)
-    assert cost(found.best) < 0.15
-
-
 def test_what_the_twin_refuses_is_not_run_even_where_it_is_not_trusted():
     def refusing(theta):
         return dict.fromkeys(plant(theta), np.inf) if theta[0] > 0.5 else mirrored(theta)
@@ -187,12 +178,7 @@ def test_what_the_twin_refuses_is_not_run_even_where_it_is_not_trusted():
 
 def test_a_restored_study_asks_the_same_next_question():
     agent = Screening(SQUARE, simulate=biased, n_simulated=100, n_max=8, seed=1)
-    for _ in range(5):
-        query = agent.ask()
-        old = query.incumbent
-        new = query.challenger.theta
-        agent.tell(query, Answer(None, outcomes=(plant(new), None)) if old is None
-                   else told(new, old.theta))  # fmt: skip
+    drive(agent, by(cost), 5, kpis=plant)
     again = restore(SQUARE, agent.state, simulate=biased)
     assert again.ask() == agent.ask()
     assert np.array_equal(again.bank.kpis, agent.bank.kpis)
@@ -201,21 +187,14 @@ def test_a_restored_study_asks_the_same_next_question():
 def study(twin, n_max=9):
     """An agent whose study was answered to the end, with what was measured."""
     agent = Screening(SQUARE, simulate=twin, n_simulated=150, n_max=n_max, seed=0)
-    while not agent.done:
-        query = agent.ask()
-        new, old = query.challenger.theta, query.incumbent
-        agent.tell(query, Answer(None, outcomes=(plant(new), None)) if old is None
-                   else told(new, old.theta))  # fmt: skip
+    drive(agent, by(cost), kpis=plant)
     return agent
 
 
 def test_a_study_is_the_same_with_and_without_kpis_that_are_as_simulated():
     agent = study(plant)
     silently = Screening(SQUARE, simulate=plant, n_simulated=150, n_max=9, seed=0)
-    while not silently.done:
-        query = silently.ask()
-        old = query.incumbent
-        silently.tell(query, None if old is None else silent(query.challenger.theta, old.theta))
+    drive(silently, by(cost))
     assert np.array_equal(agent.samples, silently.samples)
 
 

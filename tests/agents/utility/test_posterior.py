@@ -82,13 +82,6 @@ def test_an_answer_at_a_time_teaches_what_all_at_once_teach():
     assert np.mean(step.ordered > 0) == pytest.approx(np.mean(once.ordered > 0), abs=0.15)
 
 
-def test_answers_that_no_trade_off_explains_are_taken_for_mistakes():
-    pairs = pairs_of(12)
-    against = learned(of_pairs(BANK, pairs, [-a for a in sure(pairs)]))
-    assert agreement(against, pairs) < agreement(prior(), pairs) - 0.1
-    assert against.errors.mean() > 0.15
-
-
 def test_ties_teach_what_cannot_be_told_apart():
     pairs = [(a, b) for a, b in pairs_of(60) if 1 < abs(WANTED[a] - WANTED[b]) < 4][:8]
     alike, apart = (
@@ -140,16 +133,6 @@ def test_the_strength_is_the_weight_of_an_answer(strength):
     one = plain.log_likelihood(prior())
     assert weighed.log_likelihood(prior()) == pytest.approx(float(strength) * one)
     assert one.std() > 0.1
-
-
-def test_of_two_answers_that_contradict_each_other_the_stronger_one_counts():
-    (a, b), = pairs_of(1)  # fmt: skip
-    strong, weak = Answer(1, strength=3), Answer(-1)
-    chain = of_pairs(BANK, [(a, b)], [strong])
-    both = chain.with_follow_up(weak, 1, 0)
-    costs = learned(both).costs(SCALE(BANK))
-    before = prior().costs(SCALE(BANK))
-    assert np.mean(costs[:, a] < costs[:, b]) > np.mean(before[:, a] < before[:, b]) + 0.1
 
 
 def test_the_preferred_experiment_of_each_answer_is_the_better_one():

@@ -75,15 +75,12 @@ def test_infinite_values_are_compared():
     assert Lexicographic([never]).prefer(*pair) is Preference.TIE
 
 
-@pytest.mark.parametrize("criteria", [[], [final_level]])
-def test_no_criterion_and_something_else_are_refused(criteria):
+@pytest.mark.parametrize(
+    ("criteria", "first"), [([], []), ([final_level], []), ([LEVEL], [final_level])]
+)
+def test_no_criterion_and_something_else_are_refused(criteria, first):
     with pytest.raises(SettingsError, match="one or more Criterion"):
-        Lexicographic(criteria)
-
-
-def test_a_stranger_among_the_first_is_refused():
-    with pytest.raises(SettingsError, match="one or more Criterion"):
-        Lexicographic([LEVEL], first=[final_level])
+        Lexicographic(criteria, first=first)
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])

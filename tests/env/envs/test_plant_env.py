@@ -243,14 +243,6 @@ def test_bad_reset_options_are_refused(options, error, reason):
         tank_env().reset(options=options)
 
 
-@pytest.mark.parametrize("action", [[np.nan], [0.0, 0.0], 0.0, None, ["x"]])
-def test_bad_actions_are_refused(action):
-    env = tank_env()
-    env.reset()
-    with pytest.raises(PlantError, match="action must"):
-        env.step(action)
-
-
 def test_a_step_without_an_episode_is_refused():
     env = tank_env()
     with pytest.raises(ProtocolError, match=r"call reset\(\)"):

@@ -99,13 +99,6 @@ def test_a_score_that_is_not_finite_is_refused(score):
         env.step(np.zeros(2))
 
 
-def test_a_run_without_an_experiment_is_refused():
-    env = TuningEnv(SPACE, lambda theta, seed: 3.0)
-    env.reset()
-    with pytest.raises(ExperimentError, match=r"must return an Experiment, got 3\.0"):
-        env.step(np.zeros(2))
-
-
 def test_options_are_refused():
     with pytest.raises(SettingsError, match="no reset options"):
         tuning().reset(options={"theta": [1.0, 2.0]})

@@ -64,18 +64,6 @@ def test_time_comes_from_the_clock_that_is_handed_in():
     assert np.all(e.solve_time == 0.25)
 
 
-def test_equal_experiments_are_equal_whatever_the_clock():
-    assert rollout(tank_env(), PI(1.0, 0.5), THETA) == rollout(tank_env(), PI(1.0, 0.5), THETA)
-    assert rollout(tank_env(), PI(1.0, 0.5), THETA) != rollout(tank_env(), PI(1.0, 0.6), THETA)
-
-
-def test_an_unsafe_run_is_an_experiment_too():
-    e = rollout(tank_env(unsafe=lambda x: bool(x[0] > 1.0)), PI(1.0, 0.5), THETA)
-    assert e.end is End.UNSAFE
-    assert e.end.interrupted
-    assert e.x[-1, 0] > 1.0 >= e.x[-2, 0]
-
-
 def test_indicators_are_of_the_finished_experiment():
     e = rollout(tank_env(), PI(1.0, 0.5), THETA, kpis=lambda e: {"duration": e.duration})
     assert e.kpis == {"duration": e.duration}
@@ -89,11 +77,6 @@ def test_wrapped_environments_are_driven_through_their_core():
 def test_an_environment_without_the_protocol_is_refused():
     with pytest.raises(ExperimentError, match=r"\['measurement', 'apply', 'end', 'record'\]"):
         rollout(gym.make("CartPole-v1"), PI(1.0), THETA)
-
-
-def test_a_sampling_time_out_of_range_is_refused():
-    with pytest.raises(SettingsError, match="T_s"):
-        rollout(tank_env(), PI(1.0, T_s=50.0), THETA)
 
 
 def test_inputs_of_the_wrong_shape_are_refused():

@@ -72,16 +72,6 @@ def test_units_come_from_the_fmu_and_a_wrong_one_is_refused(folder):
         FMULoop(path, [Knob("T_i", 1, 60, "min")], ["level"])
 
 
-def test_limits_come_from_the_fmu_and_are_kept(tank, folder):
-    real = [('<Real start="1"/>', '<Real start="1" min="0.5" max="8"/>')]
-    path = changed(tank, folder / "limited.fmu", replace=real)
-    with pytest.raises(KnobError, match=r"must lie in \[0.5, 8\]"):
-        loop(path)
-    inside = FMULoop(path, [Knob("K_p", 1, 8)], ["level"])
-    with pytest.raises(KnobError, match="limits of the FMU, got 9"):
-        inside(np.array([9.0]))
-
-
 def test_a_reference_can_be_a_variable_and_names_can_be_chosen(tank):
     made = FMULoop(
         tank, {"K_p": Knob("gain", 0.1, 10.0)}, {"h": "level"}, {"u": "valve"}, {"h": "target"}

@@ -137,9 +137,3 @@ def test_named_gives_integers_as_integers_in_order():
     named = SPACE.named(np.array([0.25, 26.0, 1.0]))
     assert list(named) == ["T_s", "N_p", "gain"]
     assert isinstance(named["N_p"], int)
-
-
-def test_spaces_are_values():
-    assert KnobSpace(SPACE.knobs) == SPACE
-    assert hash(KnobSpace(SPACE.knobs)) == hash(SPACE)
-    assert len(SPACE) == 3

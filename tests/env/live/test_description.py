@@ -84,19 +84,13 @@ def test_any_value_of_a_wrong_type_is_refused_with_its_key(data):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"period": "1"}, "period: expected a number, got '1'"),
-        ({"hold": [1]}, r"hold: expected a number, got \[1\]"),
-        ({"journal": 5}, "journal: expected a text, got 5"),
         ({"journal": ".."}, "journal: expected a file"),
-        ({"timeout": "4"}, "timeout: expected a number, got '4'"),
         ({"after": "leave"}, "after: expected one of 'restore', 'keep', got 'leave'"),
         ({"durration": 3}, "no key 'durration'"),
         ({"knobs": {"K": {"node": "n", "low": 1, "high": 2}}}, r"knobs\.K: 'rate' is missing"),
         ({"knobs": {"K": {"node": "n", "low": 1, "high": 2, "rate": 1, "integer": "no"}}},
          r"knobs\.K: integer: expected true or false, got 'no'"),
         ({"outputs": {"y": {"unit": "m"}}}, r"outputs\.y: 'node' is missing"),
-        ({"ready": {"level": 3}}, "ready, level: expected a list, got 3"),
-        ({"knobs": [1]}, r"knobs: expected a table, got \[1\]"),
         ({"hold": -0.5}, "hold must be 0 s or more, got -0.5"),
     ],
 )  # fmt: skip

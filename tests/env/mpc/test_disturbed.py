@@ -10,14 +10,6 @@ from prefcal_env.mpc.disturbed import Disturbed
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import CSTR, FEED
 
-H = 1e-6
-
-
-def differences(function, point):
-    columns = [(function(point + H * e) - function(point - H * e)) / (2 * H)
-               for e in np.eye(len(point))]  # fmt: skip
-    return np.array(columns).T
-
 
 def test_a_disturbance_of_an_output_is_added_to_it_and_changes_nothing_else():
     plant, x, u = CSTR(), np.array([320.0, 8.0]), np.array([299.0])

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from prefcal_env.errors import PlantError
-from prefcal_env.plants.bicycle import KMH, Bicycle
-from support.equations import evaluated
+from prefcal_env.plants.bicycle import Bicycle
 
 PLANT, NONE = Bicycle(), np.zeros(0)
 states = st.tuples(st.floats(-50, 50), st.floats(-5, 5), st.floats(-1, 1)).map(np.array)
@@ -23,11 +22,6 @@ def test_the_hold_is_exact(x, u, T):
         lambda t, y: PLANT.f(y, u, NONE), (0, T), x, method="DOP853", rtol=1e-13, atol=1e-13
     ).y[:, -1]
     np.testing.assert_allclose(PLANT.hold(x, u, NONE, np.array([T]))[0], precise, atol=1e-9)
-
-
-def test_straight_ahead_is_a_line():
-    x = PLANT.hold(np.zeros(3), np.array([50 * KMH, 0.0]), NONE, np.array([3.6, 7.2]))
-    np.testing.assert_allclose(x, [[50, 0, 0], [100, 0, 0]], atol=1e-12)
 
 
 def test_left_is_positive():
@@ -53,10 +47,3 @@ def test_jacobians_agree_with_differences(x, u):
 def test_an_impossible_length_is_refused(length):
     with pytest.raises(PlantError, match="length L"):
         Bicycle(length)
-
-
-def test_the_length_may_be_an_integer():
-    x, u = np.zeros(3), np.array([15.0, 0.1])
-    found = [evaluated(Bicycle(length).equations, "f", 3, x, u, np.zeros(0)) for length in (7, 7.0)]
-    np.testing.assert_array_equal(*found)
-    np.testing.assert_allclose(found[0], Bicycle(7).f(x, u, np.zeros(0)), rtol=1e-14)

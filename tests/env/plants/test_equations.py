@@ -111,9 +111,16 @@ def test_a_finite_simulation_raises_mistakes_and_interruptions_only(errors, stat
     callbacks.check()
 
 
-def test_what_the_equations_raise_reaches_the_caller_of_the_mpc():
-    with pytest.raises(ValueError, match=r"math domain|nonnegative"):
-        LinearMPC(plant(lambda x, u, d: [math.sqrt(-1 - x[0] ** 2)]), SETTINGS).move(HERE)
+@pytest.mark.parametrize(
+    ("f", "error", "words"),
+    [
+        (lambda x, u, d: [math.sqrt(-1 - x[0] ** 2)], ValueError, r"math domain|nonnegative"),
+        (lambda x, u, d: [x[0], u[0]], PlantError, "must return 1 values"),
+    ],
+)
+def test_what_the_equations_raise_reaches_the_caller_of_the_mpc(f, error, words):
+    with pytest.raises(error, match=words):
+        LinearMPC(plant(f), SETTINGS).move(HERE)
 
 
 def test_parameters_are_floats():
@@ -125,11 +132,6 @@ def test_parameters_are_floats():
 def test_equations_cannot_be_pickled():
     with pytest.raises(TypeError, match="pickle the plant"):
         pickle.dumps(Bicycle().equations)
-
-
-def test_a_mistake_in_the_equations_of_a_plant_reaches_the_caller_of_the_mpc():
-    with pytest.raises(PlantError, match="must return 1 values"):
-        LinearMPC(plant(lambda x, u, d: [x[0], u[0]]), SETTINGS).move(HERE)
 
 
 def test_a_model_that_is_not_finite_leaves_the_step_unsolved():

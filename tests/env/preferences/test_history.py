@@ -178,6 +178,10 @@ def test_unsafe_marks_count_unless_they_are_retracted():
     assert history.unsafe() == {0, 2}
     assert history.unsafe(automatic=True) == {2}
     assert history.retracted(2).unsafe(automatic=True) == frozenset()
+    mark = (Mark.INCUMBENT_UNSAFE,)
+    further = history.with_follow_up(Answer(1, marks=mark, automatic=mark), 2, 1)
+    assert further.unsafe(automatic=True) == {1, 2}
+    assert further.undone().unsafe(automatic=True) == {2}
 
 
 def test_the_right_record_replaces_kpis_and_marks_and_retracts_the_verdict():

@@ -6,7 +6,6 @@ import pytest
 
 from prefcal_env.errors import StudyError
 from prefcal_env.study import Adjusted, Shown, StudyFile, Suggested
-from prefcal_env.study.events import from_text, to_text
 from prefcal_env.study.fold import step
 from support.interviews import clock
 from support.studies import CONFIGURATION, compared
@@ -48,10 +47,3 @@ def test_a_study_whose_agent_has_no_settings_refuses_it(study, agent):
     state = replace(study.state, configuration={**CONFIGURATION, "agent": agent})
     with pytest.raises(StudyError, match="event 9 is impossible: the agent of the study has no"):
         step(state, 9, "now", Adjusted({"questions": 2}))
-
-
-def test_it_goes_through_text():
-    event = Adjusted({"questions": 3})
-    assert from_text(to_text(event)) == event
-    with pytest.raises(StudyError, match="settings"):
-        from_text('{"kind":"adjusted","settings":3}')

@@ -14,7 +14,7 @@ from prefcal_env.experiments.experiment import Channel, Channels, End, Experimen
 from prefcal_env.study import Created, Extended, Noted, Suggested, codec
 from prefcal_env.study.codec import decode, encode, pack, unpack
 from prefcal_env.study.events import Event, from_text, to_text
-from support.studies import experiment, small_study
+from support.studies import experiment
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 texts = st.text(max_size=8)
@@ -89,12 +89,6 @@ def test_a_bomb_is_not_unpacked(monkeypatch):
         unpack(pack(bytes(1_000_000)))
     with pytest.raises(StudyError, match="followed by something"):
         unpack(pack(b"a") + b"b")
-
-
-def test_every_event_comes_back(tmp_path):
-    with small_study(tmp_path / "a.prefcal") as file:
-        for recorded in file.events():
-            assert from_text(to_text(recorded.event)) == recorded.event
 
 
 @given(st.text(max_size=30))

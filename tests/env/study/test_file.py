@@ -14,7 +14,6 @@ from prefcal_env.errors import StudyError
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.study import (
     Answered,
-    Ended,
     Finished,
     Marked,
     Noted,
@@ -221,9 +220,3 @@ def test_another_format_is_refused_and_left_alone(tmp_path, version, advice):
         with pytest.raises(StudyError, match=f"has format {version} .*{advice}"):
             read(path)
     assert path.read_bytes() == before
-
-
-def test_ended_studies_say_so(tmp_path):
-    with small_study(tmp_path / "a.prefcal") as file:
-        file.append(Ended("stopped"))
-        assert file.state.ended == "stopped"

@@ -13,12 +13,9 @@ from prefcal_env.study import (
     Requested,
     Respaced,
     Shown,
-    StudyFile,
     Suggested,
     Undone,
-    verify,
 )
-from support.interviews import clock
 from support.studies import CONFIGURATION, experiment, small_study
 
 WANTED = Requested(3, (0.7,), (0.7,))
@@ -67,15 +64,6 @@ def test_it_is_run_answered_and_undone_as_any_sample(file):
     assert file.state.history.pending.theta == (0.7,)
     file.append(Undone())
     assert file.state.requested == set()
-
-
-def test_a_reopened_study_is_the_same(file, tmp_path):
-    file.append(WANTED)
-    state = file.state
-    file.close()
-    with StudyFile.open(tmp_path / "a.prefcal", clock=clock()) as again:
-        assert again.state == state
-    assert verify(tmp_path / "a.prefcal") == ()
 
 
 def test_a_changed_space_drops_it_if_it_has_not_run(file):

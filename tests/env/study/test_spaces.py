@@ -18,7 +18,6 @@ from prefcal_env.study import (
     space_of,
     within_as_dict,
 )
-from prefcal_env.study.events import from_text, to_text
 from prefcal_env.study.fold import begin, step
 
 OLD = KnobSpace([Knob("a", 0.0, 2.0, "h")])
@@ -60,11 +59,6 @@ def test_a_sample_that_has_not_run_is_dropped():
     assert len(now.history.samples) == 1
     later = step(now, 9, "now", Suggested(1, (0.0, 0.5), (1.0, 2.0)))
     assert later.history.samples[1].theta == (1.0, 2.0)
-
-
-def test_the_event_goes_through_json():
-    event = Respaced(content(), {"b": 3.0})
-    assert from_text(to_text(event)) == event
 
 
 @pytest.mark.parametrize(

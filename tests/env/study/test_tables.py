@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from prefcal_env.study import Finished, StudyFile, Suggested
-from support.studies import experiment, small_study
+from prefcal_env.study import StudyFile
+from support.studies import small_study
 
 pytest.importorskip("pandas")
 
@@ -33,12 +33,3 @@ def test_experiments_and_answers_are_rows_with_their_units():
         shown = study._repr_html_()
         assert "4 experiments, 3 answers, best experiment 2" in shown
         assert "late [s]" in shown
-
-
-def test_a_kpi_that_one_experiment_lacks_is_an_empty_cell():
-    with small_study(":memory:", answers=0) as study:
-        study.append(Suggested(1, (0.5,), (0.5,)), (Finished(1), experiment(0.5, kpis={"new": 7})))
-        frame = study.to_frame()
-        assert frame["new"].tolist()[1] == 7
-        assert np.isnan(frame["new"].tolist()[0])
-        assert np.isnan(frame["late [s]"].tolist()[1])

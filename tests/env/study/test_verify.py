@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from prefcal_env.errors import StudyError
-from prefcal_env.study import StudyFile, export_csv, export_json, import_json, verify
+from prefcal_env.study import StudyFile, export_json, import_json, verify
 from support.interviews import clock
 from support.studies import small_study, tamper
 
@@ -111,20 +111,3 @@ def test_a_changed_export_is_refused_and_leaves_no_file(tmp_path, old, new):
 def test_other_text_is_no_export(tmp_path, text):
     with pytest.raises(StudyError, match="not an exported study"):
         import_json(text, tmp_path / "b.prefcal")
-
-
-def test_tables_hold_units_and_no_formulas(tmp_path):
-    from prefcal_env.preferences.answer import Answer
-    from prefcal_env.study import Answered, Shown, Undone
-
-    with small_study(tmp_path / "a.prefcal") as file:
-        file.append(Undone())
-        (shown,) = file.append(Shown(3, 0, True))
-        file.append(Answered(shown, 3, 0, Answer(1), "=HYPERLINK(1)"))
-        export_csv(file, tmp_path / "tables")
-    comparisons = (tmp_path / "tables" / "comparisons.csv").read_text("utf-8")
-    assert "'=HYPERLINK(1)" in comparisons
-    assert "gain [m/%]" in (tmp_path / "tables" / "experiments.csv").read_text("utf-8")
-    curves = (tmp_path / "tables" / "trajectories" / "experiment-001.csv").read_text("utf-8")
-    assert curves.splitlines()[0] == "time [s],level [m],valve [%],Reference of level [m]"
-    assert len(curves.splitlines()) == 5

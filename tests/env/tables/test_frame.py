@@ -29,13 +29,8 @@ def same(e):
     "table",
     [
         GOOD,
-        GOOD.replace(",", ";"),
-        GOOD.replace(",", ";").replace(".", ","),
-        GOOD.replace(",", "\t"),
-        GOOD.replace(",", "|"),
         "\ufeff# logged\n\n" + GOOD.replace("\n", "\r\n"),
         "sep=;\n" + GOOD.replace(",", ";"),
-        GOOD.encode("utf-16"),
         GOOD.replace("note", "µ°").encode("cp1252"),
         GOOD.replace("\n", ",\n"),
         GOOD.replace("time [s]", "time [ms]").replace("\n1,", "\n1000,").replace("\n2,", "\n2000,")

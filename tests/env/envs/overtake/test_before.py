@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_env.envs.overtake import Course, OvertakeEnv
+from prefcal_env.envs.overtake import Course
 from prefcal_env.experiments.rollout import rollout
 from prefcal_scenarios.cases.overtake import compute_kpis
 from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, controller
@@ -18,9 +18,8 @@ NAMES = ("paper_step", "slow_step")
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("loop", [OvertakeEnv, Course])
-def test_the_same_inputs_drive_the_same_way(name, loop):
-    driven = loop()
+def test_the_same_inputs_drive_the_same_way(name):
+    driven = Course()
     driven.reset(options={"T_s": BEFORE[f"{name}.theta"][0]})
     for u in BEFORE[f"{name}.u_control"]:
         driven.apply(u)

@@ -55,15 +55,6 @@ def test_transfer_functions_step_as_python_control_says():
         assert run.y[:, i] == pytest.approx(y, abs=1e-9)
 
 
-@pytest.mark.parametrize("where", ["delay", "output_delay"])
-@pytest.mark.parametrize("dead", [0.05, 0.3, 0.437, 1.0, 2.9])
-@pytest.mark.parametrize("T_s", [0.1, 0.17])
-def test_dead_time_of_any_length_shifts_the_response(where, dead, T_s):
-    run = driven(Plant.of(([1.0], [1.0, 1.0]), **{where: dead}), Held(2.0, T_s))
-    late = np.maximum(run.t - dead, 0.0)
-    assert run.y[:, 0] == pytest.approx(2 * (1 - np.exp(-late)), abs=1e-9)
-
-
 def test_each_input_has_its_own_dead_time_even_if_it_changes_every_step():
     class Ramp:
         T_s = 0.1
