@@ -1,6 +1,5 @@
 """KPIs of a scenario for an agent, what they say about a person, and how they are exported."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +8,12 @@ import pytest
 from prefcal_agents import LatinHypercube
 from prefcal_agents.models.learned_cost import LearnedCost, Term
 from prefcal_app.session.kpi_index import trust_text
-from prefcal_env import End, Preference
+from prefcal_env import End
 from prefcal_env.errors import ScenarioError
-from prefcal_env.study import StudyFile, export_csv, export_json, import_json
 from prefcal_scenarios import KPI, load, outcome, screened, simulate_many, simulator
 from prefcal_scenarios.kpis import INTERRUPTED
 from prefcal_scenarios.many.results import FailedRun
-from support.interviews import answer_all, begin, clock, reopened
+from support.interviews import answer_all, begin
 from toy_study import toy_scenario
 
 TOY = toy_scenario()
@@ -116,37 +114,6 @@ def test_every_answer_is_recorded_with_what_happened(interview):
         assert new == outcome(TOY, interview.experiment(closed.challenger))
         rival = closed.incumbent
         assert old == (None if rival is None else outcome(TOY, interview.experiment(rival)))
-
-
-def test_an_export_with_outcomes_is_read_back_and_its_tables_are_written(interview, tmp_path):
-    text = export_json(interview.study)
-    assert "Infinity" not in text
-    json.loads(text, parse_constant=pytest.fail)
-    path = import_json(text, tmp_path / "again.prefcal")
-    with StudyFile.open(path, clock=clock()) as file:
-        assert file.state.history.comparisons == interview.now().state.history.comparisons
-        export_csv(file, tmp_path / "tables")
-    rows = (tmp_path / "tables" / "comparisons.csv").read_text().splitlines()
-    assert len(rows) == len(interview.now().state.answers) + 1  # and the heading
-    assert "t_f" in (tmp_path / "tables" / "experiments.csv").read_text()
-
-
-def test_a_study_goes_on_with_its_outcomes_and_the_identical_next_question(tmp_path):
-    first = begin(TOY, n_max=9, path=tmp_path / "a.prefcal")
-    for _ in range(6):
-        while first.work():
-            pass
-        question = first.now().question
-        better = TOY.cost(question.challenger.experiment) < TOY.cost(question.incumbent.experiment)
-        first.answer(question.id, question.choice(Preference(-1 if better else 1)))
-    while first.work():
-        pass
-    there = first.now().question.challenger.experiment.theta
-    index = first.index
-    first.study.close()
-    again = reopened(TOY, tmp_path / "a.prefcal")
-    assert again.now().question.challenger.experiment.theta == pytest.approx(there, abs=0)
-    assert again.index == index
 
 
 def test_whatever_the_agent_the_answers_say_what_counts():

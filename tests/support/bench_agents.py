@@ -2,7 +2,6 @@
 
 import os
 import signal
-import threading
 import time
 from pathlib import Path
 
@@ -158,17 +157,6 @@ class Dies(Own):
         return super().ask()
 
 
-class Unlucky(Own):
-    """Kills its process the first time it runs at all; `started` names a file that then exists."""
-
-    def ask(self):
-        flag = Path(os.environ["PREFCAL_TEST_FLAG"])
-        if self.rng.bit_generator.seed_seq.entropy == 1 and not flag.exists():
-            flag.touch()
-            os._exit(3)
-        return super().ask()
-
-
 class Slow(Own):
     """Takes its time, and leaves a line for each cell that it is made for, if told where."""
 
@@ -183,21 +171,6 @@ class Slow(Own):
         return super().ask()
 
 
-class Surrogate(Own):
-    """Raises an error with half a character in its words."""
-
-    def ask(self):
-        raise FileNotFoundError("no file b\udce4r")
-
-
-class Thread(Own):
-    """Leaves a thread behind that never ends."""
-
-    def ask(self):
-        threading.Thread(target=lambda: time.sleep(600)).start()
-        return super().ask()
-
-
 class Murderer(Own):
     """Kills the process that started it, with seed 1."""
 
@@ -205,13 +178,4 @@ class Murderer(Own):
         if self.rng.bit_generator.seed_seq.entropy == 1:
             os.kill(os.getppid(), signal.SIGKILL)
             time.sleep(60)
-        return super().ask()
-
-
-class Hangs(Own):
-    """Never answers with seed 1."""
-
-    def ask(self):
-        while self.rng.bit_generator.seed_seq.entropy == 1:
-            pass
         return super().ask()

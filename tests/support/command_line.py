@@ -43,3 +43,27 @@ def prefcal(monkeypatch, capsys, tmp_path):
         return code, out.out, out.err
 
     return run
+
+
+@pytest.fixture
+def done(prefcal):
+    """Run a command line that must succeed; gives stdout."""
+
+    def run(*words):
+        code, out, err = prefcal(*words)
+        assert code == 0, out + err
+        return out
+
+    return run
+
+
+@pytest.fixture
+def refused(prefcal):
+    """Run a command line that must be refused; gives what is said, as one line."""
+
+    def run(*words):
+        code, _, err = prefcal(*words)
+        assert code == 2, err
+        return " ".join(err.split())
+
+    return run

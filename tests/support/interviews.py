@@ -1,6 +1,7 @@
 """Interviews for tests: begun in memory or in a file, and worked without a thread."""
 
 import itertools
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -47,6 +48,15 @@ def proceed(interview: Interview) -> Now:
     while interview.now().phase is Phase.RUNNING:
         assert interview.work()
     return interview.now()
+
+
+def until(interview: Interview, wanted: Callable[[Now], Any], seconds: float = 20.0) -> Now:
+    """Wait for a moment of an interview that works in the background, as `wanted` says."""
+    end = time.monotonic() + seconds
+    while not wanted(now := interview.now()):
+        assert time.monotonic() < end, f"{now.phase} {now.problem}"
+        time.sleep(0.01)
+    return now
 
 
 def judge(question: Question, cost: Any) -> Choice:

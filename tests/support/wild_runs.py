@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.catalog import load
 
 TOY = load(str(Path(__file__).parents[1] / "scenarios" / "toy_scenario.py") + ":toy")
@@ -94,10 +93,6 @@ def widened(theta, seed=0, space=None):
     made = TOY.run(theta, seed)
     kpis = {**made.kpis, "largest": 0.0 if space is None else float(space.knobs[0].high)}
     return replace(made, kpis=kpis)
-
-
-class Odd(Experiment):
-    """An experiment of another class."""
 
 
 atexit.register(lambda: FLAG.write_text("left") if Path(os.devnull) != FLAG else None)

@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_app import load_controller
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.tastes import TASTES
 from toy_study import TOY, TOY_FILE
 
 SYNTHETIC = ["--calibrator", "synthetic"]
@@ -47,22 +45,6 @@ def test_the_same_seed_gives_the_same_folder_byte_by_byte(prefcal, tmp_path):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_glisp_is_the_default(prefcal):
-    code, out, _ = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "6", "--json")
-    result = json.loads(out)
-    assert code == 0
-    assert result["agent"] == "glisp"
-    page = Path(result["report"]).read_text("utf-8")
-    assert '<th scope="row">GLISp delta</th>' in page
-
-
-def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
-    prefcal("calibrate", TOY, *QUICK, "--seed", "4")
-    text = (tmp_path / "prefcal-toy-4" / "report.html").read_text("utf-8")
-    assert f"prefcal calibrate {TOY}" in text
-    assert "--agent random --seed 4 --n-init 2 --n-max 5" in text
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -92,80 +74,22 @@ def test_bad_input_is_one_clear_line_and_exit_code_2(prefcal, tmp_path, words, m
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unknown_option_is_refused(prefcal):
-    code, _, err = prefcal("calibrate", TOY, "--nonsense")
-    assert code == 2
-    assert "--nonsense" in err
-
-
-def test_help_teaches_with_examples(prefcal):
-    code, out, _ = prefcal("calibrate", "--help")
-    assert code == 0
-    for words in ("SCENARIO", "--seed", "--n-max", "prefcal calibrate cstr", "own.py:plant"):
-        assert words in out
-
-
-def test_the_scenarios_are_listed(prefcal):
-    code, out, _ = prefcal("scenarios")
-    assert code == 0
+def test_the_scenarios_are_listed(done):
+    out = done("scenarios")
     assert "cstr" in out
     assert "T_s, N_p, log Q_Δu" in out
     assert "Closed loops: lag, integrating" in out
     assert "own.py:name" in out
 
 
-def test_an_unknown_calibrator_of_a_closed_loop_is_refused(prefcal):
-    code, _, err = prefcal("calibrate", "servo", "--calibrator", "nobody")
-    assert code == 2
-    assert err.startswith("prefcal: --calibrator must be one of ")
-    assert "for scenario 'servo'" in err
-    assert "'nobody'" in err
-    assert {"human", *TASTES} <= set(err.partition("one of ")[2].partition(" for ")[0].split(", "))
-
-
 @pytest.mark.usefixtures("small_samples")
-def test_a_closed_loop_is_calibrated_by_somebody_with_a_taste(prefcal, tmp_path):
+def test_a_closed_loop_is_calibrated_by_somebody_with_a_taste(prefcal, done, tmp_path):
     words = ["--calibrator", "weights", "--no-browser", "--n-max", "5", "--simulate", "30"]
-    code, out, err = prefcal("calibrate", "servo", *words, "--out", "out", "--json")
-    assert code == 0, err
+    out = done("calibrate", "servo", *words, "--out", "out", "--json")
     assert list(json.loads(out)["best"]) == list(load("servo").space.names)
     assert (tmp_path / "out" / "report.html").exists()
     again = prefcal("calibrate", "servo", *words, "--out", "again", "--json")[1]
     assert json.loads(again)["best"] == json.loads(out)["best"]
-
-
-@pytest.mark.usefixtures("small_samples")
-@pytest.mark.parametrize("taste", ["priorities-noisy20", "hidden", "rising"])
-def test_any_taste_answers_unattended(prefcal, taste):
-    words = [
-        "--calibrator",
-        taste,
-        "--no-browser",
-        "--n-max",
-        "3",
-        "--simulate",
-        "30",
-        "--seed",
-        "2",
-    ]
-    code, _, err = prefcal("calibrate", "loop-4", *words, "--json")
-    assert code == 0, err
-
-
-def test_a_taste_with_a_slip_of_the_pen_is_refused_with_the_nearest_one(prefcal):
-    code, _, err = prefcal("calibrate", "servo", "--calibrator", "wieghts")
-    assert code == 2
-    assert "Did you mean 'weights'" in err
-
-
-@pytest.mark.usefixtures("figures")
-def test_the_reactor_is_calibrated_exported_and_rebuilt(prefcal, tmp_path):
-    words = [*SYNTHETIC, "--n-max", "5", "--agent", "lhs", "--out", "out", "--json"]
-    code, out, _ = prefcal("calibrate", "cstr", *words)
-    best = json.loads(out)["best"]
-    assert code == 0
-    assert list(best) == ["T_s", "N_p", "log Q_Δu"]
-    assert load_controller(tmp_path / "out" / "best.json").T_s == best["T_s"]
 
 
 def test_the_version_is_printed(prefcal):
@@ -196,16 +120,12 @@ def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
         (["--calibrator", "synthetic"], "needs no answers"),
     ],
 )
-def test_agents_that_learn_from_scores_take_no_calibrator(prefcal, words, complaint):
-    code, _, err = prefcal("calibrate", TOY, "--agent", "glis", *words)
-    assert code == 2
-    assert complaint in err
+def test_agents_that_learn_from_scores_take_no_calibrator(refused, words, complaint):
+    assert complaint in refused("calibrate", TOY, "--agent", "glis", *words)
 
 
-def test_an_agent_that_needs_a_score_is_refused_where_there_is_none(prefcal):
-    code, _, err = prefcal("calibrate", "overtake", "--agent", "glis")
-    assert code == 2
-    assert "'overtake' has none" in err
+def test_an_agent_that_needs_a_score_is_refused_where_there_is_none(refused):
+    assert "'overtake' has none" in refused("calibrate", "overtake", "--agent", "glis")
 
 
 def test_the_papers_algorithm_is_an_agent_of_its_own(prefcal):

@@ -29,6 +29,8 @@ from toy_study import TOY
         (["bench", "--problems", "cst"], ["Did you mean 'cstr'?"]),
         (["bench", "--agents", "GLIPs"], ["Did you mean 'GLISp'?"]),
         (["bench", "--seeds", "0"], ["--seeds"]),
+        (["bench", "--jobs", "0"], ["jobs"]),
+        (["bench", "--agents", "GLIS", "--problems", "cstr-guidelines"], ["nothing to run: GLIS"]),
         (["bench", "--n-init", "9", "--n-max", "5"], ["--n-max must be at least --n-init"]),
     ],
 )
@@ -43,13 +45,13 @@ def test_a_wrong_call_is_one_line_that_helps(prefcal, tmp_path, words, said):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_misspelled_study_is_recognized(prefcal, tmp_path):
+def test_a_misspelled_study_is_recognized(prefcal, refused, tmp_path):
     words = ["calibrate", TOY, "--calibrator", "synthetic", "--agent", "random", "--n-max", "3"]
     assert prefcal(*words, "--study", "pump-test", "--out", "r")[0] == 0
     for command in (["studies", "show"], ["studies", "rm", "--yes"], ["report"]):
-        code, _, err = prefcal(*command, "pumptest")
-        assert code == 2
-        assert "no study 'pumptest'. Did you mean 'pump-test'? `prefcal studies list`" in err
+        assert "no study 'pumptest'. Did you mean 'pump-test'? `prefcal studies list`" in refused(
+            *command, "pumptest"
+        )
     err = prefcal(*words, "--from", "pump-tets", "--study", "second")[2]
     assert "Did you mean 'pump-test'?" in err
 

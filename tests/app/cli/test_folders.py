@@ -12,14 +12,6 @@ QUICK = ["calibrate", TOY, "--calibrator", "synthetic", "--agent", "random", "--
 MINE, OTHERS = Owner("1", "mine", "toy"), Owner("2", "other", "toy")
 
 
-def test_every_study_has_a_folder_of_its_name(prefcal, tmp_path):
-    assert prefcal(*QUICK, "--study", "first")[0] == 0
-    best = (tmp_path / "prefcal-first" / "best.json").read_bytes()
-    assert prefcal(*QUICK, "--seed", "5", "--study", "second")[0] == 0
-    assert (tmp_path / "prefcal-second" / "best.json").read_bytes() != best
-    assert (tmp_path / "prefcal-first" / "best.json").read_bytes() == best
-
-
 def test_a_study_goes_on_in_its_own_folder(prefcal, tmp_path):
     assert prefcal(*QUICK, "--study", "mine")[0] == 0
     assert prefcal("calibrate", TOY, "--study", "mine", "--n-max", "6")[0] == 0
@@ -40,13 +32,6 @@ def test_unattended_studies_that_differ_do_not_share_a_folder(prefcal, tmp_path)
     assert prefcal(*QUICK)[0] == 0  # the same study: the same folder
     assert (tmp_path / "prefcal-toy-0" / "best.json").read_bytes() == best
     assert len(list(tmp_path.glob("prefcal-*"))) == 2
-
-
-def test_a_new_study_of_an_old_name_does_not_replace_the_old_report(prefcal, tmp_path):
-    assert prefcal(*QUICK, "--study", "mine")[0] == 0
-    assert prefcal("studies", "rm", "mine", "--yes")[0] == 0
-    assert prefcal(*QUICK, "--study", "mine")[0] == 0
-    assert {p.name for p in tmp_path.glob("prefcal-*")} == {"prefcal-mine", "prefcal-mine-2"}
 
 
 def test_a_folder_of_another_study_is_refused_before_anything_runs(prefcal, tmp_path):

@@ -1,11 +1,8 @@
 """Own runs that never return, on the command line: Ctrl-C, kill, check, and the end."""
 
-import re
 import signal
-from functools import partial
 from pathlib import Path
 
-import httpx
 import pytest
 
 from support.browser import serve
@@ -57,27 +54,6 @@ def test_a_killed_prefcal_leaves_no_process(endless):
     pid = pid_in(endless)
     served.kill()
     wait_until(lambda: not is_running(pid))
-
-
-def test_the_page_says_how_long_a_run_may_take_and_stops_it(endless):
-    served = serve(endless, "own.py:plant", "--run-timeout", "600")
-    try:
-        pid_in(endless)
-        with httpx.Client(follow_redirects=True, timeout=20) as client:
-            page = client.get(served.link)
-            origin = re.match(r"http://[^/]+", served.link).group()
-            now = client.get(f"{origin}/api/now").json()
-            assert (now["phase"], now["problem"]) == ("running", None)
-            assert "stopped after 10 min (--run-timeout)" in now["stopping"]
-            stop = {"index": now["pending"]["index"]}
-            client.post(f"{origin}/api/stop_run", json=stop, headers={"Origin": origin})
-            now = partial(client.get, f"{origin}/api/now")
-            wait_until(lambda: now().json()["phase"] == "failed")
-            assert "you stopped the run after" in now().json()["problem"]
-            again = client.post(f"{origin}/api/stop_run", json=stop, headers={"Origin": origin})
-            assert (page.status_code, again.status_code) == (200, 409)
-    finally:
-        served.stop()
 
 
 def test_check_says_that_the_run_takes_too_long(endless):

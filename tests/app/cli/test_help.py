@@ -10,10 +10,9 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_help_teaches_with_an_example(prefcal, monkeypatch, command):
+def test_help_teaches_with_an_example(prefcal, done, monkeypatch, command):
     monkeypatch.setenv("COLUMNS", "80")
-    code, out, _ = prefcal(*command, "--help")
-    assert code == 0
+    out = done(*command, "--help")
     assert "Examples" in out
     assert f"prefcal {' '.join(command)}" in out.partition("Examples")[2]
     assert "…" not in out  # no option or default is cut off

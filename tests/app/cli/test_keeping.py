@@ -7,13 +7,10 @@ import sys
 
 import pytest
 
-from prefcal_app.session import Choice
 from prefcal_app.terminal import converse
 from prefcal_env.study import study_path
-from support.interviews import begin, proceed
-from support.processes import finished
 from support.studies import state_of
-from toy_study import TOY, toy_scenario
+from toy_study import TOY
 
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-max", "4"]
 
@@ -166,21 +163,6 @@ def test_a_wrong_name_removes_nothing(prefcal):
     assert (code, out, names(prefcal)) == (2, "", ["one"])
 
 
-def test_only_studies_are_removed(prefcal, tmp_path):
-    (tmp_path / "thesis.txt").write_text("ten years")
-    code, _, err = prefcal("studies", "rm", "thesis.txt", "--yes")
-    assert code == 2
-    assert "is not removed" in err
-    assert (tmp_path / "thesis.txt").read_text() == "ten years"
-
-
-def test_a_study_that_cannot_be_read_can_be_removed(prefcal):
-    study_path("odd").parent.mkdir(parents=True)
-    study_path("odd").write_text("damaged " * 999)
-    assert prefcal("studies", "rm", "odd", "--yes")[0] == 0
-    assert not study_path("odd").exists()
-
-
 def test_a_study_is_renamed(prefcal, tmp_path):
     for name in ("one", "two"):
         assert prefcal("calibrate", TOY, *SYNTHETIC, "--study", name)[0] == 0
@@ -192,18 +174,6 @@ def test_a_study_is_renamed(prefcal, tmp_path):
     assert prefcal("studies", "verify", "three")[0] == 0
     assert prefcal("studies", "rename", "three", str(tmp_path / "here.prefcal"))[0] == 0
     assert prefcal("studies", "show", str(tmp_path / "here.prefcal"))[0] == 0
-
-
-def test_a_study_that_is_being_answered_is_neither_removed_nor_renamed(prefcal, tmp_path):
-    path = tmp_path / "mine.prefcal"
-    interview = begin(toy_scenario(), path=path)
-    interview.answer(proceed(interview).question.id, Choice.LEFT)
-    for words in (["rm", str(path), "--yes"], ["rename", str(path), str(tmp_path / "b.prefcal")]):
-        code, _, err = finished(tmp_path, "studies", *words)
-        assert code == 2
-        assert "open in another process: close it there first" in err
-    interview.answer(proceed(interview).question.id, Choice.LEFT)
-    interview.study.close()
 
 
 def test_the_list_breaks_no_word_at_80_columns(prefcal, monkeypatch):

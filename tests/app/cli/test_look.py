@@ -29,11 +29,13 @@ def test_the_link_comes_on_a_line_of_its_own_and_ctrl_c_ends(tmp_path):
     assert process.returncode == 0
 
 
-def test_json_has_both_and_their_differences(tmp_path):
+def test_json_has_both_and_their_differences_and_names_a_picture(tmp_path):
     tables(tmp_path)
-    code, out, _ = done(tmp_path, "a.csv", "b.csv", "--json", "--reference", "level=2")
+    words = ["--json", "--reference", "level=2", "--out", "pair.png"]
+    code, out, _ = done(tmp_path, "a.csv", "b.csv", *words)
     found = json.loads(out)
-    assert code == 0
+    assert (code, found["picture"]) == (0, "pair.png")
+    assert (tmp_path / "pair.png").read_bytes()[:4] == b"\x89PNG"
     assert [run["rows"] for run in found["runs"]] == [3, 3]
     (row,) = [r for r in found["comparison"] if r["title"] == "overshoot of level"]
     assert (row["left"]["text"], row["right"]["text"], row["difference"]) == ("0", "1", "+1 m")
@@ -47,13 +49,6 @@ def test_a_picture_is_written_and_one_run_is_refused(tmp_path):
     code, _, errors = done(tmp_path, "a.csv")
     assert code == 2
     assert "name two runs or more" in errors
-
-
-def test_json_and_a_picture_come_together(tmp_path):
-    tables(tmp_path)
-    code, out, _ = done(tmp_path, "a.csv", "b.csv", "--json", "--out", "pair.png")
-    assert (code, json.loads(out)["picture"]) == (0, "pair.png")
-    assert (tmp_path / "pair.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_experiments_of_a_study_are_runs_too(tmp_path):

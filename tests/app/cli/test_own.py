@@ -40,19 +40,15 @@ def own(tmp_path):
 
 @pytest.mark.usefixtures("own_process")
 @pytest.mark.parametrize("case", CASES)
-def test_an_own_scenario_is_calibrated(prefcal, own, tmp_path, case):
+def test_an_own_scenario_is_calibrated(done, own, tmp_path, case):
     (tmp_path / "neighbor.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
-    code, _, err = prefcal("calibrate", own(CASES[case]), *QUICK)
-    assert code == 0, err
+    done("calibrate", own(CASES[case]), *QUICK)
     assert (tmp_path / "res" / "report.html").exists()
 
 
 @pytest.mark.parametrize("n_max", ["2", "3"])
-def test_the_shortest_studies_run(prefcal, own, n_max):
-    code, out, err = prefcal(
-        "calibrate", own("own = t.toy"), *SYNTHETIC, "--n-max", n_max, "--json"
-    )
-    assert code == 0, err
+def test_the_shortest_studies_run(done, own, n_max):
+    out = done("calibrate", own("own = t.toy"), *SYNTHETIC, "--n-max", n_max, "--json")
     assert json.loads(out)["experiments"] == int(n_max)
 
 

@@ -21,7 +21,7 @@ def state():
         return file.state, [e for e in events if isinstance(e, Adjusted)]
 
 
-def test_it_is_changed_recorded_and_goes_on(prefcal):
+def test_it_is_changed_recorded_and_goes_on(prefcal, done):
     code, _, err = calibrate(prefcal, "--n-max", "5")
     assert code == 0, err
     assert not state()[0].history.follow_ups
@@ -35,21 +35,5 @@ def test_it_is_changed_recorded_and_goes_on(prefcal):
     for words in ([], ["--questions-per-experiment", "3"]):
         assert calibrate(prefcal, *words)[0] == 0
     assert state()[1] == changes
-    code, out, _ = prefcal("report", "mine", "--scenario", TOY, "--json")
-    assert code == 0
+    out = done("report", "mine", "--scenario", TOY, "--json")
     assert "--questions-per-experiment 3" in Path(json.loads(out)["report"]).read_text()
-
-
-def test_it_can_be_set_back_to_what_the_study_was_begun_with(prefcal):
-    calibrate(prefcal, "--n-max", "4", "--questions-per-experiment", "3")
-    for most in (1, 3):
-        assert calibrate(prefcal, "--questions-per-experiment", str(most))[0] == 0
-    assert state()[1] == [Adjusted({MOST: 1}), Adjusted({MOST: 3})]
-
-
-def test_an_agent_that_asks_one_refuses_and_records_nothing(prefcal):
-    calibrate(prefcal, "--n-max", "4", agent="random")
-    code, _, err = calibrate(prefcal, "--questions-per-experiment", "2", agent="random")
-    assert code == 2
-    assert "only the agent glisp takes --questions-per-experiment" in err
-    assert state()[1] == []

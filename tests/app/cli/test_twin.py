@@ -34,24 +34,17 @@ def test_a_study_simulates_on_its_twin_and_remembers_it(prefcal, study):
     assert prefcal("report", name, "--scenario", PLANT, "--json", "--out", "report")[0] == 0
 
 
-def test_it_goes_on_with_its_twin_only(prefcal, study):
+def test_it_goes_on_with_its_twin_only(done, refused, study):
     words = ["calibrate", PLANT, "--study", study[0], "--json", "--out", "out", "--n-max", "5"]
-    code, _, err = prefcal(*words)
-    assert code == 2
-    assert f"if you trust it, add --twin {MODEL}" in err
-    code, _, err = prefcal(*words, "--twin", "lag")
-    assert code == 2
-    assert "was started with --twin" in err
-    code, out, err = prefcal(*words, "--twin", MODEL)
-    assert code == 0, err
+    assert f"if you trust it, add --twin {MODEL}" in refused(*words)
+    assert "was started with --twin" in refused(*words, "--twin", "lag")
+    out = done(*words, "--twin", MODEL)
     assert json.loads(out)["experiments"] == 5
 
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["--twin", f"{twins.__file__}:renamed"], "it lacks slow, rough, and has speed"),
-        (["--twin", f"{twins.__file__}:other_knobs"], "must have the knobs of 'plant'"),
         (["--twin", PLANT], "the twin 'plant' does not let experiments run unseen"),
         (["--twin", "nothing"], "no scenario is called 'nothing'"),
         (["--twin", MODEL, "--agent", "glisp"], "only the agent screening takes --twin"),

@@ -104,7 +104,7 @@ def test_a_kept_study_is_sound_and_has_the_same_best(kept, prefcal):
         assert dict(file.experiment(state.finished[best]).kpis) == facts["kpis of the best"]
 
 
-def test_a_kept_study_goes_on(kept, prefcal):
+def test_a_kept_study_goes_on(kept, done):
     path, facts = kept
     more = facts["experiments"] + 2
     if trusted(facts):  # a person's: no command answers it
@@ -116,17 +116,15 @@ def test_a_kept_study_goes_on(kept, prefcal):
             assert len(file.state.finished) == more
         return
     words = ["--study", str(path), "--n-max", str(more), "--json", "--out", "more"]
-    code, out, err = prefcal("calibrate", facts["scenario"], *words)
-    assert code == 0, err
+    out = done("calibrate", facts["scenario"], *words)
     assert json.loads(out)["experiments"] == more
 
 
-def test_a_kept_study_gives_its_report_and_its_exports(kept, prefcal, tmp_path):
+def test_a_kept_study_gives_its_report_and_its_exports(kept, prefcal, done, tmp_path):
     path, facts = kept
     before = path.read_bytes()
     words = [str(path), *trusted(facts), "--out", "report", "--json"]
-    code, out, err = prefcal("report", *words)
-    assert code == 0, err
+    out = done("report", *words)
     assert list(json.loads(out)["best"].values()) == facts["theta"]
     assert (tmp_path / "report" / "report.html").stat().st_size > 10_000
     stored = json.loads((tmp_path / "report" / "best.json").read_text("utf-8"))

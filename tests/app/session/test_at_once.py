@@ -3,7 +3,6 @@
 import os
 import signal
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +17,7 @@ from prefcal_env.rig import Rig
 from prefcal_env.study import Taken
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
-from support.interviews import begin, judge, reopened
+from support.interviews import begin, judge, reopened, until
 from toy_scenario_tools import CHANNELS
 from toy_study import TOY, toy_scenario
 
@@ -55,15 +54,6 @@ class Simulator:
     def end_all(self):
         for ended in self.ends.values():
             ended.set()
-
-
-def until(interview, wanted, seconds=20.0):
-    """Wait for a moment of the interview that is as `wanted` says."""
-    end = time.monotonic() + seconds
-    while not wanted(now := interview.now()):
-        assert time.monotonic() < end, f"{now.phase} {now.problem}"
-        time.sleep(0.01)
-    return now
 
 
 def asks(now):

@@ -3,27 +3,23 @@
 import csv
 import io
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from prefcal_agents import GLISp
 from prefcal_agents.history.lessons import Marks
 from prefcal_app.report import Record
 from prefcal_app.report.comparisons import comparisons_as_csv
 from prefcal_app.report.html import page
-from prefcal_app.session import Choice, Phase, flow, unattended
+from prefcal_app.session import Choice, Phase, flow
 from prefcal_app.session import view as moment
 from prefcal_app.terminal.looking import show_history
 from prefcal_app.terminal.showing import show_question
 from prefcal_app.view import history_view, now_view, status_view
 from prefcal_env.experiments.end import End
 from prefcal_env.preferences.answer import Mark
-from prefcal_env.preferences.loop import calibrate
 from prefcal_env.study import export_csv
-from prefcal_scenarios.kpis import outcome
 from support.interviews import begin, proceed, reopened
 from toy_study import toy_scenario
 
@@ -87,29 +83,6 @@ def test_the_agent_learns_them_and_a_retraction_takes_them_along():
     assert interview.comparisons()[last].answer.automatic
 
 
-def test_an_undone_answer_takes_them_along():
-    interview = studied()
-    while interview.now().state.history.comparisons[-1].answer.automatic == (OLD,):
-        interview.undo(interview.now().version)
-    before = interview.now().state.history.unsafe(automatic=True)
-    last = interview.now().state.history.comparisons[-1]
-    interview.undo(interview.now().version)
-    gone = {last.challenger} if NEW in last.answer.automatic else set()
-    assert interview.now().state.history.unsafe(automatic=True) == before - gone
-
-
-def test_a_mark_of_the_person_s_own_is_not_automatic():
-    interview = begin(touchy, n_max=9)
-    question = proceed(interview).question
-    assert question.incumbent.counts_as_unsafe
-    side = "right" if question.left.challenger else "left"
-    interview.mark(question.id, side, "unsafe", True)
-    interview.answer(question.id, Choice.SAME)
-    told = interview.now().state.history.comparisons[1].answer
-    assert OLD in told.marks
-    assert OLD not in told.automatic
-
-
 @pytest.mark.parametrize("mark", ["", "unsafe", "good enough"])
 def test_running_ahead_foresees_them(mark):
     interview = begin(touchy, n_max=5, ahead=True)
@@ -146,15 +119,6 @@ def test_a_study_from_before_resumes_as_it_was(tmp_path, monkeypatch):
     counted = {side.index for side in (again.left, again.right) if side.counts_as_unsafe}
     assert counted
     assert resumed.now().state.history.unsafe(automatic=True) == counted
-
-
-def test_the_unattended_loop_equals_the_loop_in_memory():
-    agent = GLISp(touchy.space, n_init=3, n_max=8, seed=0)
-    judge = touchy.calibrators["synthetic"](0)
-    plain = list(calibrate(agent, touchy.run, judge, partial(outcome, touchy)))
-    stored = list(unattended(begin(touchy, n_max=8), judge))
-    assert [c.answer for c in stored] == [c.answer for c in plain]
-    assert any(c.answer.automatic for c in stored)
 
 
 def test_every_view_says_so_and_why():

@@ -5,10 +5,9 @@ import gc
 import pytest
 
 from prefcal_app.session import Choice, Interview, experiments
-from prefcal_app.view import Seen, now_view, status_view
+from prefcal_app.view import Seen
 from prefcal_app.view import seen as seen_module
 from prefcal_env.errors import StudyError
-from prefcal_env.experiments.end import End
 from prefcal_env.study import StudyFile
 from support.interviews import answer_all, begin, clock, proceed
 from toy_study import toy_scenario
@@ -89,11 +88,3 @@ def test_axes_take_in_a_long_study_bit_by_bit_the_latest_first(reading, monkeypa
     whole = Seen()
     monkeypatch.setattr(seen_module, "_AT_ONCE", 200)
     assert whole.look(interview)._reach == seen._reach
-
-
-def test_where_we_are_says_how_each_ended(reading):
-    interview, _ = reading
-    tried = status_view(interview)["tried"]["experiments"]
-    assert [e["ended"] for e in tried] == [interview.end(i).value for i in range(13)]
-    assert now_view(interview)["phase"] == "running"
-    assert End(tried[0]["ended"])

@@ -8,20 +8,13 @@ import pytest
 from prefcal_agents.history.lessons import Preferences
 from prefcal_app.session import Choice, unattended
 from prefcal_app.session.memory import agent_of
-from prefcal_app.view import asked_view, history_view
+from prefcal_app.view import history_view
 from prefcal_app.view.sides import question_view
 from prefcal_env.errors import StaleError, StudyError
-from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import calibrate
 from prefcal_env.study import Answered, Shown, StudyFile
 from prefcal_scenarios.kpis import outcome
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
-from toy_study import toy_scenario
-
-
-@pytest.fixture
-def toy():
-    return toy_scenario()
 
 
 def test_a_whole_study_equals_the_loop_in_memory(toy):
@@ -130,19 +123,6 @@ def test_after_contradictions_two_earlier_ones_are_asked_about(toy, tmp_path):
     ]
 
 
-def test_asked_again_nobody_is_called_the_best(toy):
-    interview = begin(toy, n_max=8, agent=THREE)
-    question = until_further(interview)
-    interview.answer(question.id, judge(question, toy.cost))
-    roles = {}
-    while question.id not in roles:
-        proceed(interview)
-        again = interview.repeat().question
-        roles[again.repeats] = {asked_now(interview)[side]["role"] for side in ("left", "right")}
-        interview.answer(again.id, judge(again, toy.cost))
-    assert all(words == {""} for words in roles.values())
-
-
 def asked_now(interview):
     return question_view(interview.now().question, interview.scenario, blind=False)
 
@@ -156,18 +136,6 @@ def test_a_retraction_leaves_an_open_further_question_consistent(toy):
     assert now.question.challenger.index == asked.challenger.index
     interview.answer(now.question.id, judge(now.question, toy.cost))
     assert proceed(interview).question is not None
-
-
-def test_history_shows_it_under_a_number_of_its_own(toy):
-    interview = begin(toy, n_max=8, agent=THREE)
-    question = until_further(interview)
-    interview.answer(question.id, judge(question, toy.cost))
-    row = history_view(interview)["answers"][-1]
-    assert row["further"]
-    assert row["answer"] == -1
-    seen = asked_view(interview, -1)
-    assert seen["question"]["further"]
-    assert {seen["question"][side]["role"] for side in ("left", "right")} == {""}
 
 
 def test_running_ahead_changes_nothing(toy):
@@ -192,12 +160,3 @@ def test_a_file_that_compares_an_experiment_before_its_own_question_is_refused(t
     verdict = interview.now().state.history.comparisons[-1].answer
     with pytest.raises(StudyError, match="is not open"):
         study.append(Answered(shown, old, new, verdict))
-
-
-def test_verdicts_are_counted_with_the_others(toy):
-    interview = begin(toy, n_max=8, agent=THREE)
-    question = until_further(interview)
-    before = sum(interview.counts.verdicts.values())
-    interview.answer(question.id, judge(question, toy.cost))
-    assert sum(interview.counts.verdicts.values()) == before + 1
-    assert interview.now().state.history.follow_ups[0].answer.preference in Preference

@@ -1,6 +1,5 @@
 """The interview on the toy scenario: answers, marks, undo, retraction, repeats and the end."""
 
-import itertools
 import threading
 from dataclasses import replace
 from functools import partial
@@ -17,11 +16,6 @@ from support.interviews import begin, clock, proceed, reopened
 from toy_study import toy_scenario
 
 LEFT, RIGHT, SAME, CANNOT_TELL = Choice
-
-
-@pytest.fixture
-def toy():
-    return toy_scenario()
 
 
 @pytest.fixture
@@ -226,18 +220,6 @@ def test_a_repeated_question_swaps_the_sides_and_teaches_nothing(interview):
     assert interview.consistency.repeated == 1
 
 
-def test_undo_puts_a_repeated_question_away(interview):
-    for _ in range(3):
-        answer(interview)
-    proceed(interview)
-    closed = interview.now().state.history.comparisons
-    interview.repeat()
-    interview.undo(interview.now().version)
-    now = proceed(interview)
-    assert now.question.repeats is None
-    assert now.state.history.comparisons == closed
-
-
 def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview):
     while proceed(interview).phase is Phase.QUESTION:
         answer(interview)
@@ -298,13 +280,6 @@ def test_a_run_that_raises_is_shown_tried_again_or_counted_as_failed(toy):
     assert now.question.challenger.experiment.end.interrupted
     assert len(now.question.challenger.experiment.t) == 0
     assert "pump" in now.state.notes[-1][1]
-
-
-def test_a_run_that_returns_no_experiment_is_told_what_it_should(toy):
-    interview = begin(replace(toy, run=lambda theta, seed=0: 3))
-    now = proceed(interview)
-    assert now.phase is Phase.FAILED
-    assert now.problem.startswith("run must return an Experiment, got int")
 
 
 def test_a_study_resumes_with_the_identical_next_question(toy, tmp_path):
@@ -410,15 +385,6 @@ def test_the_unattended_loop_equals_the_loop_in_memory(toy):
     assert all(a.challenger == b.challenger for a, b in zip(stored, plain, strict=True))
     best = interview.now().incumbent
     assert np.array_equal(interview.experiment(best).theta, agent.best)
-
-
-def test_ids_of_questions_grow():
-    interview = begin(toy_scenario())
-    ids = []
-    for _ in range(3):
-        ids.append(proceed(interview).question.id)
-        answer(interview)
-    assert all(a < b for a, b in itertools.pairwise(ids))
 
 
 def test_scores_take_the_place_of_questions(toy):

@@ -7,12 +7,6 @@ from prefcal_app.session import Phase
 from prefcal_app.session.memory import agent_of, questions_of
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
-from toy_study import toy_scenario
-
-
-@pytest.fixture
-def toy():
-    return toy_scenario()
 
 
 def answer(interview):
@@ -122,14 +116,6 @@ def test_an_agent_that_asks_one_refuses(toy, agent):
     assert interview.questions is None
     with pytest.raises(SettingsError, match="only the agent glisp"):
         interview.pace(2)
-
-
-def test_an_impossible_number_changes_nothing(toy):
-    interview = begin(toy, agent=THREE)
-    proceed(interview)
-    with pytest.raises(SettingsError, match="questions_per_experiment"):
-        interview.pace(0)
-    assert interview.questions == 3
 
 
 def test_an_undo_goes_back_behind_a_change(toy):

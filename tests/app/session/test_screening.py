@@ -52,21 +52,6 @@ def test_the_first_question_is_chosen_by_work_and_not_when_it_begins():
     assert now.simulated.simulated == len(interview.screened().bank) > 2
 
 
-def test_its_numbers_are_one_line():
-    now = proceed(started(agent=partial(Screening, n_simulated=400)))
-    failed = now.simulated.failed
-    assert failed > 0  # a gain above 0.95 has no solution
-    plural = "" if failed == 1 else "s"
-    line = f"{now.simulated.simulated} simulated, 2 shown, {failed} simulation{plural} failed"
-    assert now.simulated.line == line
-
-
-def test_an_agent_that_simulates_nothing_has_no_numbers_and_no_basis():
-    interview = begin(unseen)
-    assert proceed(interview).simulated is None
-    assert interview.screened() is None
-
-
 def test_a_study_without_prefetching_is_the_same_as_one_with_it():
     plain, ahead = started(), started(ahead=True)
     now, same = proceed(plain), worked(ahead)
@@ -199,15 +184,6 @@ def test_an_answer_of_a_finished_study_is_retracted_after_a_restart(tmp_path):
     assert again._flow.simulator.count == 0
 
 
-def test_more_experiments_can_be_added_at_the_end():
-    interview = started(n_max=3)
-    answer_all(interview, lambda number: None)
-    interview.go_on(2)
-    assert proceed(interview).phase is Phase.QUESTION
-    answer_all(interview, lambda number: None)
-    assert interview.now().state.history.answered == 5
-
-
 class Slow:
     """The runs of a scenario, each of which waits until it may go on."""
 
@@ -326,15 +302,3 @@ def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkey
     assert "no process can load" in interview.now().problem
     interview.retry()
     assert proceed(interview).phase is Phase.QUESTION
-
-
-def test_a_question_whose_reason_cannot_be_found_is_asked_without_one(monkeypatch):
-    def broken(agent):
-        raise ValueError("singular")
-
-    monkeypatch.setattr(Screening, "chance_of_better", property(broken))
-    interview = started(ahead=True)
-    assert proceed(interview).phase is Phase.QUESTION
-    now = worked(interview)  # which comes to an end
-    assert interview.screened() is None
-    assert interview.answer(now.question.id, Choice.LEFT).phase is Phase.QUESTION

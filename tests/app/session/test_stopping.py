@@ -3,7 +3,6 @@
 The scenario hangs where the gain is above 40; what it does else is the toy's.
 """
 
-import time
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
-from support.interviews import begin, proceed
+from support.interviews import begin, proceed, until
 from support.wild_runs import GAIN
 from toy_study import toy_scenario
 
@@ -31,15 +30,6 @@ def hanging(limit=60.0, **options):
     """An interview about it; with seed 9 the third run of GLISp hangs."""
     with isolation(HANGS, limit) as isolated:
         yield begin(isolated(load(HANGS)), **options)
-
-
-def until(interview, wanted, seconds=20.0):
-    """Wait for a moment of the interview that is as `wanted` says."""
-    end = time.monotonic() + seconds
-    while not wanted(now := interview.now()):
-        assert time.monotonic() < end, f"{now.phase} {now.problem}"
-        time.sleep(0.01)
-    return now
 
 
 def hangs(now):

@@ -12,14 +12,8 @@ from prefcal_app.session.runs import due
 from prefcal_env.errors import ScenarioError, StaleError, StudyError
 from prefcal_env.study import Shown, StudyFile
 from support.interviews import begin, clock, proceed
-from toy_study import toy_scenario
 
 LEFT = Choice.LEFT
-
-
-@pytest.fixture
-def toy():
-    return toy_scenario()
 
 
 def test_an_experiment_is_not_counted_as_failed_because_the_disk_was_full(toy, monkeypatch):

@@ -1,17 +1,14 @@
 """The terminal front end, with recorded consoles and typed keys."""
 
-import io
 import re
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from prefcal_app.session import Background, Phase
-from prefcal_app.terminal import converse
-from prefcal_app.terminal.converse import ANSWER, _Conversation, _waiting
+from prefcal_app.terminal.converse import _Conversation, _waiting
 from prefcal_app.terminal.lines import END
 from prefcal_app.terminal.showing import KEYS
 from prefcal_app.view import Seen, comparison_view
@@ -23,17 +20,9 @@ from prefcal_env.study import Answered, StudyFile
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from support.interviews import begin
+from support.talking import console_of, talk
 from toy_scenario_tools import CHANNELS, record_of_toy
 from toy_study import toy_scenario
-
-
-def talk(interview, keys, lines=(), width=140):
-    """The conversation with these answers and other lines; what was printed."""
-    console = Console(file=io.StringIO(), width=width, record=True, force_terminal=False)
-    typed, written = iter(keys), iter(lines)
-    with Background(interview):
-        converse(interview, console, lambda words: next(typed if words == ANSWER else written))
-    return console.export_text()
 
 
 @pytest.fixture
@@ -96,6 +85,20 @@ def test_t_shows_all_kpis_once_more_those_that_differ_most_first(interview):
     assert places == sorted(places)
 
 
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("hx", "No answers yet."),
+        ("fxx", "Type f again"),  # one letter does not finish a study
+        ("ff", "The study is finished: stopped."),
+        ("zx", "there is no answer to undo"),
+    ],
+)
+def test_what_keys_say_without_an_answer(interview, keys, words):
+    assert words in talk(interview, keys)
+    assert (interview.now().phase is Phase.OVER) == (keys == "ff")
+
+
 def test_an_empty_line_is_no_answer(interview):
     out = talk(interview, ["", "x"])
     assert "undo the last answer" not in out
@@ -143,10 +146,6 @@ def test_history_status_keys_and_a_repeat(interview):
     assert interview.consistency.repeated == 1
 
 
-def test_a_study_without_answers_has_no_history(interview):
-    assert "No answers yet." in talk(interview, "hx")
-
-
 def test_every_number_stands_beside_its_unit_and_objective(interview):
     out = talk(interview, "x", width=80)
     value = r"(never|[\d.]+ h) [✓✗]"
@@ -154,23 +153,10 @@ def test_every_number_stands_beside_its_unit_and_objective(interview):
     assert re.search(r"T_s +\[[\d.]+ h\] +\[[\d.]+ h\]", out)
 
 
-def test_one_letter_does_not_finish_a_study(interview):
-    assert "Type f again" in talk(interview, "fxx")
-    assert interview.now().phase is Phase.QUESTION
-
-
-def test_a_study_is_finished_by_two_letters(interview):
-    assert "The study is finished: stopped." in talk(interview, "ff")
-
-
 def test_a_comment_of_somebody_else_does_not_steer_the_terminal(interview):
     out = talk(interview, "clhx", ["a\x1b]0;b\x07[red]c"])
     assert "[red]c" in out
     assert "\x1b" not in out
-
-
-def test_an_undo_too_many_is_told(interview):
-    assert "there is no answer to undo" in talk(interview, "zx")
 
 
 def test_a_run_that_fails_is_tried_again_or_counted(interview):
@@ -240,12 +226,12 @@ def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
 def test_a_run_that_hangs_is_stopped_by_a_key():
     wild = str(Path(__file__).parents[2] / "support" / "wild_runs.py") + ":hangs"
     typed = iter("fx")
-    console = Console(file=io.StringIO(), width=140, record=True)
+    console = console_of()
     with isolation(wild) as isolated:
         interview = begin(isolated(load(wild)), seed=5)  # its first run hangs
-        talk = _Conversation(interview, console, lambda words: next(typed), typed=lambda: "k")
+        talking = _Conversation(interview, console, lambda words: next(typed), typed=lambda: "k")
         with Background(interview):
-            talk.run()
+            talking.run()
     out = console.export_text()
     assert "That did not work: you stopped the run after" in out
     assert interview.experiment(0).end is End.FAILED

@@ -8,13 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from prefcal_app import figure, look
 from prefcal_app.cli.checkup import Checkup
 from prefcal_app.report.trajectories import alone
-from prefcal_app.session import Background
-from prefcal_app.terminal import converse
 from prefcal_app.terminal.pairs import show_kpis
 from prefcal_app.view.maneuvers import largest_difference, pairs_of
 from prefcal_env.errors import ScenarioError
@@ -23,6 +20,7 @@ from prefcal_scenarios import KPI
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.own_file import module_at
 from support.interviews import begin, proceed
+from support.talking import console_of, talk
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -42,10 +40,7 @@ GROUPS = ["worst", "mean", "step", "load", "warm"]
 
 
 def test_a_question_in_the_terminal_shows_every_maneuver(tank):
-    console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
-    with Background(interview := begin(tank, n_max=3)):
-        converse(interview, console, lambda words: "x")
-    lines = console.export_text().splitlines()
+    lines = talk(begin(tank, n_max=3), "x").splitlines()
     assert [line.strip() for line in lines if line.strip() in GROUPS] == GROUPS
 
 
@@ -82,7 +77,7 @@ def test_two_runs_side_by_side_have_rows_for_every_maneuver(tank, pair):
 
 
 def test_two_runs_in_a_terminal_show_every_maneuver(tank, pair):
-    console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
+    console = console_of()
     show_kpis(look(*pair).kpis(), console, {"left": "a", "right": "b"})
     lines = console.export_text().splitlines()
     assert [line.strip() for line in lines if line.strip() in GROUPS] == GROUPS

@@ -1,10 +1,8 @@
 """A live plant in the terminal: the confirmation, and `k`, which stops a run."""
 
-import io
 import time
 
 import pytest
-from rich.console import Console
 
 from prefcal_app.session import Background, Phase
 from prefcal_app.session.live.state import Recovery
@@ -13,6 +11,7 @@ from prefcal_env.live import LiveRig
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import begin
 from support.live import Memory, memory_rig
+from support.talking import console_of
 
 
 @pytest.fixture
@@ -45,7 +44,7 @@ def interview(plant, tmp_path, monkeypatch):
 
 def talk(interview, lines, *, stops=lambda: False, keys=lambda: "x"):
     """The conversation with these lines and answers; `k` is typed whenever `stops` says so."""
-    console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
+    console = console_of()
     written = iter(lines)
 
     def said(words):

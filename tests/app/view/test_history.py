@@ -57,6 +57,9 @@ def test_questions_have_one_count_with_the_follow_ups_among_them():
     assert [a["number"] for a in answers] == list(range(1, len(answers) + 1))
     assert [a["further"] for a in answers] == [False] * (len(answers) - 1) + [True]
     assert answers[-1]["answer"] == -1  # the number for viewing and retracting
+    seen = asked_view(interview, -1)["question"]
+    assert seen["further"]
+    assert {seen[side]["role"] for side in ("left", "right")} == {""}
 
 
 def test_marks_read_as_the_columns_do():

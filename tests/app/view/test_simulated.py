@@ -61,13 +61,6 @@ def test_without_a_reason_there_is_no_sentence_but_a_request_is_said(monkeypatch
     )  # fmt: skip
 
 
-def test_a_requested_one_says_so_with_its_kpis(says):
-    interview = explained(screening())
-    interview.ask_for(WANTED)
-    explained(interview)
-    assert "is shown because you asked for it: it has " in told(interview)["why"]
-
-
 def test_kpis_are_called_better_as_the_table_of_the_same_question_does(says):
     interview = explained(screening(n_max=9))
     while (question := interview.now().question) is not None:
@@ -201,20 +194,6 @@ def test_a_look_stands_beside_the_best_and_has_no_number():
     assert len(question["right"]["curves"]) == 2
 
 
-def test_the_page_asks_for_a_point_and_looks_at_it_by_its_address():
-    room = make_room(explained(screening()))
-    points = room.page().get("/api/simulated").json()["points"]
-    theta = next(p["theta"] for p in points if p["number"] is None and not p["end"])
-    events = room.events
-    address = f"/api/look?theta={','.join(map(repr, theta))}"
-    assert room.page().get(address).json()["question"]["right"]["number"] is None
-    assert room.events == events
-    now = room.post("ask_for", theta=theta).json()
-    assert now["phase"] == "question"
-    sample = room.interview.study.state.history.pending
-    assert list(sample.theta) == theta  # to the last digit
-
-
 def test_addresses_and_bodies_are_checked():
     room = make_room(explained(screening()))
     page = room.page()
@@ -226,16 +205,6 @@ def test_addresses_and_bodies_are_checked():
         sent = {"content": f'{{"theta":{theta}}}', "headers": {"content-type": "application/json"}}
         assert page.post("/api/ask_for", **sent).status_code == 400
     assert room.interview.study.state.requested == set()
-
-
-def test_for_other_agents_there_is_no_picture_and_no_look():
-    interview = begin(toy)
-    proceed(interview)
-    room = make_room(interview)
-    assert room.page().get("/api/simulated").json() is None
-    refused = room.page().get("/api/look?theta=0.5,21,1")
-    assert refused.status_code == 422
-    assert "simulated unseen" in refused.json()["error"]
 
 
 def test_the_picture_is_made_once_per_version(monkeypatch):

@@ -1,19 +1,17 @@
 """The page and the terminal tell in one line how many experiments were simulated unseen."""
 
-import io
 import json
 from functools import partial
 
 import pytest
-from rich.console import Console
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.session import Background, Simulated
-from prefcal_app.terminal import converse
+from prefcal_app.session import Simulated
 from prefcal_app.terminal.converse import _waiting
 from prefcal_app.view import now_view, status_view
 from support.interviews import begin, proceed
 from support.looks import toy
+from support.talking import talk
 from support.unseen import unseen
 
 
@@ -64,10 +62,6 @@ def test_an_agent_that_simulates_nothing_has_no_line():
 def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):
     waiting = _waiting(interview.now())
     assert waiting == "choosing the next experiment (0 simulated, 0 shown)"
-    console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
-    keys = iter("wlx")
-    with Background(interview):
-        converse(interview, console, lambda words: next(keys))
-    out = console.export_text()
+    out = talk(interview, "wlx")
     assert " simulated, 2 shown" in out
     assert out.count("Question 1 of 3") == 1  # not once more for each simulation

@@ -61,14 +61,6 @@ def test_the_best_is_set_off_once_and_was_best_before_that():
     assert all(e["was_best"] for e in tried if e["best"])
 
 
-def test_verdicts_are_counted_and_retracted_ones_are_not():
-    interview, _ = asked(Choice.SAME, Choice.SAME, Choice.CANNOT_TELL)
-    interview.retract(1)
-    counted = interview.counts.verdicts
-    assert sum(counted.values()) == 2
-    assert sorted(counted.values()) == [0, 0, 1, 1]
-
-
 @pytest.mark.parametrize(
     ("consistency", "words"),
     [

@@ -5,7 +5,7 @@ import contextlib
 import pytest
 
 from prefcal_scenarios.catalog import load
-from support.browser import serve, window_on
+from support.browser import Watched, serve, window_on
 from support.interviews import begin, proceed
 from support.windows import make_room
 from toy_study import TOY, toy_scenario
@@ -54,6 +54,21 @@ def window(tmp_path, toy):
             return served.enter_context(window_on(chosen, tmp_path / "mine.prefcal", n_max))
 
         yield start
+
+
+@pytest.fixture
+def opened(browser, window):
+    """Open a study, of the toy by default, in a page that has nothing to complain of."""
+    pages = []
+
+    def start(scenario=None, n_max=13, **options):
+        served, watched = window(scenario, n_max), Watched(browser, **options)
+        pages.append(watched)
+        watched.open(served.link)
+        return served, watched
+
+    yield start
+    assert [watched.errors for watched in pages] == [[]] * len(pages)
 
 
 @pytest.fixture

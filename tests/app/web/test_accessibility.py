@@ -36,9 +36,8 @@ def test_nothing_serious_is_found_on_any_view(browser, command):
     assert {name: found for name, found in views.items() if found} == {}
 
 
-def test_the_question_is_told_to_a_screen_reader(browser, window):
-    served, watched = window(), Watched(browser)
-    watched.open(served.link)
+def test_the_question_is_told_to_a_screen_reader(opened):
+    _, watched = opened()
     page = watched.page
     page.wait_for_function("() => document.getElementById('status').textContent")
     assert "question 1 of 12" in page.inner_text("#status")
@@ -51,9 +50,8 @@ def test_the_question_is_told_to_a_screen_reader(browser, window):
     )
 
 
-def test_everything_is_reached_by_tab(browser, window):
-    served, watched = window(), Watched(browser)
-    watched.open(served.link)
+def test_everything_is_reached_by_tab(opened):
+    _, watched = opened()
     reached = set()
     for _ in range(40):
         watched.page.keyboard.press("Tab")

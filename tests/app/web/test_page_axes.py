@@ -1,7 +1,5 @@
 """Ticks of a logarithmic axis say their whole number."""
 
-from support.browser import Watched
-
 DRAWN = """async ([low, high]) => {
     const { tried } = await import("/static/miniature.js");
     const div = document.body.appendChild(document.createElement("div"));
@@ -11,9 +9,8 @@ DRAWN = """async ([low, high]) => {
 }"""
 
 
-def test_the_ticks_of_less_than_two_decades_keep_their_power_of_ten(browser, window):
-    served, watched = window(), Watched(browser)
-    watched.open(served.link)
+def test_the_ticks_of_less_than_two_decades_keep_their_power_of_ten(opened):
+    _, watched = opened()
     assert watched.page.evaluate(DRAWN, [0.32, 8.1]) == ["0.5", "1", "2", "5"]
     assert watched.page.evaluate(DRAWN, [1.8, 45]) == ["2", "5", "10", "20", "50"]
     assert watched.page.evaluate(DRAWN, [0.01, 100]) == ["0.01", "0.1", "1", "10", "100"]

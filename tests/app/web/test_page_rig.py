@@ -1,17 +1,10 @@
 """The page for a rig, and for a plant that breaks down, in a real browser."""
 
-from io import BytesIO
-
-import numpy as np
-import pandas as pd
 import pytest
 
 from support.browser import Watched
-from support.page_checks import pixels
 from toy_scenario_tools import record_of_toy
 from toy_study import TOY
-
-BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 
 RIG = """
 from dataclasses import replace
@@ -128,74 +121,3 @@ def test_a_plant_that_breaks_down_is_tried_again(browser, command, own):
     watched.page.click("button:has-text('Try again')")
     watched.question()
     assert len(served.state.finished) == 3
-
-
-OUTPUTS = """
-import numpy as np
-from prefcal_env import Channel, Channels, Knob, KnobSpace, Rig
-from prefcal_scenarios import KPI, Panel, Scenario
-LEVEL, FLOW = Channel("level", "m", target=2.0, band=0.06), Channel("flow", "m3/h")
-channels = Channels(x=(), u=(Channel("valve", "%"),), y=(LEVEL, FLOW), time_unit="s")
-tank = Scenario(
-    name="tank", title="A tank", space=KnobSpace([Knob("K", 1, 10)]), kpis=(),
-    run=Rig(channels, (2.0, 1.0)), panels=(Panel("level"), Panel("flow"), Panel("valve")),
-)
-"""
-
-
-def logged(speed, rows=200):
-    t = np.arange(rows) * 0.5
-    level = 2 - 2 * np.exp(-speed * t)
-    frame = pd.DataFrame(
-        {"level [m]": level, "flow [m3/h]": 1 + speed, "valve [%]": 60 - 20 * level}
-    )
-    return frame.set_axis(pd.Index(t, name="time [s]"))
-
-
-def parquet(frame):
-    file = BytesIO()
-    frame.to_parquet(file)
-    return {
-        "name": "run.parquet",
-        "mimeType": "application/octet-stream",
-        "buffer": file.getvalue(),
-    }
-
-
-def test_parquet_files_of_outputs_that_are_no_states_are_dropped_and_compared(
-    browser, command, tmp_path
-):
-    (tmp_path / "own.py").write_text(OUTPUTS, encoding="utf-8")
-    served, watched = command("own.py:tank", n_max=4), Watched(browser)
-    page = watched.page
-    page.goto(served.link)
-    watched.phase("record")
-    assert "flow [m3/h]" in page.inner_text("#view-record")
-    whole = logged(0.1)
-    page.set_input_files("#record-file", parquet(whole.drop(index=whole.index[40:80])))
-    page.wait_for_selector(".refused:not([hidden])")
-    told = page.inner_text(".refused")
-    assert "line 42: a gap of 20.5 s after 19.5 s, where 0.5 s is usual: fill it" in told
-    empty = whole.copy()
-    empty.iloc[3, 0] = np.nan
-    page.set_input_files("#record-file", parquet(empty))
-    page.wait_for_function(
-        "() => document.querySelector('.refused').textContent.includes('got nothing')"
-    )
-    told = page.inner_text(".refused")
-    assert "line 5, column 'level': expected a number, got nothing" in told
-    assert served.state.finished == {}
-    for number, speed in ((2, 0.1), (3, 0.2)):
-        page.set_input_files("#record-file", parquet(logged(speed)))
-        page.wait_for_selector("#record-save")
-        assert "200 rows, from 0 s to 99.5 s" in page.inner_text("#record-preview")
-        page.click("#record-save")
-        if number == 2:
-            page.wait_for_function(
-                "() => document.getElementById('record-title').textContent.includes('2')"
-            )
-    watched.question()
-    watched.shot("rig-outputs")
-    assert pixels(page, "#left-plot", BLUE) > 400
-    assert pixels(page, "#right-plot", ORANGE) > 400
-    assert watched.errors == []

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -8,9 +7,7 @@ from hypothesis import strategies as st
 from prefcal_bench import Cell
 from prefcal_bench.problems import problem
 from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_scenarios.tastes import VERSION
 
-LOOP = Path(__file__).parents[2] / "support" / "bench_loop.py"
 CELL = Cell("RandomSearch", "camel", "perfect", 0)
 OTHERS = [
     replace(CELL, **change)
@@ -51,22 +48,6 @@ def test_a_changed_file_of_an_own_agent_has_another_key(tmp_path):
     own.unlink()
     with pytest.raises(ScenarioError, match=r"no file .*own\.py"):
         _ = cell.key
-
-
-def test_a_changed_file_of_an_own_problem_has_another_key(tmp_path):
-    own = tmp_path / "own.py"
-    own.write_text(LOOP.read_text())
-    cells = [replace(CELL, problem=f"{own}:{name}") for name in ("PROBLEM", "SCENARIO")]
-    before = [cell.key for cell in cells]
-    assert [cell.key for cell in cells] == before
-    own.write_text(own.read_text().replace("0.1 + (gain", "0.2 + (gain"))
-    assert all(cell.key != key for cell, key in zip(cells, before, strict=True))
-
-
-def test_the_version_of_the_tastes_is_part_of_the_key_on_a_loop():
-    assert f"tastes {VERSION}" in problem("servo").version
-    cells = [Cell("GLISp", "servo", taste, 0) for taste in ("weights", "weights-noisy10")]
-    assert len({cell.key for cell in cells}) == 2
 
 
 @given(

@@ -38,16 +38,18 @@ def test_a_worker_that_was_killed_from_outside_costs_nobody_his_result(tmp_path)
 
 
 def test_a_task_that_raises_is_lost_with_its_words_and_the_others_are_not():
-    fail, left, two = run([tasks.fail, tasks.leave, partial(tasks.double, 1)])
-    assert fail == Lost("OSError: the pump does not answer")
-    assert left == Lost("SystemExit: 3")
-    assert two == 2
-
-
-def test_a_task_that_raises_what_ends_programs_is_lost_with_its_words():
-    errors = (KeyboardInterrupt, GeneratorExit, BaseException)
-    *lost, two = run([*(partial(tasks.interrupt, e) for e in errors), partial(tasks.double, 1)])
-    assert lost == [Lost(f"{error.__name__}: the pump is stopped") for error in errors]
+    raising = [
+        (tasks.fail, "OSError: the pump does not answer"),
+        (tasks.leave, "SystemExit: 3"),
+        *(
+            (partial(tasks.interrupt, error), f"{error.__name__}: the pump is stopped")
+            for error in (KeyboardInterrupt, GeneratorExit, BaseException)  # which end programs
+        ),
+        (tasks.fail_oddly, "OddError: the pump, 3 bar"),  # it cannot be unpickled
+        (tasks.stutter, "OSError: no file b\\udce4r"),  # half a character is spelled out
+    ]
+    *lost, two = run([*(task for task, _ in raising), partial(tasks.double, 1)])
+    assert lost == [Lost(words) for _, words in raising]
     assert two == 2
 
 
@@ -77,12 +79,6 @@ def test_a_death_does_not_disturb_what_runs_beside_it(tmp_path):
     assert log.read_text() == "run\n"
 
 
-def test_an_error_that_cannot_be_unpickled_is_lost_with_its_words():
-    odd, two = run([tasks.fail_oddly, partial(tasks.double, 1)])
-    assert odd == Lost("OddError: the pump, 3 bar")
-    assert two == 2
-
-
 def test_workers_that_die_at_once_end_the_run(monkeypatch):
     monkeypatch.setattr("prefcal_bench.cells.executors._begin", tasks.refuse)
     with pytest.raises(BenchmarkError, match="workers die as soon as they are started"):
@@ -94,10 +90,6 @@ def test_a_thread_that_a_task_leaves_behind_keeps_nobody(tmp_path):
     leave = partial(tasks.leave_a_thread, str(over))
     assert run([leave, partial(tasks.double, 1)], jobs=1) == [None, 2]
     assert not over.exists()
-
-
-def test_half_a_character_in_an_error_is_spelled_out():
-    assert run([tasks.stutter], jobs=1) == [Lost("OSError: no file b\\udce4r")]
 
 
 def test_nothing_to_do_opens_nothing():

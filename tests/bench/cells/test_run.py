@@ -9,7 +9,6 @@ from prefcal_bench import Cell, run_cell
 from prefcal_bench.cells.roster import entry
 from prefcal_bench.problems import problem
 from prefcal_scenarios.cases.functions import FUNCTIONS
-from prefcal_scenarios.catalog import load
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 LOOP = f"{OWN.with_name('bench_loop.py')}:SCENARIO"
@@ -143,14 +142,6 @@ def test_agents_are_told_kpis_unless_the_taste_is_for_hidden_ones(monkeypatch, t
     assert (used <= names) == told
     assert all(len(answer.outcomes) == 2 for answer in heard)
     assert heard[0].outcomes[1] is None  # nothing to compare the first one with
-
-
-@pytest.mark.usefixtures("small_samples")
-def test_a_built_in_loop_runs():
-    result = run_cell(cell("RandomSearch", "servo", "limits-noisy10", n_max=3))
-    assert not result.failure
-    assert len(result.worth) == 3
-    assert result.kpi_names == tuple(kpi.name for kpi in load("servo").kpis)
 
 
 def test_no_theta_of_a_scenario_is_run_twice(monkeypatch):

@@ -94,12 +94,6 @@ def test_a_pool_that_cannot_be_computed_fails_its_cells_and_no_others(tmp_path):
     assert any(words.startswith(f"random experiments of {own}:SICK") for words in seen.words)
 
 
-def test_results_of_a_smaller_suite_are_used_by_a_larger_one(tmp_path):
-    run(own("Own", seeds=1), tmp_path)
-    _, seen = run(own("Own", "Sees", seeds=2), tmp_path)
-    assert seen.begun == [("cells", 4, 1)]
-
-
 @pytest.mark.parametrize("poison", ["Dies", "Raises"])
 def test_only_the_guilty_cell_is_reported(tmp_path, poison):
     finished, seen = run(own(poison, "Own", seeds=3), tmp_path)
@@ -114,15 +108,6 @@ def test_only_the_guilty_cell_is_reported(tmp_path, poison):
     again, seen = run(own(poison, "Own", seeds=3), tmp_path)
     assert seen.begun == [("cells", 6, 5)]
     assert again.digest == finished.digest
-
-
-def test_a_process_that_dies_once_costs_no_cell(tmp_path, monkeypatch):
-    monkeypatch.setenv("PREFCAL_TEST_FLAG", str(tmp_path / "died"))
-    finished, _ = run(own("Unlucky", seeds=3), tmp_path / "out")
-    assert (tmp_path / "died").exists()
-    assert not finished.failures
-    undisturbed, _ = run(own("Unlucky", seeds=3), tmp_path / "other")
-    assert finished.digest == undisturbed.digest
 
 
 def test_a_damaged_result_runs_again_with_a_word(tmp_path):

@@ -52,17 +52,6 @@ def test_that_it_was_interrupted_is_known_even_if_all_is_withheld():
     assert dict(simulate(np.array([0.95, 0.5, 0.5]))) == {"interrupted": np.inf}
 
 
-@pytest.mark.usefixtures("small_samples")
-@pytest.mark.parametrize("seed", range(3))
-def test_what_a_hidden_taste_is_about_is_not_simulated_either(seed):
-    where = problem(LOOP)
-    person = where.person("hidden", seed)
-    assert person.withheld
-    names = set(Simulation(where, person.withheld)(THETA))
-    assert names == {"error", "effort", "margin"} - person.withheld
-    assert not where.person("weights", seed).withheld
-
-
 def test_people_share_simulations_but_not_what_they_are_told():
     where, ran = watched()
     first, second = Simulation(where, frozenset({"error"})), Simulation(where)

@@ -95,11 +95,6 @@ def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):
     assert {c.agent for c in suite.cells} == {"GLISp"}
 
 
-def test_own_agents_join():
-    suite = replace(BOTH, agents=(f"{OWN}:Own", f"{OWN}:Sees"), problems=("camel",), seeds=1)
-    assert len(suite.cells) == 3
-
-
 def test_all_are_compared_with_the_first_agent_that_runs():
     assert BOTH.baseline == "GLISp"
     assert replace(BOTH, agents=("RandomSearch", "GLISp")).baseline == "RandomSearch"

@@ -23,13 +23,6 @@ def landed(folder, count):
     wait_until(lambda: len(list(folder.glob("results/*.json"))) >= count)
 
 
-def test_the_help_teaches(prefcal):
-    code, out, _ = prefcal("bench", "--help")
-    assert code == 0
-    for word in ("--quick", "--agents", "--json", "Examples", "digest", "own.py"):
-        assert word in out
-
-
 def test_json_is_all_there_is_on_standard_output(prefcal):
     words = ["bench", "--agents", "RandomSearch,LatinHypercube", *TINY, "--jobs", "1"]
     code, out, err = prefcal(*words, "--json")
@@ -48,30 +41,6 @@ def test_json_is_all_there_is_on_standard_output(prefcal):
     assert "RandomSearch" in out
 
 
-def test_without_glisp_all_are_compared_with_the_first_agent_named(prefcal):
-    words = ["bench", "--agents", "LatinHypercube,RandomSearch", *TINY, "--jobs", "1"]
-    code, out, err = prefcal(*words)
-    assert code == 0, err
-    assert "× LatinHypercube" in out
-    _, out, _ = prefcal(*words, "--json")
-    rows = {row["agent"]: row for row in json.loads(out)["table"]}
-    assert rows["RandomSearch"]["pairs"] == 2
-    assert rows["RandomSearch"]["baseline"] == "LatinHypercube"
-    page = Path("prefcal-bench/index.html").read_text()
-    assert "× LatinHypercube (95 %)" in page
-    assert "No differences are shown" not in page
-
-
-def test_agents_that_raise_what_ends_programs_fail_their_cells_and_the_others_finish(prefcal):
-    agents = f"RandomSearch,{OWN}:Quits"
-    code, out, err = prefcal("bench", "--agents", agents, *TINY, "--seeds", "3", "--json")
-    assert code == 1, err
-    content = json.loads(out)
-    words = [failure["failure"] for failure in content["failures"]]
-    assert words == ["BaseException: enough", "GeneratorExit: enough", "KeyboardInterrupt: enough"]
-    assert content["cells"] == 6
-
-
 def test_a_failed_cell_is_named_and_the_exit_code_is_1(prefcal):
     agents = f"RandomSearch,{OWN}:Raises"
     code, out, err = prefcal("bench", "--agents", agents, *TINY, "--jobs", "1", "--json")
@@ -80,20 +49,6 @@ def test_a_failed_cell_is_named_and_the_exit_code_is_1(prefcal):
     assert (failure["agent"], failure["seed"]) == (f"{OWN}:Raises", 1)
     assert failure["failure"] == "OSError: the pump does not answer"
     assert "seed 1 failed: OSError: the pump does not answer" in err
-
-
-def test_errors_threads_and_hangs_of_agents_end_no_run(tmp_path):
-    agents = ",".join(f"{OWN}:{name}" for name in ("Own", "Surrogate", "Thread", "Hangs"))
-    words = ["--agents", agents, *TINY, "--jobs", "2", "--cell-timeout", "6", "--json"]
-    out, err = bench(tmp_path, *words, log=tmp_path / "log").communicate(timeout=100)
-    content = json.loads(out)
-    failed = {(f["agent"].rpartition(":")[2], f["seed"]): f["failure"] for f in content["failures"]}
-    assert failed == {
-        ("Hangs", 1): "it took longer than 6 s and was ended (--cell-timeout)",
-        ("Surrogate", 0): "FileNotFoundError: no file b\\udce4r",
-        ("Surrogate", 1): "FileNotFoundError: no file b\\udce4r",
-    }
-    assert "Traceback" not in err
 
 
 def test_a_benchmark_that_an_agent_kills_says_what_is_kept_and_who_was_running(tmp_path):
@@ -105,33 +60,6 @@ def test_a_benchmark_that_an_agent_kills_says_what_is_kept_and_who_was_running(t
     assert "results so far are kept in out; the same command resumes" in err
     assert "Murderer on camel, perfect, seed 1 was running then" in err
     assert list((tmp_path / "out" / "results").glob("*.json"))
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (
-            ["--agents", "Glisp"],
-            "no agent is called 'Glisp'. Did you mean 'GLISp'? Expected GLISp,",
-        ),
-        (["--problems", "dromedary"], "no problem is called 'dromedary'"),
-        (["--seeds", "0"], "seeds"),
-        (["--n-max", "4", "--n-init", "5"], "--n-max must be at least --n-init"),
-        (["--jobs", "0"], "jobs"),
-        (["--cell-timeout", "0"], "time limit of a cell"),
-        (
-            ["--agents", "GLIS", "--problems", "cstr-guidelines"],
-            "nothing to run: GLIS on cstr-guidelines",
-        ),
-        (["--agents", "RandomSearch", "--out", "file"], "'file' is a file"),
-    ],
-)
-def test_impossible_wishes_are_refused_before_anything_runs(prefcal, tmp_path, words, said):
-    (tmp_path / "file").touch()
-    code, out, err = prefcal("bench", *words)
-    assert code == 2
-    assert said in err
-    assert out == ""
 
 
 @pytest.mark.parametrize("count", [0, 2])

@@ -24,19 +24,9 @@ def published(tmp_path):
     return tmp_path / "worth.parquet"
 
 
-def test_the_help_teaches(prefcal):
-    code, out, _ = prefcal("bench", "compare", "--help")
-    assert code == 0
-    for word in ("AGENT", "--published", "--problems", "Examples", "own.py:MyAgent", "resumes"):
-        assert word in out
-    _, out, _ = prefcal("bench", "--help")
-    assert "compare" in out
-
-
-def test_only_the_agent_runs_and_what_has_run_is_kept(prefcal, published):
+def test_only_the_agent_runs_and_what_has_run_is_kept(prefcal, done, published):
     words = ["bench", "compare", f"{OWN}:Own", "--published", published, "--seeds", "2"]
-    code, out, err = prefcal(*map(str, words), "--jobs", "1", "--json")
-    assert code == 0, err
+    out = done(*map(str, words), "--jobs", "1", "--json")
     content = json.loads(out)
     assert content["cells"] == 2
     assert content["failures"] == []
@@ -96,10 +86,3 @@ def test_impossible_wishes_are_refused_before_anything_runs(prefcal, published, 
     assert code == 2
     assert said in err
     assert out == ""
-
-
-def test_a_file_of_something_else_is_refused(prefcal, tmp_path):
-    (tmp_path / "other").write_text("no table")
-    code, _, err = prefcal("bench", "compare", "GLISp", "--published", str(tmp_path / "other"))
-    assert code == 2
-    assert "holds no results of the benchmark" in err

@@ -50,12 +50,6 @@ def test_tastes_also_judge_the_paper_s_cases(name, tastes, own):
     assert problem(name).answering == (*own, *tastes)
 
 
-def test_other_scenarios_that_are_built_in_are_problems_too():
-    servo = problem("servo")
-    assert servo.answering == TASTES
-    assert servo.space == load("servo").space
-
-
 def test_a_random_loop_is_another_one_with_another_seed():
     assert problem("loop-4").version != problem("loop-5").version
 
@@ -112,16 +106,3 @@ def test_a_changed_file_is_loaded_again(tmp_path):
 def test_what_is_no_problem_says_so(name, error, words):
     with pytest.raises(error, match=words):
         problem(name)
-
-
-def test_a_file_with_a_mistake_says_where(tmp_path):
-    path = tmp_path / "own.py"
-    path.write_text("import numpy\nSCENARIO = 1 / 0\n")
-    with pytest.raises(ScenarioError, match=r"ZeroDivisionError.*line 2"):
-        problem(f"{path}:SCENARIO")
-
-
-def test_every_problem_says_how_it_is_judged():
-    for name in PROBLEMS:
-        assert problem(name).answering
-        assert bool(problem(name).calibrators) == (name not in CLOSED_LOOPS)

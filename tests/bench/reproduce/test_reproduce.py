@@ -114,7 +114,5 @@ def test_the_command_writes_the_page_and_says_where(prefcal, tmp_path, monkeypat
     assert (tmp_path / "there" / "paper.html").is_file()
 
 
-def test_something_else_than_the_paper_is_refused(prefcal):
-    code, _, err = prefcal("reproduce", "thesis")
-    assert code == 2
-    assert "paper" in err
+def test_something_else_than_the_paper_is_refused(refused):
+    assert "paper" in refused("reproduce", "thesis")

@@ -2,7 +2,6 @@
 
 import pytest
 
-from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results.curves import curves_of, frame_of
 from prefcal_bench.results.figures import looks
 from prefcal_bench.results.pictures import draw_loops, draw_overview
@@ -46,13 +45,3 @@ def test_alternative_texts_say_what_the_figures_say():
 @pytest.mark.parametrize("name", [r"a$\frac{.py:A", "_hidden", "x\x1b[2J\ny"])
 def test_strange_names_are_drawn_as_they_stand(name):
     assert len(shown([study(name), study("Own")], baseline="Own")) == 5
-
-
-def test_the_folder_of_an_own_agent_is_in_no_title():
-    found = shown([study("some/where/own.py:Mine"), study()], baseline="some/where/own.py:Mine")
-    assert found["worth-improvement.png"].title == "Who beats own.py:Mine"
-
-
-def test_every_agent_of_the_roster_has_a_look_that_can_be_drawn():
-    found = shown([study(agent) for agent in AGENTS])
-    assert found["worth-summary.png"].content.startswith(b"\x89PNG")

@@ -5,7 +5,6 @@ import io
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -60,22 +59,6 @@ def test_no_row_depends_on_which_other_agents_there_are():
         assert {**row, "p_holm": None} == {**other, "p_holm": None}
 
 
-def test_intervals_come_out_again():
-    gaps = np.random.default_rng(1).random((2, 20))
-    results = ends("GLISp", "p", gaps[0]) + ends("A", "p", gaps[1])
-    assert table(results) == table(results)
-
-
-def test_swapping_agent_and_baseline_flips_the_sign():
-    results = grid({"A": 1.0, "B": 3.0})
-    one = [row for row in table(results, baseline="A") if row["agent"] == "B"]
-    two = [row for row in table(results, baseline="B") if row["agent"] == "A"]
-    for row, other in zip(one, two, strict=True):
-        assert row["log10_ratio"] == pytest.approx(-other["log10_ratio"])
-        assert row["log10_ratio_low"] == pytest.approx(-other["log10_ratio_high"])
-        assert (row["wins"], row["losses"]) == (other["losses"], other["wins"])
-
-
 @settings(max_examples=10)
 @given(st.randoms())
 def test_the_order_of_results_changes_nothing(random):
@@ -123,11 +106,6 @@ def test_an_agent_that_is_nowhere_with_a_calibrator_is_told_once():
     results += ends("A", "q", [0.1], calibrator="noisy")
     words = not_run(campaign_of(results))
     assert words == ["noisy calibrator, 2 experiments (1 initial): not run with GLIS"]
-
-
-def test_nothing_is_missing_of_a_whole_campaign():
-    campaign = campaign_of(grid({"A": 1.0, "B": 2.0}))
-    assert missing(campaign) == not_run(campaign) == []
 
 
 def test_a_baseline_without_results_leaves_the_differences_out():

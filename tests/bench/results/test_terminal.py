@@ -55,15 +55,6 @@ def test_of_the_duels_it_shows_those_with_the_paper_and_the_baseline():
     assert [row[0] for row in rows] == ["GLISp", "A"]
 
 
-def test_failed_and_missing_cells_are_told():
-    results = [*ends("A", "p", [0.1] * 3), *ends("B", "p", [0.1] * 2), failed("A", "p", 7)]
-    text = printed(results)
-    assert "Failed (1)" in text
-    assert "A on p, perfect, seed 7: the worker died" in text
-    assert "p, perfect calibrator: no seeds 2, 7 of B" in text
-    assert "3 of 4" in text
-
-
 def test_agents_that_found_the_hole_of_the_reactor_s_index_are_named():
     text = " ".join(printed(ends("GLIS", "cstr", [-0.27, 0.01])).split())
     assert "GLIS in 1 of 2 seeds" in text

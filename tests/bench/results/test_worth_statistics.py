@@ -77,11 +77,6 @@ def test_random_search_is_worth_what_the_harmonic_numbers_say():
     assert np.exp(np.mean(-np.log(ranks))) == pytest.approx(random_search(50), rel=0.03)
 
 
-def test_the_same_generator_gives_the_same_interval():
-    groups = loops([1, 2, 5], [3, 9])
-    assert geometric_mean(groups, rng=rng()) == geometric_mean(groups, rng=rng())
-
-
 @pytest.mark.parametrize("groups", [[], loops([1], [])])
 def test_nothing_has_no_mean(groups):
     with pytest.raises(SettingsError, match="one loop or more"):

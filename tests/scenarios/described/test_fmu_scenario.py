@@ -118,15 +118,3 @@ def test_an_fmu_with_nothing_to_tune_or_to_show_says_how_to_export_it(tank, fold
     )
     with pytest.raises(ScenarioError, match="declares no outputs: say which variables to show"):
         fmu_scenario(hidden, knobs=KNOBS)
-
-
-def test_the_command_line_checks_an_fmu_and_tells_how_to_start(tank, capsys, monkeypatch, tmp_path):
-    from prefcal_bench.cli.program import main
-
-    monkeypatch.chdir(tmp_path)
-    command = ["prefcal", "check", str(tank), "--knob", "K_p=0.1:100:log", "--reference", "level=2"]
-    monkeypatch.setattr("sys.argv", command)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
-    assert "--knob K_p=0.1:100:log" in capsys.readouterr().out  # and no emoji for ":100:"

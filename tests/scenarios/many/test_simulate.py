@@ -104,12 +104,6 @@ def test_a_crash_among_many_short_runs_costs_nobody_else_a_result():
     assert [k for k, r in enumerate(found) if isinstance(r, FailedRun)] == [100, 200]
 
 
-def test_a_worker_that_was_killed_from_outside_costs_nobody_a_result(tmp_path, monkeypatch):
-    monkeypatch.setenv("PREFCAL_TEST_FLAG", str(tmp_path / "once"))
-    found = simulate_many(many, thetas(0, many_runs.DIES_ONCE, 0, 0), jobs=2)
-    assert all(isinstance(r, Simulated) for r in found)
-
-
 def test_without_processes_an_error_is_data_too():
     found = simulate_many(many, thetas(0, many_runs.RAISES, many_runs.LEAVES), jobs=1)
     assert [type(r) for r in found] == [Simulated, FailedRun, FailedRun]

@@ -62,9 +62,3 @@ def test_priorities_go_round_in_circles():
 
 def test_there_is_no_cost_with_such_an_order():
     assert Priorities((Priority("error", 1.0),)).cost(runs([1.0])) is None
-
-
-def test_of_interrupted_runs_only_the_time_counts():
-    rule = Priorities((Priority("error", 0.0),))
-    one, other = runs([0.0], [9.0], survived=[2.0, 3.0]), runs([9.0], [0.0], survived=[2.0, 1.0])
-    assert rule.compare(one, other).tolist() == [0, -1]

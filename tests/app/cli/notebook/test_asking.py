@@ -39,6 +39,16 @@ def question(client):
     raise AssertionError("no question")
 
 
+def answer(client, choice="right"):
+    """Wait for a question and answer it; return False if the study is over."""
+    shown = question(client)
+    if shown is None:
+        return False
+    body = {"question": shown["id"], "choice": choice, "comment": "", "blind": False}
+    assert client.post("/api/answer", json=body).status_code == 200
+    return True
+
+
 @contextmanager
 def page_of(asking):
     """Open the page's link as a browser does; yield a client with its cookie."""
@@ -52,9 +62,8 @@ def test_answers_on_the_page_reach_the_notebook(tmp_path):
     with ask(toy_scenario(), study="./mine.prefcal", **QUICK) as asking:
         assert asking.best is None or asking.to_frame(answers=True).shape[0] == 0
         with page_of(asking) as client:
-            while (shown := question(client)) is not None:
-                body = {"question": shown["id"], "choice": "right", "comment": "", "blind": False}
-                assert client.post("/api/answer", json=body).status_code == 200
+            while answer(client):
+                pass
         assert asking.wait(30)
         assert len(asking.to_frame()) == 4
         assert len(asking.to_frame(answers=True)) == 3
@@ -92,9 +101,7 @@ def test_a_calibrator_answers_by_itself_and_the_controller_is_there():
 def test_a_cell_that_runs_again_goes_on_with_its_study():
     first = ask(toy_scenario(), study="./mine.prefcal", **QUICK)
     with page_of(first) as client:
-        shown = question(client)
-        body = {"question": shown["id"], "choice": "left", "comment": "", "blind": False}
-        client.post("/api/answer", json=body)
+        assert answer(client, "left")
     with ask(toy_scenario(), study="./mine.prefcal", **QUICK) as second:
         assert len(second.to_frame(answers=True)) == 1
         assert second.link != first.link
@@ -109,16 +116,6 @@ def test_what_a_run_raises_is_raised_by_wait():
     with pytest.raises(Exception, match="the pump does not answer"):
         asking.wait(30)
     asking.close()
-
-
-def answer(client, choice="right"):
-    """Wait for a question and answer it; return False if the study is over."""
-    shown = question(client)
-    if shown is None:
-        return False
-    body = {"question": shown["id"], "choice": choice, "comment": "", "blind": False}
-    assert client.post("/api/answer", json=body).status_code == 200
-    return True
 
 
 def reported(asking, name):

@@ -4,13 +4,11 @@ import asyncio
 import threading
 
 import httpx
-import pytest
 
 from prefcal_app.session import Choice, Given, Interview, Phase
 from prefcal_app.web.api import Pace
 from support.interviews import begin, proceed
 from support.windows import make_room
-from toy_study import toy_scenario
 
 LEFT, RIGHT = Choice.LEFT, Choice.RIGHT
 
@@ -69,36 +67,6 @@ def test_an_answer_is_recorded_with_what_belongs_to_it(room):
     assert closed.answer.preference is asked.preference(Choice.RIGHT)
 
 
-@pytest.mark.parametrize("choice", ["left", "right", "same", "cannot tell"])
-def test_every_verdict_can_be_given(room, choice):
-    assert room.post("answer", **verdict(room, choice=choice)).status_code == 200
-    assert room.interview.now().state.history.answered == 2
-
-
-def test_the_second_of_two_tabs_is_told_and_nothing_is_recorded_twice(room):
-    body = verdict(room)
-    assert room.post("answer", **body).status_code == 200
-    events = room.events
-    late = room.post("answer", **body)
-    assert late.status_code == 409
-    assert late.json()["kind"] == "stale"
-    assert "nothing was recorded twice" in late.json()["error"]
-    assert late.json()["now"] == room.page().get("/api/now").json()
-    assert room.events == events
-
-
-def test_two_tabs_at_the_same_instant_record_one_answer(room):
-    body = verdict(room)
-
-    async def both() -> list[int]:
-        async with room.page().client() as client:
-            posts = (client.post("/api/answer", json=body) for _ in range(2))
-            return [response.status_code for response in await asyncio.gather(*posts)]
-
-    assert sorted(asyncio.run(both())) == [200, 409]
-    assert room.interview.now().state.history.answered == 2
-
-
 def test_the_answer_waits_for_the_next_question(toy, static):
     interview = begin(toy)
     proceed(interview)
@@ -115,38 +83,6 @@ def test_the_answer_waits_for_the_next_question(toy, static):
 def work_until_another(interview: Interview, first: int) -> None:
     while (now := interview.now()).question is None or now.question.id == first:
         interview.wait(now.version, 60.0) if now.phase is Phase.QUESTION else interview.work()
-
-
-def test_marks_stand_in_the_study(room):
-    index = room.interview.now().question.right.index
-    body = {"question": room.question(), "side": "right", "mark": "unsafe", "on": True}
-    assert room.post("mark", **body).status_code == 200
-    assert room.interview.now().state.marks[index] == {"unsafe"}
-
-
-def test_undo_opens_the_question_again(room):
-    first = room.interview.now().question
-    room.post("answer", **verdict(room))
-    assert room.post("undo", version=room.interview.now().version).status_code == 200
-    again = room.interview.now().question
-    assert (again.left.index, again.right.index) == (first.left.index, first.right.index)
-    assert room.post("undo", version=room.interview.now().version).status_code == 409
-
-
-def test_an_answer_is_retracted(room):
-    room.post("answer", **verdict(room))
-    proceed(room.interview)
-    assert room.post("retract", answer=1).status_code == 200
-    assert room.interview.now().state.history.comparisons[1].retracted
-    assert room.post("retract", answer=9).status_code == 409
-
-
-def test_an_earlier_question_is_asked_again(room):
-    assert room.post("repeat").status_code == 409
-    room.post("answer", **verdict(room))
-    proceed(room.interview)
-    assert room.post("repeat").status_code == 200
-    assert room.interview.now().question.repeats is not None
 
 
 def test_the_study_ends_and_goes_on(room):
@@ -177,30 +113,6 @@ def test_history_and_status_are_shown(room):
     assert asked.json()["question"]["id"] == room.interview.asked(1).id
     for answer in ("0", "2", "x", "-1", "1.0", "9" * 30):
         assert page.get(f"/api/history/{answer}").status_code == 404
-
-
-def failing_room(static, error):
-    """A room whose experiment has failed."""
-    toy = toy_scenario()
-
-    def run(theta, seed=0):
-        raise error
-
-    object.__setattr__(toy, "run", run)
-    interview = begin(toy)
-    while interview.now().phase is Phase.RUNNING:
-        interview.work()
-    return make_room(interview, static)
-
-
-def test_a_failed_run_is_tried_again_or_counted(static):
-    room = failing_room(static, ValueError("the plant is on fire"))
-    assert room.interview.now().phase is Phase.FAILED
-    assert room.post("retry").json()["phase"] == "running"
-    room.interview.work()
-    assert room.post("fail", index=0, reason="on fire").status_code == 200
-    assert 0 in room.interview.now().state.finished
-    assert room.post("fail", index=0, reason="").status_code == 409
 
 
 def test_a_record_that_nobody_waits_for_is_told(room):

@@ -7,7 +7,6 @@ import httpx
 import pytest
 
 from prefcal_app.web.api import Pace
-from prefcal_app.web.server.files import Assets
 from support.interviews import begin, proceed
 from support.windows import make_room
 
@@ -97,13 +96,3 @@ def test_the_report_wakes_the_pages(toy, static, tmp_path):
             return await asyncio.wait_for(poll, 20)
 
     assert asyncio.run(meet()).status_code == 200
-
-
-def test_no_module_that_others_import_is_linked_with_a_version():
-    """The browser would load it twice, under two addresses, each with a state of its own."""
-    assets = Assets()
-    scripts = {name: a.content.decode() for name, a in assets.items() if name.endswith(".js")}
-    page = assets.get("index.html").content.decode()
-    imported = {name for name in scripts if any(f'"./{name}"' in s for s in scripts.values())}
-    assert "flow.js" in imported
-    assert [name for name in imported if f"/static/{name}?" in page] == []

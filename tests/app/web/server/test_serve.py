@@ -10,7 +10,6 @@ import pytest
 from prefcal_app.session import Choice
 from prefcal_app.web import Window
 from prefcal_app.web.server.binding import bind
-from prefcal_app.web.server.files import Assets
 from prefcal_env.errors import SettingsError
 from support.interviews import begin, proceed
 
@@ -90,17 +89,6 @@ def test_a_host_of_another_machine_is_refused(interview, host):
         Window(interview, host=host)
 
 
-def test_a_window_for_the_network_says_what_that_means(interview):
-    with Window(interview, host="0.0.0.0") as window:
-        assert window.link.startswith("http://127.0.0.1:")
-        assert "everybody on that network" in window.warning
-        with page(window) as browser:
-            assert browser.get("/api/now").status_code == 200
-            assert browser.get("/api/now", headers={"host": "evil.example"}).status_code == 403
-    with Window(interview) as window:
-        assert window.warning == ""
-
-
 def test_a_window_closes_in_time_though_pages_wait(interview):
     version = interview.now().version
     status = []
@@ -146,18 +134,6 @@ def test_a_chunked_body_without_end_is_cut_off(interview, known):
     assert interview.now().state.ended is None
 
 
-def test_away_counts_from_the_last_page_and_not_before_there_was_one(interview):
-    now = [100.0]
-    with Window(interview, clock=lambda: now[0]) as window, page(window) as browser:
-        now[0] = 1000.0
-        assert window.away() is None  # nobody has opened the link: it stays
-        browser.get("/api/now", params={"after": 0})
-        now[0] = 1030.0
-        assert window.away() == 30.0
-        browser.get("/api/history")  # no sign that somebody looks
-        assert window.away() == 30.0
-
-
 def test_a_page_that_waits_is_there_until_its_wait_ends(toy):
     begun = begin(toy)
     version = proceed(begun).version
@@ -178,6 +154,7 @@ def test_a_page_that_waits_is_there_until_its_wait_ends(toy):
 
 def test_a_window_for_the_network_prints_an_address_that_others_can_use(interview):
     with Window(interview, host="0.0.0.0") as window:
+        assert "everybody on that network" in window.warning
         name = window.link_for_others.partition("//")[2].partition(":")[0]
         assert name not in ("127.0.0.1", "0.0.0.0", "localhost", "")
         token = window.link.rpartition("/")[2]
@@ -188,7 +165,7 @@ def test_a_window_for_the_network_prints_an_address_that_others_can_use(intervie
             evil = {"host": f"evil.example:{window.port}"}
             assert browser.get("/api/now", headers=evil).status_code == 403
     with Window(interview) as window:
-        assert window.link_for_others == ""
+        assert window.link_for_others == window.warning == ""
 
 
 def test_the_report_is_put_in_its_place(interview, tmp_path):
@@ -205,7 +182,3 @@ def test_nothing_is_printed(interview, capfd):
             rude.sendall(b"\x16\x03\x01 no http at all\r\n\r\n")
             rude.recv(1000)
     assert capfd.readouterr() == ("", "")
-
-
-def test_the_pages_of_the_package_are_found():
-    assert Assets().get("plotly.min.js") is not None

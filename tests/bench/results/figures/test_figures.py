@@ -14,16 +14,10 @@ from prefcal_bench.results.campaign import campaign_of
 from prefcal_bench.results.duelling import tallies
 from prefcal_bench.results.figures.drawing import drawn, looks
 from prefcal_bench.results.standing import profiles, rank
-from prefcal_scenarios.presentation.style import save, style
+from prefcal_scenarios.presentation.style import save
 from support.campaigns import duel, ends, grid, result
 
 FACTORS = {"GLISp": 1.0, "Own": 3.0, "RandomSearch": 100.0}
-
-
-@pytest.fixture(autouse=True)
-def house_style():
-    with style():
-        yield
 
 
 def pixels(figure):

@@ -8,14 +8,7 @@ from prefcal_bench.results.curves import curves_of, frame_of
 from prefcal_bench.results.figures import looks
 from prefcal_bench.results.statistics import random_search
 from prefcal_bench.results.tables import Worths
-from prefcal_scenarios.presentation.style import style
 from support.worths import study, walks
-
-
-@pytest.fixture(autouse=True)
-def house_style():
-    with style():
-        yield
 
 
 def material(results):

@@ -79,11 +79,3 @@ def test_a_trade_off_by_hand_and_its_returns_diminish():
     assert verdict(trade, [3.0, 1.0], [3.3, 1.0]) == 0
     assert verdict(trade, [3.0, 1.0], [3.0, 3.0]) == -1
     assert trade.total(runs([np.inf, 0.0]))[0] == pytest.approx(0.6 * np.log1p(1e4))
-
-
-def test_an_interrupted_run_loses_whatever_is_seen():
-    order = Order((Criterion("error", 1.0),))
-    assert verdict(order, [0.0], [9.0], survived=[3.0]) == 1
-    assert Eyes(order).compare(
-        runs([0.0], [9.0], survived=[3.0, 4.0]), runs([0.0], survived=[3.0])
-    ).tolist() == [0, -1]  # fmt: skip
