@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from prefcal_bench.paired import markdown
 
 from prefcal_env.envs.cstr import cstr_task
 from prefcal_env.envs.plant_env import PlantEnv
@@ -70,9 +71,8 @@ def noise_left(steps: int = 150, seed: int = 0) -> tuple[float, float]:
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
-    print("| what differs in the plant | MPC alone | offset-free |\n| --- | --- | --- |")
-    for name, (plain, free) in offsets().items():
-        print(f"| {name} | {plain:.3f} | {free:.3f} |")
+    rows = [[name, *(f"{C_A:.3f}" for C_A in pair)] for name, pair in offsets().items()]
+    print(*markdown(["what differs in the plant", "MPC alone", "offset-free"], rows), sep="\n")
     T, C_A = noise_left()
     print(f"\nError of the estimate / of the measurement: T {T:.2f}, C_A {C_A:.2f}")
 

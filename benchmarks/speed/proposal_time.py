@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
+from prefcal_bench.paired import markdown
 from rich.console import Console
 from rich.progress import track
 
@@ -70,14 +71,14 @@ def times(name: str, count: int, *, kpis: bool) -> tuple[list[float], list[float
 
 def table(rows: Sequence[tuple[str, int, bool]]) -> str:
     """Return Markdown of all `rows`: function, samples, whether KPIs are used."""
-    lines = ["| function | samples | KPIs | median ms | worst ms | times the yardstick |"]
-    lines += ["| --- " * 6 + "|"]
+    lines = []
     for name, count, kpis in track(rows, "timing", console=Console(stderr=True)):
         found, beside = times(name, count, kpis=kpis)
-        numbers = f"{np.median(found):.0f} | {max(found):.0f} | "
-        numbers += f"{np.median(np.divide(found, beside)):.2f}"
-        lines.append(f"| {name} | {count} | {KPIS + 1 if kpis else 'none'} | {numbers} |")
-    return "\n".join(lines)
+        numbers = f"{np.median(found):.0f}", f"{max(found):.0f}"
+        ratio = f"{np.median(np.divide(found, beside)):.2f}"
+        lines.append([name, count, KPIS + 1 if kpis else "none", *numbers, ratio])
+    head = ["function", "samples", "KPIs", "median ms", "worst ms", "times the yardstick"]
+    return "\n".join(markdown(head, lines))
 
 
 def main() -> None:

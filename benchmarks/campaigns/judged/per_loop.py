@@ -7,12 +7,14 @@ their ratio with a 95 % interval over the seeds (Student's t, on logarithms, see
 """
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from prefcal_bench.paired import interval, markdown
 from scipy.stats import t as student
+
+from prefcal_bench.results.statistics import Estimate
 
 
 def main() -> None:
@@ -26,22 +28,18 @@ def main() -> None:
     print("\n".join(table(raw, *options.agents)))
 
 
-def table(raw: pd.DataFrame, one: str, other: str) -> Iterator[str]:
-    """Yield the lines of the table."""
-    yield f"| taste | loop | seeds | {one} | {other} | ratio | |"
-    yield "| --- | --- | --- | --- | --- | --- | --- |"
-    keys = ["taste", "loop", "seed"]
+def table(raw: pd.DataFrame, one: str, other: str) -> list[str]:
+    """Return the lines of the table."""
+    keys, rows = ["taste", "loop", "seed"], []
     ends = raw.sort_values("after").groupby(["agent", *keys]).worth.last().unstack("agent")
     for (taste, loop), both in ends[[one, other]].dropna().groupby(["taste", "loop"]):
         logs = np.log(both)
         ours, theirs = np.exp(logs.mean())
-        difference = logs[one] - logs[other]
-        low, high = ratio(difference.to_numpy())
+        low, high = ratio((logs[one] - logs[other]).to_numpy())
         word = "below" if high < 1 else "above" if low > 1 else ""
-        yield (
-            f"| {taste} | {loop} | {len(both)} | {ours:.0f} | {theirs:.0f} | {ours / theirs:.2f} "
-            f"[{low:.2f}, {high:.2f}] | {word} |"
-        )
+        found = interval(Estimate(ours / theirs, low, high), 2)
+        rows.append([taste, loop, len(both), f"{ours:.0f}", f"{theirs:.0f}", found, word])
+    return markdown(["taste", "loop", "seeds", one, other, "ratio", ""], rows)
 
 
 def ratio(differences: np.ndarray) -> tuple[float, float]:

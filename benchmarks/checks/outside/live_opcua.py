@@ -1,6 +1,6 @@
 """Run random sessions over a real OPC UA server whose connection breaks at random instants.
 
-    python benchmarks/checks/outside/live_opcua.py --sessions 1000 --jobs 2
+The tests of live plants `run` a few of them.
 
 A session is one experiment of a study, from reading the plant to the answer. A relay between
 prefcal and the example server of `docs/` drops the connection once or twice in it, at random
@@ -15,11 +15,7 @@ notes every write. Checked after each session:
 - the study file, closed and opened again, holds every answer and experiment.
 """
 
-import argparse
-import logging
-import multiprocessing
 import socket
-import sys
 import tempfile
 import threading
 import time
@@ -29,7 +25,6 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
-from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -80,18 +75,12 @@ class Study:
         watch: What the server notes.
         relay: Connection to the server.
         folder: Folder of the study file and of the old values.
-        samples: Number of samples from each regained connection to the old values.
-        idle: Number of these at which a value that was not restored did not move.
-        seconds: Time from each regained connection to the old values, in seconds.
     """
 
     seed: int
     watch: Watch
     relay: Relay
     folder: Path
-    samples: list[int] = field(default_factory=list)
-    idle: list[int] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
     answers: int = 0
     finished: set[int] = field(default_factory=set)
     losses: list[Loss] = field(default_factory=list)
@@ -206,9 +195,6 @@ class Study:
         if idle > 1:
             writes = [(w.at, w.name, w.new) for w in self.watch.writes]
             raise Broken(f"{idle} idle samples after {loss}: {reads}, writes {writes}, {back}")
-        self.samples.append(len(reads))
-        self.idle.append(idle)
-        self.seconds.append(back - loss.regained)
 
     def _idle(self, name: str, value: float, reads: list[float], back: float) -> int:
         """Return the number of samples at which a value was not moved though it was not restored.
@@ -265,13 +251,9 @@ def _now() -> str:
 
 @dataclass
 class Results:
-    """Number of sessions by how they ended; the ways back to the old values as in `Study`."""
+    """Number of sessions by how they ended, of writes, and what was broken, in words."""
 
     ends: Counter[str] = field(default_factory=Counter)
-    samples: list[int] = field(default_factory=list)
-    idle: list[int] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-    answers: int = 0
     writes: int = 0
     broken: list[str] = field(default_factory=list)
 
@@ -302,48 +284,5 @@ def run(seconds: float, most: int = 10**6, first: int = 0, study: int = 12) -> R
             except Broken as error:
                 results.broken.append(f"study {seed}: {error}")
                 one.rig.plant.close()
-            results.samples += one.samples
-            results.idle += one.idle
-            results.seconds += one.seconds
-            results.answers += one.answers
             seed += 1
     return results
-
-
-def _job(given: tuple[float, int, int]) -> Results:
-    logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it tells every loss
-    return run(*given)
-
-
-def main() -> int:
-    """Run the sessions that the command line asks for; return 1 if a promise was broken."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--sessions", type=int, default=1000)
-    parser.add_argument("--seconds", type=float, default=3600.0)
-    parser.add_argument("--jobs", type=int, default=1)
-    given = parser.parse_args()
-    share = ceil(given.sessions / given.jobs)
-    work = [(given.seconds, share, 100_000 * job) for job in range(given.jobs)]
-    with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
-        found = list(pool.imap_unordered(_job, work))
-    ends = sum((each.ends for each in found), Counter())
-    samples, idle, seconds = (
-        [v for each in found for v in getattr(each, n)] for n in ("samples", "idle", "seconds")
-    )
-    print(f"{ends.total()} sessions, {sum(f.writes for f in found)} writes, "
-          f"{sum(f.answers for f in found)} answers")  # fmt: skip
-    broken = [words for each in found for words in each.broken]
-    print(f"{len(broken)} promises broken", *broken, sep="\n  ")
-    for how, count in ends.most_common():
-        print(f"  {count:6d}  {how}")
-    print(
-        f"{len(samples)} times restored after a loss, samples: {sorted(Counter(samples).items())}"
-    )
-    print(f"  of them idle: {sorted(Counter(idle).items())}")
-    quantiles = np.quantile(seconds, [0.5, 0.95, 0.99, 1.0])
-    print("  s from the regained connection:", *(f"{each:.3f}" for each in quantiles))
-    return int(bool(broken))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Run random sessions on a simulated live plant and check what must never happen.
 
-    python benchmarks/checks/outside/live_sessions.py --sessions 10000
+The tests of live plants `run` some hundreds of them.
 
 In each session the connection is lost at random instants, the plant may lose or apply a write
 whose answer is lost, values may be of bad quality, an output may cross its abort limit, a person
@@ -13,10 +13,7 @@ plant itself and afterward:
   demand for the way.
 """
 
-import argparse
-import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -265,20 +262,3 @@ def run(sessions: int, first: int = 0) -> Counter[str]:
             except Broken as error:
                 raise Broken(f"session {seed}: {error}") from error
     return outcomes
-
-
-def main() -> None:
-    """Run the sessions that the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--sessions", type=int, default=10_000)
-    parser.add_argument("--first", type=int, default=0)
-    given = parser.parse_args()
-    began = time.perf_counter()
-    outcomes = run(given.sessions, given.first)
-    print(f"{given.sessions} sessions in {time.perf_counter() - began:.0f} s, nothing broken:")
-    for outcome, count in outcomes.most_common():
-        print(f"  {count:6d}  {outcome}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Random sessions of a live plant break no promise; 10,000 of them are a benchmark."""
+"""Random sessions of a live plant break no promise."""
 
 from pathlib import Path
 
