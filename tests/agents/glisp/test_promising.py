@@ -13,6 +13,7 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History, Sample
+from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)])
 
@@ -96,12 +97,7 @@ def cost(theta):
 def gap(seed):
     """What is left after 20 experiments of a person who notices every difference."""
     agent = GLISp(SQUARE, n_init=5, n_max=20, seed=seed)
-    while not agent.done:
-        query = agent.ask()
-        new, old = query.challenger.theta, query.incumbent
-        verdict = None if old is None else int(np.sign(cost(new) - cost(old.theta)))
-        told = {"off": abs(new[0] - 0.3), "spent": abs(new[1] - 0.8)}
-        agent.tell(query, Answer(verdict, outcomes=(told, None)))
+    drive(agent, by(cost), kpis=lambda new: {"off": abs(new[0] - 0.3), "spent": abs(new[1] - 0.8)})
     return cost(agent.best)
 
 
@@ -109,8 +105,3 @@ def gap(seed):
 def test_studies_with_kpis_come_to_the_optimum_with_it():
     # 20 random samples come to 5e-4 (median of 1000 times).
     assert np.median([gap(seed) for seed in range(6)]) < 1e-4
-
-
-def test_a_delta_asks_for_the_acquisition_that_has_one():
-    assert not GLISp(SQUARE, delta=0.5).settings.kpis
-    assert not GLISp.paper(SQUARE).settings.kpis

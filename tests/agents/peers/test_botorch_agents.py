@@ -8,6 +8,7 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
 from support.extras import need
+from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", 0.0, 1.0, step=0), Knob("y", 0.0, 1.0, step=0)])
 
@@ -28,17 +29,7 @@ def kpis(theta):
 
 
 def run(agent, outcomes=None):
-    queries = []
-    while not agent.done:
-        query = agent.ask()
-        queries.append(query)
-        sides = [query.challenger.theta, query.incumbent and query.incumbent.theta]
-        known = outcomes and tuple(None if s is None else outcomes(s) for s in sides)
-        preference = None
-        if query.incumbent is not None:
-            preference = int(np.sign(cost(sides[0]) - cost(sides[1])))
-        agent.tell(query, Answer(preference, outcomes=known))
-    return queries
+    return drive(agent, by(cost), kpis=outcomes)
 
 
 def random_ones(seed, indices):
