@@ -269,7 +269,8 @@ class Agent(Stored):
         history = self.history
         if self.by_value or not history.answered or self._judged == history:
             return
-        leader = self._leader(history)
+        with one_thread():
+            leader = self._leader(history)
         if leader is not None:
             self.history = history.with_best(leader)
         self._judged = self.history
