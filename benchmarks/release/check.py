@@ -160,12 +160,12 @@ def build(out: Path) -> Path:
 def expected() -> set[str]:
     """Return the files of the packages as Git knows them, relative to where they are installed."""
     listed = subprocess.run(
-        ["git", "ls-files", "-z", "prefcal_env", "agents/prefcal_agents",
-         "scenarios/prefcal_scenarios"],
-        cwd=ROOT, check=True, capture_output=True, text=True,
-    ).stdout.split("\0")  # fmt: skip
-    inner = (name.removeprefix("agents/").removeprefix("scenarios/") for name in listed if name)
-    return {name for name in inner if name.startswith(PACKAGES)}
+        ["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.split("\0")
+    homes = [each for each in SOURCES if each != ROOT]
+    inner = [(ROOT / name).relative_to(home) for name in listed
+             for home in (*homes, ROOT) if (ROOT / name).is_relative_to(home)]  # fmt: skip
+    return {path.as_posix() for path in inner if path.parts[:1] and path.parts[0] in PACKAGES}
 
 
 def packed(wheel: Path) -> set[str]:

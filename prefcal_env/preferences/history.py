@@ -379,8 +379,8 @@ class History:
     def retracted(self, index: int, *, follow_up: bool = False) -> "History":
         """Stop learning from answer number `index` (from 0); every sample stays.
 
-        What was held for the best may have followed from it, so nothing is. Follow-ups are numbered
-        separately.
+        What was held for the best after it may have followed from it, so no longer is. Follow-ups
+        are numbered separately.
 
         Raises:
             ProtocolError: If there is no such answer, or it is already retracted.
@@ -395,11 +395,13 @@ class History:
             )
         if answers[index].retracted:
             raise ProtocolError(f"{what} {index} is retracted already")
+        before = next(k for k, c in enumerate(self.in_order()) if c is answers[index])
+        leads = tuple(lead for lead in self.leads if lead.after <= before)
         changed = replace(answers[index], retracted=True)
         answers = (*answers[:index], changed, *answers[index + 1 :])
         if follow_up:
-            return replace(self, follow_ups=answers, leads=())
-        return replace(self, comparisons=answers, leads=())
+            return replace(self, follow_ups=answers, leads=leads)
+        return replace(self, comparisons=answers, leads=leads)
 
     def corrected(self, index: int, outcome: Outcome | None, *, unsafe: bool) -> "History":
         """Return the record after that of experiment `index` was replaced by the right one.

@@ -37,7 +37,7 @@ class Run(Protocol):
 class Picture:
     """One figure of a report.
 
-    Its functions take the report's record of the study, see `app/report/record.py`.
+    Its functions take the report's record of the study, see `report/record.py` of `prefcal_app`.
 
     Args:
         file: Name of its file, .png.

@@ -260,14 +260,20 @@ class Agent(Stored):
 
     def settle(self) -> None:
         """Find the best sample, and store that of the open query, unless none is needed now."""
+        self._judge()
         # Asked first, since finding a pair may take simulations.
         if not self._all_answered and self._known_pair() is None:
             self._store()
 
     def _judge(self) -> None:
-        """Let the agent say which sample it holds for the best, once after each answer."""
+        """Let the agent say which sample it holds for the best, once after each answer.
+
+        Once the next sample is proposed, its rival stays: it may be on show, and simulating for it
+        would make a person wait.
+        """
         history = self.history
-        if self.by_value or not history.answered or self._judged == history:
+        settled = history.waits or self._judged == history
+        if self.by_value or not history.answered or settled:
             return
         with one_thread():
             leader = self._leader(history)

@@ -125,7 +125,7 @@ class Screening(Simulating):
         stage = self._growing.stage(history)
         rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
-        better[list(history.unsafe())] = 0.0
+        better[[*history.unsafe(), *history.cut_short()]] = 0.0  # or judged by half a run
         value = np.where(better > _DOUBT, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
         return int(np.argmax(value)) if np.isfinite(value).any() else None
 

@@ -164,6 +164,46 @@ def test_undo_and_retract_and_marks_need_no_simulation():
     assert interview._flow.simulator.count >= count
 
 
+def judged_often(interview, answers=5):
+    """Enough answers for the agent to hold another one than the winner for the best."""
+    for _ in range(answers):
+        now = proceed(interview)
+        interview.answer(now.question.id, judge(now.question, cost))
+    proceed(interview)
+    return interview
+
+
+def test_nothing_is_simulated_for_a_retraction_or_an_answer_after_a_restart(tmp_path):
+    """The lock is held meanwhile, and who simulates may wait for it."""
+    path = tmp_path / "mine.prefcal"
+    interview = judged_often(started(path, n_max=9))
+    count = interview._flow.simulator.count
+    assert interview.retract(3).phase is Phase.QUESTION
+    assert interview._flow.simulator.count == count
+    interview.study.close()
+    again = reopened(unseen, path)
+    again.answer(again.now().question.id, Choice.LEFT)
+    assert again.now().phase is Phase.RUNNING
+    assert again._flow.simulator.count == 0
+
+
+def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_another(
+    tmp_path, monkeypatch
+):
+    path = tmp_path / "mine.prefcal"
+    with monkeypatch.context() as earlier:
+        earlier.setattr(Screening, "_leader", lambda self, history: None)
+        interview = judged_often(started(path, n_max=9))
+    rival = interview.now().question.incumbent.index
+    interview.study.close()
+    monkeypatch.setattr(Screening, "_leader", lambda self, history: int(rival == 0))
+    again = reopened(unseen, path)
+    again.answer(again.now().question.id, Choice.LEFT)
+    told = again._flow.agent.history.comparisons[-1]
+    assert told.incumbent == again.study.state.history.comparisons[-1].incumbent == rival
+    assert proceed(again).question.incumbent.index == int(rival == 0)
+
+
 def test_an_answer_is_not_retracted_while_the_next_experiment_is_chosen():
     interview = started()
     now = proceed(interview)

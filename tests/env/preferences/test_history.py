@@ -112,6 +112,9 @@ def test_a_retracted_answer_takes_back_what_was_held_for_the_best():
     history = told(None, 1, 1).with_best(2)
     assert (history.incumbent, history.by_answers) == (2, 0)
     assert history.retracted(1).incumbent == 0
+    later = history.with_pending(in_cube([0.9, 0.9])).with_answer(Answer(1), 2)
+    assert later.retracted(3).incumbents()[2] == 2
+    assert later.retracted(1).incumbents()[2] == 0
 
 
 @given(STEPS)
