@@ -60,7 +60,7 @@ print(min(least))
 FILES: Mapping[str, str] = {
     "a.csv": "time,level [m],valve\n0,0,1\n1,1.2,0.4\n2,2,0\n3,2,0\n",
     "b.csv": "time,level [m],valve\n0,0,0.5\n1,0.5,0.5\n2,1,0.5\n3,1.5,0.5\n",
-    "tuned.py": "from prefcal_scenarios import load_controller\n"
+    "tuned.py": "from prefcal_app import load_controller\n"
     "print(load_controller('report/best.json').T_s)\n",
 }
 """Files that the runs below read."""

@@ -14,12 +14,12 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from prefcal_bench.paired import markdown
 from rich.console import Console
 from rich.progress import track
 
 from prefcal_agents import GLISp
 from prefcal_agents.protocol.agent import one_thread
+from prefcal_bench.results.paired import markdown
 from prefcal_env import Answer
 from prefcal_scenarios.cases.functions import FUNCTIONS
 

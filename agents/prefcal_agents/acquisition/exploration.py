@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.models.gaussian_process import PreferenceGP
-from prefcal_agents.models.rbf import Surrogate
-from prefcal_agents.space.distance import squared_distances
+from prefcal_agents.models.rbf import Surrogate, squared_distances
 
 _NEAREST = 1e-75  # squares to 1e-150: the sum of inverses stays finite on a sample
 

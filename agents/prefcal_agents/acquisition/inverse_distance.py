@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.space.distance import squared_distances
+from prefcal_agents.models.rbf import squared_distances
 
 _ON_SAMPLE = 1e-30  # squared distance below which a point counts as a sample
 

@@ -15,9 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from prefcal_agents.history.lessons import MOST, Marks
-from prefcal_agents.models.rbf import RADIAL_FUNCTIONS
+from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, squared_distances
 from prefcal_agents.optimize.search import Objective
-from prefcal_agents.space.distance import squared_distances
 from prefcal_env.preferences.history import History
 
 _RBF = RADIAL_FUNCTIONS["inverse_quadratic"]

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.models.interpolant import Interpolant
-from prefcal_agents.space.distance import squared_distances
+from prefcal_agents.models.rbf import squared_distances
 
 from .inverse_distance import Slopes, Weights, distance, variance
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.space.distance import squared_distances
+from prefcal_agents.models.rbf import squared_distances
 
 from .rbf import RADIAL_FUNCTIONS
 

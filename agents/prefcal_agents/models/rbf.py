@@ -11,8 +11,6 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.space.distance import squared_distances
-
 Array = Float[np.ndarray, "..."]
 _TINY = 1e-300  # keeps log(u) finite at a center
 
@@ -45,6 +43,21 @@ RADIAL_FUNCTIONS: Mapping[str, RadialFunction] = MappingProxyType(
     }
 )
 """Radial functions of the paper by name."""
+
+
+def squared_distances(
+    a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
+) -> Float[np.ndarray, "m N"]:
+    """Return d of eq. distance between all rows of `a` and all of `b`, shape (m, N).
+
+    Differences are taken before squaring: near the optimum samples lie within 1e-6 of each
+    other, where |a|² + |b|² - 2ab has no correct digit.
+    """
+    d = np.zeros((len(a), len(b)))
+    for k in range(a.shape[1]):
+        difference = a[:, k, None] - b[:, k]
+        d += difference * difference
+    return d
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,8 @@
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.distance import cdist
 
-from prefcal_agents.space.distance import squared_distances
 from prefcal_env.knobs.space import KnobSpace
 
 from .feasible import Region
@@ -36,11 +36,11 @@ def _moved_inside(
         pool = region.draw(
             max(_POOL, _POOL_SHARE * len(refused)), np.random.default_rng([seed, 0, 1])
         )
-        nearest = squared_distances(pool, np.delete(points, refused, axis=0)).min(
+        nearest = cdist(pool, np.delete(points, refused, axis=0), "sqeuclidean").min(
             axis=1, initial=np.inf
         )
         for index in refused:
             farthest = int(np.argmax(nearest))
             points[index] = pool[farthest]
-            nearest = np.minimum(nearest, squared_distances(pool, pool[farthest, None])[:, 0])
+            nearest = np.minimum(nearest, cdist(pool, pool[farthest, None], "sqeuclidean")[:, 0])
     return points

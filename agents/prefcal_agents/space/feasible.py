@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial.distance import cdist
 
-from prefcal_agents.space.distance import squared_distances
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.space import KnobSpace
 
@@ -107,7 +107,7 @@ class Region:
         snapped = self.space.snap_all(z)
         out = np.flatnonzero(~self.allows(snapped))
         if len(out):
-            nearest = anchors[np.argmin(squared_distances(snapped[out], anchors), axis=1)]
+            nearest = anchors[np.argmin(cdist(snapped[out], anchors, "sqeuclidean"), axis=1)]
             edge = self._toward(nearest, snapped[out])
             # Points at the edge are not rounded, since rounding could leave the region.
             snapped[out] = self.space.snap_all(edge, only_integers=True)

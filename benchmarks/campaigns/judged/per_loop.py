@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from prefcal_bench.paired import interval, markdown
 from scipy.stats import t as student
 
+from prefcal_bench.results.paired import interval, markdown
 from prefcal_bench.results.statistics import Estimate
 
 

@@ -20,9 +20,9 @@ from prefcal_agents.glisp import selection, training
 from prefcal_agents.glisp import settings as glisp_settings
 from prefcal_agents.glisp import strategy as proposal
 from prefcal_agents.models.preference_qp import Learning
+from prefcal_agents.models.rbf import squared_distances
 from prefcal_agents.optimize.search import multistart
 from prefcal_agents.space import design as cube
-from prefcal_agents.space.distance import squared_distances
 from prefcal_env import Knob, KnobSpace
 from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_scenarios.cases.cstr.scenario import SPACE

@@ -8,8 +8,7 @@ from prefcal_agents.acquisition.exploration import (
     exploration,
     exploration_and_gradient,
 )
-from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape, Surrogate
-from prefcal_agents.space.distance import squared_distances
+from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape, Surrogate, squared_distances
 
 SAMPLES = np.random.default_rng(0).random((7, 3))
 coordinate = st.floats(0, 1)

@@ -9,7 +9,7 @@ from scipy.optimize import check_grad
 from prefcal_agents.acquisition.inverse_distance import Slopes, Weights, distance, variance
 from prefcal_agents.acquisition.value_acquisition import ValueAcquisition
 from prefcal_agents.models.interpolant import interpolate
-from prefcal_agents.space.distance import squared_distances
+from prefcal_agents.models.rbf import squared_distances
 
 RNG = np.random.default_rng(3)
 SAMPLES = RNG.uniform(-1, 1, (9, 2))

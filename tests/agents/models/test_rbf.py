@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape, Surrogate
+from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape, Surrogate, squared_distances
 
 
 @pytest.mark.parametrize(
@@ -32,6 +32,16 @@ def test_values_and_slopes_are_finite_on_a_center(name):
     f = RADIAL_FUNCTIONS[name]
     assert np.isfinite(f.value(np.zeros(1))).all()
     assert np.isfinite(f.slope(np.zeros(1))).all()
+
+
+def test_squared_distances_by_hand():
+    d = squared_distances(np.array([[0.0, 0.0], [1.0, 2.0]]), np.array([[3.0, 4.0]]))
+    assert d.tolist() == [[25.0], [8.0]]
+
+
+def test_squared_distances_of_close_points_keep_their_digits():
+    a = np.array([[0.7, 0.3]])
+    assert squared_distances(a, a + 1e-9)[0, 0] == pytest.approx(2e-18, rel=1e-6)
 
 
 def test_eq_rbf_by_hand_with_the_squared_distance():

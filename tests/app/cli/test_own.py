@@ -152,7 +152,7 @@ own = replace(t.toy, run=run, references={})
 
 def test_the_three_lines_of_best_json_work_in_the_folder_of_the_report(prefcal, own, tmp_path):
     assert prefcal("calibrate", own("own = t.toy"), *QUICK)[0] == 0
-    lines = "from prefcal_scenarios import load_controller; load_controller('best.json')"
+    lines = "from prefcal_app import load_controller; load_controller('best.json')"
     done = subprocess.run([sys.executable, "-c", lines], cwd=tmp_path / "res", check=False)
     assert done.returncode == 0
 

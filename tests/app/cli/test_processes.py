@@ -14,7 +14,7 @@ def interrupted(folder, runs):
     """An unattended study that is stopped during its experiment number `runs`."""
     (folder / "own.py").write_text(
         "from dataclasses import replace\n"
-        "from prefcal_scenarios.scenario import load\n"
+        "from prefcal_scenarios import load\n"
         f"slow = load({str(TOY_FILE)!r} + ':slow')\n"
         "def run(theta, seed=0):\n"
         "    with open('runs', 'a') as runs:\n"
@@ -47,7 +47,7 @@ def test_ctrl_c_leaves_a_readable_partial_report(tmp_path):
 def test_ctrl_c_before_the_first_experiment_reports_nothing(tmp_path):
     (tmp_path / "own.py").write_text(
         "import time\nfrom dataclasses import replace\n"
-        "from prefcal_scenarios.scenario import load\n"
+        "from prefcal_scenarios import load\n"
         f"toy = load({str(TOY_FILE)!r} + ':toy')\n"
         "def run(theta, seed=0):\n"
         "    open('running', 'w').close()\n"
@@ -70,7 +70,7 @@ def test_ctrl_c_before_the_first_experiment_reports_nothing(tmp_path):
 def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):
     (tmp_path / "rig.py").write_text(
         "from dataclasses import replace\n"
-        f"from prefcal_scenarios.scenario import load\n"
+        f"from prefcal_scenarios import load\n"
         f"toy = load({str(TOY_FILE)!r} + ':toy')\n"
         "runs = []\n"
         "def run(theta, seed=0):\n"

@@ -130,7 +130,7 @@ def test_a_worker_that_is_closed_runs_nothing_and_leaves_no_process():
 
 def test_a_file_that_loads_only_here_is_told(tmp_path):
     path = tmp_path / "own.py"
-    path.write_text(f"from prefcal_scenarios.scenario import load\ntoy = load({WILD!r} + ':TOY')\n")
+    path.write_text(f"from prefcal_scenarios import load\ntoy = load({WILD!r} + ':TOY')\n")
     with isolation(f"{path}:toy", early=False) as isolated:
         scenario = isolated(load(f"{path}:toy"))
         path.write_text("raise OSError('no such port')\n")
