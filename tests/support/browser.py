@@ -114,6 +114,7 @@ class Watched:
         self.page: Page = browser.new_context(
             **{"viewport": {"width": 1280, "height": 720}, **options}
         ).new_page()
+        self.page.set_default_navigation_timeout(60_000)  # a busy machine is no failure
         self.requests: list[str] = []
         self.errors: list[str] = []
         self.page.on("request", lambda request: self.requests.append(request.url))
