@@ -91,6 +91,10 @@ def test_the_surrogate_orders_the_samples_as_the_answers_do():
     assert np.all(values[latent > CAMEL(agent.best)] > 0)
 
 
+def test_the_surrogate_is_flat_while_nothing_is_known():
+    assert GLISp(SQUARE).surrogate(np.zeros((3, 2))).tolist() == [0, 0, 0]
+
+
 def test_thetas_of_another_shape_or_outside_the_box_are_refused_by_the_surrogate():
     for thetas in (np.zeros(2), np.zeros((3, 3)), np.full((1, 2), 9.0)):
         with pytest.raises(KnobError):
