@@ -23,10 +23,10 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-from deviating import cases, control
-from deviating.common import AUTOMATED, CAR, PREFERRED
+import readings
 from hole import lowest, rows_of, theta
 from offset_free import noise_left, offsets
+from readings import AUTOMATED, CAR, PREFERRED
 from rich.console import Console
 from rich.table import Table
 
@@ -102,18 +102,18 @@ def rounded(value: float, figure: str) -> Decimal:
 
 @cache
 def react(theta: tuple[float, ...], base: float = 10.0) -> Experiment:
-    return control.react(theta, base=base)
+    return readings.react(theta, base=base)
 
 
 @cache
 def drive(base: float = 10.0) -> Experiment:
-    return control.drive(CAR, base=base)
+    return readings.drive(CAR, base=base)
 
 
 def indices(
-    *thetas: tuple[float, ...], change: control.Change = control.same, base: float = 10.0
+    *thetas: tuple[float, ...], change: readings.Change = readings.same, base: float = 10.0
 ) -> Numbers:
-    return [control.index(t, change, base) for t in thetas]
+    return [readings.index(t, change, base) for t in thetas]
 
 
 def both_optima() -> Numbers:
@@ -162,19 +162,6 @@ def steady_states() -> Numbers:
     return [float(C_A) for C_A in CSTR().steady_states_at_input(298.0)[:, 1]]
 
 
-def heating() -> Numbers:
-    """Return the steady states with either sign of the heat of reaction."""
-    return [float(n) for cell in cases.heat(NOTHING).columns[1].cells for n in str(cell).split(",")]
-
-
-def starts() -> Numbers:
-    rows = [list(column.cells) for column in cases.start(NOTHING).columns[1:]]
-    return [float(str(cell)) for column in rows for cell in column]
-
-
-NOTHING = argparse.Namespace()
-
-
 def circle() -> Numbers:
     """Return the numbers of the three drives, if each is better than the next."""
     judge = overtake.calibrators["synthetic"]()
@@ -188,20 +175,20 @@ def worst_t_comp() -> float:
     return float(drive().kpis["t_comp_worst"])
 
 
-def peaks(change: control.Change) -> Numbers:
-    return [drive().kpis["path_peak"], control.drive(CAR, change).kpis["path_peak"]]
+def peaks(change: readings.Change) -> Numbers:
+    return [drive().kpis["path_peak"], readings.drive(CAR, change).kpis["path_peak"]]
 
 
 def at_optimum(limit: str) -> Numbers:
     """Return peak, lateral distance, lateral acceleration and steering at the paper's θ."""
-    kpis = control.drive(CAR, fixed=car.STEERING_LIMITS[limit]).kpis
+    kpis = readings.drive(CAR, fixed=car.STEERING_LIMITS[limit]).kpis
     names = "path_peak", "lateral_distance", "lateral_acceleration", "steering"
     return [float(kpis[name]) for name in names]
 
 
 def stiff_peak(limit: str = "per second") -> float:
     stiff = replace(car.STEERING_LIMITS[limit], Q_eps=1e5)
-    return float(control.drive(CAR, fixed=stiff).kpis["path_peak"])
+    return float(readings.drive(CAR, fixed=stiff).kpis["path_peak"])
 
 
 def offset_table() -> Numbers:
@@ -218,7 +205,7 @@ def z_weaker() -> float:
 
 def unlimited(theta: tuple[float, ...]) -> Numbers:
     """Return the index without a limit on the first input and move."""
-    with mock.patch.object(LinearMPC, "move", control.first_unlimited):
+    with mock.patch.object(LinearMPC, "move", readings.first_unlimited):
         return indices(theta)
 
 
@@ -253,9 +240,9 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("docs/overtaking.md", "the paper's worst t_comp of ‹0.081› s", lambda: [worst_t_comp()]),
     Claim("docs/overtaking.md", "(numbers ‹3›, ‹15› and ‹12› of the seeded sample) form a circle",
           circle),
-    Claim(DEVIATIONS, "C_A = ‹8.538›, ‹5.590› and ‹2.332›; as printed only ‹9.497›", heating),
+    Claim(DEVIATIONS, "C_A = ‹8.538›, ‹5.590› and ‹2.332›; as printed only ‹9.497›", readings.heat),
     Claim(DEVIATIONS, "two θ ‹0.6996› and ‹0.8217›; from T_c0 = 298 K ‹0.6970› and ‹0.8036›",
-          starts),
+          readings.starts),
     Claim(DEVIATIONS, "automated θ ‹0.6996›, with base e ‹0.8149›",
           lambda: [*indices(AUTOMATED), *indices(AUTOMATED, base=np.e)]),
     Claim(DEVIATIONS, "the car's peak ‹3.129› m, with base e ‹3.108› m",
@@ -264,11 +251,11 @@ CLAIMS: tuple[Claim, ...] = (
           lambda: [*indices(AUTOMATED), *with_rates(2.0)]),
     Claim(DEVIATIONS, "as printed ‹0.7009› and ‹0.8230›; the car's peak ‹3.129› m, as printed "
           "‹3.128› m", lambda: [
-              *indices(AUTOMATED, PREFERRED, change=control.up_to_last_but_one),
-              *peaks(control.up_to_last_but_one)]),
+              *indices(AUTOMATED, PREFERRED, change=readings.up_to_last_but_one),
+              *peaks(readings.up_to_last_but_one)]),
     Claim(DEVIATIONS, "with one more ‹0.6999› and ‹0.8213›; the car's peak ‹3.129› m and "
           "‹3.119› m", lambda: [
-              *indices(AUTOMATED, PREFERRED, change=control.one_more), *peaks(control.one_more)]),
+              *indices(AUTOMATED, PREFERRED, change=readings.one_more), *peaks(readings.one_more)]),
     Claim(DEVIATIONS, "the preferences θ ‹0.8217›, without it ‹0.8848›",
           lambda: [*indices(PREFERRED), *unlimited(PREFERRED)]),
     Claim(DEVIATIONS, "a peak of ‹3.129› m, with 1e5 ‹6.205› m",

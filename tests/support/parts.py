@@ -16,7 +16,7 @@ import pytest
 TESTS = Path(__file__).parents[1]
 EXTENDED = {
     "benchmark": (
-        "bench/*", "test_*_campaign.py", "test_deviating.py", "test_per_loop.py",
+        "bench/*", "test_*_campaign.py", "test_per_loop.py",
         "test_replay.py", "test_same_studies.py", "test_worth_table.py",
     ),
     "browser": (

@@ -16,20 +16,17 @@ class Deviation:
         ours: What prefcal does.
         why: Reason for the deviation.
         effect: Measured effect, or the reason why there can be none.
-        part: Part of `benchmarks/checks/deviations.py` that measures the effect; empty if another
-            page documents the measurement.
     """
 
     paper: str
     ours: str
     why: str
     effect: str
-    part: str = ""
 
 
 def _row(line: str) -> Deviation:
-    _, paper, ours, why, effect, part, _ = map(str.strip, line.split("|"))
-    return Deviation(paper, ours, why, effect, part.strip("`"))
+    _, *cells, _ = map(str.strip, line.split("|"))
+    return Deviation(*cells)
 
 
 DEVIATIONS = tuple(map(_row, TABLE.splitlines()[2:]))
