@@ -1,54 +1,43 @@
 """Random sessions of a live plant break no promise."""
 
-from pathlib import Path
-
 import pytest
 
-ROOT = Path(__file__).parents[3]
+from support.live_sessions import simulated_sessions
 
 
-@pytest.fixture
-def sessions(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "checks" / "outside")
-    import live_sessions
-
-    return live_sessions
-
-
-def test_random_sessions_keep_every_promise(sessions):
-    outcomes = sessions.run(300)
+def test_random_sessions_keep_every_promise():
+    outcomes = simulated_sessions.run(300)
     assert sum(outcomes.values()) == 300
     assert {"killed", "time is up", "failed, lost", "unsafe"} <= set(outcomes)
 
 
-def test_the_check_sees_a_write_that_is_too_fast(sessions, monkeypatch):
+def test_the_check_sees_a_write_that_is_too_fast(monkeypatch):
     from prefcal_env.live.parts import Written
 
     monkeypatch.setattr(Written, "step", lambda self, elapsed, period: 1e9)
-    with pytest.raises(sessions.Broken, match="is faster than"):
-        sessions.run(20)
+    with pytest.raises(simulated_sessions.Broken, match="is faster than"):
+        simulated_sessions.run(20)
 
 
-def test_a_real_server_that_loses_its_connection_gets_its_old_values_back(sessions):
+def test_a_real_server_that_loses_its_connection_gets_its_old_values_back():
     pytest.importorskip("asyncua")
-    import live_opcua
+    from support.live_sessions import server_sessions
 
-    found = live_opcua.run(60.0, most=4)
+    found = server_sessions.run(60.0, most=4)
     assert found.ends.total() == 4
     assert found.writes
     assert found.broken == []
 
 
-def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(sessions, monkeypatch):
+def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(monkeypatch):
     pytest.importorskip("asyncua")
-    import live_opcua
-
     from prefcal_env.live.drive import Drive
     from prefcal_env.live.parts import Written
+    from support.live_sessions import server_sessions
 
     with monkeypatch.context() as changed:
         changed.setattr(Written, "step", lambda self, elapsed, period: 1e9)
-        found = live_opcua.run(10.0, most=6)
+        found = server_sessions.run(10.0, most=6)
         assert any("is faster than" in words for words in found.broken)
     moved, calls = Drive._moved_to, []
 
@@ -59,5 +48,5 @@ def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(ses
         return moved(self, targets) if not self.plant.connected or len(calls) > 6 else False
 
     monkeypatch.setattr(Drive, "_moved_to", late)
-    found = live_opcua.run(10.0, most=12, first=7)
+    found = server_sessions.run(10.0, most=12, first=7)
     assert any("idle samples" in words for words in found.broken)

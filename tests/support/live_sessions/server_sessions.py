@@ -10,8 +10,8 @@ notes every write. Checked after each session:
 - no write was outside the limits, or faster than the rate;
 - the old values are back on the server;
 - after a regained connection, each of them is on its way back within two samples, and from then on
-  moves at every sample (how far is what the rates allow; `live_sessions.py` checks that exactly, in
-  simulated time);
+  moves at every sample (how far is what the rates allow; `simulated_sessions.py` checks that
+  exactly, in simulated time);
 - the study file, closed and opened again, holds every answer and experiment.
 """
 
@@ -28,7 +28,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from opcua_relay import WRITTEN, Loss, Relay, Watch, Write, loss_at_random, watched_tank
 
 from prefcal_agents import RandomSearch
 from prefcal_app.session import Choice, Interview, Now, Phase
@@ -37,6 +36,8 @@ from prefcal_env.live import LiveRig, live_rig
 from prefcal_env.live.parts import Written
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.scenario import Scenario
+
+from .relay import WRITTEN, Loss, Relay, Watch, Write, loss_at_random, watched_tank
 
 _PERIOD = 0.05
 _SPAN = 1.1
