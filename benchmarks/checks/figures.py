@@ -135,7 +135,7 @@ def overtaking(folder: Path) -> tuple[Pictures, Story]:
 
 
 def reactor_index(folder: Path) -> tuple[Pictures, Story]:
-    """Draw the hole of the reactor's index, from the table of best_known.py."""
+    """Draw the hole of the reactor's index, from the table of best known indices."""
     scenario, rows = load("cstr"), rows_of(TABLE)
     assert scenario.cost is not None
     story = {

@@ -19,7 +19,7 @@ Row = Mapping[str, float]
 
 
 def rows_of(path: Path) -> dict[str, list[Row]]:
-    """Return the table of `best_known.py`: rows by N_p, for "calm" and for "all" runs."""
+    """Return the table of best known indices: rows by N_p, for "calm" and for "all" runs."""
     found: dict[str, list[Row]] = {"calm": [], "all": []}
     with path.open() as file:
         for row in csv.DictReader(file):

@@ -16,8 +16,8 @@ import pytest
 TESTS = Path(__file__).parents[1]
 EXTENDED = {
     "benchmark": (
-        "bench/*", "test_*_campaign.py", "test_per_loop.py",
-        "test_replay.py", "test_same_studies.py", "test_worth_table.py",
+        "bench/*", "test_*_campaign.py", "test_replay.py", "test_same_studies.py",
+        "test_worth_table.py",
     ),
     "browser": (
         "app/looking/test_window.py", "app/web/test_accessibility.py",

@@ -22,14 +22,14 @@ CSTR_BROAD = 0.69066
 """Smallest known eq. perf_index of a CSTR run that does not undershoot the accepted band.
 
 Attained at θ = (0.25, 25, -1.000783). Gaps are measured from it, since it is the bottom of the
-basin that answers lead to and that people would accept. Source: `benchmarks/checks/best_known.py`.
+basin that answers lead to and that people would accept. Source: docs/gallery/reactor.md.
 """
 CSTR_HOLE = 0.41508
 """Smallest known eq. perf_index in the whole box, at θ = (0.25, 4, -0.98486).
 
 It lies in a crease about 0.09 wide in log Q, where C_A undershoots the target by 0.49 kgmol/m³,
 which the index does not count, and ends on the target by chance.
-Source: `benchmarks/checks/best_known.py`, docs/gallery/reactor.md.
+Source: docs/gallery/reactor.md.
 """
 HOLES: Mapping[str, float] = {"cstr": CSTR_BROAD - CSTR_HOLE}
 """How far below `best_known` a problem's cost can fall in a hole that gaps exclude."""

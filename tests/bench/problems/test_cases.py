@@ -83,7 +83,7 @@ def test_nothing_that_was_searched_is_below_the_two_constants():
 
 
 def table():
-    """What `benchmarks/checks/best_known.py` found, by N_p."""
+    """The best known indices, by N_p."""
     with BEST_KNOWN.open() as file:
         return [
             {k: v if k == "runs" else float(v) for k, v in row.items()}
