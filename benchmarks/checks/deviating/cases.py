@@ -14,7 +14,7 @@ from prefcal_agents import GLISp
 from prefcal_env import calibrate
 from prefcal_env.calibrators import Lexicographic
 from prefcal_env.envs import cstr as reactor
-from prefcal_env.envs.overtake.road.rules import WIDTH
+from prefcal_env.envs.overtake.rules import WIDTH
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.cstr import FEED
@@ -130,7 +130,7 @@ def lateral(reference: float, distance: float) -> Iterator[None]:
 @contextmanager
 def front_ends() -> Iterator[None]:
     """Measure the 10 m between front ends."""
-    rules = "prefcal_env.envs.overtake.road.rules"
+    rules = "prefcal_env.envs.overtake.rules"
     with (
         mock.patch(f"{rules}.gap", lambda x_f, x_o: x_o - x_f),
         mock.patch(f"{rules}.clearance", lambda x_f, x_o: x_f - x_o),
@@ -145,7 +145,7 @@ READINGS: dict[str, Callable[[], AbstractContextManager[Any]]] = {
     ),
     "3 m between bodies, not center lines": lambda: lateral(3 + WIDTH, 3 + WIDTH),
     "y_ref = y_o while overtaking": lambda: lateral(0.0, 3.0),
-    "no edge of the road": lambda: mock.patch("prefcal_env.envs.overtake.drive.ROAD_MARGIN", 1e3),
+    "no edge of the road": lambda: mock.patch("prefcal_env.envs.overtake.course.ROAD_MARGIN", 1e3),
 }
 
 

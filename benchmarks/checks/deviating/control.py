@@ -11,7 +11,7 @@ from rich.table import Table
 from prefcal_env import KnobSpace
 from prefcal_env.envs.cstr import cstr_env
 from prefcal_env.envs.overtake import Course
-from prefcal_env.envs.overtake.road.rules import Phase
+from prefcal_env.envs.overtake.rules import Phase
 from prefcal_env.experiments.control import Controller, Measurement, Move
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout

@@ -5,8 +5,8 @@ from math import inf
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake.road.contact import CONTACT
-from prefcal_env.envs.overtake.road.rules import (
+from prefcal_env.envs.overtake.geometry import CONTACT
+from prefcal_env.envs.overtake.rules import (
     KEEPING_SPEED,
     LANE_WIDTH,
     LENGTH,

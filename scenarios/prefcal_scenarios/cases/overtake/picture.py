@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from prefcal_env.envs.overtake.road.geometry import corners
-from prefcal_env.envs.overtake.road.rules import (
+from prefcal_env.envs.overtake.geometry import corners
+from prefcal_env.envs.overtake.rules import (
     KEEPING_SPEEDS,
     LANE_WIDTH,
     LENGTH,

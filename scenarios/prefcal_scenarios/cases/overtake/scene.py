@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from prefcal_env.envs.overtake.road.geometry import distance
-from prefcal_env.envs.overtake.road.rules import ROAD, Phase
+from prefcal_env.envs.overtake.geometry import distance
+from prefcal_env.envs.overtake.rules import ROAD, Phase
 from prefcal_env.experiments.experiment import Experiment
 
 _HOME = 0.1

@@ -8,7 +8,8 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from prefcal_env.envs.overtake import Course, Mishap, OvertakeEnv
-from prefcal_env.envs.overtake.road.vehicles import ObstacleVehicle, OwnVehicle
+from prefcal_env.envs.overtake.traffic import Track
+from prefcal_env.envs.overtake.vehicles import ObstacleVehicle, OwnVehicle
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plants.bicycle import KMH, Bicycle
@@ -245,20 +246,9 @@ def test_what_is_written_into_the_configuration_counts_from_the_next_reset():
     assert len(env.road.network.lanes_list()) == before + 1
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("manual_control", True),
-        ("show_trajectories", "maybe"),
-        ("scaling", "large"),
-        ("scaling", -1),
-        ("screen_width", 0),
-        ("screen_width", None),
-        ("screen_height", 90.5),
-        ("centering_position", 0.5),
-        ("centering_position", [0.5, 2]),
-    ],
-)
-def test_pictures_that_cannot_be_drawn_are_refused_by_name(key, value):
-    with pytest.raises(SettingsError, match=key):
-        OvertakeEnv({key: value})
+def test_a_track_is_straight_between_two_instants():
+    track = Track()
+    track.add(0.0, 10.0, 0.0, 0.0, 12.0)
+    track.add(0.5, 16.0, 1.0, 0.1, 14.0)
+    expected = np.array([[10, 0, 0, 12], [13, 0.5, 0.05, 13], [16, 1, 0.1, 14]])
+    assert track.at(np.array([0.0, 0.25, 0.5])) == pytest.approx(expected)
