@@ -71,7 +71,8 @@ def surely_apart(x, others, bent, reach):  # type: ignore[no-untyped-def]
 
     Args:
         x: States at the M + 1 instants, shape (M + 1, n_x); the first ones are the pose.
-        others: Poses of the n other vehicles at the same instants, shape (n, M + 1, 3).
+        others: Places of the n other vehicles at the same instants, shape (n, M + 1, 4); the first
+            three numbers of each are its pose.
         bent: Factor by which a path may be longer than its chord.
         reach: Distance from the front end to the farthest point of a body [m].
     """

@@ -120,6 +120,8 @@ class Course:
         self._trajectory = Trajectory(self.x, self.u)
         self._phases: list[tuple[Phase, int]] = []
         self._times = _instants(T_s, int(self.options.duration / T_s) + 2)
+        # Where the obstacle will be, all at once: faster than period by period.
+        self._ahead = Obstacle().at(self._times.ravel()).reshape(*self._times.shape, 4)
         self.phase = Phase.LANE_KEEPING
         self._look()
 
@@ -146,15 +148,17 @@ class Course:
         if self.end is not None:
             raise ProtocolError("the episode is over: call reset() first")
         u = np.minimum(np.maximum(vector(u, 2, "input u", finite=False), LOW), HIGH)
-        times = self._times[len(self._phases)]
+        step = len(self._phases)
+        times = self._times[step]
         if self.simulation is not None:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
-        t, x, self.mishap = self._period(u, times)
+        others = np.stack([self._ahead[step], *(o.at(times) for o in self.movers[1:])])
+        t, x, self.mishap = self._period(u, times, others)
         trajectory.add(t[1:], x[1:], u, self._y_ref())
         self._phases.append((self.phase, len(t) - 1))
         driven = Driven(t, x, u, self.phase)
         self.t, self.x, self.u = float(t[-1]), x[-1], u
-        self._look()
+        self._look(others[:, -1] if self.mishap is None else None)
         if self.mishap is not None:
             self.end = End.UNSAFE
         elif self.t >= self.options.duration * (1 - 1e-12):
@@ -162,9 +166,11 @@ class Course:
         return driven
 
     def _period(
-        self, u: Float[np.ndarray, " 2"], t: Times
+        self, u: Float[np.ndarray, " 2"], t: Times, others: Float[np.ndarray, "n M1 4"]
     ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, "D 3"], Mishap | None]:
         """Drive with `u` held from the first of `t` to the last or to a mishap.
+
+        `others` are the places of the other vehicles at `t`.
 
         Returns:
             The instants, shape (D,), up to the one where the period ended, the states at them, and
@@ -172,7 +178,7 @@ class Course:
         """
         start, x = t[0], self.x
 
-        def states(at: Times) -> Float[np.ndarray, "K 3"]:
+        def states(at: Times) -> Poses:
             later = at[at > start]
             after = _PLANT.hold(x, u, _NONE, later - start)
             return after if len(later) == len(at) else np.concatenate([x[None], after])
@@ -180,9 +186,8 @@ class Course:
         def motion(at: Times) -> tuple[Poses, list[Poses]]:
             return states(at), [mover.at(at)[:, :3] for mover in self.movers]
 
-        driven = states(t)
+        driven = np.concatenate([x[None], _PLANT.hold(x, u, _NONE, t[1:] - start)])
         kept, why = _kernels.kept(driven, self.options.road, ROAD_MARGIN)
-        others = np.stack([mover.at(t)[:, :3] for mover in self.movers])
         t, driven, touched = t[: kept + 1], driven[: kept + 1], None
         if not _kernels.surely_apart(driven, others, BENT, REACH):
             touched = first_contact(motion, t)
@@ -231,10 +236,11 @@ class Course:
         """Return the reference of lane keeping: straight ahead from here, shape (3,)."""
         return np.array([self.x[0], 0.0, 0.0])
 
-    def _look(self) -> None:
-        """Update where every vehicle is at this sampling instant."""
-        now = np.array([self.t])
-        self.obstacles = np.array([mover.at(now)[0, [0, 1, 3]] for mover in self.movers])
+    def _look(self, places: Float[np.ndarray, "n 4"] | None = None) -> None:
+        """Note where every vehicle is at this sampling instant; None looks it up."""
+        if places is None:
+            places = np.concatenate([mover.at(np.array([self.t])) for mover in self.movers])
+        self.obstacles = places[:, [0, 1, 3]]
         self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
 
 

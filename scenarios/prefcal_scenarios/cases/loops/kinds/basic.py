@@ -4,12 +4,18 @@ from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.cases.loops.controllers import PID
-from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing
+from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing, Vary, nominal
 from prefcal_scenarios.cases.loops.plants import Linear
-from prefcal_scenarios.cases.loops.vary import Vary, nominal
 
 SETPOINT_WEIGHT = Knob("b", 0.0, 1.0)
 """Share of the target's step that acts at once."""
+CASCADE = ("_outer", "_inner")
+"""Suffixes of the knobs of a cascade."""
+
+
+def knobs(*each: Knob) -> KnobSpace:
+    """Return the space of these knobs."""
+    return KnobSpace(list(each))
 
 
 def ratio(name: str, low: float, high: float, unit: str = "") -> Knob:
@@ -31,15 +37,13 @@ def lag(vary: Vary = nominal) -> Loop:
             E=((0.0,), (1 / fast,)),
         ),
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 0.1, 20.0, "%/°C"),
-                ratio("T_i", 2.0, 200.0, "s"),
-                ratio("T_d", 0.2, 40.0, "s"),
-                ratio("T_f", 0.2, 20.0, "s"),
-                SETPOINT_WEIGHT,
-                ratio("T_t", 1.0, 200.0, "s"),
-            ]
+        space=knobs(
+            ratio("K", 0.1, 20.0, "%/°C"),
+            ratio("T_i", 2.0, 200.0, "s"),
+            ratio("T_d", 0.2, 40.0, "s"),
+            ratio("T_f", 0.2, 20.0, "s"),
+            SETPOINT_WEIGHT,
+            ratio("T_t", 1.0, 200.0, "s"),
         ),
         states=(Channel("temperature", "°C", -20, 120), Channel("jacket temperature", "°C")),
         inputs=(Channel("valve", "%", 0, 100),),
@@ -63,14 +67,12 @@ def integrating(vary: Vary = nominal) -> Loop:
             E=((-rate,), (0.0,)),
         ),
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 0.2, 20.0),
-                ratio("T_i", 3.0, 300.0, "s"),
-                ratio("T_d", 0.05, 10.0, "s"),
-                ratio("T_f", 0.1, 10.0, "s"),
-                SETPOINT_WEIGHT,
-            ]
+        space=knobs(
+            ratio("K", 0.2, 20.0),
+            ratio("T_i", 3.0, 300.0, "s"),
+            ratio("T_d", 0.05, 10.0, "s"),
+            ratio("T_f", 0.1, 10.0, "s"),
+            SETPOINT_WEIGHT,
         ),
         states=(Channel("level", "%", 0, 100), Channel("inflow", "%")),
         inputs=(Channel("valve", "%", 0, 100),),
@@ -99,14 +101,12 @@ def oscillatory(vary: Vary = nominal) -> Loop:
             E=((0.0,), (stiffness,), (0.0,)),
         ),
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 0.03, 10.0, "N/cm"),
-                ratio("T_i", 0.1, 10.0, "s"),
-                ratio("T_d", 0.03, 10.0, "s"),
-                ratio("T_f", 0.02, 2.0, "s"),
-                SETPOINT_WEIGHT,
-            ]
+        space=knobs(
+            ratio("K", 0.03, 10.0, "N/cm"),
+            ratio("T_i", 0.1, 10.0, "s"),
+            ratio("T_d", 0.03, 10.0, "s"),
+            ratio("T_f", 0.02, 2.0, "s"),
+            SETPOINT_WEIGHT,
         ),
         states=(
             Channel("position", "cm", -10, 10),
@@ -134,14 +134,12 @@ def unstable(vary: Vary = nominal) -> Loop:
             E=((1 / growth,), (0.0,)),
         ),
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 1.0, 20.0),
-                ratio("T_i", 1.0, 100.0, "min"),
-                ratio("T_d", 0.02, 2.0, "min"),
-                ratio("T_f", 0.02, 1.0, "min"),
-                SETPOINT_WEIGHT,
-            ]
+        space=knobs(
+            ratio("K", 1.0, 20.0),
+            ratio("T_i", 1.0, 100.0, "min"),
+            ratio("T_d", 0.02, 2.0, "min"),
+            ratio("T_f", 0.02, 1.0, "min"),
+            SETPOINT_WEIGHT,
         ),
         states=(Channel("temperature", "°C", -15, 15), Channel("heating", "°C")),
         inputs=(Channel("heating command", "°C", -20, 20),),

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.cases.loops.controllers import Tunable
-from prefcal_scenarios.cases.loops.loop import Loop
-from prefcal_scenarios.cases.loops.vary import Vary, nominal
+from prefcal_scenarios.cases.loops.loop import Loop, Vary, nominal
 
-from .basic import oscillatory, ratio
+from .basic import knobs, oscillatory, ratio
 from .motion import boost_converter
 from .processes import quadruple_tank
 
@@ -29,9 +27,8 @@ def _mpc(
     disturbed: tuple[tuple[int, ...], tuple[int, ...]],
 ) -> Tunable:
     """Return the MPC of a loop; `disturbed` holds the outputs and inputs with a disturbance."""
-    from prefcal_scenarios.cases.loops.mpc import (
-        MPC,  # here, since it loads the QP solver, which the other loops do without
-    )
+    # Here, since it loads the QP solver, which the other loops do without.
+    from prefcal_scenarios.cases.loops.mpc import MPC
 
     return MPC(scales, moves, loop.task.noise, process, *disturbed, fixed={"Q_1": 1.0})
 
@@ -44,13 +41,11 @@ def mpc_oscillatory(vary: Vary = nominal) -> Loop:
         name="mpc-oscillatory",
         title="MPC of a flexible arm",
         controller=_mpc(loop, (1.0,), (1.0,), (1e-3, 1e-2, 1e-3), ((), (0,))),
-        space=KnobSpace(
-            [
-                *_horizons((4, 40), 10),
-                ratio("Q_du", 1e-4, 10.0),
-                ratio("drift", 0.003, 3.0),
-                Knob("T_s", 0.4, 1.2, "s", step=0.1),
-            ]
+        space=knobs(
+            *_horizons((4, 40), 10),
+            ratio("Q_du", 1e-4, 10.0),
+            ratio("drift", 0.003, 3.0),
+            Knob("T_s", 0.4, 1.2, "s", step=0.1),
         ),
         sample=_SAMPLE,
     )
@@ -64,14 +59,12 @@ def mpc_quadruple_tank(vary: Vary = nominal) -> Loop:
         name="mpc-quadruple-tank",
         title="MPC of four tanks",
         controller=_mpc(loop, (0.03, 0.03), (1.0, 1.0), (1e-4,) * 4, ((), (0, 1))),
-        space=KnobSpace(
-            [
-                *_horizons((4, 40), 8),
-                ratio("Q_du", 1e-3, 100.0),
-                ratio("Q_2", 0.03, 30.0),
-                ratio("drift", 1e-4, 0.1),
-                Knob("T_s", 9.0, 24.0, "s", step=3.0),
-            ]
+        space=knobs(
+            *_horizons((4, 40), 8),
+            ratio("Q_du", 1e-3, 100.0),
+            ratio("Q_2", 0.03, 30.0),
+            ratio("drift", 1e-4, 0.1),
+            Knob("T_s", 9.0, 24.0, "s", step=3.0),
         ),
         sample=_SAMPLE,
     )
@@ -85,13 +78,11 @@ def mpc_boost_converter(vary: Vary = nominal) -> Loop:
         name="mpc-boost-converter",
         title="MPC of a boost converter",
         controller=_mpc(loop, (6.0, 6.0), (0.1,), (0.02, 0.02), ((1,), (0,))),
-        space=KnobSpace(
-            [
-                *_horizons((3, 30), 6),
-                ratio("Q_du", 1e-4, 10.0),
-                ratio("drift", 0.003, 3.0),
-                Knob("T_s", 0.2, 0.5, "ms", step=0.02),
-            ]
+        space=knobs(
+            *_horizons((3, 30), 6),
+            ratio("Q_du", 1e-4, 10.0),
+            ratio("drift", 0.003, 3.0),
+            Knob("T_s", 0.2, 0.5, "ms", step=0.02),
         ),
         sample=_SAMPLE,
     )
