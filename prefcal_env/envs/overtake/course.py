@@ -45,19 +45,12 @@ _MISHAPS = None, Mishap.NOT_FINITE, Mishap.OFF_ROAD
 
 
 class Driven(NamedTuple):
-    """A completed period: its instants (including the start), the poses, and the held input.
+    """A completed period: its instants (including the start), the poses, and the held input."""
 
-    Args:
-        t: Instants [s], shape (M,).
-        poses: Poses at `t`, shape (M, 3).
-        u: Held input (v [m/s], δ_s [rad]), shape (2,).
-        phase: Phase at the start of the period.
-    """
-
-    t: Times
-    poses: Poses
-    u: Float[np.ndarray, " 2"]
-    phase: Phase
+    t: Times  # instants [s], shape (M,)
+    poses: Poses  # poses at `t`, shape (M, 3)
+    u: Float[np.ndarray, " 2"]  # held input (v [m/s], δ_s [rad]), shape (2,)
+    phase: Phase  # phase at the start of the period
 
 
 class Course:

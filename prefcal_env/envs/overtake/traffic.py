@@ -22,17 +22,11 @@ class Mover(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A vehicle that drives straight ahead and ignores all others; the defaults are the paper's.
+    """A vehicle that drives straight ahead and ignores all others; the defaults are the paper's."""
 
-    Args:
-        x: Initial front end [m].
-        y: Center line, to the left [m].
-        speed: Speed [m/s].
-    """
-
-    x: float = OBSTACLE_START[0]
-    y: float = OBSTACLE_START[1]
-    speed: float = OBSTACLE_SPEED
+    x: float = OBSTACLE_START[0]  # initial front end [m]
+    y: float = OBSTACLE_START[1]  # center line, to the left [m]
+    speed: float = OBSTACLE_SPEED  # speed [m/s]
 
     def at(self, t: Times) -> Places:
         """Return pose and speed at the times `t` [s], shape (K, 4)."""

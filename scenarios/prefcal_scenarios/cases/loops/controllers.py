@@ -42,19 +42,16 @@ class PID:
     of practice, the outer integrator stops at the range of that reference and knows nothing of the
     limits of the inner loop's input: while that is saturated, the outer one winds up as far as its
     range allows. Slow anti-windup and a fast outer loop show that, for people to judge.
-
-    Args:
-        suffixes: Suffix of the knobs of each PID, such as "_1" in K_1. A value without a suffix
-            applies to every PID.
-        fixed: Values that are not tuned.
-        signs: Sign of the gain of each PID; -1 if a larger input lowers the output.
-        inner: Reference of the inner PID of a cascade at the start, and its lowest and highest
-            value; None if there is no cascade.
     """
 
+    # Suffix of the knobs of each PID, such as "_1" in K_1. A value without a suffix applies
+    # to every PID
     suffixes: tuple[str, ...] = ("",)
-    fixed: Values = field(default_factory=dict)
+    fixed: Values = field(default_factory=dict)  # values that are not tuned
+    # Sign of the gain of each PID; -1 if a larger input lowers the output
     signs: tuple[float, ...] = ()
+    # Reference of the inner PID of a cascade at the start, and its lowest and highest value;
+    # None if there is no cascade
     inner: tuple[float, float, float] | None = None
 
     def drive(self, values: Values, course: Course) -> Driven:
@@ -82,12 +79,9 @@ class LQR:
     It minimizes Σ x'Qx + q z² + R u² for the linearized plant with a zero-order hold, where z is
     the integrated error of the first state. The knobs are the weights Q_1, Q_2, ... of the states,
     Q_z of the integral, R, and T_s.
-
-    Args:
-        fixed: Values that are not tuned.
     """
 
-    fixed: Values = field(default_factory=dict)
+    fixed: Values = field(default_factory=dict)  # values that are not tuned
 
     def drive(self, values: Values, course: Course) -> Driven:
         """Return what the controller does with these values of the knobs."""

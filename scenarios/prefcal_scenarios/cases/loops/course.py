@@ -15,40 +15,25 @@ from .plants import Plant, packed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """A loop at rest, and what acts on it at the K instants of the simulation.
+    """A loop at rest, and what acts on it at the K instants of the simulation."""
 
-    Args:
-        plant: Plant of the loop.
-        x0: State at the start, shape (n_x,).
-        u0: Inputs at the start, shape (n_u,).
-        limits: Lowest and highest value of each input, shape (n_u, 2).
-        safe: Lowest and highest safe value of each state, shape (n_x, 2).
-        measured: Indices of the measured states, shape (n_m,).
-        reference: References of the measured states, shape (K, n_m).
-        disturbance: Disturbances, shape (K, n_d).
-        noise: Noise of the measured states, shape (K, n_m).
-        step: Step of the simulation, in the loop's unit of time.
-        hold: Steps in a sampling period.
-        delay: Steps of dead time of the inputs.
-        actuators: Stiction, backlash, resolution and lowest position of each input, shape
-            (n_u, 4); (0, 4) for ideal ones. A controller in Python takes them for ideal.
-        resolution: Distance of the values that each measured state can have, shape (n_m,), 0 for
-            continuous ones; (0,) if all are. A controller in Python takes them for continuous.
-    """
-
-    plant: Plant
-    x0: Float[np.ndarray, " n_x"]
-    u0: Float[np.ndarray, " n_u"]
-    limits: Float[np.ndarray, "n_u 2"]
-    safe: Float[np.ndarray, "n_x 2"]
-    measured: Int[np.ndarray, " n_m"]
-    reference: Float[np.ndarray, "K n_m"]
-    disturbance: Float[np.ndarray, "K n_d"]
-    noise: Float[np.ndarray, "K n_m"]
-    step: float
-    hold: int
-    delay: int
+    plant: Plant  # plant of the loop
+    x0: Float[np.ndarray, " n_x"]  # state at the start, shape (n_x,)
+    u0: Float[np.ndarray, " n_u"]  # inputs at the start, shape (n_u,)
+    limits: Float[np.ndarray, "n_u 2"]  # lowest and highest value of each input, shape (n_u, 2)
+    safe: Float[np.ndarray, "n_x 2"]  # lowest and highest safe value of each state, shape (n_x, 2)
+    measured: Int[np.ndarray, " n_m"]  # indices of the measured states, shape (n_m,)
+    reference: Float[np.ndarray, "K n_m"]  # references of the measured states, shape (K, n_m)
+    disturbance: Float[np.ndarray, "K n_d"]  # disturbances, shape (K, n_d)
+    noise: Float[np.ndarray, "K n_m"]  # noise of the measured states, shape (K, n_m)
+    step: float  # step of the simulation, in the loop's unit of time
+    hold: int  # steps in a sampling period
+    delay: int  # steps of dead time of the inputs
+    # Stiction, backlash, resolution and lowest position of each input, shape (n_u, 4); (0, 4)
+    # for ideal ones. A controller in Python takes them for ideal
     actuators: Float[np.ndarray, "m 4"] = field(default_factory=lambda: np.zeros((0, 4)))
+    # Distance of the values that each measured state can have, shape (n_m,), 0 for continuous
+    # ones; (0,) if all are. A controller in Python takes them for continuous
     resolution: Float[np.ndarray, " p"] = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -59,21 +44,13 @@ class Course:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driven:
-    """States and inputs of an experiment until it stopped, and the N steps of its controller.
+    """States and inputs of an experiment until it stopped, and the N steps of its controller."""
 
-    Args:
-        x: States, shape (V, n_x), finite.
-        u: Inputs, shape (V, n_u).
-        iterations: Solver iterations of each step, shape (N,).
-        solve_time: Duration of each step, s, shape (N,).
-        solved: Whether each step's problem was solved, shape (N,).
-    """
-
-    x: Float[np.ndarray, "V n_x"]
-    u: Float[np.ndarray, "V n_u"]
-    iterations: Int[np.ndarray, " N"]
-    solve_time: Float[np.ndarray, " N"]
-    solved: Bool[np.ndarray, " N"]
+    x: Float[np.ndarray, "V n_x"]  # states, shape (V, n_x), finite
+    u: Float[np.ndarray, "V n_u"]  # inputs, shape (V, n_u)
+    iterations: Int[np.ndarray, " N"]  # solver iterations of each step, shape (N,)
+    solve_time: Float[np.ndarray, " N"]  # duration of each step, s, shape (N,)
+    solved: Bool[np.ndarray, " N"]  # whether each step's problem was solved, shape (N,)
 
     @classmethod
     def nothing(cls, n_x: int, n_u: int) -> "Driven":

@@ -74,9 +74,14 @@ def loop(seed: int) -> Scenario:
     Raises:
         ScenarioError: If the seed is not an integer of 0 or more.
     """
-    if not isinstance(seed, int | np.integer) or seed < 0:
+    return judged(_accepted(checked_seed(seed))[0])
+
+
+def checked_seed(seed: int) -> int:
+    """Return `seed`. Raises ScenarioError if it is not an integer of 0 or more."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
-    return judged(_accepted(int(seed))[0])
+    return int(seed)
 
 
 def rough_model(seed: int, off: float) -> Scenario:

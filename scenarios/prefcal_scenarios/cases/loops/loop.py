@@ -39,45 +39,29 @@ def random(rng: np.random.Generator) -> Vary:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Times of a loop, all in `unit`.
+    """Times of a loop, all in `unit`."""
 
-    Args:
-        step: Step of the simulation.
-        horizon: Length of an experiment.
-        T_s: Sampling time of the controller; a knob called T_s replaces it. It is rounded to a
-            multiple of `step`.
-        disturbed_at: Time at which the disturbance sets in.
-        dead_time: Dead time of the inputs.
-        unit: Unit of time.
-    """
-
-    step: float
-    horizon: float
+    step: float  # step of the simulation
+    horizon: float  # length of an experiment
+    # Sampling time of the controller; a knob called T_s replaces it. It is rounded to a
+    # multiple of `step`
     T_s: float
-    disturbed_at: float
-    dead_time: float = 0.0
-    unit: str = "s"
+    disturbed_at: float  # time at which the disturbance sets in
+    dead_time: float = 0.0  # dead time of the inputs
+    unit: str = "s"  # unit of time
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What happens in an experiment. It starts in a steady state.
+    """What happens in an experiment. It starts in a steady state."""
 
-    Args:
-        x0: State at the start.
-        u0: Inputs at the start.
-        target: Reference of each measured state from the start on.
-        disturbance: Disturbance before and after it sets in, for each of its components.
-        noise: Standard deviation of the noise of each measured state.
-        program: Later set points of the first measured state, each with the time from which on it
-            holds.
-    """
-
-    x0: tuple[float, ...]
-    u0: tuple[float, ...]
-    target: tuple[float, ...]
+    x0: tuple[float, ...]  # state at the start
+    u0: tuple[float, ...]  # inputs at the start
+    target: tuple[float, ...]  # reference of each measured state from the start on
+    # Disturbance before and after it sets in, for each of its components
     disturbance: tuple[tuple[float, float], ...]
-    noise: tuple[float, ...]
+    noise: tuple[float, ...]  # standard deviation of the noise of each measured state
+    # Later set points of the first measured state, each with the time from which on it holds
     program: tuple[tuple[float, float], ...] = ()
 
     def reference(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_m"]:
@@ -90,17 +74,11 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """What lies between the controller's output and the plant, all in the input's unit.
+    """What lies between the controller's output and the plant, all in the input's unit."""
 
-    Args:
-        stiction: Largest change of the command that does not move it.
-        backlash: Half of its play.
-        resolution: Distance of the positions that it can have; 0 if it can have any.
-    """
-
-    stiction: float = 0.0
-    backlash: float = 0.0
-    resolution: float = 0.0
+    stiction: float = 0.0  # largest change of the command that does not move it
+    backlash: float = 0.0  # half of its play
+    resolution: float = 0.0  # distance of the positions that it can have; 0 if it can have any
 
 
 @dataclass(frozen=True)
@@ -111,47 +89,31 @@ class Loop:
     unsafe at the first instant at which a state is outside them, and as failed if there is no
     controller for θ. The `low` and `high` of the inputs' channels end nothing: there the inputs
     saturate.
-
-    Args:
-        name: Short name.
-        title: Title for headings.
-        brief: What happens in an experiment, for the person who compares.
-        plant: Plant with its parameters.
-        controller: Kind of controller.
-        space: Knobs, named as in the controller.
-        states: Channels of the states, with the limits of safe operation.
-        inputs: Channels of the inputs, with the limits at which they saturate.
-        measured: Indices of the measured states; the first one's reference steps.
-        task: What happens in an experiment.
-        timing: Times.
-        controlled: Number of measured states, from the first, with a reference for people.
-        beside: Index of a state that the step should not move much; None if there is none.
-        staged: Whether the input has stages.
-        sample: Number of random θ that show whether the loop is worth tuning.
-        actuators: Actuators of the inputs; () if all are ideal. Not for an MPC.
-        resolution: Distance of the values that each measured state can have, 0 for continuous
-            ones; () if all are. Not for an MPC.
-        alarm: Lowest and highest value of the first measured state that is no cause for alarm;
-            None if there is no alarm.
     """
 
-    name: str
-    title: str
-    brief: str
-    plant: Plant
-    controller: Tunable
-    space: KnobSpace
-    states: tuple[Channel, ...]
-    inputs: tuple[Channel, ...]
-    measured: tuple[int, ...]
-    task: Task
-    timing: Timing
-    controlled: int = 1
+    name: str  # short name
+    title: str  # title for headings
+    brief: str  # what happens in an experiment, for the person who compares
+    plant: Plant  # plant with its parameters
+    controller: Tunable  # kind of controller
+    space: KnobSpace  # knobs, named as in the controller
+    states: tuple[Channel, ...]  # channels of the states, with the limits of safe operation
+    inputs: tuple[Channel, ...]  # channels of the inputs, with the limits at which they saturate
+    measured: tuple[int, ...]  # indices of the measured states; the first one's reference steps
+    task: Task  # what happens in an experiment
+    timing: Timing  # times
+    controlled: int = 1  # number of measured states, from the first, with a reference for people
+    # Index of a state that the step should not move much; None if there is none
     beside: int | None = None
-    staged: bool = False
-    sample: int = 128
+    staged: bool = False  # whether the input has stages
+    sample: int = 128  # number of random θ that show whether the loop is worth tuning
+    # Actuators of the inputs; () if all are ideal. Not for an MPC
     actuators: tuple[Actuator, ...] = ()
+    # Distance of the values that each measured state can have, 0 for continuous ones; () if
+    # all are. Not for an MPC
     resolution: tuple[float, ...] = ()
+    # Lowest and highest value of the first measured state that is no cause for alarm; None if
+    # there is no alarm
     alarm: tuple[float, float] | None = None
 
     @property

@@ -1,6 +1,6 @@
 """The family of rough loops, called "rough-SEED": some θ fail, and some KPIs have plateaus."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,7 +14,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario
 
 from .controllers import PID
-from .family import LOOPS, is_worth_tuning, judged, varied
+from .family import LOOPS, checked_seed, is_worth_tuning, judged, varied
 from .loop import Actuator, Loop, random
 
 _TRIES = 30
@@ -52,9 +52,7 @@ def rough_loop(seed: int) -> Scenario:
     Raises:
         ScenarioError: If the seed is not an integer of 0 or more, or no draw is worth tuning.
     """
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
-    return judged(accepted(int(seed)))
+    return judged(accepted(checked_seed(seed)))
 
 
 @lru_cache(maxsize=256)  # the check takes up to a second
@@ -77,7 +75,7 @@ def _drawn(smooth: Loop, rng: np.random.Generator) -> Loop | None:
     safe = [run for run in _runs(smooth) if run.end is End.TIME_UP]
     if not safe:
         return None
-    rough = roughened(smooth, usual_of(smooth, safe), rng)
+    rough = roughened(smooth, safe, rng)
     beyond = np.array([_beyond(rough, run) for run in _runs(rough)])
     room = float(np.quantile(beyond, 1.0 - wanted, method="lower"))
     if 0 < room < np.inf:  # else so many fail as it is, or the targets themselves would be unsafe
@@ -125,44 +123,26 @@ def _within(loop: Loop, room: float) -> Loop:
     return replace(loop, states=tuple(states))
 
 
-@dataclass(frozen=True, slots=True)
-class Usual:
-    """How much usual runs move.
+def roughened(loop: Loop, runs: list[Experiment], rng: np.random.Generator) -> Loop:
+    """Return `loop` with random roughness, at least that of its actuators, and integer knobs.
 
-    Args:
-        inputs: Standard deviation of each input, in its unit, shape (n_u,), above 0.
-        measured: Largest change of each measured state, in its unit, shape (n_m,), above 0.
+    Sizes are shares of how much inputs and measured states usually move in `runs`.
     """
-
-    inputs: Float[np.ndarray, " n_u"]
-    measured: Float[np.ndarray, " n_m"]
-
-
-def usual_of(loop: Loop, runs: list[Experiment]) -> Usual:
-    """Return the medians over `runs`, of which there is at least one, with a record."""
     inputs = np.median([run.u.std(axis=0) for run in runs], axis=0)
     measured = np.median([np.ptp(run.x[:, list(loop.measured)], axis=0) for run in runs], axis=0)
-    return Usual(np.maximum(inputs, 1e-9), np.maximum(measured, 1e-9))
-
-
-def roughened(loop: Loop, usual: Usual, rng: np.random.Generator) -> Loop:
-    """Return `loop` with random roughness, at least that of its actuators, and integer knobs."""
-    staged = _stages(loop, rng) if _may_have_stages(loop) and rng.random() < _STAGED else loop
-    knobs = [*staged.space.knobs]
-    if "T_s" not in staged.space.names:
+    single = isinstance(loop.controller, PID) and len(loop.controller.suffixes) == 1
+    staged = single and not loop.staged and rng.random() < _STAGED
+    found = _stages(loop, rng) if staged else loop
+    knobs = [*found.space.knobs]
+    if "T_s" not in found.space.names:
         knobs.append(Knob("every", 1, int(rng.integers(3, 13)), integer=True))
     return replace(
-        staged,
+        found,
         space=KnobSpace(knobs),
-        actuators=_actuators(staged, usual, rng),
-        resolution=_resolution(usual, rng),
-        task=replace(staged.task, program=_program(staged, rng)),
+        actuators=_actuators(found, np.maximum(inputs, 1e-9), rng),
+        resolution=_resolution(np.maximum(measured, 1e-9), rng),
+        task=replace(found.task, program=_program(found, rng)),
     )
-
-
-def _may_have_stages(loop: Loop) -> bool:
-    single = isinstance(loop.controller, PID) and len(loop.controller.suffixes) == 1
-    return single and not loop.staged
 
 
 def _stages(loop: Loop, rng: np.random.Generator) -> Loop:
@@ -178,9 +158,11 @@ def _stages(loop: Loop, rng: np.random.Generator) -> Loop:
     )
 
 
-def _actuators(loop: Loop, usual: Usual, rng: np.random.Generator) -> tuple[Actuator, ...]:
+def _actuators(
+    loop: Loop, usual: Float[np.ndarray, " n_u"], rng: np.random.Generator
+) -> tuple[Actuator, ...]:
     found = []
-    for channel, size in zip(loop.inputs, usual.inputs, strict=True):
+    for channel, size in zip(loop.inputs, usual, strict=True):
         stiction, backlash, step = (
             size * _draw(rng, share) for share in (_STICTION, _BACKLASH, _STEPS)
         )
@@ -192,10 +174,10 @@ def _actuators(loop: Loop, usual: Usual, rng: np.random.Generator) -> tuple[Actu
     return tuple(found)
 
 
-def _resolution(usual: Usual, rng: np.random.Generator) -> tuple[float, ...]:
+def _resolution(usual: Float[np.ndarray, " n_m"], rng: np.random.Generator) -> tuple[float, ...]:
     if rng.random() >= _OFTEN:
         return ()
-    return tuple(float(size * _draw(rng, _RESOLUTION)) for size in usual.measured)
+    return tuple(float(size * _draw(rng, _RESOLUTION)) for size in usual)
 
 
 def _program(loop: Loop, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
