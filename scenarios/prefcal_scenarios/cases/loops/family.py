@@ -18,27 +18,13 @@ from prefcal_scenarios.tastes import calibrators_of
 from .kinds import basic, motion, predictive, processes
 from .loop import Loop, Vary, nominal, random
 
+_MAKERS = (
+    *(basic.lag, basic.integrating, basic.oscillatory, basic.unstable),
+    *(processes.tank, processes.quadruple_tank, processes.distillation, processes.building),
+    *(motion.servo, motion.cart_pole, motion.boost_converter, motion.steering),
+)
 LOOPS: Mapping[str, Callable[..., Loop]] = MappingProxyType(
-    {
-        make.__name__.replace("_", "-"): make
-        for make in (
-            basic.lag,
-            basic.integrating,
-            basic.oscillatory,
-            basic.unstable,
-            processes.tank,
-            processes.quadruple_tank,
-            processes.distillation,
-            processes.building,
-            motion.servo,
-            motion.cart_pole,
-            motion.boost_converter,
-            motion.steering,
-            predictive.mpc_oscillatory,
-            predictive.mpc_quadruple_tank,
-            predictive.mpc_boost_converter,
-        )
-    }
+    {make.__name__.replace("_", "-"): make for make in _MAKERS} | predictive.PREDICTIVE
 )
 """Makers of the loops by name; each takes a `Vary`."""
 _TRIES = 10

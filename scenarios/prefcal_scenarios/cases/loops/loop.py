@@ -99,9 +99,10 @@ class Loop:
     space: KnobSpace  # knobs, named as in the controller
     states: tuple[Channel, ...]  # channels of the states, with the limits of safe operation
     inputs: tuple[Channel, ...]  # channels of the inputs, with the limits at which they saturate
-    measured: tuple[int, ...]  # indices of the measured states; the first one's reference steps
     task: Task  # what happens in an experiment
     timing: Timing  # times
+    # Indices of the measured states; the first one's reference steps
+    measured: tuple[int, ...] = (0,)
     controlled: int = 1  # number of measured states, from the first, with a reference for people
     # Index of a state that the step should not move much; None if there is none
     beside: int | None = None

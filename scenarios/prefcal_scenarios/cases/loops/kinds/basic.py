@@ -47,7 +47,6 @@ def lag(vary: Vary = nominal) -> Loop:
         ),
         states=(Channel("temperature", "°C", -20, 120), Channel("jacket temperature", "°C")),
         inputs=(Channel("valve", "%", 0, 100),),
-        measured=(0,),
         task=Task((gain * 50,) * 2, (50.0,), (gain * 50 + 10,), ((0.0, -8.0),), (0.1,)),
         timing=Timing(0.5, 400.0, 1.0, 200.0, dead_time=vary(6.0)),
     )
@@ -76,7 +75,6 @@ def integrating(vary: Vary = nominal) -> Loop:
         ),
         states=(Channel("level", "%", 0, 100), Channel("inflow", "%")),
         inputs=(Channel("valve", "%", 0, 100),),
-        measured=(0,),
         task=Task((50.0, 40.0), (40.0,), (60.0,), ((40.0, 55.0),), (0.2,)),
         timing=Timing(0.25, 200.0, 0.5, 100.0, dead_time=vary(2.0)),
     )
@@ -114,7 +112,6 @@ def oscillatory(vary: Vary = nominal) -> Loop:
             Channel("actuator force", "N"),
         ),
         inputs=(Channel("force", "N", -3, 3),),
-        measured=(0,),
         task=Task((0.0,) * 3, (0.0,), (1.0,), ((0.0, 0.5),), (0.005,)),
         timing=Timing(0.05, 60.0, 0.05, 30.0),
     )
@@ -143,7 +140,6 @@ def unstable(vary: Vary = nominal) -> Loop:
         ),
         states=(Channel("temperature", "°C", -15, 15), Channel("heating", "°C")),
         inputs=(Channel("heating command", "°C", -20, 20),),
-        measured=(0,),
         task=Task((0.0, 0.0), (0.0,), (2.0,), ((0.0, 2.0),), (0.02,)),
         timing=Timing(0.05, 40.0, 0.1, 20.0, dead_time=vary(0.4), unit="min"),
     )

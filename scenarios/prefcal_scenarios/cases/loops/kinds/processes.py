@@ -33,7 +33,6 @@ def tank(vary: Vary = nominal) -> Loop:
         ),
         states=(Channel("level", "m", 0.0, 1.0), Channel("pump flow", "m³/s")),
         inputs=(Channel("pump power", "%", 0, 100),),
-        measured=(0,),
         task=Task((start, flow), (flow / plant.pump_gain,), (target,), ((0.0, -4e-4),), (0.003,)),
         timing=Timing(1.0, 600.0, 2.0, 300.0),
     )
@@ -137,7 +136,6 @@ def building(vary: Vary = nominal) -> Loop:
             Channel("wall temperature", "°C"),
         ),
         inputs=(Channel("heating power", "%", 0, 100),),
-        measured=(0,),
         task=Task(start, (power,), (21.0,), ((_COLD, -2.0),), (0.05,)),
         timing=Timing(1.0, 960.0, 2.0, 480.0, unit="min"),
         staged=True,
