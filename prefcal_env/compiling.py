@@ -157,7 +157,7 @@ def _of_the_road() -> Iterator[Kernel]:
     import numba
     from numba import float64
 
-    from prefcal_env.envs.overtake.road import _kernels
+    from prefcal_env.envs.overtake import _kernels
     from prefcal_env.plants import _car_kernels
 
     yield from _of_the_solver()

@@ -8,7 +8,7 @@ import numpy as np
 
 from prefcal_env.envs import cstr as reactor
 from prefcal_env.envs.overtake import Course
-from prefcal_env.envs.overtake.road.rules import Phase
+from prefcal_env.envs.overtake.rules import Phase
 from prefcal_env.experiments.control import Controller, Measurement, Move
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout

@@ -15,21 +15,13 @@ _CURVE, _LIMIT, _TARGET, _BAND = "#0b62c4", "#b3261e", "#2b2b2b", "#2e7d32"
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """A curve in its own panel.
+    """A curve in its own panel."""
 
-    Args:
-        channel: Name, unit, limits, target and band.
-        t: Instants, shape (K,).
-        values: Values at `t`, in the channel's unit, shape (K,).
-        held: Whether to draw steps, with each value held until the next instant.
-        span: Range of the time axis; None fits it to `t`.
-    """
-
-    channel: Channel
-    t: Float[np.ndarray, " K"]
-    values: Float[np.ndarray, " K"]
-    held: bool = False
-    span: tuple[float, float] | None = None
+    channel: Channel  # name, unit, limits, target and band
+    t: Float[np.ndarray, " K"]  # instants, shape (K,)
+    values: Float[np.ndarray, " K"]  # values at `t`, in the channel's unit, shape (K,)
+    held: bool = False  # whether to draw steps, with each value held until the next instant
+    span: tuple[float, float] | None = None  # range of the time axis; None fits it to `t`
 
 
 class Canvas:

@@ -15,25 +15,15 @@ _SINGULAR = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """A linear control law: x' = A x + B_r r + B_y y, u = C x + D_r r + D_y y.
+    """A linear control law: x' = A x + B_r r + B_y y, u = C x + D_r r + D_y y."""
 
-    Args:
-        A: Dynamics, shape (n_c, n_c).
-        B_r: Effect of the references, shape (n_c, n_y).
-        B_y: Effect of the outputs, shape (n_c, n_y).
-        C: Inputs of the plant from states, shape (n_u, n_c).
-        D_r: Inputs of the plant from references, shape (n_u, n_y).
-        D_y: Inputs of the plant from outputs, shape (n_u, n_y).
-        dt: Sample time; 0 if it is continuous.
-    """
-
-    A: Float[np.ndarray, "n_c n_c"]
-    B_r: Float[np.ndarray, "n_c n_y"]
-    B_y: Float[np.ndarray, "n_c n_y"]
-    C: Float[np.ndarray, "n_u n_c"]
-    D_r: Float[np.ndarray, "n_u n_y"]
-    D_y: Float[np.ndarray, "n_u n_y"]
-    dt: float
+    A: Float[np.ndarray, "n_c n_c"]  # dynamics, shape (n_c, n_c)
+    B_r: Float[np.ndarray, "n_c n_y"]  # effect of the references, shape (n_c, n_y)
+    B_y: Float[np.ndarray, "n_c n_y"]  # effect of the outputs, shape (n_c, n_y)
+    C: Float[np.ndarray, "n_u n_c"]  # inputs of the plant from states, shape (n_u, n_c)
+    D_r: Float[np.ndarray, "n_u n_y"]  # inputs of the plant from references, shape (n_u, n_y)
+    D_y: Float[np.ndarray, "n_u n_y"]  # inputs of the plant from outputs, shape (n_u, n_y)
+    dt: float  # sample time; 0 if it is continuous
 
     def sampled(self, T_s: float) -> "Law":
         """Return a continuous law for a sampling time, by the trapezoidal (Tustin) rule."""

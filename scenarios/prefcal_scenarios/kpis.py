@@ -48,14 +48,8 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
     """
     if experiment.end is End.CUT_SHORT:
         return Outcome({})
-    stopped = experiment.end.interrupted
-    if not has_goals(scenario):
-        known: Mapping[str, float] = _at_worst(_generic(experiment), experiment)
-    elif stopped:
-        known = dict.fromkeys(_names(scenario), np.inf)
-    else:
-        known = _directed(scenario, experiment)
-    return Outcome({**known, INTERRUPTED: float(stopped)})
+    known = _known(scenario, experiment)
+    return Outcome({**known, INTERRUPTED: float(experiment.end.interrupted)})
 
 
 def has_goals(scenario: Scenario) -> bool:
@@ -64,11 +58,10 @@ def has_goals(scenario: Scenario) -> bool:
 
 
 def screened(scenario: Scenario, experiment: Result) -> Outcome:
-    """Return the KPIs by which simulated experiments are screened, lower is better.
+    """Return the KPIs by which simulated experiments are screened, those of `outcome`.
 
-    They are the scenario's KPIs with a known direction of improvement. Only if no KPI has a
-    direction, generic ones of the trajectory take their place. All are infinite for a run that was
-    stopped, which keeps agents away from its θ; a run that failed has no KPIs at all.
+    That all are infinite for a run that was stopped keeps agents away from its θ; a run that failed
+    has no KPIs at all.
 
     Args:
         scenario: Scenario of the experiment.
@@ -79,16 +72,7 @@ def screened(scenario: Scenario, experiment: Result) -> Outcome:
     """
     if experiment.end is End.FAILED and not experiment.kpis:
         return Outcome({})
-    if has_goals(scenario):
-        if experiment.end.interrupted:
-            return Outcome(dict.fromkeys(_names(scenario), np.inf))
-        return Outcome(_directed(scenario, experiment))
-    if not isinstance(experiment, Experiment):
-        raise ScenarioError(
-            f"scenario {scenario.name!r} has no KPI with a direction, so its trajectories are "
-            "needed: simulate_many(..., trajectories=True)"
-        )
-    return Outcome(_at_worst(_generic(experiment), experiment))
+    return Outcome(_known(scenario, experiment))
 
 
 def reading(scenario: Scenario) -> Reading:
@@ -125,28 +109,23 @@ def simulator(
     return simulate
 
 
-def _generic(experiment: Experiment) -> dict[str, float]:
-    """Return the generic KPIs of an experiment, the worst of all maneuvers if it has several."""
+def _known(scenario: Scenario, experiment: Result) -> dict[str, float]:
+    """Return the KPIs that agents learn from, all infinite if the run was stopped."""
+    if has_goals(scenario):
+        kpis = [(k, experiment.kpis.get(k.name)) for k in scenario.kpis if k.goal is not None]
+        if experiment.end.interrupted:
+            return {kpi.name: np.inf for kpi, _ in kpis}
+        return {k.name: k.badness(float(v)) for k, v in kpis if v is not None}
+    if not isinstance(experiment, Experiment):
+        raise ScenarioError(
+            f"scenario {scenario.name!r} has no KPI with a direction, so its trajectories are "
+            "needed: simulate_many(..., trajectories=True)"
+        )
     worst: dict[str, float] = {}
     for run in by_maneuver(experiment).values():
         for name, value in tracking_kpis(run).items() if len(run.t) else ():
             worst[name] = max(worst.get(name, value), value)
-    return worst
-
-
-def _directed(scenario: Scenario, experiment: Result) -> dict[str, float]:
-    """Return the scenario's KPIs with a direction, lower is better."""
-    values = [(kpi, experiment.kpis.get(kpi.name)) for kpi in scenario.kpis]
-    return {
-        kpi.name: kpi.badness(float(value))
-        for kpi, value in values
-        if value is not None and kpi.goal is not None
-    }
-
-
-def _at_worst(known: Mapping[str, float], experiment: Result) -> Mapping[str, float]:
-    """Return KPIs as they are, or infinite if the run was stopped."""
-    return dict.fromkeys(known, np.inf) if experiment.end.interrupted else known
+    return dict.fromkeys(worst, np.inf) if experiment.end.interrupted else worst
 
 
 def grouped(kpis: Sequence[KPI], *experiments: Experiment) -> list[tuple[str, KPI]]:
@@ -170,7 +149,3 @@ def _without_objective(kpi: KPI) -> KPI:
     better = None if kpi.goal == "target" else kpi.goal
     name = named(kpi.name, MEAN)
     return replace(kpi, name=name, at_most=np.inf, at_least=-np.inf, better=better)
-
-
-def _names(scenario: Scenario) -> tuple[str, ...]:
-    return tuple(kpi.name for kpi in scenario.kpis if kpi.goal is not None)

@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import prefcal_scenarios as prefcal_scenarios  # registers the tuning environments
 from contracts.environments import environment_contract
 from prefcal_env import Knob, KnobSpace, LatentCost, PrefcalError, PreferenceReward
 from support.short_runs import final_level

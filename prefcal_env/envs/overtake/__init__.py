@@ -5,10 +5,9 @@
 
 from typing import TYPE_CHECKING, Any
 
-from prefcal_env.envs.overtake.road.options import OvertakeOptions as OvertakeOptions
-
 from .course import Course as Course
-from .drive import Mishap as Mishap
+from .course import Mishap as Mishap
+from .options import OvertakeOptions as OvertakeOptions
 
 if TYPE_CHECKING:
     from .env import OvertakeEnv as OvertakeEnv

@@ -1,6 +1,7 @@
 """The overtaking as a closed loop, which `OvertakeEnv` shows on highway-env's road."""
 
 from dataclasses import replace
+from enum import Enum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,40 +9,48 @@ from gymnasium.utils import seeding
 from jaxtyping import Float
 
 from prefcal_env.envs.checks import known_options, number, vector
-from prefcal_env.envs.overtake.road.contact import Times
-from prefcal_env.envs.overtake.road.geometry import Poses, outside, overlap
-from prefcal_env.envs.overtake.road.options import OvertakeOptions
-from prefcal_env.envs.overtake.road.rules import KEEPING_SPEED, T_S_RANGE, Phase, gap, next_phase
-from prefcal_env.envs.overtake.road.traffic import Mover, Obstacle
 from prefcal_env.errors import PlantError, ProtocolError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channels, End
 from prefcal_env.experiments.trajectory import Record, Trajectory
 from prefcal_env.plants.bicycle import Bicycle
 
-from .drive import ROAD_MARGIN, Mishap, drive, instants
+from . import _kernels
+from .geometry import BENT, REACH, Poses, Times, first_contact, outside, overlap
+from .options import OvertakeOptions
+from .rules import KEEPING_SPEED, T_S_RANGE, Phase, gap, next_phase
 from .signals import signals_of
+from .traffic import Mover, Obstacle
 
 DEFAULT_T_S = 0.1
-_PLANT = Bicycle()
+SUB_STEP = 0.02
+"""Longest step between recorded instants [s]."""
+ROAD_MARGIN = 1.0
+"""Distance off the road at which a body has left it [m]."""
+_PLANT, _NONE = Bicycle(), np.zeros(0)
 LOW, HIGH = np.array([(c.low, c.high) for c in _PLANT.inputs]).T
 """Limits of v [m/s] and δ_s [rad]."""
 
 
+class Mishap(Enum):
+    """Reason why an episode ended early."""
+
+    COLLISION = "collision"
+    OFF_ROAD = "off the road"
+    NOT_FINITE = "not finite"
+
+
+_MISHAPS = None, Mishap.NOT_FINITE, Mishap.OFF_ROAD
+"""What the second number of `_kernels.kept` means."""
+
+
 class Driven(NamedTuple):
-    """A completed period: its instants (including the start), the poses, and the held input.
+    """A completed period: its instants (including the start), the poses, and the held input."""
 
-    Args:
-        t: Instants [s], shape (M,).
-        poses: Poses at `t`, shape (M, 3).
-        u: Held input (v [m/s], δ_s [rad]), shape (2,).
-        phase: Phase at the start of the period.
-    """
-
-    t: Times
-    poses: Poses
-    u: Float[np.ndarray, " 2"]
-    phase: Phase
+    t: Times  # instants [s], shape (M,)
+    poses: Poses  # poses at `t`, shape (M, 3)
+    u: Float[np.ndarray, " 2"]  # held input (v [m/s], δ_s [rad]), shape (2,)
+    phase: Phase  # phase at the start of the period
 
 
 class Course:
@@ -67,28 +76,35 @@ class Course:
         self._rng: np.random.Generator | None = None
         self._trajectory: Trajectory | None = None
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode, with the options `T_s` [s] and `x0` as in `begin`.
+    def reset(
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        """Start an episode.
 
-        The seed determines the drivers; None continues the random numbers of the previous seed.
-        """
-        given = known_options(options, ("T_s", "x0"))
-        if seed is not None or self._rng is None:
-            self._rng, _ = seeding.np_random(seed)
-        self.begin(given.get("T_s", DEFAULT_T_S), given.get("x0"), self._rng)
-
-    def begin(self, T_s: Any, x0: Any, rng: np.random.Generator) -> None:
-        """Start an episode: sampling time `T_s` [s], pose `x0` (None uses that of the options).
+        Args:
+            seed: Seed of the drivers; None continues the random numbers of the previous one.
+            options: Sampling time `T_s` [s], and pose `x0`; None uses that of the scene.
+            rng: Random generator of the drivers, in place of the seed.
 
         Raises:
-            SettingsError: If the sampling time is out of range.
+            SettingsError: If the sampling time is out of range, or an option is unknown.
             PlantError: If the pose has the wrong shape, is not finite, off the road, or in a
                 collision.
         """
-        T_s = number(T_s, T_S_RANGE, "T_s")
+        given = known_options(options, ("T_s", "x0"))
+        if rng is not None:
+            self._rng = rng
+        elif seed is not None or self._rng is None:
+            self._rng, _ = seeding.np_random(seed)
+        T_s = number(given.get("T_s", DEFAULT_T_S), T_S_RANGE, "T_s")
+        x0 = given.get("x0")
         pose = vector(self.options.x0 if x0 is None else x0, 3, "initial pose x0")
-        simulation, movers = self._traffic(pose, rng)
-        touching = any(overlap(pose[None], o.poses(np.zeros(1)))[0] for o in movers)
+        simulation, movers = self._traffic(pose, self._rng)
+        touching = any(overlap(pose[None], o.at(np.zeros(1))[:, :3])[0] for o in movers)
         if touching or outside(pose[None], self.options.road)[0] > ROAD_MARGIN:
             raise PlantError(f"the initial pose x0 is in a collision or off the road: {pose}")
         self.simulation, self.movers = simulation, movers
@@ -96,9 +112,9 @@ class Course:
         self.end, self.mishap = None, None
         self._trajectory = Trajectory(self.x, self.u)
         self._phases: list[tuple[Phase, int]] = []
-        self._times = instants(T_s, int(self.options.duration / T_s) + 2)
-        # The obstacle's poses, all at once: faster than one by one.
-        self._ahead = Obstacle().poses(self._times.ravel()).reshape(*self._times.shape, 3)
+        self._times = _instants(T_s, int(self.options.duration / T_s) + 2)
+        # Where the obstacle will be, all at once: faster than period by period.
+        self._ahead = Obstacle().at(self._times.ravel()).reshape(*self._times.shape, 4)
         self.phase = Phase.LANE_KEEPING
         self._look()
 
@@ -109,7 +125,7 @@ class Course:
         if not self.options.vehicles_count:
             return None, (Obstacle(),)
         # Imported here so that highway-env is loaded only if there are drivers.
-        from .simulation import Simulation
+        from .vehicles import Simulation
 
         simulation = Simulation(self.options, pose, rng)
         return simulation, simulation.movers
@@ -129,18 +145,50 @@ class Course:
         times = self._times[step]
         if self.simulation is not None:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
-        others = np.stack([self._ahead[step], *(o.poses(times) for o in self.movers[1:])])
-        t, x, self.mishap = drive(self.x, u, times, self.movers, others, self.options.road)
+        others = np.stack([self._ahead[step], *(o.at(times) for o in self.movers[1:])])
+        t, x, self.mishap = self._period(u, times, others)
         trajectory.add(t[1:], x[1:], u, self._y_ref())
         self._phases.append((self.phase, len(t) - 1))
         driven = Driven(t, x, u, self.phase)
         self.t, self.x, self.u = float(t[-1]), x[-1], u
-        self._look()
+        self._look(others[:, -1] if self.mishap is None else None)
         if self.mishap is not None:
             self.end = End.UNSAFE
         elif self.t >= self.options.duration * (1 - 1e-12):
             self.end = End.TIME_UP
         return driven
+
+    def _period(
+        self, u: Float[np.ndarray, " 2"], t: Times, others: Float[np.ndarray, "n M1 4"]
+    ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, "D 3"], Mishap | None]:
+        """Drive with `u` held from the first of `t` to the last or to a mishap.
+
+        `others` are the places of the other vehicles at `t`.
+
+        Returns:
+            The instants, shape (D,), up to the one where the period ended, the states at them, and
+            the reason why it ended early; None if it did not.
+        """
+        start, x = t[0], self.x
+
+        def states(at: Times) -> Poses:
+            later = at[at > start]
+            after = _PLANT.hold(x, u, _NONE, later - start)
+            return after if len(later) == len(at) else np.concatenate([x[None], after])
+
+        def motion(at: Times) -> tuple[Poses, list[Poses]]:
+            return states(at), [mover.at(at)[:, :3] for mover in self.movers]
+
+        driven = np.concatenate([x[None], _PLANT.hold(x, u, _NONE, t[1:] - start)])
+        kept, why = _kernels.kept(driven, self.options.road, ROAD_MARGIN)
+        t, driven, touched = t[: kept + 1], driven[: kept + 1], None
+        if not _kernels.surely_apart(driven, others, BENT, REACH):
+            touched = first_contact(motion, t)
+        if touched is None:
+            return t, driven, _MISHAPS[why]
+        n = int(np.searchsorted(t[1:], touched)) + 1
+        driven = np.concatenate([driven[:n], states(np.array([touched]))])
+        return np.append(t[:n], touched), driven, Mishap.COLLISION
 
     def measurement(self) -> Measurement:
         """Return what a controller knows: x is the pose, d is (x_o, y_o, v_o) of each.
@@ -181,7 +229,18 @@ class Course:
         """Return the reference of lane keeping: straight ahead from here, shape (3,)."""
         return np.array([self.x[0], 0.0, 0.0])
 
-    def _look(self) -> None:
-        """Update where every vehicle is at this sampling instant."""
-        self.obstacles = np.array([o.row(self.t) for o in self.movers])
+    def _look(self, places: Float[np.ndarray, "n 4"] | None = None) -> None:
+        """Note where every vehicle is at this sampling instant; None looks it up."""
+        if places is None:
+            places = np.concatenate([mover.at(np.array([self.t])) for mover in self.movers])
+        self.obstacles = places[:, [0, 1, 3]]
         self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
+
+
+def _instants(T_s: float, periods: int) -> Float[np.ndarray, "periods M1"]:
+    """Return the recorded instants of each period: its start, and the ends of M equal sub-steps.
+
+    None is a sum of others, so time is exact.
+    """
+    n = max(1, int(np.ceil(T_s / SUB_STEP - 1e-9)))
+    return np.asarray((np.arange(periods)[:, None] + np.arange(n + 1) / n) * T_s)

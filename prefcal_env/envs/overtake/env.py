@@ -5,27 +5,84 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.envs.common.action import ActionType, action_factory
+from highway_env.envs.common.graphics import EnvViewer
+from highway_env.envs.common.observation import ObservationType, observation_factory
 from jaxtyping import Float
 
 from prefcal_env.envs.checks import check_render_mode, known_options, number, vector
-from prefcal_env.envs.overtake.road.options import OvertakeOptions, paper_scene
-from prefcal_env.envs.overtake.road.rules import T_S_RANGE
-from prefcal_env.envs.overtake.road.vehicles import CRASHED, OWN, place, road_of
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.trajectory import Record
+from prefcal_env.plants.bicycle import KMH
 
-from .course import Course, Driven
-from .drive import Mishap
-from .reward import MISHAP_COST, stage_cost
-from .spaces import ACTION, OBSERVATION, action_of, check_pictures, observation_of
-from .viewer import RoadViewer
+from .course import HIGH, LOW, Course, Driven, Mishap
+from .options import OvertakeOptions, paper_scene
+from .rules import MISHAP_COST, T_S_RANGE, stage_cost
+from .vehicles import CRASHED, OWN, OwnVehicle, place, road_of
 
 Array = np.ndarray[Any, Any]
+OBSERVATION, ACTION = "OvertakeObservation", "SpeedSteeringAction"
+OBSERVATIONS = (OBSERVATION, "Kinematics", "OccupancyGrid", "LidarObservation", "TupleObservation")
+ACTIONS = (ACTION, "ContinuousAction", "DiscreteAction")
+"""Types that a configuration can name; all but the first are highway-env's."""
+_OBSERVED = np.array([
+    (40 * KMH, 70 * KMH), (-np.pi / 4, np.pi / 4),  # v and δ_s last
+    (-3.0, 7.0), (-np.pi / 2, np.pi / 2),  # y_f, θ
+    (-30.0, 30.0), (-7.0, 7.0), (0.0, 1.0),  # gap, lateral offset, phase
+])  # fmt: skip
 _FREQUENCIES = (1 / T_S_RANGE[1], 1 / T_S_RANGE[0])
-_SCENE = tuple(paper_scene())
-_RESET_OPTIONS = ("T_s", "x0", "config")
+_BESIDE = 6.6667  # m, total width shown beside the road
+
+
+class OvertakeObservation(ObservationType):  # type: ignore[misc]
+    """The last v and δ_s, y_f, θ, gap and y_f - y_o to the nearest vehicle, and phase.
+
+    float32, shape (7,): each value is scaled to [-1, 1] and clipped.
+    """
+
+    def space(self) -> gym.spaces.Box:
+        """Return the box [-1, 1], shape (7,)."""
+        return gym.spaces.Box(-1.0, 1.0, (len(_OBSERVED),), np.float32)
+
+    def observe(self) -> Float[np.ndarray, " 7"]:
+        """Return the current observation."""
+        course = self.env.course
+        raw = np.array([*course.u, *course.x[1:], *course.nearest(), course.phase])
+        low, high = _OBSERVED.T
+        scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
+        return scaled.astype(np.float32)
+
+
+class SpeedSteeringAction(ActionType):  # type: ignore[misc]
+    """v and δ_s, float, shape (2,): [-1, 1] from their low to their high limit, δ_s to the left."""
+
+    vehicle_class = OwnVehicle
+
+    def space(self) -> gym.spaces.Box:
+        """Return the box [-1, 1], shape (2,)."""
+        return gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    def act(self, action: Any) -> None:
+        """Pass `action` to the ego vehicle. Raises PlantError if it is not 2 finite numbers."""
+        v, steering = (LOW + (vector(action, 2, "action") + 1) / 2 * (HIGH - LOW)).tolist()
+        self.controlled_vehicle.act({"speed": v, "steering": -steering, "acceleration": 0.0})
+
+
+class RoadViewer(EnvViewer):  # type: ignore[misc]
+    """highway-env's viewer, with the whole road in the picture."""
+
+    def __init__(self, env: Any) -> None:
+        right, left = env.options.road
+        height = env.config["screen_height"]
+        height = height or round(env.config["scaling"] * (left - right + _BESIDE))
+        super().__init__(env, env.config | {"screen_height": height})
+        self.enabled = True  # it draws on a surface, which no video driver concerns
+
+    def window_position(self) -> Float[np.ndarray, " 2"]:
+        """Return the view position: beside the ego vehicle, on the middle of the road."""
+        return np.array([self.env.vehicle.position[0], -sum(self.env.options.road) / 2])
 
 
 class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
@@ -80,8 +137,10 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self.viewer: Any = None
         self._once: dict[str, Any] = {}
         self._driven: Driven | None = None
-        given = {name: value for name, value in (("T_s", T_s), ("x0", x0)) if value is not None}
-        super().__init__({**(config or {}), **given} if given else config, render_mode)
+        for name, value in (("T_s", T_s), ("x0", x0)):
+            if value is not None:
+                config = {**(config or {}), name: value}
+        super().__init__(config, render_mode)
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
@@ -113,8 +172,9 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
                 f"config has unknown keys {unknown}, expected some of {sorted(known)}"
             )
         wanted = self.config | (config or {})
-        options = OvertakeOptions.of({name: wanted[name] for name in _SCENE})
-        check_pictures(wanted)
+        options = OvertakeOptions.of({name: wanted[name] for name in paper_scene()})
+        _check_type(wanted["observation"], OBSERVATIONS, "observation")
+        _check_type(wanted["action"], ACTIONS, "action")
         if wanted["T_s"] is None:
             T_s = 1 / number(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
         else:
@@ -124,8 +184,13 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
 
     def define_spaces(self) -> None:
         """Set types and spaces of observation and action; equal spaces keep their identity."""
-        self.observation_type = observation_of(self, self.config["observation"])
-        self.action_type = action_of(self, self.config["action"])
+        seen, done = self.config["observation"], self.config["action"]
+        own = seen["type"] == OBSERVATION
+        self.observation_type = (
+            OvertakeObservation(self) if own else observation_factory(self, seen)
+        )
+        own = done["type"] == ACTION
+        self.action_type = SpeedSteeringAction(self) if own else action_factory(self, done)
         seen, done = self.observation_type.space(), self.action_type.space()
         if self.observation_space != seen:
             self.observation_space = seen
@@ -164,7 +229,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             PlantError: If the pose has the wrong shape, is not finite, off the road, or in a
                 collision.
         """
-        given = known_options(options, _RESET_OPTIONS)
+        given = known_options(options, ("T_s", "x0", "config"))
         config = given.pop("config", None)
         if given.get("T_s") is not None:
             number(given["T_s"], T_S_RANGE, "T_s")
@@ -222,8 +287,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return self.__dict__ | {"viewer": None}  # pictures cannot be pickled; they are redrawn
 
     def _reset(self) -> None:
-        course = self.course
-        course.begin(self.T_s, self._once.get("x0"), self.np_random)
+        course, options = self.course, {"T_s": self.T_s, "x0": self._once.get("x0")}
+        course.reset(options=options, rng=self.np_random)
         if course.simulation is None:
             self.road = road_of(self.options, course.x, self.np_random)
         else:
@@ -243,13 +308,12 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         """
         course, (own, obstacle, *drivers) = self.course, self.road.vehicles
         own.put(course.x, course.u)
-        own.act({"speed": own.speed, "steering": -float(course.u[1]), "acceleration": 0.0})
         own.crashed = course.mishap is Mishap.COLLISION
         own.color = CRASHED if own.crashed else OWN
         obstacle.put(course.t)
         if course.mishap is not None:
             for driver, mover in zip(drivers, course.movers[1:], strict=True):
-                place(driver, *mover.poses(np.array([course.t]))[0].tolist())
+                place(driver, *mover.at(np.array([course.t]))[0, :3].tolist())
 
     def _reward(self, action: Any) -> float:
         driven = self._driven
@@ -279,3 +343,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         if course.mishap is not None:
             info["mishap"] = course.mishap.value
         return info
+
+
+def _check_type(config: Any, known: tuple[str, ...], what: str) -> None:
+    if not isinstance(config, dict) or config.get("type") not in known:
+        raise SettingsError(f'{what} must be like {{"type": ...}}, one of {known}, got {config!r}')

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_env.envs.overtake.road.contact import Times
-from prefcal_env.envs.overtake.road.geometry import Poses, lateral_distance, outside, separation
-from prefcal_env.envs.overtake.road.rules import (
+from .geometry import Poses, Times, lateral_distance, outside, separation
+from .rules import (
     KEEPING_SPEED,
     KEEPING_SPEEDS,
     LANE_WIDTH,
@@ -20,7 +19,7 @@ from prefcal_env.envs.overtake.road.rules import (
     clearance,
     gap,
 )
-from prefcal_env.envs.overtake.road.traffic import Mover
+from .traffic import Mover
 
 Signal = Float[np.ndarray, " K"]
 
@@ -45,13 +44,19 @@ def signals_of(
     `speed_reference`, `speed_low` [m/s]: reference and lower limit of v in that phase.
     `lateral_reference` [m]: reference of y_f; 0, or while overtaking 3 m left of the obstacle.
     """
-    others = [mover.poses(t) for mover in movers]
-    named = _of_each(t, movers, others)
+    places = [mover.at(t) for mover in movers]
+    others = [place[:, :3] for place in places]
+    named: dict[str, Signal] = {}
+    for i, place in enumerate(places, start=1):
+        name = "obstacle" if i == 1 else f"obstacle{i}"
+        named |= {f"{name}_x": place[:, 0], f"{name}_y": place[:, 1], f"{name}_v": place[:, 3]}
+        if place[:, 2].any():
+            named[f"{name}_yaw"] = place[:, 2]
     if road != ROAD:
         named["road_left"] = np.full(len(t), road[1])
     overtaking = phases == Phase.OVERTAKING
     return named | {
-        "gap": nearest_gap(poses[:, 0], np.array([other[:, 0] for other in others])),
+        "gap": _nearest_gap(poses[:, 0], np.array([other[:, 0] for other in others])),
         "lateral_distance": _smallest([lateral_distance(poses, other) for other in others]),
         "separation": _smallest([separation(poses, other) for other in others]),
         "outside": outside(poses, road),
@@ -60,18 +65,6 @@ def signals_of(
         "lateral_reference": _lateral_reference(poses[:, 0], others, overtaking),
         "speed_low": np.where(overtaking, OVERTAKING_SPEEDS[0], KEEPING_SPEEDS[0]),
     }
-
-
-def _of_each(t: Times, movers: Sequence[Mover], others: list[Poses]) -> dict[str, Signal]:
-    """Return position and speed of each other vehicle, as signals by name."""
-    named: dict[str, Signal] = {}
-    for i, (mover, other) in enumerate(zip(movers, others, strict=True), start=1):
-        name = "obstacle" if i == 1 else f"obstacle{i}"
-        named |= {f"{name}_x": other[:, 0], f"{name}_y": other[:, 1]}
-        named[f"{name}_v"] = mover.speeds(t)
-        if other[:, 2].any():
-            named[f"{name}_yaw"] = other[:, 2]
-    return named
 
 
 def _lateral_reference(
@@ -91,7 +84,7 @@ def _lateral_reference(
     return np.where(overtaking, held + MIN_LATERAL_DISTANCE, 0.0)
 
 
-def nearest_gap(x_f: Signal, x_o: Float[np.ndarray, "n K"]) -> Signal:
+def _nearest_gap(x_f: Signal, x_o: Float[np.ndarray, "n K"]) -> Signal:
     """Return `gap` to the obstacle whose front end is nearest along the road [m], shape (K,)."""
     nearest = np.abs(x_o - x_f).argmin(axis=0)
     return np.asarray(gap(0.0, x_o[nearest, np.arange(len(x_f))] - x_f))

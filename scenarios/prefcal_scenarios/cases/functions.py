@@ -19,22 +19,15 @@ Latent = Callable[[Float[np.ndarray, " n"]], float]
 
 @dataclass(frozen=True, slots=True)
 class TestFunction:
-    """Function of a physical θ, shape (n,), whose global minimum is known.
-
-    Args:
-        name: Name in the benchmark.
-        f: Latent function, dimensionless.
-        space: Domain of the function.
-        optimum: Smallest value in the domain.
-        minimizers: Points at which the function takes that value, each of length n.
-    """
+    """Function of a physical θ, shape (n,), whose global minimum is known."""
 
     __test__ = False  # despite the name, not a test for pytest to collect
 
-    name: str
-    f: Latent
-    space: KnobSpace
-    optimum: float
+    name: str  # name in the benchmark
+    f: Latent  # latent function, dimensionless
+    space: KnobSpace  # domain of the function
+    optimum: float  # smallest value in the domain
+    # Points at which the function takes that value, each of length n
     minimizers: tuple[tuple[float, ...], ...]
 
     def __call__(self, theta: Float[np.ndarray, " n"]) -> float:

@@ -10,21 +10,13 @@ from prefcal_env.knobs.space import KnobSpace
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """Parameter of a PID in one form.
+    """Parameter of a PID in one form."""
 
-    Args:
-        form: Forms that have it.
-        name: Symbol.
-        value: Value; an infinite integral time is no integral action.
-        unit: Unit of the value.
-        derived: How it follows from parameters of the ISA form; empty if it is one of them.
-    """
-
-    form: str
-    name: str
-    value: float
-    unit: str
-    derived: str = ""
+    form: str  # forms that have it
+    name: str  # symbol
+    value: float  # value; an infinite integral time is no integral action
+    unit: str  # unit of the value
+    derived: str = ""  # how it follows from parameters of the ISA form; empty if it is one of them
 
 
 ISA, PARALLEL, BOTH = "ISA (standard)", "parallel", "both"

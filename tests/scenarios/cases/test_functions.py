@@ -31,7 +31,3 @@ def test_the_lower_value_is_preferred(function):
     assert function.prefer(best, other) == -1
     assert function.prefer(other, best) == 1
     assert function.prefer(other, other) == 0
-
-
-def test_names_are_unique_and_are_the_keys():
-    assert [f.name for f in FUNCTIONS.values()] == list(FUNCTIONS)

@@ -7,7 +7,7 @@ from .family import LOOPS as LOOPS
 from .family import loop as loop
 from .family import named as named
 from .family import rough_model as rough_model
-from .rough.family import rough_loop as rough_loop
+from .rough import rough_loop as rough_loop
 
 _RANDOM = {"loop": loop, "rough": rough_loop}
 

@@ -13,10 +13,9 @@ from prefcal_env.jit import inner
 from prefcal_env.plants._calls import equation
 from prefcal_env.plants.equations import Equations, compiled
 
-from ._derivatives import derivative
 from ._simulate import slopes
 from .course import Course
-from .plants import parameters_of
+from .plants import derivative, packed
 
 carray: Any = numba.carray  # type: ignore[attr-defined]
 _HEAD = 6
@@ -24,10 +23,11 @@ _HEAD = 6
 
 def equations_of(course: Course) -> Equations:
     """Return the equations of a loop's plant, with the disturbance at its value at the start."""
-    at = course.at
-    rest = np.concatenate([at.d, course.measured, parameters_of(at.plant)])
-    head = [_HEAD + len(rest), at.plant.kind, *map(len, (at.x, at.u, at.d, course.measured))]
-    return compiled(f, g, jacobians, np.concatenate([head, rest]))
+    kind, parameters = packed(course.plant)
+    d = course.disturbance[0]
+    rest = np.concatenate([d, course.measured, parameters])
+    sizes = map(len, (course.x0, course.u0, d, course.measured))
+    return compiled(f, g, jacobians, np.concatenate([[_HEAD + len(rest), kind, *sizes], rest]))
 
 
 @inner()

@@ -6,8 +6,8 @@ import numpy as np
 
 from prefcal_env.jit import inner, kernel
 
-from ._derivatives import derivative
 from ._laws import MEMORY, decide, moved, rounded
+from .plants import derivative
 
 
 @kernel()
@@ -96,7 +96,9 @@ def _within(x, limits):  # type: ignore[no-untyped-def]
 
 @kernel()
 def advance(plant, dt, delay, at, history, limits):  # type: ignore[no-untyped-def]
-    """Simulate one sampling period, writing to `x`, and return how many instants are valid.
+    """Simulate one sampling period, writing to `x`.
+
+    Return how many instants are valid, and whether the simulation stops there.
 
     Args:
         plant: Kind and parameters.
@@ -116,8 +118,8 @@ def advance(plant, dt, delay, at, history, limits):  # type: ignore[no-untyped-d
         _step(kind, p, x[k], applied, disturbance[k], dt, work, x[k + 1])
         inside, finite = _within(x[k + 1], limits)
         if not inside:
-            return k + 2 if finite else k + 1
-    return last + 1
+            return k + 2 if finite else k + 1, True
+    return last + 1, False
 
 
 @kernel()

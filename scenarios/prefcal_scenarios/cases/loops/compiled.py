@@ -37,4 +37,4 @@ def _of_the_mpc() -> Iterator[Kernel]:
 
 
 compile_ahead("prefcal_scenarios.cases.loops.controllers", _of_the_laws)
-compile_ahead("prefcal_scenarios.cases.loops.mpc.drive", _of_the_mpc)
+compile_ahead("prefcal_scenarios.cases.loops.mpc", _of_the_mpc)

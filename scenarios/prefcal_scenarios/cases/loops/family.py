@@ -1,6 +1,7 @@
 """The family of closed loops: the named ones, and random ones around them."""
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from types import MappingProxyType
@@ -8,40 +9,32 @@ from types import MappingProxyType
 import numpy as np
 
 from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.tastes import calibrators_of
 
-from .acceptance import is_worth_tuning
 from .kinds import basic, motion, predictive, processes
-from .loop import Loop
-from .vary import Vary, nominal, random
+from .loop import Loop, Vary, nominal, random
 
+_MAKERS = (
+    *(basic.lag, basic.integrating, basic.oscillatory, basic.unstable),
+    *(processes.tank, processes.quadruple_tank, processes.distillation, processes.building),
+    *(motion.servo, motion.cart_pole, motion.boost_converter, motion.steering),
+)
 LOOPS: Mapping[str, Callable[..., Loop]] = MappingProxyType(
-    {
-        make.__name__.replace("_", "-"): make
-        for make in (
-            basic.lag,
-            basic.integrating,
-            basic.oscillatory,
-            basic.unstable,
-            processes.tank,
-            processes.quadruple_tank,
-            processes.distillation,
-            processes.building,
-            motion.servo,
-            motion.cart_pole,
-            motion.boost_converter,
-            motion.steering,
-            predictive.mpc_oscillatory,
-            predictive.mpc_quadruple_tank,
-            predictive.mpc_boost_converter,
-        )
-    }
+    {make.__name__.replace("_", "-"): make for make in _MAKERS} | predictive.PREDICTIVE
 )
 """Makers of the loops by name; each takes a `Vary`."""
 _TRIES = 10
 """How often the parameters of a random loop are drawn at most."""
+_SETTLED = 0.05
+"""Smallest share of the runs that settle before the disturbance."""
+_UNSAFE = 0.8
+"""Largest share of the runs that are interrupted."""
+_SAME = 0.95
+"""Largest share of the safe runs that may agree in a KPI."""
 
 
 def named(name: str) -> Scenario:
@@ -67,9 +60,14 @@ def loop(seed: int) -> Scenario:
     Raises:
         ScenarioError: If the seed is not an integer of 0 or more.
     """
-    if not isinstance(seed, int | np.integer) or seed < 0:
+    return judged(_accepted(checked_seed(seed))[0])
+
+
+def checked_seed(seed: int) -> int:
+    """Return `seed`. Raises ScenarioError if it is not an integer of 0 or more."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
-    return judged(_accepted(int(seed))[0])
+    return int(seed)
 
 
 def rough_model(seed: int, off: float) -> Scenario:
@@ -127,3 +125,26 @@ def varied(make: Callable[..., Loop], vary: Vary) -> Loop:
         noise=tuple(vary(each) for each in made.task.noise),
     )
     return replace(made, task=task)
+
+
+def is_worth_tuning(loop: Loop) -> bool:
+    """Return whether random θ show that tuning `loop` is possible and matters.
+
+    This runs `loop.sample` random θ, the same ones each time. At least 5 % of the runs settle
+    before the disturbance, so that there is something to find; at most 80 % are interrupted, so
+    that an agent is not only told what is unsafe; and no KPI has one value in more than 95 % of
+    the safe runs, so that each one can decide.
+    """
+    rng = np.random.default_rng(0)
+    points = rng.random((loop.sample, len(loop.space)))
+    return are_worth_comparing([loop.run(loop.space.decode(z)) for z in points])
+
+
+def are_worth_comparing(runs: Sequence[Experiment]) -> bool:
+    """Return whether runs of random θ satisfy the rules of `is_worth_tuning`."""
+    safe = [run for run in runs if run.end is End.TIME_UP]
+    settled = sum(bool(np.isfinite(run.kpis["settling_time"])) for run in safe)
+    if settled < _SETTLED * len(runs) or len(safe) < (1 - _UNSAFE) * len(runs):
+        return False
+    most = (Counter(run.kpis[name] for run in safe).most_common(1)[0][1] for name in safe[0].kpis)
+    return all(count <= _SAME * len(safe) for count in most)

@@ -19,7 +19,7 @@ def kpis_of(
     staged: bool,
     alarm: tuple[float, float] | None = None,
 ) -> tuple[KPI, ...]:
-    """Return the KPIs of a loop.
+    """Return the KPIs of a loop, all of them better if lower.
 
     Args:
         controlled: Output whose reference steps.
@@ -29,43 +29,34 @@ def kpis_of(
         staged: Whether the input has stages.
         alarm: Lowest and highest value of the output without an alarm; None if there is none.
     """
-    y = controlled.name
-    found = [
-        KPI("overshoot", f"overshoot of {y}", "%", better="lower", resolution=0.1,
-            about="How far it goes beyond its target, as a share of the step."),
-        KPI("settling_time", f"settling time of {y} (within ±5 %)", time_unit, better="lower",
-            about="Time after which it stays close to its target, until the disturbance."),
-        KPI("error", f"integrated error of {y}", f"{controlled.unit} {time_unit}".strip(),
-            better="lower", about="Integral of the absolute error over the run."),
-        KPI("disturbance_peak", f"peak error of {y} after the disturbance", controlled.unit,
-            better="lower", about="Largest distance from the target after the disturbance."),
-        KPI("effort", f"effort of {u.name}", u.unit, better="lower",
-            about="Root mean square distance of the input from its value at the start."),
-        _calmness(u, staged=staged),
+    y, unit = controlled.name, controlled.unit
+    rows = [
+        ("overshoot", f"overshoot of {y}", "%",
+         "How far it goes beyond its target, as a share of the step."),
+        ("settling_time", f"settling time of {y} (within ±5 %)", time_unit,
+         "Time after which it stays close to its target, until the disturbance."),
+        ("error", f"integrated error of {y}", f"{unit} {time_unit}".strip(),
+         "Integral of the absolute error over the run."),
+        ("disturbance_peak", f"peak error of {y} after the disturbance", unit,
+         "Largest distance from the target after the disturbance."),
+        ("effort", f"effort of {u.name}", u.unit,
+         "Root mean square distance of the input from its value at the start."),
+        ("switches", f"switches of {u.name}", "", "How often the input changes its stage.")
+        if staged else
+        ("input_noise", f"noise in {u.name}", u.unit,
+         "How much the input moves in a sampling period of normal length."),
     ]  # fmt: skip
     if beside is not None:
-        found.append(
-            KPI(
-                "side_effect",
-                f"peak of {beside.name} after the step",
-                beside.unit,
-                better="lower",
-                about="Largest distance from its value at the start.",
-            )
-        )
+        about = "Largest distance from its value at the start."
+        rows.append(("side_effect", f"peak of {beside.name} after the step", beside.unit, about))
     if alarm is not None:
-        low, high = alarm
-        about = f"Time outside {low:.4g} to {high:.4g} {controlled.unit}".rstrip() + "."
-        found.append(KPI("alarm", f"{y} in alarm", time_unit, better="lower", about=about))
-    return tuple(found)
-
-
-def _calmness(u: Channel, *, staged: bool) -> KPI:
-    if staged:
-        return KPI("switches", f"switches of {u.name}", better="lower",
-                   about="How often the input changes its stage.")  # fmt: skip
-    return KPI("input_noise", f"noise in {u.name}", u.unit, better="lower",
-               about="How much the input moves in a sampling period of normal length.")  # fmt: skip
+        about = "Time outside {:.4g} to {:.4g} ".format(*alarm) + unit
+        rows.append(("alarm", f"{y} in alarm", time_unit, about.rstrip() + "."))
+    steps = {"overshoot": 0.1}
+    return tuple(
+        KPI(name, title, unit, better="lower", about=about, resolution=steps.get(name))
+        for name, title, unit, about in rows
+    )
 
 
 def compute_kpis(

@@ -1,5 +1,6 @@
 """A closed loop to tune: plant, controller and task as data, and how one experiment runs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,53 +12,56 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from .controllers import Tunable
-from .course import Course, Driven, OperatingPoint
+from .course import Course, Driven
 from .kpis import compute_kpis, kpis_of, time_outside
 from .plants import Plant
 from .wording import about_knob, brief_of
 
+Vary = Callable[[float], float]
+"""Function that returns the value to use in place of a positive nominal one."""
+_FACTOR = 1.5
+"""Random parameters lie between the nominal value divided and multiplied by this."""
+
+
+def nominal(value: float) -> float:
+    """Return `value` itself: so the named loops are made."""
+    return value
+
+
+def random(rng: np.random.Generator) -> Vary:
+    """Return a function that draws values around the nominal one, uniform in the logarithm."""
+
+    def vary(value: float) -> float:
+        return float(value * _FACTOR ** rng.uniform(-1.0, 1.0))
+
+    return vary
+
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Times of a loop, all in `unit`.
+    """Times of a loop, all in `unit`."""
 
-    Args:
-        step: Step of the simulation.
-        horizon: Length of an experiment.
-        T_s: Sampling time of the controller; a knob called T_s replaces it. It is rounded to a
-            multiple of `step`.
-        disturbed_at: Time at which the disturbance sets in.
-        dead_time: Dead time of the inputs.
-        unit: Unit of time.
-    """
-
-    step: float
-    horizon: float
+    step: float  # step of the simulation
+    horizon: float  # length of an experiment
+    # Sampling time of the controller; a knob called T_s replaces it. It is rounded to a
+    # multiple of `step`
     T_s: float
-    disturbed_at: float
-    dead_time: float = 0.0
-    unit: str = "s"
+    disturbed_at: float  # time at which the disturbance sets in
+    dead_time: float = 0.0  # dead time of the inputs
+    unit: str = "s"  # unit of time
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What happens in an experiment. It starts in a steady state.
+    """What happens in an experiment. It starts in a steady state."""
 
-    Args:
-        x0: State at the start.
-        u0: Inputs at the start.
-        target: Reference of each measured state from the start on.
-        disturbance: Disturbance before and after it sets in, for each of its components.
-        noise: Standard deviation of the noise of each measured state.
-        program: Later set points of the first measured state, each with the time from which on it
-            holds.
-    """
-
-    x0: tuple[float, ...]
-    u0: tuple[float, ...]
-    target: tuple[float, ...]
+    x0: tuple[float, ...]  # state at the start
+    u0: tuple[float, ...]  # inputs at the start
+    target: tuple[float, ...]  # reference of each measured state from the start on
+    # Disturbance before and after it sets in, for each of its components
     disturbance: tuple[tuple[float, float], ...]
-    noise: tuple[float, ...]
+    noise: tuple[float, ...]  # standard deviation of the noise of each measured state
+    # Later set points of the first measured state, each with the time from which on it holds
     program: tuple[tuple[float, float], ...] = ()
 
     def reference(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_m"]:
@@ -70,17 +74,11 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """What lies between the controller's output and the plant, all in the input's unit.
+    """What lies between the controller's output and the plant, all in the input's unit."""
 
-    Args:
-        stiction: Largest change of the command that does not move it.
-        backlash: Half of its play.
-        resolution: Distance of the positions that it can have; 0 if it can have any.
-    """
-
-    stiction: float = 0.0
-    backlash: float = 0.0
-    resolution: float = 0.0
+    stiction: float = 0.0  # largest change of the command that does not move it
+    backlash: float = 0.0  # half of its play
+    resolution: float = 0.0  # distance of the positions that it can have; 0 if it can have any
 
 
 @dataclass(frozen=True)
@@ -91,47 +89,32 @@ class Loop:
     unsafe at the first instant at which a state is outside them, and as failed if there is no
     controller for θ. The `low` and `high` of the inputs' channels end nothing: there the inputs
     saturate.
-
-    Args:
-        name: Short name.
-        title: Title for headings.
-        brief: What happens in an experiment, for the person who compares.
-        plant: Plant with its parameters.
-        controller: Kind of controller.
-        space: Knobs, named as in the controller.
-        states: Channels of the states, with the limits of safe operation.
-        inputs: Channels of the inputs, with the limits at which they saturate.
-        measured: Indices of the measured states; the first one's reference steps.
-        task: What happens in an experiment.
-        timing: Times.
-        controlled: Number of measured states, from the first, with a reference for people.
-        beside: Index of a state that the step should not move much; None if there is none.
-        staged: Whether the input has stages.
-        sample: Number of random θ that show whether the loop is worth tuning.
-        actuators: Actuators of the inputs; () if all are ideal. Not for an MPC.
-        resolution: Distance of the values that each measured state can have, 0 for continuous
-            ones; () if all are. Not for an MPC.
-        alarm: Lowest and highest value of the first measured state that is no cause for alarm;
-            None if there is no alarm.
     """
 
-    name: str
-    title: str
-    brief: str
-    plant: Plant
-    controller: Tunable
-    space: KnobSpace
-    states: tuple[Channel, ...]
-    inputs: tuple[Channel, ...]
-    measured: tuple[int, ...]
-    task: Task
-    timing: Timing
-    controlled: int = 1
+    name: str  # short name
+    title: str  # title for headings
+    brief: str  # what happens in an experiment, for the person who compares
+    plant: Plant  # plant with its parameters
+    controller: Tunable  # kind of controller
+    space: KnobSpace  # knobs, named as in the controller
+    states: tuple[Channel, ...]  # channels of the states, with the limits of safe operation
+    inputs: tuple[Channel, ...]  # channels of the inputs, with the limits at which they saturate
+    task: Task  # what happens in an experiment
+    timing: Timing  # times
+    # Indices of the measured states; the first one's reference steps
+    measured: tuple[int, ...] = (0,)
+    controlled: int = 1  # number of measured states, from the first, with a reference for people
+    # Index of a state that the step should not move much; None if there is none
     beside: int | None = None
-    staged: bool = False
-    sample: int = 128
+    staged: bool = False  # whether the input has stages
+    sample: int = 128  # number of random θ that show whether the loop is worth tuning
+    # Actuators of the inputs; () if all are ideal. Not for an MPC
     actuators: tuple[Actuator, ...] = ()
+    # Distance of the values that each measured state can have, 0 for continuous ones; () if
+    # all are. Not for an MPC
     resolution: tuple[float, ...] = ()
+    # Lowest and highest value of the first measured state that is no cause for alarm; None if
+    # there is no alarm
     alarm: tuple[float, float] | None = None
 
     @property
@@ -163,22 +146,14 @@ class Loop:
         """
         theta = (space or self.space).check(theta)
         values = dict(zip(self.space.names, theta.tolist(), strict=True))
-        hold = self._hold(theta)
+        # A knob called "every" is the number of sampling periods between two decisions.
+        T_s = values.get("T_s", self.timing.T_s) * values.get("every", 1.0)
+        hold = max(round(T_s / self.timing.step), 1)
         try:
-            driven = self.controller.drive(values, self._course(hold, seed))
+            driven = self.controller.drive(values, self.course(hold, seed))
         except np.linalg.LinAlgError:
-            driven = None
+            driven = Driven.nothing(len(self.states), len(self.inputs))
         return self._experiment(theta, driven, hold)
-
-    def start(self) -> OperatingPoint:
-        """Return where the loop starts."""
-        return OperatingPoint(
-            plant=self.plant,
-            x=np.array(self.task.x0, dtype=float),
-            u=np.array(self.task.u0, dtype=float),
-            d=np.array([before for before, _ in self.task.disturbance], dtype=float),
-            limits=np.array([(c.low, c.high) for c in self.inputs], dtype=float),
-        )
 
     def scenario(self) -> Scenario:
         """Return the loop as a scenario."""
@@ -212,76 +187,62 @@ class Loop:
             if i in (*self.measured[: self.controlled], *beside)
         )
 
-    def _course(self, hold: int, seed: int) -> Course:
-        """Return what acts on the loop; the seed draws the noise of every instant."""
+    def course(self, hold: int, seed: int) -> Course:
+        """Return what acts on the loop if the controller acts every `hold` steps.
+
+        The seed draws the noise of every instant.
+        """
         timing, task = self.timing, self.task
-        count = self._instants
-        noise = np.random.default_rng(seed).standard_normal((count, len(task.noise)))
-        t = np.arange(count) * timing.step
-        disturbed = t >= timing.disturbed_at
-        levels = np.array(task.disturbance, dtype=float)  # (n_d, 2)
-        lowest = [channel.low for channel in self.inputs]
-        rows = [(a.stiction, a.backlash, a.resolution) for a in self.actuators]
+        noise = np.random.default_rng(seed).standard_normal((self._instants, len(task.noise)))
+        t = np.arange(self._instants) * timing.step
+        before, after = np.array(task.disturbance, dtype=float).T
+        limits = np.array([(c.low, c.high) for c in self.inputs], dtype=float)
+        rows = [
+            (a.stiction, a.backlash, a.resolution, low)
+            for a, (low, _) in zip(self.actuators, limits, strict=False)
+        ]
         return Course(
-            at=self.start(),
+            plant=self.plant,
+            x0=np.array(task.x0, dtype=float),
+            u0=np.array(task.u0, dtype=float),
+            limits=limits,
+            safe=np.array([(c.low, c.high) for c in self.states], dtype=float),
             measured=np.array(self.measured, dtype=np.int64),
             reference=task.reference(t),
-            disturbance=np.where(disturbed[:, None], levels[:, 1], levels[:, 0]),
+            disturbance=np.where((t >= timing.disturbed_at)[:, None], after, before),
             noise=noise * np.array(task.noise, dtype=float),
-            safe=np.array([(c.low, c.high) for c in self.states], dtype=float),
             step=timing.step,
             hold=hold,
             delay=round(timing.dead_time / timing.step),
-            actuators=np.array(
-                [(*row, low) for row, low in zip(rows, lowest, strict=False)], dtype=float
-            ).reshape(-1, 4),
+            actuators=np.array(rows, dtype=float).reshape(-1, 4),
             resolution=np.array(self.resolution, dtype=float),
         )
-
-    def _hold(self, theta: Float[np.ndarray, " n"]) -> int:
-        """Return the number of simulation steps in a sampling period of θ.
-
-        A knob called "every" is the number of sampling periods after which the controller acts.
-        """
-        values = dict(zip(self.space.names, theta.tolist(), strict=True))
-        T_s = float(values.get("T_s", self.timing.T_s)) * float(values.get("every", 1.0))
-        return max(round(T_s / self.timing.step), 1)
 
     @property
     def _instants(self) -> int:
         """Number of instants of a whole experiment."""
         return round(self.timing.horizon / self.timing.step) + 1
 
-    def _experiment(
-        self, theta: Float[np.ndarray, " n"], driven: Driven | None, hold: int
-    ) -> Experiment:
+    def _experiment(self, theta: Float[np.ndarray, " n"], driven: Driven, hold: int) -> Experiment:
         """Return the record with its KPIs; it is empty if there was no controller."""
-        channels = self.channels
-        if driven is None:
-            none = np.zeros(0)
-            driven = Driven(
-                np.zeros((0, len(channels.x))), np.zeros((0, len(channels.u))),
-                none.astype(np.int64), none, none.astype(np.bool_),
-            )  # fmt: skip
-        steps = hold * np.arange(len(driven.solved))
+        timing, steps = self.timing, hold * np.arange(len(driven.solved))
         bare = Experiment(
-            theta=theta, t=np.arange(len(driven.x)) * self.timing.step,
+            theta=theta, t=np.arange(len(driven.x)) * timing.step,
             x=driven.x, u=driven.u,
-            t_control=steps * self.timing.step, u_control=driven.u[steps],
-            y_ref=self.task.reference(steps * self.timing.step)[:, : self.controlled],
+            t_control=steps * timing.step, u_control=driven.u[steps],
+            y_ref=self.task.reference(steps * timing.step)[:, : self.controlled],
             iterations=driven.iterations, solve_time=driven.solve_time, solved=driven.solved,
-            channels=channels, end=self._end(driven.x),
+            channels=self.channels, end=self.end(driven.x),
         )  # fmt: skip
         if len(steps) == 0:
             return bare
-        timing = self.timing
         pace = timing.T_s / (hold * timing.step)
         values = compute_kpis(bare, timing.disturbed_at, self.task.u0[0], self.beside, pace)
         if self.alarm is not None:
             values["alarm"] = time_outside(bare, *self.alarm)
         return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})
 
-    def _end(self, x: Float[np.ndarray, "V n_x"]) -> End:
+    def end(self, x: Float[np.ndarray, "V n_x"]) -> End:
         """Return why an experiment with these states ended."""
         if not len(x):
             return End.FAILED

@@ -7,7 +7,7 @@ repeatable. `Experiment.solve_time` is measured and varies from run to run.
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_env.envs.overtake.road.rules import Phase
+from prefcal_env.envs.overtake.rules import Phase
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.mpc import MPCSettings
 

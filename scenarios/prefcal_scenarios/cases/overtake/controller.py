@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake.road.rules import (
+from prefcal_env.envs.overtake.rules import (
     KEEPING_SPEEDS,
     MIN_LATERAL_DISTANCE,
     OVERTAKING_SPEEDS,

@@ -5,8 +5,8 @@ from math import inf
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake.road.contact import CONTACT
-from prefcal_env.envs.overtake.road.rules import (
+from prefcal_env.envs.overtake.geometry import CONTACT
+from prefcal_env.envs.overtake.rules import (
     KEEPING_SPEED,
     LANE_WIDTH,
     LENGTH,
@@ -65,8 +65,7 @@ def compute_kpis(experiment: Experiment) -> dict[str, float]:
         "overtaking_time": _overtaking_time(experiment),
         "unsolved": np.sum(~experiment.solved),
     }
-    found |= _safety(experiment) | _path(experiment) | _comfort(experiment)
-    found |= _speed(experiment) | _steering(experiment)
+    found |= _safety(experiment) | _path(experiment) | _inputs(experiment)
     return {kpi.name: float(found[kpi.name]) for kpi in KPIS}
 
 
@@ -83,9 +82,10 @@ def _safety(experiment: Experiment) -> dict[str, float]:
 
 
 def _path(experiment: Experiment) -> dict[str, float]:
-    y_f, yaw = experiment.x[:, 1], experiment.x[:, 2]
-    kept = in_lane(experiment)
-    target = MIN_LATERAL_DISTANCE + _to_pass(experiment)
+    y_f, yaw, kept = experiment.x[:, 1], experiment.x[:, 2], in_lane(experiment)
+    # The paper's reference is 3 m to the left of the obstacles in the right lane.
+    y_o = [o[:, 1].max() for o in obstacles(experiment) if o[0, 1] < LANE_WIDTH / 2]
+    target = MIN_LATERAL_DISTANCE + float(max(y_o, default=0.0))
     return {
         "path_peak": float(y_f.max()),
         "overshoot": max(float(y_f.max()) - target, 0.0),
@@ -94,56 +94,30 @@ def _path(experiment: Experiment) -> dict[str, float]:
     }
 
 
-def _to_pass(experiment: Experiment) -> float:
-    """Return the largest y_o of the obstacles in the right lane [m]; 0 without obstacles.
+def _inputs(experiment: Experiment) -> dict[str, float]:
+    """Return what follows from the inputs: comfort, speed and steering.
 
-    The paper's reference is 3 m to the left of it.
+    The lateral acceleration is that of the rear axle, v² sin(2 δ_s)/(2 L) [m/s²]. Its velocity
+    v cos δ_s has the direction of the yaw angle, which changes by v sin δ_s/L; at the front the
+    acceleration would jump with the steering angle.
     """
-    y_o = [o[:, 1].max() for o in obstacles(experiment) if o[0, 1] < LANE_WIDTH / 2]
-    return float(max(y_o, default=0.0))
-
-
-def lateral_acceleration(experiment: Experiment) -> Float[np.ndarray, " N"]:
-    """Return the acceleration of the rear axle, v² sin(2 δ_s)/(2 L) [m/s²], shape (N,).
-
-    The velocity v cos δ_s of the rear axle has the direction of the yaw angle, which changes by
-    v sin δ_s/L; at the front it would jump with the steering angle.
-    """
-    v, steering = experiment.u_control.T
-    return np.asarray(v**2 * np.sin(2 * steering) / (2 * LENGTH))
-
-
-def _comfort(experiment: Experiment) -> dict[str, float]:
-    a = lateral_acceleration(experiment)
-    jerk = np.diff(a, prepend=0.0) / experiment.theta[0]
-    return {
-        "lateral_acceleration": float(np.abs(a).max()),
-        "lateral_acceleration_rms": _rms(a),
-        "lateral_jerk": float(np.abs(jerk).max()),
-        "lateral_jerk_rms": _rms(jerk),
-    }
-
-
-def _speed(experiment: Experiment) -> dict[str, float]:
-    v = experiment.u_control[:, 0]
+    T_s, (v, angle) = float(experiment.theta[0]), experiment.u_control.T
+    a = v**2 * np.sin(2 * angle) / (2 * LENGTH)
+    jerk = np.diff(a, prepend=0.0) / T_s
     overtaking = phase_at_control(experiment) == Phase.OVERTAKING
     reference = np.where(overtaking, OVERTAKING_SPEED, KEEPING_SPEED)
-    moves = np.diff(v, prepend=KEEPING_SPEED)
-    return {
-        "speed_error": _rms(v - reference) / KMH,
-        "speed_variation": float(np.abs(moves).sum()) / KMH,
-    }
-
-
-def _steering(experiment: Experiment) -> dict[str, float]:
-    T_s = float(experiment.theta[0])
-    steering = np.degrees(experiment.u_control[:, 1])
+    steering = np.degrees(angle)
     moves = np.diff(steering, prepend=0.0)
-    largest = float(np.abs(moves).max())
     return {
-        "steering": float(np.abs(steering).max()),
-        "steering_move": largest,
-        "steering_rate": largest / T_s,
+        "lateral_acceleration": np.abs(a).max(),
+        "lateral_acceleration_rms": _rms(a),
+        "lateral_jerk": np.abs(jerk).max(),
+        "lateral_jerk_rms": _rms(jerk),
+        "speed_error": _rms(v - reference) / KMH,
+        "speed_variation": np.abs(np.diff(v, prepend=KEEPING_SPEED)).sum() / KMH,
+        "steering": np.abs(steering).max(),
+        "steering_move": np.abs(moves).max(),
+        "steering_rate": np.abs(moves).max() / T_s,
         "steering_rate_rms": _rms(moves) / T_s,
     }
 

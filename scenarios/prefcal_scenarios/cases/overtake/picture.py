@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from prefcal_env.envs.overtake.road.geometry import corners
-from prefcal_env.envs.overtake.road.rules import (
+from prefcal_env.envs.overtake.geometry import corners
+from prefcal_env.envs.overtake.rules import (
     KEEPING_SPEEDS,
     LANE_WIDTH,
     LENGTH,
@@ -27,10 +27,10 @@ from prefcal_scenarios.presentation.style import (
     OTHERS,
     canvas,
 )
-from prefcal_scenarios.presentation.wording import mathtext, number, theta_text
+from prefcal_scenarios.presentation.wording import mathtext, number, quantity, theta_text
 from prefcal_scenarios.scenario import Picture
 
-from .scene import bodies, moments, phases, road_of
+from .scene import moments, obstacles, phases, road_of
 
 OBSTACLE, ASPHALT, PAINT = OTHERS[0], "#eceff2", "#aab3bc"
 STEERING_LIMIT = 45.0
@@ -83,7 +83,7 @@ def drawn(runs: Sequence[Shown], space: KnobSpace) -> Figure:
 def _theta_lines(space: KnobSpace, run: Shown) -> str:
     """Return θ in mathtext, on two lines."""
     parts = [
-        f"{mathtext(k.name)} = {number(v)}" + (f" {k.unit}" if k.unit else "")
+        f"{mathtext(k.name)} = {quantity(v, k.unit)}"
         for k, v in zip(space, run.experiment.theta, strict=True)
     ]
     return ",  ".join(parts[:3]) + "\n" + ",  ".join(parts[3:])
@@ -109,7 +109,7 @@ def _path(axes: Axes, run: Shown) -> None:
     look: Any = {"color": PAINT, "linewidth": 1.2, "zorder": 1}
     for y in np.arange(low, high + 1e-9, LANE_WIDTH):
         axes.axhline(y, linestyle="-" if y in (low, high) else _DASHED, **look)
-    cars = [*((other, OBSTACLE) for other in bodies(experiment)), (experiment.x[:, :3], run.color)]
+    cars = [*((other, OBSTACLE) for other in obstacles(experiment)), (experiment.x, run.color)]
     for poses, color in cars:
         axes.plot(*poses[:, :2].T, color=color, linewidth=1.0, alpha=0.6)
         for n, k in enumerate(moments(experiment), start=1):
@@ -167,9 +167,9 @@ def _alt(record: Any) -> str:
 PICTURE = Picture(
     "overtaking.png",
     "The overtaking",
-    "The best run, and to the right the one before if it is another. Numbers mark five moments of "
-    "the overtaking, as far as the run reached them. Limits and reference of the speed change "
-    "with the phase. t_comp is modeled.",
+    "The best run, and to the right the one before if it is another. Numbers mark five moments, "
+    "equally spaced in time. Limits and reference of the speed change with the phase. t_comp is "
+    "modeled.",
     _alt,
     lambda record: drawn(shown(record), record.scenario.space),
 )

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake.road.rules import (
+from prefcal_env.envs.overtake.rules import (
     KEEPING_SPEED,
     MIN_LATERAL_DISTANCE,
     OVERTAKING_SPEED,

@@ -144,15 +144,25 @@ def test_an_impossible_start_is_refused():
             env.reset(options=options)
 
 
-def test_impossible_settings_are_refused():
-    for make in (
-        lambda: OvertakeEnv(render_mode="human"),
-        lambda: OvertakeEnv(["traffic"]),
-        lambda: OvertakeEnv(T_s=1.0),
-        lambda: OvertakeEnv({"policy_frequency": 1}),
-    ):
+IMPOSSIBLE = (
+    *({"policy_frequency": hertz} for hertz in (0, 1, 100)),
+    *({"T_s": seconds} for seconds in (0, 1.0, "fast")),
+    *({"observation": seen} for seen in ("Kinematics", {"type": "TimeToCollision"})),
+    {"action": {"type": "DiscreteMetaAction"}},
+    ["traffic"],
+)
+
+
+@pytest.mark.parametrize("config", IMPOSSIBLE)
+def test_an_impossible_configuration_is_refused(config):
+    with pytest.raises(SettingsError):
+        OvertakeEnv(config)
+
+
+def test_impossible_keywords_are_refused():
+    for keywords in ({"render_mode": "human"}, {"T_s": 1.0}):
         with pytest.raises(SettingsError):
-            make()
+            OvertakeEnv(**keywords)
 
 
 def test_a_wrong_input_or_one_out_of_turn_is_refused():

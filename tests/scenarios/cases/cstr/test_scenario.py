@@ -3,7 +3,6 @@
 import json
 import math
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -161,14 +160,3 @@ def test_panels_show_concentration_with_its_band_and_coolant_with_its_limits():
     assert np.array_equal(concentration.values(AUTOMATED), AUTOMATED.x[:, 1])
     assert np.array_equal(coolant.values(AUTOMATED), AUTOMATED.u[:, 0])
     assert np.array_equal(temperature.values(AUTOMATED), AUTOMATED.x[:, 0])
-
-
-def test_tuning_the_reactor_is_rewarded_by_minus_the_index():
-    env = gym.make("prefcal_scenarios:prefcal/CSTRTuning-v0")
-    env.reset(seed=0)
-    space = env.unwrapped.space
-    action = 2 * space.encode(np.array([0.25, 26.0, -0.91])) - 1
-    _, reward, *_, info = env.step(action)
-    assert reward == pytest.approx(-performance_index(AUTOMATED), abs=1e-6)
-    assert reward == -performance_index(info["experiment"])
-    assert info["theta"] == pytest.approx([0.25, 26.0, -0.91])

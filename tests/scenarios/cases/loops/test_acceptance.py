@@ -8,7 +8,7 @@ import pytest
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_scenarios.cases.loops import LOOPS, family, loop
-from prefcal_scenarios.cases.loops.acceptance import are_worth_comparing, is_worth_tuning
+from prefcal_scenarios.cases.loops.family import are_worth_comparing, is_worth_tuning
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -99,9 +99,9 @@ def test_the_panels_show_target_output_and_inputs(name):
 @every
 def test_the_noise_does_not_depend_on_theta(name):
     made = EVERY[name]()
-    course, other = made._course(1, seed=3), made._course(2, seed=3)
+    course, other = made.course(1, seed=3), made.course(2, seed=3)
     assert (course.noise == other.noise).all()
-    assert (course.noise != made._course(1, seed=4).noise).all()
+    assert (course.noise != made.course(1, seed=4).noise).all()
     assert course.noise.std(axis=0) == pytest.approx(np.array(made.task.noise), rel=0.15)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_scenarios.cases.loops._laws import FEEDBACK, PID
 from prefcal_scenarios.cases.loops._simulate import simulate
-from prefcal_scenarios.cases.loops.plants import Linear, parameters_of
+from prefcal_scenarios.cases.loops.plants import Linear, packed
 
 LAG = Linear(A=((-1.0,),), B=((2.0,),), E=((1.0,),))
 """ẋ = -x + 2 u + d, in seconds."""
@@ -20,7 +20,7 @@ def run(gains, *, target=1.0, d=0.0, noise=None, delay=0, hold=1, limits=WIDE, l
     dt = 0.01
     count = round(T / dt) + 1
     return simulate(
-        (LAG.kind, parameters_of(LAG), np.array([0])),
+        (*packed(LAG), np.array([0])),
         (law, gains, np.zeros((0, 4)), np.zeros(0)),
         (
             np.full((count, 1), target),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_env.envs.overtake.road.rules import Phase
+from prefcal_env.envs.overtake.rules import Phase
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC
 from prefcal_env.plants.bicycle import Bicycle

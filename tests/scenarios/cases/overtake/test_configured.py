@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_env.errors import KnobError, ScenarioError, SettingsError
+from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.overtake import overtake
-from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, mpc_settings
-from prefcal_scenarios.own.source import joined_source, split_source
+from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS
+from prefcal_scenarios.own.source import joined_source
 
 ROOT = Path(__file__).parents[4]
 PAPER = overtake.references["paper, preferences"]
@@ -22,12 +22,6 @@ DRAWN = {"vehicles_count": 3, "vehicles_density": 0.5}
 
 def configured(config):
     return load(joined_source("overtake", config))
-
-
-def test_the_papers_scene_in_plain_data_is_the_papers_scene():
-    spelled = configured({"vehicles_count": 0, "lanes_count": 2})
-    assert spelled.run(SLOW) == overtake.run(SLOW)
-    assert spelled.name == "overtake"
 
 
 def test_a_configured_scenario_is_configured_anew_not_on_top():
@@ -55,22 +49,9 @@ def test_both_limits_at_the_papers_optimum():
     assert kpis["per second"]["lateral_acceleration"] == pytest.approx(3.3, abs=0.05)
 
 
-def test_the_fields_of_the_limits_say_what_they_do():
-    per_second, per_step = STEERING_LIMITS["per second"], STEERING_LIMITS["per step"]
-    for theta in (PAPER, SLOW):
-        moves = [mpc_settings(theta, 0, fixed).du_max[1] for fixed in (per_second, per_step)]
-        assert moves == pytest.approx([0.0873 * theta[0], 0.0873])
-
-
 def test_other_processes_can_run_it():
     run = pickle.loads(pickle.dumps(configured(DRAWN).run))
     assert run(SLOW, 3) == configured(DRAWN).run(SLOW, 3)
-
-
-def test_a_source_holds_its_configuration():
-    config = {"lanes_count": 3, "x0": [1, 0, 0]}
-    assert split_source(joined_source("overtake", config)) == ("overtake", config)
-    assert split_source("own.py:mine") == ("own.py:mine", None)
 
 
 @pytest.mark.parametrize(
@@ -87,11 +68,6 @@ def test_a_source_holds_its_configuration():
 def test_what_cannot_be_is_refused(source, error, says):
     with pytest.raises(error, match=says):
         load(source)
-
-
-def test_theta_is_checked_in_every_traffic():
-    with pytest.raises(KnobError):
-        configured(DRAWN).run(np.zeros(5))
 
 
 def test_the_example_of_the_docs_is_one():

@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents import GLISp
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios.cases.overtake import overtake
 from prefcal_scenarios.cases.overtake.criteria import calibrator
 from prefcal_scenarios.cases.overtake.kpis import SHORTEST_DISTANCE
@@ -72,11 +70,6 @@ def test_more_distance_than_enough_is_not_noticed():
     assert JUDGE.prefer(below, outcome(lateral_distance=SHORTEST_DISTANCE)) is Preference.INCUMBENT
 
 
-def test_what_is_below_every_just_noticeable_difference_is_a_tie():
-    shade = {"overshoot": 0.04, "lateral_acceleration": 5.9, "speed_error": 1.1}
-    assert JUDGE.decide(outcome(**shade), outcome()) == (Preference.TIE, None)
-
-
 def theta_number(i: int) -> np.ndarray:
     """θ number i of a seeded sample of the box."""
     return overtake.space.decode(np.random.default_rng([0, i]).random(5))
@@ -91,26 +84,6 @@ def test_no_cost_has_these_preferences_real_drives_go_round_in_a_circle():
     assert len({criterion.name for _, criterion in decisions}) > 1
 
 
-def test_answers_are_opposite_the_other_way_round():
-    judge = overtake.calibrators["synthetic"](seed=3)
-    runs = [overtake.run(theta_number(i)) for i in range(6)]
-    for a in runs:
-        assert judge.prefer(a, a) is Preference.TIE
-        for b in runs:
-            assert judge.prefer(a, b) == -judge.prefer(b, a)
-
-
-@pytest.mark.campaign
-def test_calibrations_end_better_than_the_paper_in_most_seeds_and_safe_in_all():
-    judge = overtake.calibrators["synthetic"]()
-    papers = overtake.run(overtake.references["paper, preferences"])
-    verdicts = []
-    for seed in range(20):
-        agent = GLISp(overtake.space, n_max=50, seed=seed)
-        best = [c.winner for c in calibrate(agent, overtake.run, judge)][-1]
-        verdicts.append(judge.prefer(best, papers))
-        assert best.kpis["t_comp_ratio"] < 1
-        assert not best.end.interrupted
-        assert best.kpis["lateral_distance"] >= SHORTEST_DISTANCE
-        assert best.kpis["off_road"] == 0
-    assert sum(v is not Preference.INCUMBENT for v in verdicts) > 10
+def test_what_is_below_every_just_noticeable_difference_is_a_tie():
+    shade = {"overshoot": 0.04, "lateral_acceleration": 5.9, "speed_error": 1.1}
+    assert JUDGE.decide(outcome(**shade), outcome()) == (Preference.TIE, None)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env.envs.overtake.road.rules import Phase
+from prefcal_env.envs.overtake.rules import Phase
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC

@@ -4,12 +4,18 @@ from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.cases.loops.controllers import PID
-from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing
+from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing, Vary, nominal
 from prefcal_scenarios.cases.loops.plants import Linear
-from prefcal_scenarios.cases.loops.vary import Vary, nominal
 
 SETPOINT_WEIGHT = Knob("b", 0.0, 1.0)
 """Share of the target's step that acts at once."""
+CASCADE = ("_outer", "_inner")
+"""Suffixes of the knobs of a cascade."""
+
+
+def knobs(*each: Knob) -> KnobSpace:
+    """Return the space of these knobs."""
+    return KnobSpace(list(each))
 
 
 def ratio(name: str, low: float, high: float, unit: str = "") -> Knob:
@@ -31,19 +37,16 @@ def lag(vary: Vary = nominal) -> Loop:
             E=((0.0,), (1 / fast,)),
         ),
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 0.1, 20.0, "%/°C"),
-                ratio("T_i", 2.0, 200.0, "s"),
-                ratio("T_d", 0.2, 40.0, "s"),
-                ratio("T_f", 0.2, 20.0, "s"),
-                SETPOINT_WEIGHT,
-                ratio("T_t", 1.0, 200.0, "s"),
-            ]
+        space=knobs(
+            ratio("K", 0.1, 20.0, "%/°C"),
+            ratio("T_i", 2.0, 200.0, "s"),
+            ratio("T_d", 0.2, 40.0, "s"),
+            ratio("T_f", 0.2, 20.0, "s"),
+            SETPOINT_WEIGHT,
+            ratio("T_t", 1.0, 200.0, "s"),
         ),
         states=(Channel("temperature", "°C", -20, 120), Channel("jacket temperature", "°C")),
         inputs=(Channel("valve", "%", 0, 100),),
-        measured=(0,),
         task=Task((gain * 50,) * 2, (50.0,), (gain * 50 + 10,), ((0.0, -8.0),), (0.1,)),
         timing=Timing(0.5, 400.0, 1.0, 200.0, dead_time=vary(6.0)),
     )
@@ -63,18 +66,15 @@ def integrating(vary: Vary = nominal) -> Loop:
             E=((-rate,), (0.0,)),
         ),
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 0.2, 20.0),
-                ratio("T_i", 3.0, 300.0, "s"),
-                ratio("T_d", 0.05, 10.0, "s"),
-                ratio("T_f", 0.1, 10.0, "s"),
-                SETPOINT_WEIGHT,
-            ]
+        space=knobs(
+            ratio("K", 0.2, 20.0),
+            ratio("T_i", 3.0, 300.0, "s"),
+            ratio("T_d", 0.05, 10.0, "s"),
+            ratio("T_f", 0.1, 10.0, "s"),
+            SETPOINT_WEIGHT,
         ),
         states=(Channel("level", "%", 0, 100), Channel("inflow", "%")),
         inputs=(Channel("valve", "%", 0, 100),),
-        measured=(0,),
         task=Task((50.0, 40.0), (40.0,), (60.0,), ((40.0, 55.0),), (0.2,)),
         timing=Timing(0.25, 200.0, 0.5, 100.0, dead_time=vary(2.0)),
     )
@@ -99,14 +99,12 @@ def oscillatory(vary: Vary = nominal) -> Loop:
             E=((0.0,), (stiffness,), (0.0,)),
         ),
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 0.03, 10.0, "N/cm"),
-                ratio("T_i", 0.1, 10.0, "s"),
-                ratio("T_d", 0.03, 10.0, "s"),
-                ratio("T_f", 0.02, 2.0, "s"),
-                SETPOINT_WEIGHT,
-            ]
+        space=knobs(
+            ratio("K", 0.03, 10.0, "N/cm"),
+            ratio("T_i", 0.1, 10.0, "s"),
+            ratio("T_d", 0.03, 10.0, "s"),
+            ratio("T_f", 0.02, 2.0, "s"),
+            SETPOINT_WEIGHT,
         ),
         states=(
             Channel("position", "cm", -10, 10),
@@ -114,7 +112,6 @@ def oscillatory(vary: Vary = nominal) -> Loop:
             Channel("actuator force", "N"),
         ),
         inputs=(Channel("force", "N", -3, 3),),
-        measured=(0,),
         task=Task((0.0,) * 3, (0.0,), (1.0,), ((0.0, 0.5),), (0.005,)),
         timing=Timing(0.05, 60.0, 0.05, 30.0),
     )
@@ -134,18 +131,15 @@ def unstable(vary: Vary = nominal) -> Loop:
             E=((1 / growth,), (0.0,)),
         ),
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 1.0, 20.0),
-                ratio("T_i", 1.0, 100.0, "min"),
-                ratio("T_d", 0.02, 2.0, "min"),
-                ratio("T_f", 0.02, 1.0, "min"),
-                SETPOINT_WEIGHT,
-            ]
+        space=knobs(
+            ratio("K", 1.0, 20.0),
+            ratio("T_i", 1.0, 100.0, "min"),
+            ratio("T_d", 0.02, 2.0, "min"),
+            ratio("T_f", 0.02, 1.0, "min"),
+            SETPOINT_WEIGHT,
         ),
         states=(Channel("temperature", "°C", -15, 15), Channel("heating", "°C")),
         inputs=(Channel("heating command", "°C", -20, 20),),
-        measured=(0,),
         task=Task((0.0, 0.0), (0.0,), (2.0,), ((0.0, 2.0),), (0.02,)),
         timing=Timing(0.05, 40.0, 0.1, 20.0, dead_time=vary(0.4), unit="min"),
     )

@@ -4,13 +4,11 @@ from math import inf, sqrt
 
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.cases.loops.controllers import LQR, Cascade
-from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing
+from prefcal_scenarios.cases.loops.controllers import LQR, PID
+from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing, Vary, nominal
 from prefcal_scenarios.cases.loops.plants import BoostConverter, CartPole, Servo, Steering
-from prefcal_scenarios.cases.loops.vary import Vary, nominal
 
-from .basic import ratio
+from .basic import CASCADE, knobs, ratio
 
 
 def servo(vary: Vary = nominal) -> Loop:
@@ -22,16 +20,14 @@ def servo(vary: Vary = nominal) -> Loop:
         brief="A drive turns its load by 1 rad; later a torque pulls at the load. The gear has "
         "backlash and the load sticks.",
         plant=plant,
-        controller=Cascade(0.0, (-20.0, 20.0)),
-        space=KnobSpace(
-            [
-                ratio("K_outer", 2.0, 60.0, "1/s"),
-                ratio("T_i_outer", 0.3, 30.0, "s"),
-                ratio("K_inner", 0.03, 1.0, "N m s/rad"),
-                ratio("T_i_inner", 0.03, 3.0, "s"),
-                ratio("T_f_inner", 0.001, 0.03, "s"),
-                Knob("b_outer", 0.0, 1.0),
-            ]
+        controller=PID(CASCADE, inner=(0.0, -20.0, 20.0)),
+        space=knobs(
+            ratio("K_outer", 2.0, 60.0, "1/s"),
+            ratio("T_i_outer", 0.3, 30.0, "s"),
+            ratio("K_inner", 0.03, 1.0, "N m s/rad"),
+            ratio("T_i_inner", 0.03, 3.0, "s"),
+            ratio("T_f_inner", 0.001, 0.03, "s"),
+            Knob("b_outer", 0.0, 1.0),
         ),
         states=(
             Channel("load angle", "rad", -6, 6),
@@ -55,15 +51,13 @@ def cart_pole(vary: Vary = nominal) -> Loop:
         brief="A cart moves by 0.5 m and balances a pole; later a force pushes the cart.",
         plant=plant,
         controller=LQR(fixed={"R": 1.0}),
-        space=KnobSpace(
-            [
-                ratio("Q_1", 10.0, 3e4),
-                ratio("Q_2", 1.0, 1e4),
-                ratio("Q_3", 0.1, 1e4),
-                ratio("Q_4", 0.1, 1e3),
-                ratio("Q_z", 1e-3, 1e4),
-                Knob("T_s", 0.01, 0.1, "s", step=0.01),
-            ]
+        space=knobs(
+            ratio("Q_1", 10.0, 3e4),
+            ratio("Q_2", 1.0, 1e4),
+            ratio("Q_3", 0.1, 1e4),
+            ratio("Q_4", 0.1, 1e3),
+            ratio("Q_z", 1e-3, 1e4),
+            Knob("T_s", 0.01, 0.1, "s", step=0.01),
         ),
         states=(
             Channel("position", "m", -2, 2),
@@ -94,16 +88,14 @@ def boost_converter(vary: Vary = nominal) -> Loop:
         brief="A converter raises its output from 18 V to 24 V; later the load draws more current. "
         "A larger duty cycle first lowers the voltage.",
         plant=plant,
-        controller=Cascade(current, (0.0, 15.0)),
-        space=KnobSpace(
-            [
-                ratio("K_outer", 0.03, 3.0, "A/V"),
-                ratio("T_i_outer", 0.1, 20.0, "ms"),
-                ratio("K_inner", 0.003, 0.3, "1/A"),
-                ratio("T_i_inner", 0.03, 3.0, "ms"),
-                ratio("T_f_outer", 0.01, 1.0, "ms"),
-                Knob("b_outer", 0.0, 1.0),
-            ]
+        controller=PID(CASCADE, inner=(current, 0.0, 15.0)),
+        space=knobs(
+            ratio("K_outer", 0.03, 3.0, "A/V"),
+            ratio("T_i_outer", 0.1, 20.0, "ms"),
+            ratio("K_inner", 0.003, 0.3, "1/A"),
+            ratio("T_i_inner", 0.03, 3.0, "ms"),
+            ratio("T_f_outer", 0.01, 1.0, "ms"),
+            Knob("b_outer", 0.0, 1.0),
         ),
         states=(Channel("voltage", "V", -5, 50), Channel("coil current", "A", -30, 40)),
         inputs=(Channel("duty cycle", "", 0.0, 0.8),),
@@ -122,16 +114,14 @@ def steering(vary: Vary = nominal) -> Loop:
         title="Cascade of a vehicle's steering",
         brief="A car moves over by 3.5 m; later side wind makes it drift.",
         plant=plant,
-        controller=Cascade(0.0, (-0.2, 0.2), fixed={"T_i_inner": inf}),
-        space=KnobSpace(
-            [
-                ratio("K_outer", 0.01, 0.3, "rad/m"),
-                ratio("T_i_outer", 3.0, 300.0, "s"),
-                ratio("T_d_outer", 0.01, 1.0, "s"),
-                ratio("K_inner", 0.1, 5.0),
-                ratio("T_f", 0.005, 0.5, "s"),
-                Knob("b_outer", 0.0, 1.0),
-            ]
+        controller=PID(CASCADE, {"T_i_inner": inf}, inner=(0.0, -0.2, 0.2)),
+        space=knobs(
+            ratio("K_outer", 0.01, 0.3, "rad/m"),
+            ratio("T_i_outer", 3.0, 300.0, "s"),
+            ratio("T_d_outer", 0.01, 1.0, "s"),
+            ratio("K_inner", 0.1, 5.0),
+            ratio("T_f", 0.005, 0.5, "s"),
+            Knob("b_outer", 0.0, 1.0),
         ),
         states=(
             Channel("lateral position", "m", -4, 8),

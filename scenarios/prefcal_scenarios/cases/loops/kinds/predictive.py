@@ -1,14 +1,12 @@
 """Three plants of the family with an MPC: horizons, weights and sampling time are tuned."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.cases.loops.controllers import Tunable
-from prefcal_scenarios.cases.loops.loop import Loop
-from prefcal_scenarios.cases.loops.vary import Vary, nominal
+from prefcal_scenarios.cases.loops.loop import Loop, Vary, nominal
 
-from .basic import oscillatory, ratio
+from .basic import knobs, oscillatory, ratio
 from .motion import boost_converter
 from .processes import quadruple_tank
 
@@ -16,82 +14,72 @@ _SAMPLE = 20
 """Random θ that show whether a loop is worth tuning: few, since an experiment takes 20 ms."""
 
 
-def _horizons(N_p: tuple[int, int], N_u: int) -> tuple[Knob, Knob]:
-    """Return the knobs of both horizons, in steps."""
-    return Knob("N_p", *N_p, integer=True), Knob("N_u", 1, N_u, integer=True)
-
-
-def _mpc(
-    loop: Loop,
+def _predictive(
+    make: Callable[[Vary], Loop],
+    title: str,
     scales: tuple[float, ...],
     moves: tuple[float, ...],
     process: tuple[float, ...],
     disturbed: tuple[tuple[int, ...], tuple[int, ...]],
-) -> Tunable:
-    """Return the MPC of a loop; `disturbed` holds the outputs and inputs with a disturbance."""
-    from prefcal_scenarios.cases.loops.mpc import (
-        MPC,  # here, since it loads the QP solver, which the other loops do without
-    )
+    *tuned: Knob,
+) -> Callable[..., Loop]:
+    """Return the maker of the loop that `make` makes, with an `MPC` in place of its controller.
 
-    return MPC(scales, moves, loop.task.noise, process, *disturbed, fixed={"Q_1": 1.0})
+    `disturbed` holds the outputs and the inputs with a disturbance.
+    """
 
+    def maker(vary: Vary = nominal) -> Loop:
+        # Here, since it loads the QP solver, which the other loops do without.
+        from prefcal_scenarios.cases.loops.mpc import MPC
 
-def mpc_oscillatory(vary: Vary = nominal) -> Loop:
-    """Return the flexible arm of `oscillatory` with an MPC, which can damp it."""
-    loop = oscillatory(vary)
-    return replace(
-        loop,
-        name="mpc-oscillatory",
-        title="MPC of a flexible arm",
-        controller=_mpc(loop, (1.0,), (1.0,), (1e-3, 1e-2, 1e-3), ((), (0,))),
-        space=KnobSpace(
-            [
-                *_horizons((4, 40), 10),
-                ratio("Q_du", 1e-4, 10.0),
-                ratio("drift", 0.003, 3.0),
-                Knob("T_s", 0.4, 1.2, "s", step=0.1),
-            ]
-        ),
-        sample=_SAMPLE,
-    )
+        loop = make(vary)
+        mpc = MPC(scales, moves, loop.task.noise, process, *disturbed, fixed={"Q_1": 1.0})
+        name, space = f"mpc-{loop.name}", knobs(*tuned)
+        return replace(loop, name=name, title=title, controller=mpc, space=space, sample=_SAMPLE)
+
+    return maker
 
 
-def mpc_quadruple_tank(vary: Vary = nominal) -> Loop:
-    """Return the four tanks of `quadruple_tank` with one MPC for both pumps."""
-    loop = quadruple_tank(vary)
-    return replace(
-        loop,
-        name="mpc-quadruple-tank",
-        title="MPC of four tanks",
-        controller=_mpc(loop, (0.03, 0.03), (1.0, 1.0), (1e-4,) * 4, ((), (0, 1))),
-        space=KnobSpace(
-            [
-                *_horizons((4, 40), 8),
-                ratio("Q_du", 1e-3, 100.0),
-                ratio("Q_2", 0.03, 30.0),
-                ratio("drift", 1e-4, 0.1),
-                Knob("T_s", 9.0, 24.0, "s", step=3.0),
-            ]
-        ),
-        sample=_SAMPLE,
-    )
-
-
-def mpc_boost_converter(vary: Vary = nominal) -> Loop:
-    """Return the converter of `boost_converter` with an MPC of voltage and current."""
-    loop = boost_converter(vary)
-    return replace(
-        loop,
-        name="mpc-boost-converter",
-        title="MPC of a boost converter",
-        controller=_mpc(loop, (6.0, 6.0), (0.1,), (0.02, 0.02), ((1,), (0,))),
-        space=KnobSpace(
-            [
-                *_horizons((3, 30), 6),
-                ratio("Q_du", 1e-4, 10.0),
-                ratio("drift", 0.003, 3.0),
-                Knob("T_s", 0.2, 0.5, "ms", step=0.02),
-            ]
-        ),
-        sample=_SAMPLE,
-    )
+PREDICTIVE = {
+    "mpc-oscillatory": _predictive(
+        oscillatory,
+        "MPC of a flexible arm",
+        (1.0,),
+        (1.0,),
+        (1e-3, 1e-2, 1e-3),
+        ((), (0,)),
+        Knob("N_p", 4, 40, integer=True),
+        Knob("N_u", 1, 10, integer=True),
+        ratio("Q_du", 1e-4, 10.0),
+        ratio("drift", 0.003, 3.0),
+        Knob("T_s", 0.4, 1.2, "s", step=0.1),
+    ),
+    "mpc-quadruple-tank": _predictive(
+        quadruple_tank,
+        "MPC of four tanks",
+        (0.03, 0.03),
+        (1.0, 1.0),
+        (1e-4,) * 4,
+        ((), (0, 1)),
+        Knob("N_p", 4, 40, integer=True),
+        Knob("N_u", 1, 8, integer=True),
+        ratio("Q_du", 1e-3, 100.0),
+        ratio("Q_2", 0.03, 30.0),
+        ratio("drift", 1e-4, 0.1),
+        Knob("T_s", 9.0, 24.0, "s", step=3.0),
+    ),
+    "mpc-boost-converter": _predictive(
+        boost_converter,
+        "MPC of a boost converter",
+        (6.0, 6.0),
+        (0.1,),
+        (0.02, 0.02),
+        ((1,), (0,)),
+        Knob("N_p", 3, 30, integer=True),
+        Knob("N_u", 1, 6, integer=True),
+        ratio("Q_du", 1e-4, 10.0),
+        ratio("drift", 0.003, 3.0),
+        Knob("T_s", 0.2, 0.5, "ms", step=0.02),
+    ),
+}
+"""Makers of the loops with an MPC, by name."""

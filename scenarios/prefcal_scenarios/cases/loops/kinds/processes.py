@@ -4,14 +4,11 @@ from math import sqrt
 
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.cases.loops._derivatives import GRAVITY
 from prefcal_scenarios.cases.loops.controllers import PID
-from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing
-from prefcal_scenarios.cases.loops.plants import Linear, QuadrupleTank, Tank
-from prefcal_scenarios.cases.loops.vary import Vary, nominal
+from prefcal_scenarios.cases.loops.loop import Loop, Task, Timing, Vary, nominal
+from prefcal_scenarios.cases.loops.plants import GRAVITY, Linear, QuadrupleTank, Tank
 
-from .basic import SETPOINT_WEIGHT, ratio
+from .basic import SETPOINT_WEIGHT, knobs, ratio
 
 
 def tank(vary: Vary = nominal) -> Loop:
@@ -26,19 +23,16 @@ def tank(vary: Vary = nominal) -> Loop:
         "must neither run dry nor overflow.",
         plant=plant,
         controller=PID(),
-        space=KnobSpace(
-            [
-                ratio("K", 20.0, 2000.0, "%/m"),
-                ratio("T_i", 10.0, 1000.0, "s"),
-                ratio("T_d", 0.2, 20.0, "s"),
-                ratio("T_f", 0.5, 50.0, "s"),
-                SETPOINT_WEIGHT,
-                ratio("T_t", 5.0, 500.0, "s"),
-            ]
+        space=knobs(
+            ratio("K", 20.0, 2000.0, "%/m"),
+            ratio("T_i", 10.0, 1000.0, "s"),
+            ratio("T_d", 0.2, 20.0, "s"),
+            ratio("T_f", 0.5, 50.0, "s"),
+            SETPOINT_WEIGHT,
+            ratio("T_t", 5.0, 500.0, "s"),
         ),
         states=(Channel("level", "m", 0.0, 1.0), Channel("pump flow", "m³/s")),
         inputs=(Channel("pump power", "%", 0, 100),),
-        measured=(0,),
         task=Task((start, flow), (flow / plant.pump_gain,), (target,), ((0.0, -4e-4),), (0.003,)),
         timing=Timing(1.0, 600.0, 2.0, 300.0),
     )
@@ -63,15 +57,13 @@ def quadruple_tank(vary: Vary = nominal) -> Loop:
         "tank 1 is raised by 3 cm while that of tank 2 stays; later more water flows into tank 1.",
         plant=plant,
         controller=PID(suffixes=("_1", "_2")),
-        space=KnobSpace(
-            [
-                ratio("K_1", 5.0, 500.0, "V/m"),
-                ratio("T_i_1", 5.0, 500.0, "s"),
-                ratio("K_2", 5.0, 500.0, "V/m"),
-                ratio("T_i_2", 5.0, 500.0, "s"),
-                ratio("T_f", 0.5, 50.0, "s"),
-                SETPOINT_WEIGHT,
-            ]
+        space=knobs(
+            ratio("K_1", 5.0, 500.0, "V/m"),
+            ratio("T_i_1", 5.0, 500.0, "s"),
+            ratio("K_2", 5.0, 500.0, "V/m"),
+            ratio("T_i_2", 5.0, 500.0, "s"),
+            ratio("T_f", 0.5, 50.0, "s"),
+            SETPOINT_WEIGHT,
         ),
         states=tuple(Channel(f"level {i}", "m", -0.001, 1.0) for i in range(1, 5)),
         inputs=(Channel("pump 1", "V", 0, 10), Channel("pump 2", "V", 0, 10)),
@@ -98,15 +90,13 @@ def distillation(vary: Vary = nominal) -> Loop:
             E=((0.5 / lag,), (0.6 / lag,)),
         ),
         controller=PID(suffixes=("_1", "_2"), signs=(1.0, -1.0)),
-        space=KnobSpace(
-            [
-                ratio("K_1", 1.0, 60.0, "kmol/(min %)"),
-                ratio("T_i_1", 3.0, 300.0, "min"),
-                ratio("K_2", 1.0, 60.0, "kmol/(min %)"),
-                ratio("T_i_2", 3.0, 300.0, "min"),
-                ratio("T_f", 0.2, 20.0, "min"),
-                SETPOINT_WEIGHT,
-            ]
+        space=knobs(
+            ratio("K_1", 1.0, 60.0, "kmol/(min %)"),
+            ratio("T_i_1", 3.0, 300.0, "min"),
+            ratio("K_2", 1.0, 60.0, "kmol/(min %)"),
+            ratio("T_i_2", 3.0, 300.0, "min"),
+            ratio("T_f", 0.2, 20.0, "min"),
+            SETPOINT_WEIGHT,
         ),
         states=(Channel("top", "%", -20, 20), Channel("bottom", "%", -20, 20)),
         inputs=(Channel("reflux", "kmol/min", -50, 50), Channel("boilup", "kmol/min", -50, 50)),
@@ -132,15 +122,13 @@ def building(vary: Vary = nominal) -> Loop:
         "four stages, and every switch wears it.",
         plant=plant,
         controller=PID(fixed={"stages": 4.0}),
-        space=KnobSpace(
-            [
-                ratio("K", 2.0, 200.0, "%/K"),
-                ratio("T_i", 10.0, 1000.0, "min"),
-                ratio("T_d", 0.5, 50.0, "min"),
-                ratio("T_f", 0.5, 50.0, "min"),
-                SETPOINT_WEIGHT,
-                Knob("hysteresis", 0.0, 0.5),
-            ]
+        space=knobs(
+            ratio("K", 2.0, 200.0, "%/K"),
+            ratio("T_i", 10.0, 1000.0, "min"),
+            ratio("T_d", 0.5, 50.0, "min"),
+            ratio("T_f", 0.5, 50.0, "min"),
+            SETPOINT_WEIGHT,
+            Knob("hysteresis", 0.0, 0.5),
         ),
         states=(
             Channel("room temperature", "°C", 0, 40),
@@ -148,7 +136,6 @@ def building(vary: Vary = nominal) -> Loop:
             Channel("wall temperature", "°C"),
         ),
         inputs=(Channel("heating power", "%", 0, 100),),
-        measured=(0,),
         task=Task(start, (power,), (21.0,), ((_COLD, -2.0),), (0.05,)),
         timing=Timing(1.0, 960.0, 2.0, 480.0, unit="min"),
         staged=True,

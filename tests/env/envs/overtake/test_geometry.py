@@ -1,20 +1,28 @@
-"""Bodies overlap when they share a point, and the road ends where it ends."""
+"""Bodies overlap when they share a point, no contact is missed, and the road ends where it ends."""
 
 from math import pi
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.envs.overtake.road.geometry import (
+from prefcal_env.envs.overtake._kernels import kept, surely_apart
+from prefcal_env.envs.overtake.geometry import (
+    BENT,
+    CONTACT,
+    REACH,
     corners,
     distance,
+    first_contact,
     lateral_distance,
     outside,
     overlap,
     separation,
 )
+from prefcal_env.envs.overtake.rules import ROAD
+from prefcal_env.envs.overtake.traffic import Obstacle
+from prefcal_env.plants.bicycle import Bicycle
 
 TINY = 1e-9
 poses = st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(-pi, pi)).map(
@@ -116,3 +124,91 @@ def test_beside_each_other_the_lateral_distance_counts():
     other = np.tile([10.0, 0.5, 0.0], (4, 1))
     expected = [2.5, 2.5, np.nan, np.nan]
     assert lateral_distance(own, other) == pytest.approx(expected, nan_ok=True)
+
+
+TIMES = np.linspace(0, 0.5, 26)
+
+
+def driving(pose, u, *obstacles):
+    """A motion: the bicycle with its inputs held, among obstacles."""
+
+    def motion(times):
+        after = Bicycle().hold(np.array(pose), np.array(u), np.zeros(0), times[times > 0])
+        x = after if len(after) == len(times) else np.concatenate([[pose], after])
+        return x, [o.at(times)[:, :3] for o in obstacles]
+
+    return motion
+
+
+def apart(motion, times):
+    own, others = motion(times)
+    return np.min([separation(own, other) for other in others], axis=0)
+
+
+def apart_at_first_sight(motion):
+    x, others = motion(TIMES)
+    return surely_apart(x, np.stack(others), BENT, REACH)
+
+
+drives = given(
+    y=st.floats(-4, 4), yaw=st.floats(-0.8, 0.8), v=st.floats(11, 19.5),
+    steering=st.floats(-0.78, 0.78), x_o=st.floats(-6, 30), speed=st.floats(0, 12),
+)  # fmt: skip
+
+
+@settings(max_examples=40)
+@drives
+def test_contacts_agree_with_looking_very_often(y, yaw, v, steering, x_o, speed):
+    slow = Obstacle(x_o, speed=speed)
+    motion = driving((0.0, y, yaw), (v, steering), slow, Obstacle(60.0))
+    often = np.linspace(0, 0.5, 20001)
+    seen = np.flatnonzero(apart(motion, often) <= 0)
+    touched = first_contact(motion, TIMES)
+    if touched is None:
+        assert not len(seen)
+        return
+    assert not apart_at_first_sight(motion)
+    assert apart(motion, np.array([touched]))[0] <= CONTACT
+    if len(seen):
+        assert touched <= often[seen[0]] + 1e-4
+
+
+def test_a_contact_between_two_instants_is_found():
+    motion = driving((0.0, 0.0, 0.0), (100.0, 0.0), Obstacle(20.0, speed=0.0))
+    assert (apart(motion, np.array([0.0, 0.5])) > 0).all()
+    touched = first_contact(motion, np.array([0.0, 0.5]))
+    assert touched == pytest.approx((20 - 4.5) / 100, abs=CONTACT / 100)
+
+
+def test_passing_closely_is_no_contact():
+    motion = driving((0.0, 1.81, 0.0), (100.0, 0.0), Obstacle(20.0, speed=0.0))
+    assert first_contact(motion, np.array([0.0, 0.5])) is None
+
+
+def test_the_first_of_several_contacts_counts():
+    others = Obstacle(40.0, speed=0.0), Obstacle(20.0, speed=0.0)
+    motion = driving((0.0, 0.0, 0.0), (100.0, 0.0), *others)
+    assert first_contact(motion, np.linspace(0, 0.5, 3)) == pytest.approx(0.155, abs=1e-4)
+
+
+def test_who_touches_from_the_start_touches_at_the_start():
+    motion = driving((0.0, 0.0, 0.0), (10.0, 0.0), Obstacle(3.0))
+    assert first_contact(motion, np.array([0.0, 0.1])) == 0.0
+    assert not apart_at_first_sight(motion)
+
+
+def test_who_passes_3_m_beside_is_surely_apart():
+    assert apart_at_first_sight(driving((0.0, 3.0, 0.0), (16.0, 0.0), Obstacle(4.0)))
+    assert not apart_at_first_sight(driving((0.0, 1.85, 0.0), (16.0, 0.0), Obstacle(4.0)))
+
+
+def test_states_are_kept_up_to_the_last_finite_one_on_the_road():
+    x = np.zeros((5, 3))
+    assert kept(x, ROAD, 1.0) == (4, 0)
+    x[2:, 1] = 6.2
+    assert kept(x, ROAD, 1.0) == (2, 2)
+    assert kept(x, ROAD, 1.2) == (4, 0)
+    x[3, 2] = np.inf
+    assert kept(x, ROAD, 1.2) == (2, 1)
+    x[1, 2] = np.nan
+    assert kept(x, ROAD, 1.0) == (0, 1)

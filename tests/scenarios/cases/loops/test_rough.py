@@ -7,8 +7,7 @@ import pytest
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
-from prefcal_scenarios.cases.loops import loop, rough_loop
-from prefcal_scenarios.cases.loops.rough import family
+from prefcal_scenarios.cases.loops import loop, rough, rough_loop
 from prefcal_scenarios.catalog import load
 
 pytestmark = pytest.mark.slow  # each loop takes half a second to draw
@@ -23,7 +22,7 @@ def drawn(space, count, seed=1):
 
 @every
 def test_some_theta_fail_some_settle_and_there_are_plateaus(seed):
-    made = family.accepted(seed)
+    made = rough.accepted(seed)
     runs = [made.run(theta) for theta in drawn(made.space, 200)]
     safe = [run for run in runs if run.end is End.TIME_UP]
     assert 0.03 <= 1 - len(safe) / len(runs) <= 0.45
@@ -33,7 +32,7 @@ def test_some_theta_fail_some_settle_and_there_are_plateaus(seed):
 
 @every
 def test_there_are_integer_knobs_and_rough_actuators(seed):
-    made = family.accepted(seed)
+    made = rough.accepted(seed)
     assert any(knob.integer for knob in made.space) or "T_s" in made.space.names
     assert all(one.stiction > 0 or one.backlash > 0 for one in made.actuators)
     assert len(made.actuators) == len(made.inputs)
@@ -41,7 +40,7 @@ def test_there_are_integer_knobs_and_rough_actuators(seed):
 
 
 def test_all_kinds_of_roughness_occur():
-    many = [family.accepted(seed) for seed in range(12)]
+    many = [rough.accepted(seed) for seed in range(12)]
     assert {bool(one.task.program) for one in many} == {True, False}
     assert {bool(one.resolution) for one in many} == {True, False}
     assert {"stages" in one.space.names for one in many} == {True, False}
@@ -68,7 +67,7 @@ def test_a_seed_that_is_no_number_is_refused(seed):
 
 
 def test_a_loop_of_which_no_draw_is_worth_tuning_is_refused(monkeypatch):
-    monkeypatch.setattr(family, "is_worth_tuning", lambda loop: False)
-    monkeypatch.setattr(family, "_TRIES", 2)
+    monkeypatch.setattr(rough, "is_worth_tuning", lambda loop: False)
+    monkeypatch.setattr(rough, "_TRIES", 2)
     with pytest.raises(ScenarioError, match="none of 2 draws of the rough loop 123456"):
-        family.accepted(123456)
+        rough.accepted(123456)

@@ -1,8 +1,6 @@
 """Compiled geometry of bodies on the road, and what can end a sampling period early.
 
-In numpy a period takes 20 times as long, because it has a few instants only. numba keeps the
-compiled code beside this file and checks only this file to see whether it is stale: after a change
-of a constant imported here, touch it.
+In numpy a period takes 20 times as long, because it has a few instants only.
 """
 
 import math
@@ -69,11 +67,12 @@ def kept(x, road, margin):  # type: ignore[no-untyped-def]
 
 @kernel()
 def surely_apart(x, others, bent, reach):  # type: ignore[no-untyped-def]
-    """Return whether `contact.first_contact` rules out a contact at first sight.
+    """Return whether `geometry.first_contact` rules out a contact at first sight.
 
     Args:
         x: States at the M + 1 instants, shape (M + 1, n_x); the first ones are the pose.
-        others: Poses of the n other vehicles at the same instants, shape (n, M + 1, 3).
+        others: Places of the n other vehicles at the same instants, shape (n, M + 1, 4); the first
+            three numbers of each are its pose.
         bent: Factor by which a path may be longer than its chord.
         reach: Distance from the front end to the farthest point of a body [m].
     """

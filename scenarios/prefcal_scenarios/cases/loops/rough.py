@@ -4,17 +4,18 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.cases.loops.acceptance import is_worth_tuning
-from prefcal_scenarios.cases.loops.family import LOOPS, judged, varied
-from prefcal_scenarios.cases.loops.loop import Loop
-from prefcal_scenarios.cases.loops.vary import random
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario
 
-from .roughness import roughened, usual_of
+from .controllers import PID
+from .family import LOOPS, checked_seed, is_worth_tuning, judged, varied
+from .loop import Actuator, Loop, random
 
 _TRIES = 30
 """How often a rough loop is drawn at most."""
@@ -26,6 +27,16 @@ _CALM = (0.5, 0.7)
 """Share of the safe θ that never cause an alarm."""
 _SAMPLE = 128
 _PREDICTIVE = "mpc-"
+_OFTEN = 0.6
+"""Chance of each kind of roughness."""
+_STAGED = 0.4
+"""Chance that the input of a single PID has stages."""
+_STICTION, _BACKLASH, _STEPS = (0.02, 0.25), (0.02, 0.2), (0.05, 0.4)
+"""Ranges of stiction, half the backlash and resolution, as shares of the usual move of an input."""
+_RESOLUTION = (0.003, 0.03)
+"""Range of the resolution of the sensors, as a share of the usual change of what they measure."""
+_BACK = (0.4, 0.8)
+"""Share of the first step that the second one goes back."""
 
 
 def rough_loop(seed: int) -> Scenario:
@@ -41,9 +52,7 @@ def rough_loop(seed: int) -> Scenario:
     Raises:
         ScenarioError: If the seed is not an integer of 0 or more, or no draw is worth tuning.
     """
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
-    return judged(accepted(int(seed)))
+    return judged(accepted(checked_seed(seed)))
 
 
 @lru_cache(maxsize=256)  # the check takes up to a second
@@ -66,7 +75,7 @@ def _drawn(smooth: Loop, rng: np.random.Generator) -> Loop | None:
     safe = [run for run in _runs(smooth) if run.end is End.TIME_UP]
     if not safe:
         return None
-    rough = roughened(smooth, usual_of(smooth, safe), rng)
+    rough = roughened(smooth, safe, rng)
     beyond = np.array([_beyond(rough, run) for run in _runs(rough)])
     room = float(np.quantile(beyond, 1.0 - wanted, method="lower"))
     if 0 < room < np.inf:  # else so many fail as it is, or the targets themselves would be unsafe
@@ -112,3 +121,73 @@ def _within(loop: Loop, room: float) -> Loop:
         high=min(states[first].high, high + room),
     )
     return replace(loop, states=tuple(states))
+
+
+def roughened(loop: Loop, runs: list[Experiment], rng: np.random.Generator) -> Loop:
+    """Return `loop` with random roughness, at least that of its actuators, and integer knobs.
+
+    Sizes are shares of how much inputs and measured states usually move in `runs`.
+    """
+    inputs = np.median([run.u.std(axis=0) for run in runs], axis=0)
+    measured = np.median([np.ptp(run.x[:, list(loop.measured)], axis=0) for run in runs], axis=0)
+    single = isinstance(loop.controller, PID) and len(loop.controller.suffixes) == 1
+    staged = single and not loop.staged and rng.random() < _STAGED
+    found = _stages(loop, rng) if staged else loop
+    knobs = [*found.space.knobs]
+    if "T_s" not in found.space.names:
+        knobs.append(Knob("every", 1, int(rng.integers(3, 13)), integer=True))
+    return replace(
+        found,
+        space=KnobSpace(knobs),
+        actuators=_actuators(found, np.maximum(inputs, 1e-9), rng),
+        resolution=_resolution(np.maximum(measured, 1e-9), rng),
+        task=replace(found.task, program=_program(found, rng)),
+    )
+
+
+def _stages(loop: Loop, rng: np.random.Generator) -> Loop:
+    """Return the loop with an input in stages, whose number is a knob."""
+    assert isinstance(loop.controller, PID)
+    fixed = {**loop.controller.fixed, "hysteresis": float(rng.uniform(0.0, 0.4))}
+    few = int(rng.integers(4, 9))
+    return replace(
+        loop,
+        controller=replace(loop.controller, fixed=fixed),
+        space=KnobSpace([*loop.space.knobs, Knob("stages", few, 4 * few, integer=True)]),
+        staged=True,
+    )
+
+
+def _actuators(
+    loop: Loop, usual: Float[np.ndarray, " n_u"], rng: np.random.Generator
+) -> tuple[Actuator, ...]:
+    found = []
+    for channel, size in zip(loop.inputs, usual, strict=True):
+        stiction, backlash, step = (
+            size * _draw(rng, share) for share in (_STICTION, _BACKLASH, _STEPS)
+        )
+        whole = channel.high - channel.low
+        steps = 0.0 if loop.staged else whole / max(round(whole / step), 2)
+        kept = rng.random(3) < _OFTEN
+        kept[int(rng.integers(2))] = True  # friction or play there always is
+        found.append(Actuator(*(float(v) for v in np.where(kept, (stiction, backlash, steps), 0))))
+    return tuple(found)
+
+
+def _resolution(usual: Float[np.ndarray, " n_m"], rng: np.random.Generator) -> tuple[float, ...]:
+    if rng.random() >= _OFTEN:
+        return ()
+    return tuple(float(size * _draw(rng, _RESOLUTION)) for size in usual)
+
+
+def _program(loop: Loop, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
+    """Return a second set point half of the time or more, between the start and the first one."""
+    start, target = loop.task.x0[loop.measured[0]], loop.task.target[0]
+    time = loop.timing.disturbed_at * float(rng.uniform(0.5, 0.6))
+    back = float(rng.uniform(*_BACK))
+    return ((time, target - back * (target - start)),) if rng.random() < _OFTEN else ()
+
+
+def _draw(rng: np.random.Generator, ends: tuple[float, float]) -> float:
+    """Return a number between two others, uniform in the logarithm."""
+    return float(np.exp(rng.uniform(*np.log(ends))))

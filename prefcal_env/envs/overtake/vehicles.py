@@ -1,12 +1,11 @@
-"""The road and all vehicles as objects of highway-env. Loads highway-env and pygame.
+"""The road and all vehicles as objects of highway-env, which moves drivers. Loads highway-env.
 
 In highway-env y points down and a vehicle's position is its center; in ours the position is the
 front end and y points to the left. Only this module converts between them. We find contacts
-ourselves, exactly and between two instants (`contact`), and switch off highway-env's own search,
+ourselves, exactly and between two instants (`geometry`), and switch off highway-env's own search,
 which pushes vehicles apart.
 """
 
-from collections.abc import Sequence
 from math import cos, sin
 from typing import Any
 
@@ -21,7 +20,7 @@ from prefcal_env.plants.bicycle import Bicycle
 
 from .options import OvertakeOptions
 from .rules import KEEPING_SPEED, LANE_WIDTH, LENGTH, OVERTAKING_SPEED, WIDTH
-from .traffic import Obstacle
+from .traffic import Mover, Obstacle, Track
 
 OWN, OTHER, CRASHED = (64, 156, 255), (255, 176, 46), (230, 57, 70)
 """Colors of the ego vehicle, of the others, and of the ego vehicle in a collision, RGB."""
@@ -50,18 +49,11 @@ class OwnVehicle(Vehicle):  # type: ignore[misc]
 
     LENGTH, WIDTH = LENGTH, WIDTH
 
-    def __init__(
-        self,
-        road: Road,
-        position: Sequence[float],
-        heading: float = 0.0,
-        speed: float = KEEPING_SPEED,
-    ) -> None:
-        super().__init__(road, position, heading, speed)
+    def __init__(self, road: Road, x: Float[np.ndarray, " 3"]) -> None:
+        super().__init__(road, [0.0, 0.0])
         self.check_collisions, self.color = False, OWN
-        self.u = np.array([speed, 0.0])
         self.target_speed = KEEPING_SPEED  # the speed that MOBIL assumes for us
-        self.x = np.array(pose(self))
+        self.put(x, np.array([KEEPING_SPEED, 0.0]))
 
     def inputs(self, duration: float) -> Float[np.ndarray, " 2"]:
         """Return v [m/s] and δ_s [rad] that the action stands for in a period of `duration` [s].
@@ -78,9 +70,10 @@ class OwnVehicle(Vehicle):  # type: ignore[misc]
         self.put(_PLANT.hold(self.x, u, _NONE, np.array([dt]))[0], u)
 
     def put(self, x: Float[np.ndarray, " 3"], u: Float[np.ndarray, " 2"]) -> None:
-        """Place it at the plant's state `x`, with the inputs `u` held."""
+        """Place it at the plant's state `x`, and let it hold the inputs `u`."""
         self.x, self.u = x, u
         self.speed = float(u[0])
+        self.act({"speed": self.speed, "steering": -float(u[1]), "acceleration": 0.0})
         place(self, *x.tolist())
 
 
@@ -103,15 +96,13 @@ class ObstacleVehicle(Vehicle):  # type: ignore[misc]
     def put(self, t: float) -> None:
         """Place it where it is at `t` [s]."""
         self.time = t
-        place(self, *self.course.poses(np.array([t]))[0].tolist())
+        place(self, *self.course.at(np.array([t]))[0, :3].tolist())
 
 
 def road_of(options: OvertakeOptions, x: Float[np.ndarray, " 3"], rng: np.random.Generator) -> Road:
     """Return a road with all vehicles: ours at the plant's state `x`, the obstacle, drivers."""
     road = Road(network_of(options), np_random=rng)
-    own = OwnVehicle(road, [0.0, 0.0])
-    own.put(x, np.array([KEEPING_SPEED, 0.0]))
-    road.vehicles = [own, ObstacleVehicle(road)]
+    road.vehicles = [OwnVehicle(road, x), ObstacleVehicle(road)]
     kind = class_from_path(options.other_vehicles_type)
     for _ in range(options.vehicles_count):
         driver = kind.create_random(road, spacing=1 / options.vehicles_density)
@@ -134,3 +125,42 @@ def place(vehicle: Any, x: float, y: float, turned: float) -> None:
     vehicle.position = np.array([x - half * cos(turned), -(y - half * sin(turned))])
     vehicle.heading = -turned
     vehicle.on_state_update()
+
+
+class Simulation:
+    """A road with drivers who react to each other; they decide several times per period.
+
+    In a period of T_s they decide and drive n times T_s/n, where n is the smallest number that
+    respects the simulation frequency; so every T_s is driven to its end.
+
+    Args:
+        options: Options of the scene.
+        x: Initial state of the ego plant, shape (3,).
+        rng: Random generator of the episode.
+    """
+
+    def __init__(
+        self, options: OvertakeOptions, x: Float[np.ndarray, " 3"], rng: np.random.Generator
+    ) -> None:
+        self._frequency = options.simulation_frequency
+        self.road: Road = road_of(options, x, rng)
+        self._tracks = [Track() for _ in range(options.vehicles_count)]
+        self.movers: tuple[Mover, ...] = (Obstacle(), *self._tracks)
+        self._note(0.0)
+
+    def drive(
+        self, x: Float[np.ndarray, " 3"], u: Float[np.ndarray, " 2"], start: float, end: float
+    ) -> None:
+        """Drive all vehicles from `start` to `end` [s], ours from its state `x` with `u` held."""
+        own, obstacle, *_ = self.road.vehicles
+        own.put(x, u)
+        obstacle.put(start)  # exact position, without summing steps
+        n = max(1, int(np.ceil((end - start) * self._frequency - 1e-9)))
+        for i in range(n):
+            self.road.act()
+            self.road.step((end - start) / n)
+            self._note(end - (end - start) * (n - 1 - i) / n)
+
+    def _note(self, t: float) -> None:
+        for track, driver in zip(self._tracks, self.road.vehicles[2:], strict=True):
+            track.add(t, *pose(driver), float(driver.speed * np.cos(driver.heading)))

@@ -1,4 +1,4 @@
-"""Overtaking of section IV-B: its constants, and when to overtake, for controller and scene.
+"""Overtaking of section IV-B: its constants, when to overtake, and what a state costs.
 
 Positions are those of front ends on the center line: x ahead, y to the left [m].
 """
@@ -36,6 +36,9 @@ KEEPING_SPEEDS, OVERTAKING_SPEEDS = (40 * KMH, 70 * KMH), (50 * KMH, 70 * KMH)
 """Limits of v in the two phases [m/s]."""
 OBSTACLE_START, OBSTACLE_SPEED = (30.0, 0.0), 40 * KMH
 """Initial position [m] and constant speed [m/s] of the paper's obstacle."""
+MISHAP_COST = 10.0
+"""Stage cost for the rest of the horizon after a mishap [1/s]: no reasonable state costs as much,
+so it never pays to end an episode."""
 
 
 class Phase(IntEnum):
@@ -97,3 +100,27 @@ def gap(x_f: float, x_o: Position) -> Position:
 def clearance(x_f: float, x_o: Position) -> Position:
     """Return the distance from the obstacle's front end to the ego rear, x_f - 4.5 - x_o [m]."""
     return x_f - LENGTH - x_o
+
+
+def stage_cost(
+    t: Float[np.ndarray, " M"], y: Float[np.ndarray, " M"], u: Float[np.ndarray, " 2"], phase: Phase
+) -> float:
+    """Return the cost of a period, 1/s: (Δv/20 km/h)² + mean of (Δy/3 m)² + (δ_s/45°)².
+
+    Δv and Δy are the distances from 50 km/h and the ego lane, or while overtaking from 60 km/h and
+    3 m to the left of it. Multiplied by the duration, the cost does not depend on T_s.
+
+    Args:
+        t: Instants of the period, with both ends [s], shape (M,).
+        y: y_f at `t` [m], shape (M,).
+        u: Held v [m/s] and δ_s [rad].
+        phase: Phase at the start of the period.
+    """
+    overtaking = phase is Phase.OVERTAKING
+    v_ref = OVERTAKING_SPEED if overtaking else KEEPING_SPEED
+    y_ref = MIN_LATERAL_DISTANCE if overtaking else 0.0
+    error = ((y - y_ref) / MIN_LATERAL_DISTANCE) ** 2
+    lane = np.trapezoid(error, t) / (t[-1] - t[0]) if len(t) > 1 else error[0]
+    v, steering = u.tolist()
+    speed = ((v - v_ref) / (20 * KMH)) ** 2
+    return float(speed + lane + (steering / (np.pi / 4)) ** 2)

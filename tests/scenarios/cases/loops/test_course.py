@@ -8,8 +8,7 @@ import pytest
 from prefcal_env.experiments.control import Move
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.cases.loops import LOOPS
-from prefcal_scenarios.cases.loops.course import by_law, steps_in
-from prefcal_scenarios.cases.loops.mpc.drive import by_controller
+from prefcal_scenarios.cases.loops.course import by_controller, by_law
 
 TANK = LOOPS["tank"]()
 
@@ -29,22 +28,21 @@ class Proportional:
 
 
 def test_it_does_what_the_compiled_law_does():
-    course = TANK._course(2, seed=1)
+    course = TANK.course(2, seed=1)
     driven = by_controller(Proportional(200.0), course)
     law = TANK.controller
-    same = by_law(
-        0, law.gains({"K": 200.0, "T_i": np.inf, "T_t": np.inf, "b": 1.0}, 2.0, course.at), course
-    )
+    values = {"K": 200.0, "T_i": np.inf, "T_t": np.inf, "b": 1.0}
+    same = by_law(0, law.gains(values, course), course)
     np.testing.assert_allclose(driven.x, same.x, rtol=1e-12)
     steps = 2 * np.arange(len(driven.solved))
     np.testing.assert_allclose(driven.u[steps], same.u[steps], rtol=1e-12)
 
 
 def test_steps_are_recorded_and_an_unsolved_one_holds_the_input():
-    course = TANK._course(2, seed=1)
+    course = TANK.course(2, seed=1)
     ticks = itertools.count(0.0, 0.5)
     driven = by_controller(Proportional(50.0, fails=(4,)), course, lambda: next(ticks))
-    assert len(driven.solved) == steps_in(len(driven.x), 2) == 300
+    assert len(driven.solved) == len(range(0, len(driven.x) - 1, 2)) == 300
     assert np.flatnonzero(~driven.solved).tolist() == [3]
     assert (driven.iterations == 3).all()
     assert (driven.solve_time == 0.5).all()
@@ -52,7 +50,7 @@ def test_steps_are_recorded_and_an_unsolved_one_holds_the_input():
 
 
 def test_it_sees_noisy_measurements_and_no_other_state():
-    course = TANK._course(2, seed=1)
+    course = TANK.course(2, seed=1)
     controller = Proportional(50.0)
     driven = by_controller(controller, course)
     seen = np.array([m.x for m in controller.seen])
@@ -64,9 +62,9 @@ def test_it_sees_noisy_measurements_and_no_other_state():
 
 @pytest.mark.parametrize("hold", [2, 7, 1000])
 def test_it_stops_where_a_state_is_unsafe_or_time_is_up(hold):
-    high = by_controller(Proportional(2000.0), TANK._course(hold, seed=1))
+    high = by_controller(Proportional(2000.0), TANK.course(hold, seed=1))
     assert (high.x[:-1, 0] <= 1.0).all()
     assert len(high.x) == len(high.u)
-    assert len(high.solved) == steps_in(len(high.x), hold)
-    ended = TANK._end(high.x)
+    assert len(high.solved) == len(range(0, len(high.x) - 1, hold))
+    ended = TANK.end(high.x)
     assert ended is (End.UNSAFE if high.x[-1, 0] > 1.0 else End.TIME_UP)

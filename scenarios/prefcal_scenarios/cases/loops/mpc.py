@@ -1,15 +1,69 @@
-"""The MPC of the loops: from the values of the knobs to a controller."""
+"""The MPC of the loops: the loop's plant as its model, and from the knobs to the controller."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.mpc import EstimatingMPC, EstimatorSettings, MPCSettings
-from prefcal_scenarios.cases.loops.controllers import Values
-from prefcal_scenarios.cases.loops.course import Course, Driven
+from prefcal_env.plants.equations import Equations
+from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 
-from .drive import by_controller
-from .model import Model
+from ._simulate import hold, rhs, slopes
+from .controllers import Values
+from .course import Course, Driven, by_controller
+from .plants import packed
+
+
+class Model:
+    """A `prefcal_env` plant: the loop's plant, undisturbed, with its measured states as outputs.
+
+    The disturbance stays at its value at the start, and the dead time is left out: what the
+    controller does not know, its estimator finds out.
+
+    Args:
+        course: Loop and its sampling; it determines plant, measured states and limits.
+    """
+
+    def __init__(self, course: Course) -> None:
+        self.name, self.time_unit = "model", ""
+        self.states = tuple(Channel(f"state {i}") for i in range(len(course.x0)))
+        self.inputs = tuple(
+            Channel(f"input {i}", low=low, high=high) for i, (low, high) in enumerate(course.limits)
+        )
+        self.outputs = tuple(self.states[i] for i in course.measured)
+        self.disturbances: tuple[Channel, ...] = ()
+        self._course, self._plant = course, packed(course.plant)
+        self._C = np.eye(len(course.x0))[course.measured]
+
+    @property
+    def equations(self) -> Equations:
+        """Return the compiled equations."""
+        from ._equations import equations_of  # compiles them, the first time
+
+        return equations_of(self._course)
+
+    def f(self, x: X, u: U, d: D) -> X:
+        """Return the state derivative."""
+        return np.asarray(rhs(*self._plant, *self._at(x, u)))
+
+    def g(self, x: X, u: U, d: D) -> Y:
+        """Return the measured states."""
+        return np.asarray(self._C @ x)
+
+    def jacobians(self, x: X, u: U, d: D) -> Jacobians:
+        """Return the derivatives of f, by central differences, and of g."""
+        A, B = slopes(*self._plant, *self._at(x, u))
+        return Jacobians(A, B, self._C, np.zeros((len(self.outputs), len(self.inputs))))
+
+    def hold(self, x: X, u: U, d: D, times: Times) -> States:
+        """Return the states at `times`, with the inputs held."""
+        return np.asarray(hold(*self._plant, *self._at(x, u), times, self._course.step))
+
+    def _at(self, x: X, u: U) -> tuple[X, U, Float[np.ndarray, " n"]]:
+        """Return copies, and d: numba compiles again for read-only arrays, another type."""
+        return np.array(x, dtype=float), np.array(u, dtype=float), self._course.disturbance[0]
 
 
 @dataclass(frozen=True, slots=True)

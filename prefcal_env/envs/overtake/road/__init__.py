@@ -1,1 +1,0 @@
-"""The road of the overtaking: its geometry, its rules and the cars on it."""
