@@ -15,9 +15,8 @@ from prefcal_app import figure
 from prefcal_app.report.comparisons import comparisons_as_csv
 from prefcal_app.report.course import course
 from prefcal_app.report.html import page as page_of
+from prefcal_app.report.knobs import learned, tried
 from prefcal_app.report.pictures import PICTURES, Drawn, Picture
-from prefcal_app.report.slices import slices
-from prefcal_app.report.tried import tried
 from prefcal_app.report.write import write_report
 from prefcal_app.summary.outlook import Outlook
 from prefcal_env.errors import SettingsError
@@ -199,18 +198,14 @@ def test_the_best_so_far_is_what_the_study_held_and_is_not_computed_again():
     assert tuple(t.index for t in record.incumbents) == held
 
 
-def test_a_person_is_not_judged_by_an_index_that_they_never_chose(tmp_path, page, folder):
+def test_a_person_is_not_judged_by_an_index_that_they_never_chose(tmp_path, page):
     write_report(replace(toy_record(), judged=False), tmp_path)
     assert "performance index" not in (tmp_path / "report.html").read_text("utf-8").lower()
-    assert not (tmp_path / "best_so_far.png").exists()
-    assert (tmp_path / "course.png").exists()
     assert "performance index" in page
-    assert (folder / "best_so_far.png").exists()
-    assert not (folder / "course.png").exists()
 
 
-def test_the_colors_without_a_cost_count_experiments_up_in_integers():
-    drawn = tried(replace(toy_record(), judged=False))
+def test_the_colors_count_experiments_up_in_integers():
+    drawn = tried(toy_record())
     drawn.draw_without_rendering()
     bar = drawn.axes[1]
     assert bar.get_ylabel() == "number of the experiment"
@@ -234,10 +229,10 @@ def test_values_of_the_best_theta_lie_on_no_axis_and_on_no_line():
 def test_the_learned_cost_is_never_drawn_below_0():
     record = toy_record()
     assert record.surrogate is not None
-    learned = record.surrogate
+    cost = record.surrogate
     # Only the order has a meaning: another zero draws the same picture.
     for zero in (0.0, 5.0):
-        drawn = slices(replace(record, surrogate=lambda thetas, zero=zero: learned(thetas) - zero))
+        drawn = learned(replace(record, surrogate=lambda thetas, zero=zero: cost(thetas) - zero))
         lowest = [float(np.min(line.get_ydata())) for line in drawn.axes[0].lines]
         assert min(lowest) >= 0
         assert max(lowest) < 2
@@ -254,6 +249,13 @@ def test_kpis_over_the_experiments_follow_the_best_so_far():
     np.testing.assert_allclose(steps.get_ydata(), np.clip(held, *drawn.axes[0].get_ylim()))
     marks = [len(line.get_xdata()) for line in drawn.axes[-1].lines]
     assert dict(zip(record.verdict_counts(), marks, strict=True)) == record.verdict_counts()
+
+
+def test_the_index_that_the_answers_follow_comes_first_with_the_references():
+    drawn = course(toy_record()).axes[0]
+    assert drawn.get_title() == "performance index (lower is better)"
+    labels = [line.get_label() for line in drawn.lines]
+    assert {"best so far", *toy_record().references} <= set(labels)
 
 
 def test_a_csv_without_questions_is_just_the_headings():

@@ -5,18 +5,14 @@ from dataclasses import dataclass
 from io import BytesIO
 from math import isfinite
 
-from matplotlib.figure import Figure
-
 from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import measured, number, theta_text
 from prefcal_scenarios.scenario import Picture, panels_of
 
-from .course import course, drawn_kpis, draws_objectives
-from .progress import best_so_far
+from .course import INDEX, course, drawn_kpis, draws_objectives
+from .knobs import learned, tried
 from .record import Record
-from .slices import slices
-from .trajectories import best_against, curves_of, side_by_side
-from .tried import tried
+from .trajectories import best_against, curves_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,52 +33,41 @@ def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
     with style():
         for picture in (*extra, *PICTURES):
             if picture.applies(record):
-                content = _content(picture.draw(record))
+                made = picture.draw(record)
+                if not isinstance(made, bytes):
+                    save(made, buffer := BytesIO())
+                    made = buffer.getvalue()
                 words = picture.caption
                 caption = words if isinstance(words, str) else words(record)
-                drawn.append(Drawn(picture, picture.alt(record), content, caption))
+                drawn.append(Drawn(picture, picture.alt(record), made, caption))
     return drawn
 
 
-def _content(made: Figure | bytes) -> bytes:
-    if isinstance(made, bytes):
-        return made
-    buffer = BytesIO()
-    save(made, buffer)
-    return buffer.getvalue()
-
-
-def automated(record: Record) -> str | None:
-    """Return the name of the reference for fully automated calibration, if there is one."""
-    named = [name for name in record.references if "automat" in name.lower()]
-    return named[0] if named else next(iter([*record.references][::-1]), None)
-
-
-def _side_by_side(record: Record) -> Figure:
-    other = automated(record)
-    assert other is not None
-    return side_by_side(record, other)
+def _best_theta(record: Record) -> str:
+    assert record.best is not None
+    return theta_text(record.scenario.space, record.best.experiment.theta)
 
 
 def _best_alt(record: Record) -> str:
     assert record.best is not None
-    theta = theta_text(record.scenario.space, record.best.experiment.theta)
     kpis = [
         f"{k.title} {measured(k, record.best.experiment)} {k.unit}".rstrip()
         for k in record.kpis
         if k.name in record.best.experiment.kpis
     ]
     against = ", ".join(record.compared_with)
-    return f"Time plots of the best run ({theta}) against the {against}. Best: {', '.join(kpis)}."
+    return (
+        f"Time plots of the best run ({_best_theta(record)}) against the {against}. "
+        f"Best: {', '.join(kpis)}."
+    )
 
 
 def _best_caption(record: Record) -> str:
     """Return the caption of the best trajectory: it names only what is drawn."""
     curves = [curve.experiment for curve in curves_of(record)]
     channels = [panel.channel for panel in panels_of(record.scenario, *curves)]
-    parts = [f"The best run beside the {record.baseline.name} and the reference θ."]
-    if len(record.compared_with) == 1:
-        parts = [f"The best run beside the {record.baseline.name}."]
+    references = " and the reference θ" if len(record.compared_with) > 1 else ""
+    parts = [f"The best run beside the {record.baseline.name}{references}."]
     if any(c.target is not None and c.band is not None for c in channels):
         parts.append("Shaded: the accepted band around the target.")
     if any(isfinite(c.low) or isfinite(c.high) for c in channels):
@@ -96,32 +81,28 @@ def _best_caption(record: Record) -> str:
 
 def _course_caption(record: Record) -> str:
     """Return the caption of the course: it names only what is drawn."""
-    objectives = " Green: the objectives." if draws_objectives(record) else ""
-    further = any(c.query.further for c in record.asked)
-    follow = " Hollow squares: follow-up comparisons of earlier experiments." if further else ""
-    return (
-        "KPIs of each experiment and of the best so far, in the order tried, and the answers."
-        f"{objectives}{follow}"
-    )
-
-
-def _progress_alt(record: Record) -> str:
-    assert record.best is not None
-    first, last = record.incumbents[0].cost, record.incumbents[-1].cost
-    return (
-        f"Plot of the performance index of {len(record.trials)} experiments. The best so far "
-        f"falls from {number(first)} to {number(last)}, of experiment {record.best.number}."
-    )
+    answers = ", and the answers" if record.asked else ""
+    parts = [f"KPIs of each experiment and of the best so far, in the order tried{answers}."]
+    if record.shows_cost:
+        parts.append("An agent that asks for preferences never sees the performance index.")
+    if draws_objectives(record):
+        parts.append("Green: the objectives.")
+    if any(c.query.further for c in record.asked):
+        parts.append("Hollow squares: follow-up comparisons of earlier experiments.")
+    return " ".join(parts)
 
 
 def _course_alt(record: Record) -> str:
     assert record.best is not None
     verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
-    kpis = [
-        f"{k.title} {measured(k, record.before.experiment)} to "
-        f"{measured(k, record.best.experiment)} {k.unit}".rstrip()
-        for k in drawn_kpis(record)
-    ]
+    kpis = []
+    for kpi in drawn_kpis(record):
+        sides = (record.before, record.best)
+        if kpi is INDEX:
+            texts = [number(trial.cost) for trial in sides]
+        else:
+            texts = [measured(kpi, trial.experiment) for trial in sides]
+        kpis.append(f"{kpi.title} {' to '.join(texts)} {kpi.unit}".rstrip())
     return (
         f"Plots of the KPIs of {len(record.trials)} experiments, and of the verdicts: {verdicts}. "
         f"From the {record.baseline.name} to the best: {', '.join(kpis) or 'no KPI differs'}."
@@ -129,21 +110,13 @@ def _course_alt(record: Record) -> str:
 
 
 def _tried_alt(record: Record) -> str:
-    assert record.best is not None
-    theta = theta_text(record.scenario.space, record.best.experiment.theta)
-    return f"Parallel coordinates of {len(record.trials)} θ; the best is {theta}."
+    count = len(record.trials)
+    return f"Parallel coordinates of {count} θ; the best is {_best_theta(record)}."
 
 
-def _slices_alt(record: Record) -> str:
+def _learned_alt(record: Record) -> str:
     names = ", ".join(record.scenario.space.names)
-    return f"Slices and planes of the learned cost over {names}, through the best θ."
-
-
-def _pair_alt(record: Record) -> str:
-    return (
-        "Time plots side by side: the run calibrated by preferences to the left, "
-        f"{automated(record)} to the right."
-    )
+    return f"The learned cost along {names}, each through the best θ, with the experiments."
 
 
 PICTURES: tuple[Picture, ...] = (
@@ -156,21 +129,12 @@ PICTURES: tuple[Picture, ...] = (
         lambda record: bool(record.scenario.panels) and bool(curves_of(record)),
     ),
     Picture(
-        "best_so_far.png",
-        "Best so far",
-        "The performance index of each experiment, and of the best so far. An agent that asks "
-        "for preferences never sees it.",
-        _progress_alt,
-        best_so_far,
-        lambda record: record.shows_cost,
-    ),
-    Picture(
         "course.png",
         "How it went",
         _course_caption,
         _course_alt,
         course,
-        lambda record: not record.shows_cost and bool(record.asked),
+        lambda record: record.shows_cost or bool(record.asked),
     ),
     Picture(
         "tried.png",
@@ -182,24 +146,11 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "surrogate.png",
         "What was learned",
-        "The cost that the agent has learned, cut through the best θ. The agent learns from the "
-        "answers alone, unless it gets scores. The cost has no unit: only its order has a meaning.",
-        _slices_alt,
-        slices,
+        "The cost that the agent has learned, along each knob through the best θ. Dots: the "
+        "experiments, at their own learned cost. The agent learns from the answers alone, unless "
+        "it gets scores. The cost has no unit: only its order has a meaning.",
+        _learned_alt,
+        learned,
         lambda record: record.surrogate is not None,
-    ),
-    Picture(
-        "final_performance.png",
-        "By preferences and fully automated",
-        "The result of calibration by preferences, beside the result of minimizing a "
-        "predefined index.",
-        _pair_alt,
-        _side_by_side,
-        lambda record: (
-            bool(record.scenario.panels)
-            and record.scenario.cost is not None  # otherwise nothing can be automated
-            and automated(record) is not None
-            and not record.scored  # otherwise both sides would be automated
-        ),
     ),
 )

@@ -81,7 +81,7 @@ def test_a_printed_report_names_every_experiment_and_cuts_nothing_off(browser, k
     assert tried.locator("tr").count() == len(record.trials)
     assert tried.locator("th.best").inner_text() == str(record.best.number)
     asked = page.locator("[aria-label=Comparisons] tbody tr").first.locator("th, td")
-    assert [cell.is_visible() for cell in asked.all()].count(True) == 4
+    assert [cell.is_visible() for cell in asked.all()].count(True) == 5
     printed = page.pdf(format="A4", prefer_css_page_size=True)
     assert len(re.findall(rb"/Type\s*/Page[^s]", printed)) in (3, 4)
 
