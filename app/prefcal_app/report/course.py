@@ -1,7 +1,5 @@
-"""Draw the KPIs of every experiment and of the best so far, and the answers."""
+"""Draw the KPIs of every experiment and of the best so far."""
 
-from collections import Counter
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from prefcal_app.summary.counts import VERDICTS
-from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.presentation.style import BEST, FAINT, GOOD, LIMIT, canvas, legend, look
 from prefcal_scenarios.presentation.wording import labeled, mathtext
 from prefcal_scenarios.scenario import KPI
@@ -25,31 +21,24 @@ _ROWS = 4
 """Maximum number of KPIs to draw."""
 _LEAST = 10
 """Smallest span of an axis in differences that people can just see: fewer must not look large."""
-_BESIDE = 0.018
-"""Distance of the answers on one experiment, as a share of the axis: squares do not touch."""
 _INNER = (0.05, 0.9)
 """Quantiles of the experiments that are always within the scale."""
 
 
 def course(record: Record) -> Figure:
-    """Draw each KPI in a row, with a dot per experiment and steps for the best; answers below.
+    """Draw each KPI in a row, with a dot per experiment and steps for the best.
 
     The performance index comes first if the answers follow it.
     """
     kpis = drawn_kpis(record)
-    heights = [1.35] * len(kpis) + [1.05] * bool(record.asked)
-    figure = canvas(0.8 + sum(heights))
-    grid = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)
-    for axes, kpi in zip(grid[: len(kpis), 0], kpis, strict=True):
+    figure = canvas(0.8 + 1.35 * len(kpis))
+    grid = figure.subplots(len(kpis), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, kpi in zip(grid, kpis, strict=True):
         _kpi(axes, record, kpi)
-    last = grid[-1, 0]
-    if record.asked:
-        _verdicts(last, record)
-    last.set_xlim(0.3, max(t.number for t in record.trials) + 0.7)
-    last.xaxis.set_major_locator(MaxNLocator(10, integer=True))
-    last.set_xlabel("experiment")
-    if kpis:
-        legend(figure, grid[0, 0], 4)
+    grid[-1].set_xlim(0.3, record.trials[-1].number + 0.7)
+    grid[-1].xaxis.set_major_locator(MaxNLocator(10, integer=True))
+    grid[-1].set_xlabel("experiment")
+    legend(figure, grid[0], 4)
     return figure
 
 
@@ -97,13 +86,12 @@ def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
     )
     dots: dict[str, Any] = {"linestyle": "", "markeredgewidth": 0, "clip_on": False}
     inside = (values >= low) & (values <= high)
-    dot = {"marker": "o", "color": FAINT, "alpha": 0.6, "markersize": 4.5}
-    axes.plot(numbers[inside], values[inside], **dots, **dot, label="one experiment")
+    dots |= {"color": FAINT, "alpha": 0.6, "markersize": 4.5}
+    axes.plot(numbers[inside], values[inside], "o", **dots, label="one experiment")
+    dots |= {"color": LIMIT, "alpha": 0.75, "markersize": 5, "label": "off the scale or never"}
     for off, at, marker in ((values > high, high, "^"), (values < low, low, "v")):
         if off.any():
-            sign = {"marker": marker, "color": LIMIT, "alpha": 0.75, "markersize": 5}
-            words = "off the scale or never"
-            axes.plot(numbers[off], np.full(off.sum(), at), **dots, **sign, label=words)
+            axes.plot(numbers[off], np.full(off.sum(), at), marker, **dots)
     line: dict[str, Any] = {"color": GOOD, "linewidth": 1.1, "linestyle": (0, (5, 3))}
     for i, limit in enumerate(_limits_within(kpi, low, high)):
         axes.axhline(limit, **line, label="objective" if not i else None)
@@ -145,31 +133,3 @@ def _widened(low: float, high: float, kpi: KPI) -> tuple[float, float]:
     lacking = max(_LEAST * max(kpi.step, digits) - (high - low), 0.0)
     down = lacking / 2 if low < 0 else min(lacking / 2, low)
     return low - down, high + lacking - down
-
-
-def _verdicts(axes: Axes, record: Record) -> None:
-    """Draw a mark for each answer, in the row of its verdict."""
-    rows = {verdict: -k for k, verdict in enumerate(VERDICTS)}
-    count = max(t.number for t in record.trials)
-    for verdict, row in rows.items():
-        color = BEST if verdict is Preference.CHALLENGER else FAINT
-        given = [c.query for c in record.asked if c.answer.preference is verdict]
-        places = _beside([q.challenger.index + 1 for q in given], _BESIDE * count)
-        at = [x for x, q in zip(places, given, strict=True) if not q.further]
-        axes.plot(at, [row] * len(at), "s", color=color, markersize=4.5, markeredgewidth=0)
-        if at := [x for x, q in zip(places, given, strict=True) if q.further]:
-            axes.plot(at, [row] * len(at), "s", color=color, markersize=8, markerfacecolor="none")
-    axes.set_yticks(list(rows.values()), list(VERDICTS.values()))
-    axes.set_ylim(-len(rows) + 0.4, 0.6)
-    axes.set_title("Answers")
-
-
-def _beside(numbers: Sequence[int], distance: float) -> list[float]:
-    """Return a place for each answer: beside each other if they are on the same experiment."""
-    total, so_far = Counter(numbers), Counter[int]()
-    places = []
-    for n in numbers:
-        apart = min(distance, 0.9 / total[n])
-        places.append(n + (so_far[n] - (total[n] - 1) / 2) * apart)
-        so_far[n] += 1
-    return places

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from prefcal_app.view.sides import theta_view
 from prefcal_scenarios.presentation.wording import with_subscripts
 
-from .export import rebuild, versions
+from .export import REBUILD, versions
 from .pictures import Drawn
 from .record import Record
 from .tables import comparison_table, experiment_table, gain_table, pid_table, result_table
@@ -42,7 +42,7 @@ def environment(*packages: str) -> Environment:
 
 def page(record: Record, drawn: Sequence[Drawn]) -> str:
     """Return the text of report.html."""
-    view: dict[str, Any] = {"lead": lead(record), "rebuild": rebuild(record)}
+    view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD}
     if record.best is not None:
         theta = theta_view(record.scenario.space, record.best.experiment)
         view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}

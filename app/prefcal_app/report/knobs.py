@@ -1,100 +1,63 @@
-"""Draw the knobs: every θ tried, and the learned cost along each knob through the best θ."""
+"""Draw along each knob what was tried and learned, as the page does."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
 from prefcal_app.view.status import slices_view
 from prefcal_env.knobs.knob import Knob
-from prefcal_scenarios.presentation.style import BEST, FAINT, HEAT, INK, canvas
-from prefcal_scenarios.presentation.wording import knob_axis, knob_number, number
+from prefcal_scenarios.presentation.style import BEST, FAINT, canvas
+from prefcal_scenarios.presentation.wording import knob_axis, knob_number
 
 from .record import Record
 
 _ACROSS = 3
-"""Number of slices next to each other."""
+"""Number of knobs next to each other."""
 
 
-def learned(record: Record) -> Figure:
-    """Draw a slice of the learned cost for each knob, with the experiments, as the page does."""
+def knobs(record: Record) -> Figure:
+    """Draw each experiment along each knob, at its learned cost or else at its number."""
     assert record.best is not None
-    assert record.surrogate is not None
-    space, best = record.scenario.space, record.best.experiment.theta
-    views = slices_view(space, best, record.thetas, record.surrogate)
-    across = min(len(views), _ACROSS)
-    down = -(-len(views) // across)
-    figure = canvas(0.3 + 2.5 * down)
+    space, best = record.scenario.space, record.best
+    across = min(len(space), _ACROSS)
+    down = -(-len(space) // across)
+    figure = canvas(0.4 + 2.5 * down)
     grid = figure.subplots(down, across, squeeze=False)
-    for axes in grid.flat[len(views) :]:
+    for axes in grid.flat[len(space) :]:
         axes.set_visible(False)
-    dot: dict[str, Any] = {"marker": "o", "linestyle": "", "clip_on": False}
-    for axes, view, knob in zip(grid.flat, views, space, strict=False):
-        samples = view["samples"]
-        axes.plot(samples["x"], samples["y"], **dot, color=FAINT, alpha=0.45, ms=3.6, mew=0)
-        axes.plot(view["x"], view["y"], color=BEST, linewidth=2)
-        height = np.interp(view["best"], view["x"], view["y"])
-        axes.plot(view["best"], height, **dot, color=BEST, ms=7, mec="white", mew=1.2, zorder=5)
-        axes.set_xlabel(knob_axis(knob))
-        if knob.scale == "log10":
-            axes.set_xscale("log")
-            axes.xaxis.set_minor_locator(NullLocator())
-        else:
-            axes.xaxis.set_major_locator(MaxNLocator(5, integer=knob.integer))
-        axes.set_xlim(knob.low, knob.high)
-    grid[0, 0].set_ylabel("learned cost, square root\n(0: the lowest shown)")
-    return figure
-
-
-def tried(record: Record) -> Figure:
-    """Draw each θ as a line across the knobs' axes, later ones darker; the best is blue."""
-    assert record.best is not None
-    space = record.scenario.space
-    cube = np.array([space.encode(theta) for theta in record.thetas])
-    norm = Normalize(1, max(record.trials[-1].number, 2))
-    figure = canvas(3.8)
-    axes = figure.subplots()
-    places = np.arange(len(space))
-    colors = HEAT.reversed()
-    for trial, point in zip(record.trials, cube, strict=True):
-        dashes = ":" if trial.experiment.end.interrupted else "-"
-        color = colors(norm(trial.number))
-        axes.plot(places, point, color=color, linewidth=1.1, linestyle=dashes)
-    best = space.encode(record.best.experiment.theta)
-    axes.plot(places, best, color="white", linewidth=5.5, zorder=4, solid_capstyle="round")
-    axes.plot(places, best, "o-", color=BEST, linewidth=2.8, markersize=7, zorder=5, clip_on=False)
-    _axis_lines(axes, list(space), record.best.experiment.theta.tolist())
-    bar = figure.colorbar(ScalarMappable(norm, colors), ax=axes, pad=0.02, aspect=26)
-    bar.outline.set_visible(False)
-    bar.set_label("number of the experiment", color=INK)
-    bar.ax.yaxis.set_major_locator(MaxNLocator(8, integer=True))
-    axes.set_title(
-        f"All {len(cube)} θ tried; best in blue (experiment {record.best.number})", pad=22
+    learned = record.surrogate and slices_view(
+        space, best.experiment.theta, record.thetas, record.surrogate
     )
+    numbers = [trial.number for trial in record.trials]
+    dot: dict[str, Any] = {"marker": "o", "linestyle": "", "clip_on": False}
+    for k, (axes, knob) in enumerate(zip(grid.flat, space, strict=False)):
+        if learned:
+            x, y = learned[k]["x"], learned[k]["y"]
+            axes.plot(x, y, color=BEST, linewidth=2)
+            tried, height = learned[k]["samples"]["y"], np.interp(learned[k]["best"], x, y)
+        else:
+            tried, height = numbers, best.number
+            axes.yaxis.set_major_locator(MaxNLocator(6, integer=True))
+        axes.plot(record.thetas[:, k], tried, **dot, color=FAINT, alpha=0.5, ms=4, mew=0)
+        theta = best.experiment.theta[k]
+        axes.plot(theta, height, **dot, color=BEST, ms=8, mec="white", mew=1.2, zorder=5)
+        axes.set_title(f"best {knob_number(knob, theta)}", color=BEST, fontweight="bold")
+        _along(axes, knob)
+    words = "learned cost, square root\n(0: the lowest shown)" if learned else "experiment"
+    for axes in grid[:, 0]:
+        axes.set_ylabel(words)
     return figure
 
 
-def _axis_lines(axes: Axes, knobs: Sequence[Knob], best: Sequence[float]) -> None:
-    """Draw an axis for each knob with its ends; the value of the best θ is below."""
-    axes.grid(False)
-    for name in ("left", "bottom"):
-        axes.spines[name].set_visible(False)
-    axes.set_yticks([])
-    axes.set_xticks(range(len(knobs)), [knob_axis(k) for k in knobs], color=INK, fontsize=10)
-    axes.tick_params(axis="x", pad=14)
-    axes.set_xlim(-0.12, len(knobs) - 1 + 0.25)
-    axes.set_ylim(-0.02, 1.02)
-    text: dict[str, Any] = {"textcoords": "offset points", "ha": "center"}
-    text["annotation_clip"] = False
-    for i, (knob, value) in enumerate(zip(knobs, best, strict=True)):
-        axes.axvline(i, color="#c5ccd3", linewidth=1.2, zorder=0)
-        low, high, here = number(knob.low), number(knob.high), f"best {knob_number(knob, value)}"
-        axes.annotate(low, (i, 0), (0, -5), va="top", color=FAINT, fontsize=8.5, **text)
-        axes.annotate(high, (i, 1), (0, 5), va="bottom", color=FAINT, fontsize=8.5, **text)
-        # Below the name: at the point, it would cover lines and the axis' ends.
-        axes.annotate(here, (i, 0), (0, -36), va="top", color=BEST, fontweight="bold", **text)
+def _along(axes: Axes, knob: Knob) -> None:
+    """Show the whole range of a knob."""
+    axes.set_xlabel(knob_axis(knob))
+    if knob.scale == "log10":
+        axes.set_xscale("log")
+        axes.xaxis.set_minor_locator(NullLocator())
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=knob.integer))
+    axes.set_xlim(knob.low, knob.high)

@@ -10,7 +10,7 @@ from prefcal_scenarios.presentation.wording import measured, number, theta_text
 from prefcal_scenarios.scenario import Picture, panels_of
 
 from .course import INDEX, course, drawn_kpis, draws_objectives
-from .knobs import learned, tried
+from .knobs import knobs
 from .record import Record
 from .trajectories import best_against, curves_of
 
@@ -81,20 +81,16 @@ def _best_caption(record: Record) -> str:
 
 def _course_caption(record: Record) -> str:
     """Return the caption of the course: it names only what is drawn."""
-    answers = ", and the answers" if record.asked else ""
-    parts = [f"KPIs of each experiment and of the best so far, in the order tried{answers}."]
+    parts = ["KPIs of each experiment and of the best so far, in the order tried."]
     if record.shows_cost:
         parts.append("An agent that asks for preferences never sees the performance index.")
     if draws_objectives(record):
         parts.append("Green: the objectives.")
-    if any(c.query.further for c in record.asked):
-        parts.append("Hollow squares: follow-up comparisons of earlier experiments.")
     return " ".join(parts)
 
 
 def _course_alt(record: Record) -> str:
     assert record.best is not None
-    verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
     kpis = []
     for kpi in drawn_kpis(record):
         sides = (record.before, record.best)
@@ -104,19 +100,24 @@ def _course_alt(record: Record) -> str:
             texts = [measured(kpi, trial.experiment) for trial in sides]
         kpis.append(f"{kpi.title} {' to '.join(texts)} {kpi.unit}".rstrip())
     return (
-        f"Plots of the KPIs of {len(record.trials)} experiments, and of the verdicts: {verdicts}. "
-        f"From the {record.baseline.name} to the best: {', '.join(kpis) or 'no KPI differs'}."
+        f"Plots of the KPIs of {len(record.trials)} experiments. From the {record.baseline.name} "
+        f"to the best: {', '.join(kpis)}."
     )
 
 
-def _tried_alt(record: Record) -> str:
-    count = len(record.trials)
-    return f"Parallel coordinates of {count} θ; the best is {_best_theta(record)}."
-
-
-def _learned_alt(record: Record) -> str:
+def _knobs_alt(record: Record) -> str:
     names = ", ".join(record.scenario.space.names)
-    return f"The learned cost along {names}, each through the best θ, with the experiments."
+    return f"Plots of {len(record.trials)} θ along {names}; the best is {_best_theta(record)}."
+
+
+def _knobs_caption(record: Record) -> str:
+    if record.surrogate is None:
+        return "Each experiment at its number, along the whole range of each knob. Blue: the best."
+    return (
+        "The cost that the agent has learned, along each knob through the best θ (blue). Dots: the "
+        "experiments, at their own learned cost. The agent learns from the answers alone, unless "
+        "it gets scores. The cost has no unit: only its order has a meaning."
+    )
 
 
 PICTURES: tuple[Picture, ...] = (
@@ -134,23 +135,7 @@ PICTURES: tuple[Picture, ...] = (
         _course_caption,
         _course_alt,
         course,
-        lambda record: record.shows_cost or bool(record.asked),
+        lambda record: bool(drawn_kpis(record)),
     ),
-    Picture(
-        "tried.png",
-        "What was tried",
-        "One line for each θ. Axes run over the whole range of each knob.",
-        _tried_alt,
-        tried,
-    ),
-    Picture(
-        "surrogate.png",
-        "What was learned",
-        "The cost that the agent has learned, along each knob through the best θ. Dots: the "
-        "experiments, at their own learned cost. The agent learns from the answers alone, unless "
-        "it gets scores. The cost has no unit: only its order has a meaning.",
-        _learned_alt,
-        learned,
-        lambda record: record.surrogate is not None,
-    ),
+    Picture("tried.png", "What was tried and learned", _knobs_caption, _knobs_alt, knobs),
 )

@@ -1,9 +1,9 @@
 """Handle the requests of the page's script."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from functools import partial, wraps
+from functools import partial
 from typing import Any
 
 import anyio
@@ -40,23 +40,6 @@ class Pace:
     after_answer: float = 1.0
 
 
-def _answering(handler: Callable[..., Any]) -> Callable[..., Any]:
-    """Turn errors into sentences for the person; after a stale request, add the current state."""
-
-    @wraps(handler)
-    async def answering(self: "Api", request: Request, *args: Any) -> Response:
-        try:
-            response: Response = await handler(self, request, *args)
-            return response
-        except HTTPException:
-            raise
-        except Exception as error:
-            status, words, kind = refused(error)
-            return error_response(status, words, kind, await self.stand(request, error))
-
-    return answering
-
-
 @dataclass(frozen=True, slots=True)
 class Api:
     """Handlers of the JSON addresses. Everything that uses the interview runs in a thread.
@@ -78,7 +61,23 @@ class Api:
     seen: Callable[[bool], None]
     pace: Pace = field(default_factory=Pace)
 
-    @_answering
+    def answering(self, do: Callable[..., Awaitable[Response]], *given: Any) -> Handler:
+        """Return the handler that calls `do(request, *given)` and tells its errors in a sentence.
+
+        After a stale request, the current state is added.
+        """
+
+        async def handler(request: Request) -> Response:
+            try:
+                return await do(request, *given)
+            except HTTPException:
+                raise
+            except Exception as error:
+                status, words, kind = refused(error)
+                return error_response(status, words, kind, await self._stand(request, error))
+
+        return handler
+
     async def now(self, request: Request) -> Response:
         """Return the current state; with `after`, wait until its version differs from that."""
         query = _query(request, {"after": digits, **_BLIND})
@@ -89,7 +88,6 @@ class Api:
             self.seen(True)
         return await self._shown(query)
 
-    @_answering
     async def asked(self, request: Request) -> Response:
         """Return an answered question as it was shown."""
         query = _query(request, _BLIND)
@@ -100,21 +98,11 @@ class Api:
         except (MalformedError, StaleError) as error:
             raise HTTPException(404) from error
 
-    def showing(self, view: Callable[[], bytes]) -> Handler:
-        """Return the handler of a view that depends on nothing else."""
-
-        async def handler(request: Request) -> Response:
-            response: Response = await self._show(request, view)
-            return response
-
-        return handler
-
-    @_answering
-    async def _show(self, request: Request, view: Callable[[], bytes]) -> Response:
+    async def show(self, request: Request, view: Callable[[], bytes]) -> Response:
+        """Return a view that depends on nothing else."""
         _query(request, _BLIND)
         return as_json(await run_in_threadpool(view))
 
-    @_answering
     async def look(self, request: Request) -> Response:
         """Simulate a θ and return it beside the best so far; nothing is recorded."""
         query = _query(request, {"theta": numbers, **_BLIND})
@@ -122,34 +110,22 @@ class Api:
             raise MalformedError("The request does not say which θ to look at.")
         return as_json(await run_in_threadpool(self.views.look, query["theta"]))
 
-    def acting(self, name: str) -> Handler:
-        """Return the handler of an action with a JSON body."""
-
-        async def handler(request: Request) -> Response:
-            response: Response = await self._act(request, name)
-            return response
-
-        return handler
-
-    @_answering
-    async def _act(self, request: Request, name: str) -> Response:
+    async def act(self, request: Request, name: str) -> Response:
+        """Do the action `name`, whose fields are the JSON body."""
         query = _query(request, _BLIND)
         given = await _body(request, ACTIONS[name])
         return await self._done(query, partial(getattr(self.interview, name), **given))
 
-    @_answering
     async def record(self, request: Request) -> Response:
         """Save the record of an experiment that the person ran."""
         query, given = await _given(request)
         return await self._done(query, partial(self.interview.record, given))
 
-    @_answering
     async def preview(self, request: Request) -> Response:
         """Return what would be saved of a record, with its curves."""
         _, given = await _given(request)
         return as_json(await run_in_threadpool(self.views.preview, given))
 
-    @_answering
     async def close(self, request: Request) -> Response:
         """Close the window after sending this response."""
         query = _query(request, _BLIND)
@@ -158,7 +134,7 @@ class Api:
         response.background = BackgroundTask(self.closed.set)
         return response
 
-    async def stand(self, request: Request, error: Exception) -> bytes:
+    async def _stand(self, request: Request, error: Exception) -> bytes:
         """Return NOW if the request was stale, null after any other error."""
         if not isinstance(error, StaleError):
             return b"null"

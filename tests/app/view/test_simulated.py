@@ -151,8 +151,7 @@ def screened(kpis, names, reason=None):
     [
         ([1, 10, 50], False),
         ([1, 10, 150], True),
-        ([0, 1, 10, 150], True),  # 0 is drawn at the edge
-        ([0, 0, 0, 150], False),  # nothing but 0 would be at the edge
+        ([0, 1, 10, 150], False),  # 0 would not be drawn
         ([-1, 10, 150], False),
         ([1, 10, np.inf], False),
         ([0, 0], False),

@@ -73,7 +73,7 @@ def test_a_missing_field_is_refused_and_named(name):
     "body",
     [
         b"", b"[]", b"3", b"null", b"{", b'{"n": 1', b'{"n": NaN}', b'{"n": -Infinity}', b"\xff",
-        b'{"n": 1, "n": 1}', b"[" * 50_000, b'{"n":' * 9_000, b'{"n": ' + b"9" * 60_000 + b"}",
+        b"[" * 50_000, b'{"n":' * 9_000, b'{"n": ' + b"9" * 60_000 + b"}",
         b'{"n": 1e999}', '{"n": 1}'.encode("utf-16"), b"\xef\xbb\xbf{}", b"{}\0", b"{} {}",
     ],
 )  # fmt: skip

@@ -228,7 +228,7 @@ def test_history_shows_again_and_retracts(opened):
     watched.answer("ArrowRight")
     asked = watched.page.eval_on_selector("#left-plot", RANGES)
     watched.page.keyboard.press("h")
-    watched.page.click(".answers tbody tr:last-child td:first-child button")
+    watched.page.click(".answers tbody tr:last-child th button")
     watched.page.wait_for_selector("#again .right .js-line")
     watched.shot("history")
     # As it was shown: the same axes, with targets and limits.

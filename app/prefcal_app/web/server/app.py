@@ -30,8 +30,6 @@ def make_app(
 ) -> Starlette:
     """Return the application, for any ASGI server.
 
-    `state.assets` of the application holds the files.
-
     Args:
         api: Handlers of the JSON addresses.
         token: Secret of the link.
@@ -60,7 +58,6 @@ def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = Fals
     )
     # A redirect would repeat the Host header, for addresses that the page never asks for.
     app.router.redirect_slashes = False
-    app.state.assets = pages.assets
     return app
 
 
@@ -74,15 +71,16 @@ def _of_pages(pages: Pages) -> list[Route]:
 
 
 def _of_api(api: Api) -> list[Route]:
-    posts = [Route(f"/api/{name}", api.acting(name), methods=["POST"]) for name in ACTIONS]
+    plain = {name: partial(api.views.plain, name) for name in PLAIN}
+    views = {**plain, "simulated": api.views.simulated}
+    gets = {"now": api.now, "history/{answer}": api.asked, "look": api.look}
+    posts = {"preview": api.preview, "record": api.record, "close": api.close}
     return [
-        Route("/api/now", api.now),
-        *(Route(f"/api/{name}", api.showing(partial(api.views.plain, name))) for name in PLAIN),
-        Route("/api/simulated", api.showing(api.views.simulated)),
-        Route("/api/history/{answer}", api.asked),
-        Route("/api/look", api.look),
-        Route("/api/preview", api.preview, methods=["POST"]),
-        Route("/api/record", api.record, methods=["POST"]),
-        Route("/api/close", api.close, methods=["POST"]),
-        *posts,
+        *(Route(f"/api/{name}", api.answering(do)) for name, do in gets.items()),
+        *(Route(f"/api/{name}", api.answering(api.show, view)) for name, view in views.items()),
+        *(Route(f"/api/{name}", api.answering(do), methods=["POST"]) for name, do in posts.items()),
+        *(
+            Route(f"/api/{name}", api.answering(api.act, name), methods=["POST"])
+            for name in ACTIONS
+        ),
     ]

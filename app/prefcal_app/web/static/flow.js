@@ -1,11 +1,11 @@
 // Keep the server's latest state and send the person's actions. This module knows no view.
 
 import { Refusal, news, post } from "./api.js";
-import * as comment from "./comment.js";
-import { $, ask, el, say } from "./dom.js";
+import { $, ask, el, keep, kept, say } from "./dom.js";
 
 export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false,
   saved: "", unsure: null }; // the last answer that was saved, and one that was sent without a reply
+const KEY = "prefcal-comment";
 const LINGER = 150; // ms after a new question in which a verdict counts as a double press of the last one
 
 export const current = () => state.now;
@@ -18,9 +18,32 @@ let opened = () => {};
 // Start listening. `onchange(before)` draws a new state, `onopen()` another view of it.
 export function start(onchange, onopen) {
   [changed, opened] = [onchange, onopen];
-  comment.start();
+  $("comment").addEventListener("input", keepComment);
   stay();
   listen();
+}
+
+// Keep the comment on the open question while it is typed, so that a reload does not lose it.
+const subject = ({ study, question }) => `${study.place} ${question?.id}`;
+
+function keepComment() {
+  if (!state.now) return;
+  keep(KEY, JSON.stringify({ subject: subject(state.now), text: $("comment").value }), "sessionStorage");
+}
+
+function putComment(text) {
+  $("comment").value = text;
+  keepComment();
+}
+
+// Show what was typed about this question before a reload; what is in the field stays there.
+export function restoreComment(now) {
+  try {
+    const last = JSON.parse(kept(KEY, "sessionStorage"));
+    if (last?.subject === subject(now)) $("comment").value ||= last.text;
+  } catch {
+    // Nothing of ours.
+  }
 }
 
 // Let Back lead to the question, never out of the study. Browsers skip entries of the history that
@@ -93,7 +116,7 @@ function settle() {
   else {
     state.saved = words;
     saved(words);
-    if ($("comment").value === text) comment.put("");
+    if ($("comment").value === text) putComment("");
   }
 }
 
@@ -168,12 +191,13 @@ export async function answer(choice) {
   const { id } = now.question;
   if (state.answered === id || performance.now() - state.shownAt < LINGER) return;
   state.answered = id;
-  const text = comment.take();
+  const text = $("comment").value;
+  putComment("");
   const done = await act("answer", { question: id, choice, comment: text, blind: state.blind }, WORDS[choice]);
   if (done) return;
   // Not recorded: reopen the question and restore the comment.
   state.answered = null;
-  if (!$("comment").value) comment.put(text);
+  if (!$("comment").value) putComment(text);
 }
 
 export function mark(side, kind) {
@@ -188,7 +212,7 @@ export async function undo() {
   if (state.now?.question?.repeat) return skip();
   if (!state.now?.can_undo) return undefined;
   const done = await act("undo", { version: state.now.version }, "last answer undone");
-  if (done && !$("comment").value) comment.put(state.now.draft);
+  if (done && !$("comment").value) putComment(state.now.draft);
   return undefined;
 }
 

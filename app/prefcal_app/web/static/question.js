@@ -1,7 +1,7 @@
 // Show two experiments: text above, curves below, and one cursor and zoom for both.
 
 import { act } from "./flow.js";
-import { $, el, fill, keep, kept, withUnit } from "./dom.js";
+import { $, el, fill, keep, kept, symbol, withUnit } from "./dom.js";
 import { Cursor } from "./cursor.js";
 import { Maneuvers } from "./maneuvers.js";
 import { Plots, SMALL } from "./plots.js";
@@ -123,3 +123,29 @@ export function inWords(question) {
 }
 
 export const repeat = () => act("repeat", {});
+
+let declined = false; // the person goes on: the same offer is not made again
+
+export function startOffer() {
+  $("offer-finish").addEventListener("click", () => act("finish", {}));
+  $("offer-go-on").addEventListener("click", () => {
+    declined = true;
+    $("offer").hidden = true;
+    dispatchEvent(new Event("resize")); // the curves fill the remaining space
+    $("verdict-left").focus();
+  });
+}
+
+// Show why the open question is asked, and offer to stop where that is worth considering.
+export function offer({ blind, good_enough: good, question, screening }) {
+  const words = [];
+  if (good) words.push(`You marked ${good.number ? `experiment ${good.number}, the` : "the"} best so far, as good enough.`);
+  const unlikely = declined ? "" : screening?.offer ?? "";
+  if (unlikely) words.push(unlikely);
+  $("offer").hidden = !words.length;
+  $("offer-text").textContent = words.join(" ");
+  $("offer-go-on").hidden = !unlikely;
+  // Its place is kept while the reason is worked out, so that nothing moves when it comes.
+  $("why").hidden = !screening || blind || question.repeat;
+  fill($("why"), symbol(screening?.why || "\u00a0"));
+}
