@@ -16,7 +16,7 @@ from .export import versions
 from .html import data_uri, environment
 from .record import Record
 from .tables import Column, Row, Table, Value, foremost, gain_rows, pid_forms_of
-from .trajectories import before_and_after
+from .trajectories import best_against
 
 FILE = "acceptance.html"
 """Name of the file."""
@@ -233,7 +233,7 @@ def _curves(record: Record, *, height: float) -> bytes:
     """
     content = BytesIO()
     with style():
-        figure = before_and_after(record, panels=_PANELS, height=height)
+        figure = best_against(record, references=False, panels=_PANELS, most=height)
         if figure is not None:
             save(figure, content)
     return content.getvalue()

@@ -48,15 +48,6 @@ def drawn_kpis(record: Record) -> list[KPI]:
     return index + foremost_kpis(record, _ROWS - len(index))
 
 
-def draws_objectives(record: Record) -> bool:
-    """Return whether the figure shows an objective: those off the scale of their KPI are not."""
-    return any(_limits_within(kpi, *_scale(record, kpi)) for kpi in drawn_kpis(record))
-
-
-def _limits_within(kpi: KPI, low: float, high: float) -> list[float]:
-    return [limit for limit in (kpi.at_least, kpi.at_most) if low <= limit <= high]
-
-
 def _values(record: Record, kpi: KPI) -> Float[np.ndarray, " N"]:
     """Return the KPI of every trial as read, or its cost; NaN if unknown."""
     if kpi is INDEX:
@@ -93,7 +84,8 @@ def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
         if off.any():
             axes.plot(numbers[off], np.full(off.sum(), at), marker, **dots)
     line: dict[str, Any] = {"color": GOOD, "linewidth": 1.1, "linestyle": (0, (5, 3))}
-    for i, limit in enumerate(_limits_within(kpi, low, high)):
+    limits = [limit for limit in (kpi.at_least, kpi.at_most) if low <= limit <= high]
+    for i, limit in enumerate(limits):
         axes.axhline(limit, **line, label="objective" if not i else None)
     for i, (name, cost) in enumerate(record.reference_costs.items() if kpi is INDEX else ()):
         color, dashes = look(i)

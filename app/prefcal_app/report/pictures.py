@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from math import isfinite
 
 from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import measured, number, theta_text
-from prefcal_scenarios.scenario import Picture, panels_of
+from prefcal_scenarios.scenario import Picture
 
-from .course import INDEX, course, drawn_kpis, draws_objectives
+from .course import INDEX, course, drawn_kpis
 from .knobs import knobs
 from .record import Record
 from .trajectories import best_against, curves_of
@@ -62,33 +61,6 @@ def _best_alt(record: Record) -> str:
     )
 
 
-def _best_caption(record: Record) -> str:
-    """Return the caption of the best trajectory: it names only what is drawn."""
-    curves = [curve.experiment for curve in curves_of(record)]
-    channels = [panel.channel for panel in panels_of(record.scenario, *curves)]
-    references = " and the reference θ" if len(record.compared_with) > 1 else ""
-    parts = [f"The best run beside the {record.baseline.name}{references}."]
-    if any(c.target is not None and c.band is not None for c in channels):
-        parts.append("Shaded: the accepted band around the target.")
-    if any(isfinite(c.low) or isfinite(c.high) for c in channels):
-        parts.append("Dashed: limits.")
-    stopped = any(e.end.interrupted for e in curves)
-    parts.append(
-        "A dot ends a run, a cross an interrupted one." if stopped else "A dot ends a run."
-    )
-    return " ".join(parts)
-
-
-def _course_caption(record: Record) -> str:
-    """Return the caption of the course: it names only what is drawn."""
-    parts = ["KPIs of each experiment and of the best so far, in the order tried."]
-    if record.shows_cost:
-        parts.append("An agent that asks for preferences never sees the performance index.")
-    if draws_objectives(record):
-        parts.append("Green: the objectives.")
-    return " ".join(parts)
-
-
 def _course_alt(record: Record) -> str:
     assert record.best is not None
     kpis = []
@@ -124,15 +96,17 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "best_trajectory.png",
         "Best trajectory",
-        _best_caption,
+        "The best run beside what it is compared with. Shaded: the accepted band around a target. "
+        "Dashed: limits. A dot ends a run, a cross an interrupted one.",
         _best_alt,
-        best_against,
+        lambda record: best_against(record) or b"",
         lambda record: bool(record.scenario.panels) and bool(curves_of(record)),
     ),
     Picture(
         "course.png",
         "How it went",
-        _course_caption,
+        "KPIs of each experiment and of the best so far, in the order tried. An agent that asks "
+        "for preferences never sees a performance index.",
         _course_alt,
         course,
         lambda record: bool(drawn_kpis(record)),

@@ -64,42 +64,36 @@ class _Block:
     curves: Sequence[Curve]
 
 
-def curves_of(record: Record) -> list[Curve]:
+def curves_of(record: Record, *, references: bool = True) -> list[Curve]:
     """Return the baseline, the references and the best run, except runs without a record."""
     assert record.best is not None
     first, best = record.before, record.best
-    (name, _), *references = record.compared_with.items()
+    alone = {record.baseline.name: first.experiment}
+    (name, _), *others = (record.compared_with if references else alone).items()
     curves = [Curve(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
-    for i, (name, experiment) in enumerate(references):
+    for i, (name, experiment) in enumerate(others):
         color, dashes = look(i)
         curves.append(Curve(experiment, name, color, 1.5, dashes))
     curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
     return [curve for curve in curves if _has_record(curve.experiment)]
 
 
-def best_against(record: Record) -> Figure:
-    """Draw the best trajectory with the baseline and the references, a panel per signal."""
-    return _together(partial(panels_of, record.scenario), curves_of(record), zooms=True)
-
-
-def before_and_after(record: Record, *, panels: int, height: float) -> Figure | None:
-    """Draw the baseline and the best run in at most `panels` panels; None if neither has a record.
+def best_against(
+    record: Record, *, references: bool = True, panels: int | None = None, most: float = np.inf
+) -> Figure | None:
+    """Draw the best trajectory with what it is compared with; None without any record.
 
     Args:
         record: Record of the study.
-        panels: Largest number of panels, most important first.
-        height: Largest height of the figure, in inches.
+        references: Whether to draw the references, and zooms on targets with a narrow band.
+        panels: Largest number of panels, most important first; None for all.
+        most: Largest height of the figure, in inches.
     """
-    assert record.best is not None
-    before, after = record.before, record.best
-    curves = [Curve(after.experiment, "best", BEST, 2.0)]
-    if before.index != after.index:
-        curves.insert(0, Curve(before.experiment, record.baseline.name, OTHERS[0]))
-    curves = [curve for curve in curves if _has_record(curve.experiment)]
+    curves = curves_of(record, references=references)
     if not curves:
         return None
     draws = partial(panels_of, record.scenario)
-    return _together(lambda *runs: draws(*runs)[:panels], curves, most=height)
+    return _together(lambda *runs: draws(*runs)[:panels], curves, zooms=references, most=most)
 
 
 def figure(

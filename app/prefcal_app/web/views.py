@@ -1,12 +1,13 @@
 """Encode what a page shows as JSON, once for all tabs that show the same version."""
 
-import json
-import math
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
+
+import msgspec
+import numpy as np
 
 from prefcal_app.session import Given, Interview
 from prefcal_app.view import (
@@ -94,19 +95,8 @@ class Views:
 
 def encoded(view: Any) -> bytes:
     """Return JSON in UTF-8; NaN and infinite numbers become null."""
-    try:
-        return _dump(view)
-    except ValueError:
-        return _dump(_finite(view))
+    return msgspec.json.encode(view, enc_hook=_plain)
 
 
-def _dump(view: Any) -> bytes:
-    return json.dumps(view, allow_nan=False, separators=(",", ":")).encode()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _plain(number: np.generic) -> Any:
+    return number.item()

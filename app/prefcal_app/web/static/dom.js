@@ -49,13 +49,11 @@ export function symbol(text) {
 export const withUnit = (text, unit) => (unit && /[0-9]$/.test(text) ? `${text} ${unit}` : text);
 
 const colors = new Map();
-let theme = "";
+export const DARK = matchMedia("(prefers-color-scheme: dark)"); // whoever draws in colors listens to it
+DARK.addEventListener("change", () => colors.clear());
 
 // Return a color of the style sheet, read once per theme because reading triggers a layout.
 export function css(name) {
-  const { theme: now } = document.documentElement.dataset;
-  if (now !== theme) colors.clear();
-  theme = now;
   if (!colors.has(name)) colors.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
   return colors.get(name);
 }

@@ -46,24 +46,18 @@ export function restoreComment(now) {
   }
 }
 
-// Let Back lead to the question, never out of the study. Browsers skip entries of the history that
-// were made before the person did anything.
+// Back leads from the other pages to the question, as between pages of their own.
 function stay() {
-  const enter = () => history.pushState("page", "");
-  const once = { capture: true, once: true };
-  if (history.state === "page") addEventListener("popstate", back);
-  else ["keydown", "pointerdown"].forEach((kind) => addEventListener(kind, begin, once));
-  function begin() {
-    ["keydown", "pointerdown"].forEach((kind) => removeEventListener(kind, begin, once));
-    enter();
-    addEventListener("popstate", back);
-  }
-  function back() {
-    enter();
+  history.replaceState(state.view, "");
+  addEventListener("popstate", ({ state: view }) => {
     $("dialog").close();
-    if (state.view === "now") say("This is the study. Close the tab to leave it: every saved answer stays.");
-    else open("now");
-  }
+    show(state.blind ? "now" : view ?? "now");
+  });
+}
+
+function show(view) {
+  state.view = view;
+  opened();
 }
 
 async function listen() {
@@ -144,8 +138,8 @@ export function open(view) {
       }]]);
     return;
   }
-  state.view = view;
-  opened();
+  if (view !== state.view) history.pushState(view, "");
+  show(view);
 }
 
 // Send one action and return whether it succeeded; a refusal is shown.

@@ -1,6 +1,6 @@
 // Draw the page: each phase and view has its own module, called when the state changes.
 
-import { $, el, say } from "./dom.js";
+import { $, DARK, el, say } from "./dom.js";
 import { act, answer, finish, open, restoreComment, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
 import { drives, inPlace, mustRestore, showLive, showUnrestored, stopLive } from "./live.js";
@@ -105,11 +105,11 @@ function begin() {
   for (const choice of ["left", "right", "same", "cannot-tell"]) {
     $(`verdict-${choice}`).addEventListener("click", () => answer(choice.replace("-", " ")));
   }
-  const clicks = { undo, skip, finish, "stop-live": stopLive, replace: replaceRecord, blind: toggleBlind, help: showKeys,
-    theme: () => state.view === "status" && showStatus(state.now, act) };
+  const clicks = { undo, skip, finish, "stop-live": stopLive, replace: replaceRecord, blind: toggleBlind, help: showKeys };
   for (const [id, run] of Object.entries(clicks)) $(id).addEventListener("click", () => run());
   for (const view of ["now", ...PAGES]) $(`to-${view}`).addEventListener("click", () => open(view));
   question.startOffer();
+  DARK.addEventListener("change", look);
   question.start();
   keyboard();
   start(render, opened);

@@ -1,7 +1,7 @@
 // Show two experiments: text above, curves below, and one cursor and zoom for both.
 
 import { act } from "./flow.js";
-import { $, el, fill, keep, kept, symbol, withUnit } from "./dom.js";
+import { $, DARK, el, fill, keep, kept, symbol, withUnit } from "./dom.js";
 import { Cursor } from "./cursor.js";
 import { Maneuvers } from "./maneuvers.js";
 import { Plots, SMALL } from "./plots.js";
@@ -15,6 +15,11 @@ let maneuvers = null;
 let unit = "";
 
 export function start() {
+  $("view-question").append(
+    el("section", { id: "compare", class: "compare", "aria-label": "All KPIs of both sides", tabindex: "0", hidden: true }),
+    el("div", { id: "maneuvers", class: "maneuvers", role: "group", "aria-label": "Maneuvers", hidden: true }),
+    el("div", { id: "pair", class: "pair" }, ["left", "right"].map((id) => el("section", { id, class: "side", "aria-labelledby": `${id}-title` })),
+      el("section", { id: "both", class: "side", "aria-label": "Both experiments in one plot", hidden: true })));
   // On a screen too narrow for two sides, show both in one plot.
   overlaid = matchMedia("(max-width: 600px)").matches;
   const chosen = kept("prefcal-overlay");
@@ -30,26 +35,13 @@ export function start() {
   cursor.start($("pair"));
   table.start();
   maneuvers = new Maneuvers($("maneuvers"), showPart, jumpTo);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", ({ matches }) => {
-    if (kept("prefcal-theme") !== null) return;
-    document.documentElement.dataset.theme = matches ? "dark" : "light";
-    redraw();
-  });
-  $("theme").addEventListener("click", () => {
-    const root = document.documentElement.dataset;
-    root.theme = root.theme === "dark" ? "light" : "dark";
-    keep("prefcal-theme", root.theme);
-    redraw();
+  DARK.addEventListener("change", () => {
+    plots.draw();
+    maneuvers.draw();
   });
   fill($("both"), el("p", { class: "legend" }, el("span", { class: "key left", id: "key-left" }, "Left"),
     el("span", { class: "key right", id: "key-right" }, "Right")),
   el("div", { class: "plot", id: "both-plot", role: "img", "aria-label": "Both experiments" }));
-}
-
-// Draw again in the colors of another theme.
-function redraw() {
-  plots.draw();
-  maneuvers.draw();
 }
 
 // Show the text of a question; `fit` draws the curves once the layout is known.

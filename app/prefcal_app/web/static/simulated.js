@@ -50,7 +50,6 @@ function build() {
         el("section", { id: "point", class: "card", "aria-label": "The chosen point", "aria-live": "polite" })),
       el("div", { id: "look", tabindex: "-1" })));
   new ResizeObserver(() => data && picture()).observe(map);
-  new MutationObserver(() => data && picture()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
 }
 
 // Explain the signs that are in the picture, and no others.
