@@ -1,8 +1,8 @@
 """Fill in the acceptance sheet of a study: one page, before and after, with lines to sign."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -32,29 +32,6 @@ _NEAR = 1e-6
 """Share of its size by which a value may miss a limit and still count as being at it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sheet:
-    """Content of an acceptance sheet.
-
-    Args:
-        facts: Paragraphs on the study: what it consists of, who answered and when, what before and
-            after mean, and the way back.
-        of: Name of the study and its dates, as text that follows "Acceptance sheet".
-        knobs: Table of the knobs, and of a PID in its parallel form: range, before, after, unit.
-        kpis: Table of the KPIs, largest change first, of limits kept, and how the runs ended:
-            objective, before, after, unit, and whether it is met.
-        more_knobs: Number of knobs for which the page has no room.
-        more_kpis: Number of KPIs for which the page has no room.
-    """
-
-    facts: tuple[str, ...]
-    of: str
-    knobs: Table
-    kpis: Table
-    more_knobs: int
-    more_kpis: int
-
-
 def sheet(record: Record) -> str:
     """Return the text of the sheet, a self-contained page that prints on one A4 or Letter page.
 
@@ -64,7 +41,7 @@ def sheet(record: Record) -> str:
     content = sheet_of(record)
     rows = [
         (row.name, row.values[0].text, row.values[2].text)
-        for row in (*content.knobs.rows, *content.kpis.rows[:-1])
+        for row in (*content["knobs"].rows, *content["kpis"].rows[:-1])
     ]
     lines = sum(
         1 + max(len(text) // room for text, room in zip(row, _LINE, strict=True)) for row in rows
@@ -74,8 +51,15 @@ def sheet(record: Record) -> str:
     return template.render(record=record, sheet=content, curves=picture and data_uri(picture))
 
 
-def sheet_of(record: Record) -> Sheet:
-    """Return the content of the sheet of a study with a completed experiment."""
+def sheet_of(record: Record) -> dict[str, Any]:
+    """Return the content of the sheet of a study with a completed experiment.
+
+    Returns:
+        `facts`: paragraphs on the study; `of`: its name and dates, which follow "Acceptance sheet";
+        `knobs`: table of the knobs, and of a PID in its parallel form; `kpis`: table of the KPIs,
+        largest change first, of limits kept, and how the runs ended; `more_knobs`, `more_kpis`:
+        numbers of those for which the page has no room.
+    """
     assert record.best is not None
     before, after = record.before, record.best
     knobs, kpis = list(_knobs(record)), list(_kpis(record))
@@ -84,19 +68,17 @@ def sheet_of(record: Record) -> Sheet:
     shown = foremost(kpis, room, lambda row: row.values[0].text != "–")
     ends = _row("run ended", "", before.experiment.end.value, after.experiment.end.value)
     heads = [record.baseline.name, f"experiment {after.number}", "unit"]
+    rows, columns = [*shown, *limits, ends], ["KPI", "required", *heads, "met"]
     when = record.origin.get("when (UTC)")
-    return Sheet(
-        facts=tuple(_facts(record)),
-        of=f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' * bool(when)}",
-        knobs=_table("Controller parameters", ["parameter", "range", *heads], knobs[:_MOST]),
-        kpis=_table(
-            "Key performance indicators",
-            ["KPI", "required", *heads, "met"],
-            [*shown, *limits, ends],
-        ),
-        more_knobs=len(knobs[_MOST:]),
-        more_kpis=max(len(kpis) - room, 0),
-    )
+    return {
+        "facts": list(_facts(record)),
+        "of": f"{f' of study {record.study}' if record.study else ''}"
+        f"{f', {when} (UTC)' if when else ''}",
+        "knobs": _table("Controller parameters", ["parameter", "range", *heads], knobs[:_MOST]),
+        "kpis": _table("Key performance indicators", columns, rows),
+        "more_knobs": len(knobs[_MOST:]),
+        "more_kpis": max(len(kpis) - room, 0),
+    }
 
 
 def _table(label: str, headings: list[str], rows: list[Row]) -> Table:

@@ -105,8 +105,7 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "course.png",
         "How it went",
-        "KPIs of each experiment and of the best so far, in the order tried. An agent that asks "
-        "for preferences never sees a performance index.",
+        "KPIs of each experiment and of the best so far, in the order tried.",
         _course_alt,
         course,
         lambda record: bool(drawn_kpis(record)),

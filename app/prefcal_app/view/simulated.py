@@ -9,11 +9,10 @@ from jaxtyping import Float
 from prefcal_app.session import Interview, Now, Question, Side
 from prefcal_app.simulating import Screened, as_shown, why
 from prefcal_app.summary.outlook import after_a_slip
-from prefcal_scenarios.presentation.wording import knob_number
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .seen import Seen
-from .sides import question_view
+from .sides import question_view, theta_texts
 
 _SPAN = 100.0
 """Ratio of the largest to the smallest value from which an axis is logarithmic: two decades."""
@@ -151,7 +150,7 @@ def _points(
     return [
         {
             "theta": theta,
-            "text": [knob_number(k, v) for k, v in zip(scenario.space, theta, strict=True)],
+            "text": theta_texts(scenario.space, theta),
             "values": [None if v != v else float(f"{v:.6g}") for v in row],
             "end": "failed" if bank.failed[i] else "stopped" if stopped[i] else "",
             "number": numbers.get(i),

@@ -11,10 +11,10 @@ from prefcal_app.session.kpi_index import trust_text
 from prefcal_app.session.order import to_repeat
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.presentation.wording import knob_number
 
 from .end import outlook_view
 from .now import best_view, marks_of, simulated_view
+from .sides import theta_texts
 
 _POINTS = 81
 """Number of points of a slice through the surrogate."""
@@ -72,10 +72,7 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
             {
                 "number": index + 1,
                 "theta": list(state.history.samples[index].theta),
-                "text": [
-                    knob_number(k, v)
-                    for k, v in zip(space, state.history.samples[index].theta, strict=True)
-                ],
+                "text": theta_texts(space, state.history.samples[index].theta),
                 "best": index == now.incumbent,
                 "was_best": index in winners,
                 "ended": interview.end(index).value,

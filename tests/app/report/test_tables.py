@@ -29,9 +29,9 @@ def precise():
 def test_theta_reads_in_the_report_as_on_the_page_and_best_json_keeps_all_digits(precise):
     rows = {row.name: row for row in result_rows(precise, result_columns(precise).values())}
     assert rows["gain"].values[0].text == "2.72"
-    assert [row.values[2].text for row in sheet_of(precise).knobs.rows if row.name == "gain"] == [
-        "2.72"
-    ]
+    assert [
+        row.values[2].text for row in sheet_of(precise)["knobs"].rows if row.name == "gain"
+    ] == ["2.72"]
     assert "2.72 <small>m/%" in page(precise, [])
     assert "2.716" not in page(precise, [])
     assert "2.7164" in best_as_json(precise)
