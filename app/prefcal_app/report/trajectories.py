@@ -172,7 +172,7 @@ def _together(
         found = [
             replace(curve, experiment=run)
             for curve, run in zip(curves, runs, strict=True)
-            if len(run.t) or (len(parts) == 1 and _has_record(run))
+            if len(run.t) or len(parts) == 1
         ]
         if found:
             drawn = panels(*(c.experiment for c in found))
