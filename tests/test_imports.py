@@ -47,9 +47,9 @@ LAYERS = {
     ),
     "prefcal_app": (
         {"simulating", "summary"},
-        {"report", "session"},
+        {"session"},
         {"view"},
-        {"terminal", "web"},
+        {"report", "terminal", "web"},
         {"looking"},
         {"cli"},
     ),

@@ -57,8 +57,7 @@ CAMPAIGNS = {
 }
 """Campaign folder and file of each figure, and the page with its command."""
 
-REACTOR = ("best_trajectory.png", "best_so_far.png", "tried.png", "surrogate.png",
-           "final_performance.png")  # fmt: skip
+REACTOR = ("best_trajectory.png", "course.png", "tried.png")
 WORTH = {
     "worth_summary.png": "worth-summary.png",
     "worth_drift.png": "worth-drift.png",

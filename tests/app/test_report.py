@@ -15,11 +15,11 @@ from prefcal_app import figure
 from prefcal_app.report.comparisons import comparisons_as_csv
 from prefcal_app.report.course import course
 from prefcal_app.report.html import page as page_of
+from prefcal_app.report.knobs import knobs
 from prefcal_app.report.pictures import PICTURES, Drawn, Picture
-from prefcal_app.report.slices import slices
-from prefcal_app.report.tried import tried
 from prefcal_app.report.write import write_report
 from prefcal_app.summary.outlook import Outlook
+from prefcal_app.view.sides import theta_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.end import End
 from prefcal_env.knobs.space import KnobSpace
@@ -148,7 +148,6 @@ def test_a_partial_study_gets_a_readable_report_that_says_so():
 def test_a_study_of_one_experiment_can_be_reported(tmp_path):
     write_report(toy_record(stop_after=1), tmp_path)
     assert (tmp_path / "best.json").is_file()
-    assert not (tmp_path / "surrogate.png").exists()
     assert (tmp_path / "best_trajectory.png").exists()
 
 
@@ -160,12 +159,11 @@ def test_a_study_without_any_experiment_leaves_a_page_and_no_stale_result(tmp_pa
     assert "after 0 of 8 experiments" in (tmp_path / "report.html").read_text("utf-8")
 
 
-def test_a_scenario_with_nothing_but_knobs_shows_its_answers_and_what_was_tried(tmp_path):
+def test_a_scenario_with_nothing_but_knobs_shows_what_was_tried(tmp_path):
     plain = toy_record("plain", learn=False)
     page = write_report(plain, tmp_path).read_text(encoding="utf-8")
-    assert {p.name for p in tmp_path.glob("*.png")} == {"course.png", "tried.png"}
-    assert page.count("<figure>") == 2
-    assert len(course(plain).axes) == 1
+    assert {p.name for p in tmp_path.glob("*.png")} == {"tried.png"}
+    assert page.count("<figure>") == 1
 
 
 def test_a_scenario_may_bring_its_own_figures_and_the_plot_settings_survive(tmp_path):
@@ -199,45 +197,31 @@ def test_the_best_so_far_is_what_the_study_held_and_is_not_computed_again():
     assert tuple(t.index for t in record.incumbents) == held
 
 
-def test_a_person_is_not_judged_by_an_index_that_they_never_chose(tmp_path, page, folder):
+def test_a_person_is_not_judged_by_an_index_that_they_never_chose(tmp_path, page):
     write_report(replace(toy_record(), judged=False), tmp_path)
     assert "performance index" not in (tmp_path / "report.html").read_text("utf-8").lower()
-    assert not (tmp_path / "best_so_far.png").exists()
-    assert (tmp_path / "course.png").exists()
     assert "performance index" in page
-    assert (folder / "best_so_far.png").exists()
-    assert not (folder / "course.png").exists()
 
 
-def test_the_colors_without_a_cost_count_experiments_up_in_integers():
-    drawn = tried(replace(toy_record(), judged=False))
-    drawn.draw_without_rendering()
-    bar = drawn.axes[1]
-    assert bar.get_ylabel() == "number of the experiment"
-    low, high = bar.get_ylim()
-    ticks = [tick for tick in bar.get_yticks() if low <= tick <= high]
-    assert ticks == [round(tick) for tick in ticks]
-    assert (low, high) == (1, 8)
-    assert all("−" not in label.get_text() for label in bar.get_yticklabels())
-
-
-def test_values_of_the_best_theta_lie_on_no_axis_and_on_no_line():
-    drawn = tried(toy_record())
-    drawn.draw_without_rendering()
-    axes = drawn.axes[0]
-    box = axes.get_window_extent()
-    best = [text for text in axes.texts if text.get_text().startswith("best ")]
-    assert len(best) == 3
-    assert all(text.get_window_extent().y1 < box.y0 for text in best)
+def test_without_a_learned_cost_experiments_are_drawn_at_their_number():
+    for record, words in ((toy_record(), "learned cost"), (toy_record(learn=False), "experiment")):
+        axes = knobs(record).axes
+        assert axes[0].get_ylabel().startswith(words)
+        assert [a.get_title() for a in axes] == [
+            f"best {knob['text']}"
+            for knob in theta_view(record.scenario.space, record.best.experiment)
+        ]
+    tried = axes[0].lines[0]
+    assert tried.get_ydata().tolist() == [t.number for t in record.trials]
 
 
 def test_the_learned_cost_is_never_drawn_below_0():
     record = toy_record()
     assert record.surrogate is not None
-    learned = record.surrogate
+    cost = record.surrogate
     # Only the order has a meaning: another zero draws the same picture.
     for zero in (0.0, 5.0):
-        drawn = slices(replace(record, surrogate=lambda thetas, zero=zero: learned(thetas) - zero))
+        drawn = knobs(replace(record, surrogate=lambda thetas, zero=zero: cost(thetas) - zero))
         lowest = [float(np.min(line.get_ydata())) for line in drawn.axes[0].lines]
         assert min(lowest) >= 0
         assert max(lowest) < 2
@@ -247,13 +231,18 @@ def test_kpis_over_the_experiments_follow_the_best_so_far():
     record = replace(toy_record(), judged=False)
     drawn = course(record)
     drawn.draw_without_rendering()
-    titles = ["settling time $t_{f}$ [h]", "final level [m]", "largest move [%]", "Answers"]
+    titles = ["settling time $t_{f}$ [h]", "final level [m]", "largest move [%]"]
     assert [axes.get_title() for axes in drawn.axes] == titles
     steps = drawn.axes[0].lines[0]
     held = [t.experiment.kpis["t_f"] for t in record.incumbents]
     np.testing.assert_allclose(steps.get_ydata(), np.clip(held, *drawn.axes[0].get_ylim()))
-    marks = [len(line.get_xdata()) for line in drawn.axes[-1].lines]
-    assert dict(zip(record.verdict_counts(), marks, strict=True)) == record.verdict_counts()
+
+
+def test_the_index_that_the_answers_follow_comes_first_with_the_references():
+    drawn = course(toy_record()).axes[0]
+    assert drawn.get_title() == "performance index (lower is better)"
+    labels = [line.get_label() for line in drawn.lines]
+    assert {"best so far", *toy_record().references} <= set(labels)
 
 
 def test_a_csv_without_questions_is_just_the_headings():

@@ -12,7 +12,6 @@ from prefcal_app.session import Interview
 from prefcal_app.web.api import Api, Pace
 from prefcal_app.web.reports import Reports
 from prefcal_app.web.server.app import make_app
-from prefcal_app.web.views import Views
 from prefcal_app.web.watch import Watch
 
 TOKEN, PORT = "the-token", 8765
@@ -90,8 +89,6 @@ def make_room(
     reports, closed, seen = Reports(), threading.Event(), []
     pace = pace or Pace(poll=0.05, after_answer=0.0)
     watch = Watch(interview)
-    api = Api(
-        interview, Views(interview, reports), watch, closed, lambda waits: seen.append("poll"), pace
-    )
+    api = Api(interview, reports, watch, closed, lambda waits: seen.append("poll"), pace)
     app = make_app(api, token=TOKEN, port=PORT, static=static)
     return Room(interview, app, reports, closed, watch, seen)

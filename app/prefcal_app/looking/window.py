@@ -11,7 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from prefcal_app.web.answers import as_json, error_response, refused
+from prefcal_app.web.answers import as_json, encoded, error_response, refused
 from prefcal_app.web.bodies import digits, read_query
 from prefcal_app.web.pages import Pages
 from prefcal_app.web.reports import Reports
@@ -19,7 +19,6 @@ from prefcal_app.web.server.app import guarded
 from prefcal_app.web.server.files import Assets
 from prefcal_app.web.server.hosts import Hosts
 from prefcal_app.web.server.site import Site
-from prefcal_app.web.views import encoded
 
 from .pair import Run, paired
 from .view import pair_view

@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
@@ -14,7 +14,6 @@ import numpy as np
 from prefcal_env.controllers.stored import KINDS, from_data
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.control import Controller
-from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import Scenario, with_ranges
@@ -24,17 +23,13 @@ from .record import Record
 FORMAT = 1
 """Format of best.json; raised when older versions of prefcal could not read a newer file."""
 
-_REBUILD = """\
-from numpy import array, inf, nan
-from prefcal_env import Measurement
+REBUILD = """\
 from prefcal_app import load_controller
 
 controller = load_controller("best.json")
-# At every sampling instant; here as at the start of the best experiment.
-u = controller.move(Measurement(
-{arguments}
-)).u
-"""
+# At every sampling instant, with a prefcal_env.Measurement:
+# u = controller.move(measurement).u"""
+"""Code with which a user rebuilds the tuned controller."""
 
 
 def versions() -> dict[str, str]:
@@ -46,47 +41,6 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = "not installed"
     return found
-
-
-def rebuild(record: Record) -> str:
-    """Return code with which a user rebuilds the tuned controller, and calls it once."""
-    best, scenario = record.best, record.scenario
-    if best is None or scenario.controller is None:
-        return ""
-    e, there = best.experiment, len(best.experiment.t_control) > 0
-    measured = [e.output(j) for j in range(len(e.channels.y))]
-    known = there and all(curve is not None for curve in measured)
-    y = [float(curve[0]) for curve in measured if curve is not None] if known else []
-    d = _disturbances(scenario, e.theta)
-    rows = (
-        ("t", 0.0, (f"time [{e.channels.time_unit}]",)),
-        ("x", e.x[0] if len(e.x) else [], _words(e.channels.x)),
-        ("u", e.u_control[0] if there else [], (*_words(e.channels.u), "as last applied")),
-        ("d", [0.0] * len(d), (*_words(d), "as measured" if d else "none measured")),
-        ("y_ref", e.y_ref[0] if there else [], _words(e.channels.y)),
-        ("y", y, _words(e.channels.y)),
-    )
-    lines = [f"    {name}={_code(value)},  # {', '.join(words)}" for name, value, words in rows]
-    return _REBUILD.format(arguments="\n".join(lines))
-
-
-def _disturbances(scenario: Scenario, theta: Any) -> Sequence[Channel]:
-    """Return what a controller with a model measures beside the outputs: it is not recorded."""
-    if scenario.controller is None or hasattr(scenario.run, "worker"):  # not people's own code
-        return ()
-    plant = getattr(scenario.controller(theta), "plant", None)
-    return tuple(getattr(plant, "disturbances", ()))
-
-
-def _words(channels: Sequence[Channel]) -> tuple[str, ...]:
-    return tuple(f"{c.name} [{c.unit}]" if c.unit else c.name for c in channels)
-
-
-def _code(value: Any) -> str:
-    """Return a number or a vector as code, with the digits that a person reads."""
-    if isinstance(value, float):
-        return repr(value)
-    return f"array({[float(f'{v:.6g}') for v in value]})"
 
 
 def best_as_json(record: Record) -> str:

@@ -9,20 +9,13 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from prefcal_scenarios.presentation.wording import knob_number, with_subscripts
+from prefcal_app.view.sides import theta_view
+from prefcal_scenarios.presentation.wording import with_subscripts
 
-from .export import rebuild, versions
+from .export import REBUILD, versions
 from .pictures import Drawn
 from .record import Record
-from .tables import (
-    comparison_rows,
-    experiment_rows,
-    gain_rows,
-    pid_rows,
-    result_columns,
-    result_rows,
-    value_headings,
-)
+from .tables import comparison_table, experiment_table, gain_table, pid_table, result_table
 
 
 @cache
@@ -49,34 +42,20 @@ def environment(*packages: str) -> Environment:
 
 def page(record: Record, drawn: Sequence[Drawn]) -> str:
     """Return the text of report.html."""
+    view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD}
+    if record.best is not None:
+        theta = theta_view(record.scenario.space, record.best.experiment)
+        view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}
+        view |= {"gain": gain_table(record), "result": result_table(record)}
+    if record.asked and not record.scored:
+        view["comparisons"] = comparison_table(record)
     template = environment().get_template("report/report.html.j2")
-    return template.render(
-        record=record, drawn=drawn, rebuild=rebuild(record), versions=versions(), **_view(record)
-    )
+    return template.render(record=record, drawn=drawn, versions=versions(), **view)
 
 
 def data_uri(content: bytes) -> str:
     """Return a data URI with the PNG `content`."""
     return f"data:image/png;base64,{b64encode(content).decode('ascii')}"
-
-
-def _view(record: Record) -> dict[str, Any]:
-    """Return the values that the template needs besides the record itself."""
-    view: dict[str, Any] = {"lead": lead(record)}
-    if record.best is not None:
-        view["headings"] = value_headings(record)
-        view["experiment_rows"] = experiment_rows(record)
-        view["comparison_rows"] = comparison_rows(record)
-        theta = record.scenario.space.named(record.best.experiment.theta)
-        view["best_values"] = [
-            (k.name, knob_number(k, theta[k.name]), k.unit) for k in record.scenario.space
-        ]
-        columns = result_columns(record)
-        view["result_columns"] = columns
-        view["result_rows"] = result_rows(record, columns.values())
-        view["gain_rows"] = gain_rows(record)
-        view["pid"] = pid_rows(record)
-    return view
 
 
 def lead(record: Record) -> str:

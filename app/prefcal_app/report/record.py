@@ -9,31 +9,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_app.summary.counts import VERDICTS as VERDICTS
 from prefcal_app.summary.gain import Baseline
 from prefcal_app.summary.outlook import Outlook
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.own.own_line import in_words, located
 from prefcal_scenarios.scenario import KPI, Scenario
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 """Learned latent cost of m physical θ; lower is better, only the order has a meaning."""
-
-
-def above(cost: Float[np.ndarray, " m"], lowest: float) -> Float[np.ndarray, " m"]:
-    """Return the square root of the difference of `cost` to `lowest`, 0 or more."""
-    return np.asarray(np.sqrt(np.maximum(cost - lowest, 0.0)))
-
-
-VERDICTS: Mapping[Preference | None, str] = {
-    Preference.CHALLENGER: "newer better",
-    Preference.TIE: "about the same",
-    Preference.INCUMBENT: "older better",
-    None: "can't tell",
-}
-"""Text of each verdict, in the order of the counts. The challenger is the newer experiment; the
-older one need not be the best so far, since follow-up comparisons can be about other runs."""
 
 
 @dataclass(frozen=True, slots=True)

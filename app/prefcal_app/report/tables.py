@@ -1,13 +1,15 @@
-"""Rows and headings of the report's tables, prepared for the templates."""
+"""Tables of the report and of the acceptance sheet, as plain data: one template draws all."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from prefcal_app.summary.compare import Spread
+from prefcal_app.summary.counts import VERDICTS
 from prefcal_app.summary.gain import gained
+from prefcal_app.view.sides import theta_view
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
 from prefcal_env.preferences.answer import Preference
@@ -24,11 +26,11 @@ from prefcal_scenarios.presentation.wording import (
 )
 from prefcal_scenarios.scenario import KPI
 
-from .record import VERDICTS, Record
+from .record import Record
 
 _T = TypeVar("_T")
 _MOST = 3
-"""Number of KPIs that the page shows for each side of a comparison."""
+"""Number of KPIs that the table of experiments shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,68 +40,51 @@ class Value:
     Args:
         text: Text of the cell.
         met: Whether the value meets its objective; None if there is none.
+        kind: Classes of the style sheet: "best", "words", "yes" or "no"; empty for none.
     """
 
     text: str
     met: bool | None = None
+    kind: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class ResultRow:
-    """Row of the result table: a knob, a KPI, the cost, or how the run ended.
+class Row:
+    """Row of a table.
 
     Args:
         name: Heading of the row.
-        values: Values, one for each of `result_columns`.
+        values: Values, one for each column but the first.
         unit: Unit of the values; empty for none.
         aim: Objective as text; empty for none.
+        kind: Classes of the heading.
     """
 
     name: str
     values: tuple[Value, ...]
     unit: str = ""
     aim: str = ""
+    kind: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class ExperimentRow:
-    """An experiment: its number, starting at 1, its values, and how it ended."""
+class Column:
+    """Heading of a column, with the unit of its values and its classes."""
 
-    number: int
-    best: bool
-    values: tuple[Value, ...]
-    ended: str
-
-
-@dataclass(frozen=True, slots=True)
-class Compared:
-    """One side of a comparison: the experiment's number, starting at 1, and its values."""
-
-    number: int
-    preferred: bool
-    values: tuple[Value, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ComparisonRow:
-    """A question with its answer; the newer experiment is the first of `sides`."""
-
-    number: int
-    verdict: str
-    marks: tuple[str, ...]
-    sides: tuple[Compared, Compared]
-
-
-@dataclass(frozen=True, slots=True)
-class PIDRow:
-    """Parameter of a tuned PID: the form that has it, and its value in best run and baseline."""
-
-    form: str
     name: str
-    unit: str
-    best: str
-    before: str
-    derived: str
+    unit: str = ""
+    kind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table with its label for screen readers; `look` is its classes in the style sheet."""
+
+    label: str
+    caption: str
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+    look: str = "result"
 
 
 def gain_rows(record: Record) -> list[dict[str, Any]]:
@@ -107,6 +92,31 @@ def gain_rows(record: Record) -> list[dict[str, Any]]:
     assert record.best is not None
     spread = Spread(trial.experiment.kpis for trial in record.trials)
     return gained(record.before.experiment, record.best.experiment, record.kpis, spread)
+
+
+def gain_table(record: Record) -> Table:
+    """Return what was gained over the baseline, largest change first."""
+    assert record.best is not None
+    kinds = {"better": "words yes", "worse": "words no", "": ""}
+    rows = [
+        Row(
+            row["title"],
+            (
+                Value(row["before"]),
+                Value(row["after"], row["met"], "best"),
+                Value(row["change"]),
+                Value(row["verdict"], kind=kinds[row["verdict"]]),
+            ),
+            row["unit"],
+            row["objective"],
+        )
+        for row in gain_rows(record)
+    ]
+    before = f"{record.baseline.name} ({record.before.number})"
+    names = ("", before, f"best ({record.best.number})", "change", "")
+    columns = [Column(name) for name in names]
+    caption = "Largest change first. ✓ meets the objective, ✗ does not."
+    return Table("What was gained", caption, columns, rows)
 
 
 def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -> list[_T]:
@@ -132,8 +142,11 @@ def _tells(record: Record, kpi: KPI) -> bool:
     return len(known) > 1 or any(kpi.met(value) is False for value in known)
 
 
-def pid_rows(record: Record) -> list[PIDRow]:
-    """Return the tuned PID in the ISA and the parallel form; [] for other controllers."""
+def pid_forms_of(record: Record) -> list[tuple[Parameter, str, str]]:
+    """Return each parameter of a tuned PID in both forms, with its best value and that before.
+
+    Empty for other controllers.
+    """
     scenario = record.scenario
     if scenario.settings is None or record.best is None:
         return []
@@ -147,10 +160,22 @@ def pid_rows(record: Record) -> list[PIDRow]:
         knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
         return number(p.value) if knob is None else knob_number(knob, p.value)
 
-    return [
-        PIDRow(new.form, new.name, new.unit, text(new), text(old), new.derived)
-        for new, old in zip(best, before, strict=True)
+    return [(new, text(new), text(old)) for new, old in zip(best, before, strict=True)]
+
+
+def pid_table(record: Record) -> Table | None:
+    """Return the tuned PID in the ISA and the parallel form; None for other controllers."""
+    before = record.baseline.name
+    rows = [
+        Row(p.name, (Value(p.form, kind="words"), Value(new, kind="best"), Value(old)), p.unit)
+        for p, new, old in pid_forms_of(record)
     ]
+    caption = (
+        "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Parallel form: K_i and "
+        f"K_d in place of K_p/T_i and K_p T_d. To go back, set the values of the {before}."
+    )
+    columns = [Column(name) for name in ("", "form", "best", before)]
+    return Table("The PID in both forms", caption, columns, rows) if rows else None
 
 
 def result_columns(record: Record) -> dict[str, Experiment]:
@@ -159,19 +184,18 @@ def result_columns(record: Record) -> dict[str, Experiment]:
     return {"best": record.best.experiment, **record.compared_with}
 
 
-def result_rows(record: Record, experiments: Iterable[Experiment]) -> Iterator[ResultRow]:
+def result_rows(record: Record, experiments: Iterable[Experiment]) -> Iterator[Row]:
     """Yield a row for each knob, the cost, each KPI, and how these experiments ended."""
     shown = list(experiments)
     for i, knob in enumerate(record.scenario.space):
-        values = tuple(Value(knob_number(knob, e.theta[i])) for e in shown)
-        yield ResultRow(knob.name, values, knob.unit)
+        yield Row(knob.name, tuple(Value(knob_number(knob, e.theta[i])) for e in shown), knob.unit)
     if record.shows_cost:
-        yield ResultRow("performance index", tuple(Value(number(record.cost(e))) for e in shown))
+        yield Row("performance index", tuple(Value(number(record.cost(e))) for e in shown))
     for part, kpi in _grouped(record.kpis, shown):
         values = tuple(_judged(kpi, e) for e in shown)
         title = kpi.title if part in ("", WORST) else named(kpi.title, part)
-        yield ResultRow(title, values, kpi.unit, objective(kpi))
-    yield ResultRow("ended", tuple(Value(ended_text(e)) for e in shown))
+        yield Row(title, values, kpi.unit, objective(kpi))
+    yield Row("ended", tuple(Value(ended_text(e)) for e in shown))
 
 
 def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple[str, KPI]]:
@@ -181,57 +205,66 @@ def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple
     return grouped(kpis, *shown)
 
 
-def value_headings(record: Record) -> list[tuple[str, str]]:
-    """Return the name and unit of each value that tables show of an experiment."""
-    knobs = [(k.name, k.unit) for k in record.scenario.space]
-    return knobs + [(k.title, k.unit) for k in shown_values(record)]
+def result_table(record: Record) -> Table:
+    """Return the best experiment beside the baseline and the references."""
+    columns = result_columns(record)
+    rows = [
+        replace(row, values=(replace(row.values[0], kind="best"), *row.values[1:]))
+        for row in result_rows(record, columns.values())
+    ]
+    headings = [Column(name) for name in ("", *columns)]
+    return Table("Result table", "✓ meets the objective, ✗ does not.", headings, rows)
 
 
-def experiment_rows(record: Record) -> Iterator[ExperimentRow]:
-    """Yield every experiment with its values, in the order of their numbers."""
+def experiment_table(record: Record) -> Table:
+    """Return every experiment with θ and the main KPIs, in the order of their numbers."""
     assert record.best is not None
     kpis = shown_values(record)
+    rows = []
     for trial in record.trials:
-        values = _values(record, kpis, trial.experiment)
-        best = trial.index == record.best.index
-        yield ExperimentRow(trial.number, best, values, ended_text(trial.experiment))
+        kind = "best" if trial.index == record.best.index else ""
+        theta = [Value(k["text"]) for k in theta_view(record.scenario.space, trial.experiment)]
+        values = (*theta, *(_judged(kpi, trial.experiment) for kpi in kpis))
+        cells = tuple(Value(v.text, v.met, kind) for v in values)
+        ended = Value(ended_text(trial.experiment), kind=f"words {kind}".strip())
+        rows.append(Row(str(trial.number), (*cells, ended), kind=kind))
+    named = [Column(k.name, k.unit) for k in record.scenario.space]
+    named += [Column(k.title, k.unit) for k in kpis]
+    columns = [Column("exp."), *named, Column("ended", kind="words")]
+    caption = "The tinted experiment is the best. ✓ meets the objective, ✗ does not."
+    return Table("Experiments", caption, columns, rows, "tight")
 
 
-def comparison_rows(record: Record) -> Iterator[ComparisonRow]:
-    """Yield every question with its answer, in the order of the answers."""
-    kpis = shown_values(record)
-    for row, comparison in enumerate(record.asked, start=1):
-        answer = comparison.answer
-        marks = tuple(marks_text(answer))
-        verdict = VERDICTS[answer.preference]
-        yield ComparisonRow(row, verdict, marks, _sides(record, kpis, comparison))
+def comparison_table(record: Record) -> Table:
+    """Return every question with its answer, in the order of the answers."""
+    rows = [
+        Row(str(row), tuple(_answered(comparison)))
+        for row, comparison in enumerate(record.asked, start=1)
+    ]
+    words = [Column(name, kind="words") for name in ("verdict", "marks")]
+    columns = [Column("no."), *words, Column("newer experiment"), Column("compared with")]
+    caption = (
+        "The tinted experiment was preferred; its values are under Experiments. All KPIs and full "
+        "precision are in comparisons.csv."
+    )
+    return Table("Comparisons", caption, columns, rows, "tight")
+
+
+def _answered(comparison: Comparison) -> Iterator[Value]:
+    query, answer = comparison.query, comparison.answer
+    assert query.incumbent is not None
+    yield Value(VERDICTS[answer.preference], kind="words")
+    yield Value("; ".join(marks_text(answer)), kind="words")
+    for sample, wins in (
+        (query.challenger, Preference.CHALLENGER),
+        (query.incumbent, Preference.INCUMBENT),
+    ):
+        yield Value(str(sample.index + 1), kind="best" if answer.preference is wins else "")
 
 
 def shown_values(record: Record) -> list[KPI]:
     """Return the KPIs that tell experiments apart, as many as fit into a table."""
     return foremost_kpis(record, _MOST)
-
-
-def _sides(
-    record: Record, kpis: Sequence[KPI], comparison: Comparison
-) -> tuple[Compared, Compared]:
-    query, preference = comparison.query, comparison.answer.preference
-    assert query.incumbent is not None
-    assert comparison.incumbent is not None
-
-    def side(index: int, experiment: Experiment, wins: Preference) -> Compared:
-        return Compared(index + 1, preference is wins, _values(record, kpis, experiment))
-
-    return (
-        side(query.challenger.index, comparison.challenger, Preference.CHALLENGER),
-        side(query.incumbent.index, comparison.incumbent, Preference.INCUMBENT),
-    )
-
-
-def _values(record: Record, kpis: Sequence[KPI], experiment: Experiment) -> tuple[Value, ...]:
-    space = record.scenario.space
-    theta = [Value(knob_number(k, v)) for k, v in zip(space, experiment.theta, strict=True)]
-    return (*theta, *(_judged(k, experiment) for k in kpis))
 
 
 def _judged(kpi: KPI, experiment: Experiment) -> Value:

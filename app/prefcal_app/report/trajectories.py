@@ -34,8 +34,6 @@ _ACROSS = 3
 """Largest number of maneuvers next to each other; more would be too narrow to read."""
 _LINE = 76
 """Number of characters of θ that fit above half of a figure."""
-_TALL = 2.2
-"""Largest height of a panel on paper, in inches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,73 +55,51 @@ class _Row:
     zoomed: bool = False
 
 
-def curves_of(record: Record) -> list[Curve]:
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Panels below each other with the same curves, and a heading above them."""
+
+    heading: str
+    rows: Sequence[_Row]
+    curves: Sequence[Curve]
+
+
+def curves_of(record: Record, *, references: bool = True) -> list[Curve]:
     """Return the baseline, the references and the best run, except runs without a record."""
     assert record.best is not None
     first, best = record.before, record.best
-    (name, _), *references = record.compared_with.items()
+    alone = {record.baseline.name: first.experiment}
+    (name, _), *others = (record.compared_with if references else alone).items()
     curves = [Curve(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
-    for i, (name, experiment) in enumerate(references):
+    for i, (name, experiment) in enumerate(others):
         color, dashes = look(i)
         curves.append(Curve(experiment, name, color, 1.5, dashes))
     curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
     return [curve for curve in curves if _has_record(curve.experiment)]
 
 
-def best_against(record: Record) -> Figure:
-    """Draw the best trajectory with the baseline and the references, a panel per signal."""
-    curves = curves_of(record)
-    if _has_maneuvers(curves):
-        return _multiples(partial(panels_of, record.scenario), curves)
-    panels = panels_of(record.scenario, *(c.experiment for c in curves))
-    rows = list(_rows(panels, curves))
-    heights = [1.25 if row.zoomed else 1.9 for row in rows]
-    return _with_legend(_stacked(rows, curves, 0.7 + sum(heights), heights), curves)
-
-
-def before_and_after(record: Record, *, panels: int, height: float) -> Figure | None:
-    """Draw the baseline and the best run in at most `panels` panels; None if neither has a record.
+def best_against(
+    record: Record, *, references: bool = True, panels: int | None = None, most: float = np.inf
+) -> Figure | None:
+    """Draw the best trajectory with what it is compared with; None without any record.
 
     Args:
         record: Record of the study.
-        panels: Largest number of panels, most important first.
-        height: Largest height of the figure, in inches.
+        references: Whether to draw the references, and zooms on targets with a narrow band.
+        panels: Largest number of panels, most important first; None for all.
+        most: Largest height of the figure, in inches.
     """
-    assert record.best is not None
-    runs = {
-        number: Curve(experiment, label, color, width)
-        for number, experiment, label, color, width in (
-            (record.before.number, record.before.experiment, record.baseline.name, OTHERS[0], 1.7),
-            (record.best.number, record.best.experiment, "best", BEST, 2.0),
-        )
-        if _has_record(experiment)
-    }
-    curves = list(runs.values())
+    curves = curves_of(record, references=references)
     if not curves:
         return None
-    if _has_maneuvers(curves):
-        draws = partial(panels_of, record.scenario)
-        return _multiples(draws, curves, most=panels, height=height)
-    rows = [_Row(panel) for panel in panels_of(record.scenario, *(c.experiment for c in curves))]
-    rows = rows[:panels]
-    return _with_legend(_stacked(rows, curves, min(height, 0.8 + _TALL * len(rows))), curves)
-
-
-def side_by_side(record: Record, other: str) -> Figure:
-    """Draw the best trajectory on the left and the reference `other` on the right."""
-    assert record.best is not None
-    best, rival = record.best.experiment, record.references[other]
-    pair = (
-        Curve(best, "preference-based (this study)", BEST, 1.9),
-        Curve(rival, other, OTHERS[0], 1.9),
-    )
-    return _pair(record.scenario, pair)
+    draws = partial(panels_of, record.scenario)
+    return _together(lambda *runs: draws(*runs)[:panels], curves, zooms=references, most=most)
 
 
 def figure(
     scenario: Scenario, left: Experiment, right: Experiment, labels: tuple[str, str] = ("1", "2")
 ) -> Figure:
-    """Draw two experiments side by side on equal axes.
+    """Draw two experiments side by side on equal axes, a row for each panel and maneuver.
 
     Args:
         scenario: Scenario of both experiments.
@@ -132,8 +108,22 @@ def figure(
         labels: Labels of the left and the right experiment.
     """
     pair = (Curve(left, labels[0], BEST, 1.9), Curve(right, labels[1], OTHERS[0], 1.9))
+    parts = maneuvers_of(left, right)
+    blocks = []
+    for part, runs in parts.items():
+        rows = [_Row(panel) for panel in panels_of(scenario, *runs)]
+        for curve, run in zip(pair, runs, strict=True):
+            heading = part if curve is pair[0] else ""
+            blocks.append(_Block(heading, rows, [replace(curve, experiment=run)]))
     with style():
-        return _pair(scenario, pair)
+        drawn, tops = _drawn(blocks, 2, 0.8 + 1.75 * sum(len(b.rows) for b in blocks) / 2)
+        up = 15 if any(parts) else 0  # above the name of the first maneuver
+        thetas = [_theta_lines(scenario, curve.experiment.theta) for curve in pair]
+        label = 24 + 12 * max(map(len, thetas)) + up
+        for axes, curve, lines in zip(tops[:2], pair, thetas, strict=True):
+            _above(axes, "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
+            _above(axes, curve.label, label, color=curve.color, fontweight="bold")
+    return drawn
 
 
 def alone(scenario: Scenario, experiment: Experiment) -> Figure:
@@ -143,16 +133,10 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
         scenario: Scenario of the experiment.
         experiment: Experiment that left a record.
     """
+    theta = "\n".join(_theta_lines(scenario, experiment.theta))
     with style():
-        curve = Curve(experiment, "this run", BEST, 1.9)
-        if _has_maneuvers([curve]):
-            return _multiples(partial(panels_of, scenario), [curve])
-        rows = list(_rows(panels_of(scenario, experiment), [curve]))
-        figure = _stacked(rows, [curve], 0.6 + 1.75 * len(rows))
-        values = zip(scenario.space, experiment.theta, strict=True)
-        theta = ",  ".join(f"{mathtext(k.name)} = {knob_number(k, v)}" for k, v in values)
-        _above(figure.axes[0], theta, 21, color=FAINT, fontsize=8.5)
-    return figure
+        curve = Curve(experiment, theta, BEST, 1.9)
+        return _together(partial(panels_of, scenario), [curve], zooms=True)
 
 
 def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
@@ -164,119 +148,87 @@ def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
         panels: Panels from top to bottom, the same for all experiments.
         curves: Experiments with their labels and colors.
     """
-    if _has_maneuvers(curves):
-        return _multiples(lambda *_: tuple(panels), curves)
-    rows = [_Row(panel) for panel in panels]
-    return _with_legend(_stacked(rows, curves, 0.7 + 1.75 * len(rows)), curves)
+    return _together(lambda *_: tuple(panels), curves)
 
 
-def _stacked(
-    rows: Sequence[_Row],
+def _together(
+    panels: Callable[..., Sequence[Plot]],
     curves: Sequence[Curve],
-    height: float,
-    heights: Sequence[float] | None = None,
+    *,
+    zooms: bool = False,
+    most: float = np.inf,
 ) -> Figure:
-    """Draw a panel for each row, below each other over one axis of time."""
+    """Draw runs over each other: a column of panels for each maneuver, with a legend.
+
+    Args:
+        panels: Function that returns the panels of the runs of one maneuver.
+        curves: Runs with their labels and colors; one or more left a record.
+        zooms: Whether a narrow band around a target gets a panel of its own, without maneuvers.
+        most: Largest height of the figure, in inches.
+    """
+    parts = maneuvers_of(*(curve.experiment for curve in curves))
+    blocks = []
+    for part, runs in parts.items():
+        found = [
+            replace(curve, experiment=run)
+            for curve, run in zip(curves, runs, strict=True)
+            if len(run.t) or len(parts) == 1
+        ]
+        if found:
+            drawn = panels(*(c.experiment for c in found))
+            zoomed = zooms and len(parts) == 1
+            rows = list(_zoomed(drawn, found)) if zoomed else [_Row(panel) for panel in drawn]
+            blocks.append(_Block(part, rows, found))
+    across = min(len(blocks), _ACROSS)
+    count = max(len(block.rows) for block in blocks) * -(-len(blocks) // across)
+    each = 1.75 if len(parts) == 1 else 1.6
+    height = 0.75 + each * count if np.isinf(most) else min(most, 0.8 + 2.2 * count)
+    figure, tops = _drawn(blocks, across, height, short=len(parts) > 1)
+    fullest = max(range(len(blocks)), key=lambda i: len(blocks[i].curves))
+    legend(figure, tops[fullest], len(curves))
+    return figure
+
+
+def _drawn(
+    blocks: Sequence[_Block], across: int, height: float, *, short: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Draw blocks next to each other; return the figure, and the first axes of each block.
+
+    Blocks of the same rows next to each other share their axes.
+
+    Args:
+        blocks: Blocks from left to right, then from top to bottom.
+        across: Number of blocks next to each other.
+        height: Height of the figure, in inches.
+        short: Whether titles name only the signal and its unit.
+    """
+    count = max(len(block.rows) for block in blocks)
     figure = canvas(height)
-    grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)
-    _fill(list(grid[:, 0]), rows, curves)
-    return figure
-
-
-def _with_legend(figure: Figure, curves: Sequence[Curve]) -> Figure:
-    legend(figure, figure.axes[0], len(curves))
-    return figure
+    grid = figure.subplots(count * -(-len(blocks) // across), across, squeeze=False)
+    for axes in grid.flat:
+        axes.set_visible(False)
+    tops = []
+    for i, block in enumerate(blocks):
+        top, column = i // across * count, i % across
+        places = list(grid[top : top + len(block.rows), column])
+        same = column > 0 and blocks[i - 1].rows is block.rows
+        for axes, left in zip(places, grid[top:, 0], strict=False):
+            axes.set_visible(True)
+            axes.tick_params(labelbottom=axes is places[-1], labelleft=not same)
+            if same:
+                axes.sharey(left)
+            if axes is not grid[top, 0] and (same or axes is not places[0]):
+                axes.sharex(grid[top, 0] if same else places[0])
+        _fill(places, block, short=short)
+        if block.heading:
+            _above(places[0], block.heading, 21, fontweight="bold")
+        tops.append(places[0])
+    return figure, tops
 
 
 def _has_record(experiment: Experiment) -> bool:
     """Return whether an experiment, or any of its maneuvers, left a record."""
     return any(len(run.t) for run in experiment.runs or (experiment,))
-
-
-def _has_maneuvers(curves: Sequence[Curve]) -> bool:
-    return len(maneuvers_of(*(curve.experiment for curve in curves))) > 1
-
-
-def _by_maneuver(curves: Sequence[Curve]) -> dict[str, list[Curve]]:
-    """Return the curves of each maneuver, without the runs that left no record."""
-    return {
-        part: [
-            replace(curve, experiment=run)
-            for curve, run in zip(curves, runs, strict=True)
-            if len(run.t)
-        ]
-        for part, runs in maneuvers_of(*(curve.experiment for curve in curves)).items()
-    }
-
-
-def _multiples(
-    panels: Callable[..., Sequence[Plot]],
-    curves: Sequence[Curve],
-    *,
-    most: int | None = None,
-    height: float | None = None,
-) -> Figure:
-    """Draw a small plot for each panel and maneuver: a row of maneuvers below each panel's title.
-
-    Args:
-        panels: Function that returns the panels of the runs of one maneuver.
-        curves: Runs with their labels and colors; one or more left a record.
-        most: Largest number of panels, most important first; None for all.
-        height: Height of a figure with that many panels, in inches; None for the usual one.
-    """
-    drawn = {part: found for part, found in _by_maneuver(curves).items() if found}
-    plots = {part: panels(*(c.experiment for c in found))[:most] for part, found in drawn.items()}
-    count = max(len(found) for found in plots.values())
-    across = min(len(drawn), _ACROSS)
-    down = -(-len(drawn) // across) * count
-    whole = 0.8 + 1.6 * down if height is None else height
-    figure = canvas(whole)
-    grid = figure.subplots(down, across, squeeze=False)
-    for place in grid.flat:
-        place.set_visible(False)
-    for i, (part, found) in enumerate(drawn.items()):
-        top = i // across * count
-        places = grid[top : top + len(plots[part]), i % across]
-        for place in places:
-            place.set_visible(True)
-        _fill(list(places), [_Row(panel) for panel in plots[part]], found, _short)
-        _above(places[0], part, 21, fontweight="bold")
-    fullest = max(drawn, key=lambda part: len(drawn[part]))
-    i = list(drawn).index(fullest)
-    legend(figure, grid[i // across * count, i % across], len(curves))
-    return figure
-
-
-def _short(channel: Channel, *, zoomed: bool = False) -> str:
-    """Return a title that fits above a small plot: the signal and its unit."""
-    return panel_title(replace(channel, target=None, band=None, low=-np.inf, high=np.inf))
-
-
-def _pair(scenario: Scenario, pair: Sequence[Curve]) -> Figure:
-    """Draw two runs side by side, a row for each panel; the maneuvers below each other."""
-    parts = maneuvers_of(*(curve.experiment for curve in pair))
-    rows = {
-        part: [_Row(panel) for panel in panels_of(scenario, *runs)] for part, runs in parts.items()
-    }
-    count = sum(map(len, rows.values()))
-    figure = canvas(0.8 + 1.75 * count)
-    grid = figure.subplots(count, 2, sharey="row", squeeze=False)
-    top = 0
-    for part, runs in parts.items():
-        places = grid[top : top + len(rows[part])]
-        _share_time(places)
-        for column, (curve, run) in enumerate(zip(pair, runs, strict=True)):
-            _fill(list(places[:, column]), rows[part], [replace(curve, experiment=run)])
-        if part:
-            _above(places[0, 0], part, 21, fontweight="bold")
-        top += len(rows[part])
-    up = 15 if any(parts) else 0  # above the name of the first maneuver
-    thetas = [_theta_lines(scenario, curve.experiment.theta) for curve in pair]
-    label = 24 + 12 * max(map(len, thetas)) + up
-    for column, (curve, lines) in enumerate(zip(pair, thetas, strict=True)):
-        _above(grid[0, column], "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
-        _above(grid[0, column], curve.label, label, color=curve.color, fontweight="bold")
-    return figure
 
 
 def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str]:
@@ -292,50 +244,37 @@ def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str
     return lines[1:]
 
 
-def _share_time(places: "np.ndarray[Any, Any]") -> None:
-    """Give these plots, row by row, one axis of time, with numbers below the last row only."""
-    for place in places.flat[1:]:
-        place.sharex(places[0, 0])
-    for place in places[:-1].flat:
-        place.tick_params(labelbottom=False)
-
-
 def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
     axes.annotate(
         text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look
     )
 
 
-def _rows(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
+def _zoomed(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
     """Yield every panel, followed by a zoom if its accepted band would look like a line."""
     for panel in panels:
         yield _Row(panel)
-        values = [panel.values(c.experiment) for c in curves]
-        every = np.concatenate(values)
+        every = np.concatenate([panel.values(c.experiment) for c in curves])
         spread = np.ptp(every[np.isfinite(every)]) if np.isfinite(every).any() else 0.0
         band = panel.channel.band
         if panel.channel.target is not None and band is not None and 2 * band < 0.15 * spread:
             yield _Row(panel, zoomed=True)
 
 
-def _fill(
-    axes: Sequence[Axes],
-    rows: Sequence[_Row],
-    curves: Sequence[Curve],
-    title: Callable[..., str] | None = None,
-) -> None:
-    title = panel_title if title is None else title
-    for place, row in zip(axes, rows, strict=True):
+def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
+    """Draw the curves of a block; `short` titles name only the signal and its unit."""
+    for place, row in zip(axes, block.rows, strict=True):
         channel = row.panel.channel
         _limits(place, channel)
-        for curve in curves:
+        for curve in block.curves:
             _reference(place, row.panel, curve.experiment)
             _draw(place, row.panel, curve)
-        place.set_title(title(channel, zoomed=row.zoomed))
+        named = replace(channel, target=None, band=None, low=-np.inf, high=np.inf)
+        place.set_title(panel_title(named if short else channel, zoomed=row.zoomed))
         if row.zoomed and channel.target is not None and channel.band is not None:
             place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
         place.margins(x=0.01)
-    axes[-1].set_xlabel(f"time [{curves[0].experiment.channels.time_unit}]")
+    axes[-1].set_xlabel(f"time [{block.curves[0].experiment.channels.time_unit}]")
 
 
 def _reference(axes: Axes, panel: Plot, experiment: Experiment) -> None:

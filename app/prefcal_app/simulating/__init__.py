@@ -10,7 +10,7 @@ from .basis import past_of as past_of
 from .basis import simulates as simulates
 from .kept import Kept as Kept
 from .kept import key_of as key_of
-from .prospect import Prospect as Prospect
+from .screened import Prospect as Prospect
 from .screened import Screened as Screened
 from .simulator import Abandoned as Abandoned
 from .simulator import Simulator as Simulator

@@ -7,7 +7,7 @@ from prefcal_agents.screening.reason import Reason
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import KPI, Scenario
 
-from .prospect import percent
+from .screened import percent
 
 _MOST = 2
 """Number of KPIs named on either side of the sentence, those that matter most."""

@@ -69,17 +69,20 @@ def one_misses(kpi: KPI, left: Experiment, right: Experiment) -> bool:
 def row_of(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str, Any]:
     """Return the row of one KPI, without its group."""
     return {
-        "title": kpi.title,
-        "about": kpi.about,
-        "unit": kpi.unit,
-        "objective": limits_text(kpi),
+        **words_of(kpi),
         "left": _value(kpi, left),
         "right": _value(kpi, right),
         "difference": _difference(kpi, left, right) if size else "",
         "better": _better(kpi, left, right) if size else None,
         "size": round(min(size, 1.0), 3),
         "change": round(min(size, _share(kpi, left, right)), 3),
-    }  # fmt: skip
+    }
+
+
+def words_of(kpi: KPI) -> dict[str, str]:
+    """Return what a KPI is called, and what it should be."""
+    about, objective = kpi.about, limits_text(kpi)
+    return {"title": kpi.title, "about": about, "unit": kpi.unit, "objective": objective}
 
 
 def _value(kpi: KPI, experiment: Experiment) -> dict[str, Any]:

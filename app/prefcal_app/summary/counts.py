@@ -8,6 +8,15 @@ from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import State
 
+VERDICTS: Mapping[Preference | None, str] = {
+    Preference.CHALLENGER: "newer better",
+    Preference.TIE: "about the same",
+    Preference.INCUMBENT: "older better",
+    None: "can't tell",
+}
+"""Text of each verdict, in the order of the counts. The challenger is the newer experiment; the
+older one need not be the best so far, since follow-up comparisons can be about other runs."""
+
 
 @dataclass(frozen=True, slots=True)
 class Counts:

@@ -77,10 +77,7 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
     before, after = row["left"], row["right"]
     same = "no change" if before["text"] == after["text"] != MISSING else ""
     return {
-        "title": row["title"],
-        "about": row["about"],
-        "unit": row["unit"],
-        "objective": row["objective"],
+        **{name: row[name] for name in ("title", "about", "unit", "objective")},
         "before": before["text"],
         "after": after["text"],
         "met": after["met"],

@@ -107,8 +107,7 @@ def outlook(
     several = len(ends) > 1
     verb, whose = ("are", "their ranges") if several else ("is", "its range")
     listed = _listed([knob.name for knob, _ in ends])
-    there = "at" if _exactly(best, space, ends) else "near"
-    sentence = f"{listed} of the best θ {verb} {there} the end of {whose}"
+    sentence = f"{listed} of the best θ {verb} near the end of {whose}"
     within = promise and f"Within the present ranges, {promise[0].lower()}{promise[1:]}"
     if place == ":memory:":
         end = f"{sentence}; if your plant allows it, widen {whose}."
@@ -119,14 +118,6 @@ def outlook(
         _command(ends, space, place, str(state.configuration["scenario"])),
         missed=why,
     )
-
-
-def _exactly(
-    best: Float[np.ndarray, " n"], space: KnobSpace, ends: Sequence[tuple[Knob, bool]]
-) -> bool:
-    """Return whether all values near an end are at it."""
-    values = dict(zip(space.names, zip(best.tolist(), space.within, strict=True), strict=True))
-    return all(value == within[up] for knob, up in ends for value, within in [values[knob.name]])
 
 
 def _missed(titles: Sequence[str]) -> str:

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from prefcal_app.report.record import VERDICTS
 from prefcal_app.session import Interview
+from prefcal_app.summary.counts import VERDICTS
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import Comparison
 from prefcal_scenarios.presentation.wording import marks_text

@@ -1,17 +1,16 @@
 """Show one side of a question, and a question with both sides."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from prefcal_app.session import Question, Side
-from prefcal_app.summary.compare import compared
+from prefcal_app.summary.compare import compared, words_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Plot
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.presentation.wording import (
     ended_text,
     knob_number,
-    limits_text,
     measured,
     objective,
 )
@@ -96,14 +95,7 @@ def numbers_view(experiment: Experiment, kpis: Sequence[KPI]) -> dict[str, Any]:
         "interrupted": experiment.end.interrupted,
         "empty": not len(experiment.t),
         "kpis": [
-            {
-                "title": kpi.title,
-                "about": kpi.about,
-                "unit": kpi.unit,
-                "text": measured(kpi, experiment),
-                "met": kpi.met_by(experiment),
-                "objective": limits_text(kpi),
-            }
+            {**words_of(kpi), "text": measured(kpi, experiment), "met": kpi.met_by(experiment)}
             for kpi in shown
         ],
     }
@@ -113,19 +105,14 @@ def theta_view(
     space: KnobSpace, experiment: Experiment, other: Experiment | None = None
 ) -> list[dict[str, Any]]:
     """Return θ with units, and whether each value as shown differs from that of `other`."""
-    texts = _texts(space, experiment)
-    others = texts if other is None else _texts(space, other)
+    texts = theta_texts(space, experiment.theta)
+    others = texts if other is None else theta_texts(space, other.theta)
     return [
-        {
-            "name": knob.name,
-            "about": knob.about,
-            "unit": knob.unit,
-            "text": text,
-            "differs": text != its,
-        }
-        for knob, text, its in zip(space, texts, others, strict=True)
+        {"name": k.name, "about": k.about, "unit": k.unit, "text": text, "differs": text != its}
+        for k, text, its in zip(space, texts, others, strict=True)
     ]
 
 
-def _texts(space: KnobSpace, experiment: Experiment) -> list[str]:
-    return [knob_number(k, float(v)) for k, v in zip(space, experiment.theta, strict=True)]
+def theta_texts(space: KnobSpace, theta: Iterable[float]) -> list[str]:
+    """Return the values of θ as people read them, without units."""
+    return [knob_number(k, float(v)) for k, v in zip(space, theta, strict=True)]

@@ -9,18 +9,13 @@ from jaxtyping import Float
 from prefcal_app.session import Interview, Now, Question, Side
 from prefcal_app.simulating import Screened, as_shown, why
 from prefcal_app.summary.outlook import after_a_slip
-from prefcal_scenarios.presentation.wording import knob_number
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .seen import Seen
-from .sides import question_view
+from .sides import question_view, theta_texts
 
 _SPAN = 100.0
 """Ratio of the largest to the smallest value from which an axis is logarithmic: two decades."""
-_LEAST = 1.0
-"""Percentile of the values above 0 below which they are drawn at the edge of such an axis."""
-_DEEPEST = 1e-4
-"""Share of the median below which they are, too: rounding errors say nothing."""
 
 
 def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, Any] | None:
@@ -108,19 +103,9 @@ class _Axis:
     knob: bool = False
     about: str = ""
 
-    @property
-    def least(self) -> float | None:
-        """Return the smallest value drawn in its place on a logarithmic axis."""
-        positive = self.values[self.values > 0]
-        if not self.log or self.knob:
-            return float(positive.min()) if self.log else None
-        return float(max(np.percentile(positive, _LEAST), _DEEPEST * np.median(positive)))
-
     def as_json(self) -> dict[str, Any]:
-        return {
-            "title": self.title, "unit": self.unit, "log": self.log, "least": self.least,
-            "knob": self.knob, "about": self.about,
-        }  # fmt: skip
+        names = ("title", "unit", "log", "knob", "about")
+        return {name: getattr(self, name) for name in names}
 
 
 def _axes(screened: Screened, scenario: Scenario) -> list[_Axis]:
@@ -136,24 +121,16 @@ def _axes(screened: Screened, scenario: Scenario) -> list[_Axis]:
 
 
 def _of_kpi(name: str, kpi: KPI | None, badness: Float[np.ndarray, " m"]) -> _Axis:
+    """Return the axis of a KPI: logarithmic if its values are positive and span two decades."""
     values = np.where(np.isfinite(badness), badness, np.nan)
-    if kpi is None:
-        return _Axis(name, name.replace("_", " "), "", values, _spans(values))
-    title = kpi.title
-    if kpi.goal == "higher":
+    if kpi is not None and kpi.goal == "higher":
         values = -values
-    elif kpi.goal == "target":
-        title = f"{kpi.title}: distance from its target"
-    return _Axis(name, title, kpi.unit, values, _spans(values), about=kpi.about)
-
-
-def _spans(values: Float[np.ndarray, " m"]) -> bool:
-    """Return whether the values span more than two decades, 0 aside."""
     known = values[np.isfinite(values)]
-    positive = known[known > 0]
-    if not len(positive) or len(positive) < len(known) / 2 or known.min() < 0:
-        return False
-    return bool(positive.max() > _SPAN * np.percentile(positive, _LEAST))
+    log = len(known) > 0 and bool(0 < known.min() < known.max() / _SPAN)
+    if kpi is None:
+        return _Axis(name, name.replace("_", " "), "", values, log)
+    title = f"{kpi.title}: distance from its target" if kpi.goal == "target" else kpi.title
+    return _Axis(name, title, kpi.unit, values, log, about=kpi.about)
 
 
 def _chosen(screened: Screened, axes: list[_Axis]) -> list[int]:
@@ -173,7 +150,7 @@ def _points(
     return [
         {
             "theta": theta,
-            "text": [knob_number(k, v) for k, v in zip(scenario.space, theta, strict=True)],
+            "text": theta_texts(scenario.space, theta),
             "values": [None if v != v else float(f"{v:.6g}") for v in row],
             "end": "failed" if bank.failed[i] else "stopped" if stopped[i] else "",
             "number": numbers.get(i),

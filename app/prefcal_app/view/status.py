@@ -1,20 +1,20 @@
 """Show the status: the best so far, what was tried and learned, and how consistent answers are."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.report.record import above
 from prefcal_app.session import Consistency, Interview, Now
 from prefcal_app.session.kpi_index import trust_text
 from prefcal_app.session.order import to_repeat
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.presentation.wording import knob_number
 
 from .end import outlook_view
 from .now import best_view, marks_of, simulated_view
+from .sides import theta_texts
 
 _POINTS = 81
 """Number of points of a slice through the surrogate."""
@@ -72,10 +72,7 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
             {
                 "number": index + 1,
                 "theta": list(state.history.samples[index].theta),
-                "text": [
-                    knob_number(k, v)
-                    for k, v in zip(space, state.history.samples[index].theta, strict=True)
-                ],
+                "text": theta_texts(space, state.history.samples[index].theta),
                 "best": index == now.incumbent,
                 "was_best": index in winners,
                 "ended": interview.end(index).value,
@@ -86,32 +83,47 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
     }
 
 
-def _slices(interview: Interview, now: Now) -> Any:
-    """Return the learned cost along each knob through the best θ; None if nothing is learned."""
+def _slices(interview: Interview, now: Now) -> list[dict[str, Any]] | None:
     surrogate = interview.surrogate
     if surrogate is None or now.incumbent is None:
         return None
-    space, best = interview.scenario.space, interview.experiment(now.incumbent).theta
-    tried = np.array(
-        [now.state.history.samples[index].theta for index in sorted(now.state.finished)]
-    )
+    tried = [now.state.history.samples[index].theta for index in sorted(now.state.finished)]
+    best = interview.experiment(now.incumbent).theta
+    return slices_view(interview.scenario.space, best, np.array(tried), surrogate)
+
+
+def slices_view(
+    space: KnobSpace,
+    best: Float[np.ndarray, " n"],
+    tried: Float[np.ndarray, "N n"],
+    surrogate: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]],
+) -> list[dict[str, Any]]:
+    """Return the learned cost along each knob through the best θ, for the page and the report.
+
+    Only the order of learned costs has a meaning: they are the square root of the difference to
+    the lowest one shown, which emphasizes low ones.
+
+    Args:
+        space: Knobs.
+        best: Best θ, physical, shape (n,).
+        tried: θ of every experiment, physical, shape (N, n).
+        surrogate: Learned cost of m physical θ.
+    """
     base = space.encode(best)
     paths = [_path(space, base, k) for k in range(len(space))]
     costs = [surrogate(thetas) for thetas in (tried, *paths)]
     lowest = float(min(cost.min() for cost in costs))
-    seen = above(costs[0], lowest).tolist()
-    slices = []
-    for k, knob in enumerate(space):
-        slices.append(
-            {
-                "knob": _knob_view(knob),
-                "x": paths[k][:, k].tolist(),
-                "y": above(costs[k + 1], lowest).tolist(),
-                "samples": {"x": tried[:, k].tolist(), "y": seen},
-                "best": float(best[k]),
-            }
-        )
-    return slices
+    seen, *lines = (np.sqrt(np.maximum(cost - lowest, 0.0)).tolist() for cost in costs)
+    return [
+        {
+            "knob": _knob_view(knob),
+            "x": paths[k][:, k].tolist(),
+            "y": lines[k],
+            "samples": {"x": tried[:, k].tolist(), "y": seen},
+            "best": float(best[k]),
+        }
+        for k, knob in enumerate(space)
+    ]
 
 
 def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.ndarray, "m n"]:

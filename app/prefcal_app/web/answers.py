@@ -3,7 +3,10 @@
 import json
 import logging
 from collections.abc import Awaitable, Callable
+from typing import Any
 
+import msgspec
+import numpy as np
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
@@ -27,6 +30,15 @@ _WORDS = {
     404: "There is nothing at this address.",
     405: "This address does not accept that kind of request.",
 }
+
+
+def encoded(view: Any) -> bytes:
+    """Return JSON in UTF-8; NaN and infinite numbers become null."""
+    return msgspec.json.encode(view, enc_hook=_plain)
+
+
+def _plain(number: np.generic) -> Any:
+    return number.item()
 
 
 def as_json(content: bytes, status: int = 200) -> Response:

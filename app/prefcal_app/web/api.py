@@ -1,9 +1,10 @@
 """Handle the requests of the page's script."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial, wraps
+from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import anyio
@@ -15,14 +16,29 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from prefcal_app.session import Given, Interview, Now, Phase
+from prefcal_app.view import (
+    Seen,
+    asked_view,
+    brief_view,
+    history_view,
+    look_view,
+    map_view,
+    now_view,
+    preview_view,
+    status_view,
+)
 from prefcal_env.errors import StaleError
 
 from .actions import ACTIONS, Nothing
-from .answers import Handler, as_json, error_response, refused
+from .answers import Handler, as_json, encoded, error_response, refused
 from .bodies import MalformedError, bit, digits, number_of_answer, numbers, read_json, read_query
-from .views import Views
+from .reports import Reports
 from .watch import Watch
 
+PLAIN: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
+    {"brief": brief_view, "history": history_view, "status": status_view}
+)
+"""Views that follow from the interview alone: what a study is about, and where it is."""
 _BLIND = {"blind": bit}
 _RECORD = {"index": digits, "unsafe": bit, "again": bit, "theta": numbers, **_BLIND}
 
@@ -40,45 +56,52 @@ class Pace:
     after_answer: float = 1.0
 
 
-def _answering(handler: Callable[..., Any]) -> Callable[..., Any]:
-    """Turn errors into sentences for the person; after a stale request, add the current state."""
-
-    @wraps(handler)
-    async def answering(self: "Api", request: Request, *args: Any) -> Response:
-        try:
-            response: Response = await handler(self, request, *args)
-            return response
-        except HTTPException:
-            raise
-        except Exception as error:
-            status, words, kind = refused(error)
-            return error_response(status, words, kind, await self.stand(request, error))
-
-    return answering
-
-
 @dataclass(frozen=True, slots=True)
 class Api:
     """Handlers of the JSON addresses. Everything that uses the interview runs in a thread.
 
     Args:
         interview: Interview to answer.
-        views: JSON views of the interview.
+        reports: Location of its report, known at the end.
         watch: Watcher for changes of the interview.
         closed: Event to set when the person closes the window.
         seen: Function to call whenever a page asks for the current state; its argument says
             whether the page waits for a change.
         pace: How long pages may wait.
+        again: Command that resumes the study.
+        command: Command that repeats the study from the start.
     """
 
     interview: Interview
-    views: Views
+    reports: Reports
     watch: Watch
     closed: threading.Event
     seen: Callable[[bool], None]
     pace: Pace = field(default_factory=Pace)
+    again: str = ""
+    command: str = ""
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _drawing: threading.Lock = field(default_factory=threading.Lock)
+    _seen: Seen = field(default_factory=Seen)
+    _kept: dict[object, tuple[object, bytes]] = field(default_factory=dict)
 
-    @_answering
+    def answering(self, do: Callable[..., Awaitable[Response]], *given: Any) -> Handler:
+        """Return the handler that calls `do(request, *given)` and tells its errors in a sentence.
+
+        After a stale request, the current state is added.
+        """
+
+        async def handler(request: Request) -> Response:
+            try:
+                return await do(request, *given)
+            except HTTPException:
+                raise
+            except Exception as error:
+                status, words, kind = refused(error)
+                return error_response(status, words, kind, await self._stand(request, error))
+
+        return handler
+
     async def now(self, request: Request) -> Response:
         """Return the current state; with `after`, wait until its version differs from that."""
         query = _query(request, {"after": digits, **_BLIND})
@@ -89,67 +112,51 @@ class Api:
             self.seen(True)
         return await self._shown(query)
 
-    @_answering
     async def asked(self, request: Request) -> Response:
         """Return an answered question as it was shown."""
         query = _query(request, _BLIND)
         try:
             answer = number_of_answer("answer", request.path_params["answer"])
             blind = query.get("blind", False)
-            return as_json(await run_in_threadpool(self.views.asked, answer, blind))
+            return as_json(await run_in_threadpool(self._asked, answer, blind))
         except (MalformedError, StaleError) as error:
             raise HTTPException(404) from error
 
-    def showing(self, view: Callable[[], bytes]) -> Handler:
-        """Return the handler of a view that depends on nothing else."""
-
-        async def handler(request: Request) -> Response:
-            response: Response = await self._show(request, view)
-            return response
-
-        return handler
-
-    @_answering
-    async def _show(self, request: Request, view: Callable[[], bytes]) -> Response:
+    async def show(self, request: Request, name: str) -> Response:
+        """Return one of the views `PLAIN`."""
         _query(request, _BLIND)
-        return as_json(await run_in_threadpool(view))
+        return as_json(await run_in_threadpool(lambda: encoded(PLAIN[name](self.interview))))
 
-    @_answering
+    async def simulated(self, request: Request) -> Response:
+        """Return the simulated θ; null until the agent knows them."""
+        _query(request, _BLIND)
+        return as_json(await run_in_threadpool(self._simulated))
+
     async def look(self, request: Request) -> Response:
         """Simulate a θ and return it beside the best so far; nothing is recorded."""
         query = _query(request, {"theta": numbers, **_BLIND})
         if "theta" not in query:
             raise MalformedError("The request does not say which θ to look at.")
-        return as_json(await run_in_threadpool(self.views.look, query["theta"]))
+        look = partial(look_view, self.interview, query["theta"])
+        return as_json(await run_in_threadpool(lambda: encoded(look())))
 
-    def acting(self, name: str) -> Handler:
-        """Return the handler of an action with a JSON body."""
-
-        async def handler(request: Request) -> Response:
-            response: Response = await self._act(request, name)
-            return response
-
-        return handler
-
-    @_answering
-    async def _act(self, request: Request, name: str) -> Response:
+    async def act(self, request: Request, name: str) -> Response:
+        """Do the action `name`, whose fields are the JSON body."""
         query = _query(request, _BLIND)
         given = await _body(request, ACTIONS[name])
         return await self._done(query, partial(getattr(self.interview, name), **given))
 
-    @_answering
     async def record(self, request: Request) -> Response:
         """Save the record of an experiment that the person ran."""
         query, given = await _given(request)
         return await self._done(query, partial(self.interview.record, given))
 
-    @_answering
     async def preview(self, request: Request) -> Response:
         """Return what would be saved of a record, with its curves."""
         _, given = await _given(request)
-        return as_json(await run_in_threadpool(self.views.preview, given))
+        preview = partial(preview_view, self.interview, given)
+        return as_json(await run_in_threadpool(lambda: encoded(preview())))
 
-    @_answering
     async def close(self, request: Request) -> Response:
         """Close the window after sending this response."""
         query = _query(request, _BLIND)
@@ -158,7 +165,7 @@ class Api:
         response.background = BackgroundTask(self.closed.set)
         return response
 
-    async def stand(self, request: Request, error: Exception) -> bytes:
+    async def _stand(self, request: Request, error: Exception) -> bytes:
         """Return NOW if the request was stale, null after any other error."""
         if not isinstance(error, StaleError):
             return b"null"
@@ -173,7 +180,39 @@ class Api:
         return await run_in_threadpool(self.interview.now)
 
     async def _shown(self, query: dict[str, Any]) -> Response:
-        return as_json(await run_in_threadpool(self.views.now, query.get("blind", False)))
+        return as_json(await run_in_threadpool(self._shown_now, query.get("blind", False)))
+
+    def _shown_now(self, blind: bool) -> bytes:
+        """Return NOW, made once per version: an answer must not wait for other tabs."""
+        report = self.reports.folder
+        view = partial(
+            now_view,
+            self.interview,
+            blind=blind,
+            again=self.again,
+            command=self.command,
+            report=report,
+            seen=self._seen,
+        )
+        with self._lock:
+            return self._once(blind, (self.interview.now().version, report), view)
+
+    def _simulated(self) -> bytes:
+        with self._drawing:
+            version = self.interview.now().version
+            return self._once("simulated", version, partial(map_view, self.interview))
+
+    def _asked(self, answer: int, blind: bool) -> bytes:
+        with self._lock:  # all threads share `_seen`
+            view = asked_view(self.interview, answer, blind=blind, seen=self._seen)
+        return encoded(view)
+
+    def _once(self, name: object, key: object, view: Callable[[], Any]) -> bytes:
+        """Return a view as JSON, made again only if `key` has changed."""
+        kept = self._kept.get(name)
+        if kept is None or kept[0] != key:
+            kept = self._kept[name] = (key, encoded(view()))
+        return kept[1]
 
     async def _done(self, query: dict[str, Any], do: Callable[[], Now]) -> Response:
         """Call `do`, then return the next question if it is ready soon."""

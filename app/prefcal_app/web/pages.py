@@ -7,12 +7,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
-from prefcal_app.web.server.files import Asset, Assets
+from prefcal_app.web.server.files import Assets
 from prefcal_app.web.server.security import NO_COOKIE, REPORT_POLICY, cookie, same
 
 from .reports import Reports
-
-_FOREVER = "private, max-age=31536000, immutable"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,26 +41,11 @@ class Pages:
 
     async def index(self, request: Request) -> Response:
         """Return the page."""
-        page = self.assets.get(self.page)
-        if page is None:
-            raise HTTPException(404)
-        return Response(page.content, media_type=page.media_type)
+        return self.assets.response(self.page, request)
 
     async def static(self, request: Request) -> Response:
-        """Return a file of the page, gzipped if the browser accepts that."""
-        asset = self.assets.get(request.path_params["file"])
-        if asset is None:
-            raise HTTPException(404)
-        packed = asset.packed if _takes_gzip(request) else None
-        headers = {"etag": _tag(asset, packed is not None), "vary": "accept-encoding"}
-        if request.query_params.get("v"):
-            headers["cache-control"] = _FOREVER
-        if headers["etag"] in request.headers.get("if-none-match", ""):
-            return Response(status_code=304, headers=headers)
-        if packed is not None:
-            headers["content-encoding"] = "gzip"
-        content = asset.content if packed is None else packed
-        return Response(content, headers=headers, media_type=asset.media_type)
+        """Return a file of the page."""
+        return self.assets.response(request.path_params["file"], request)
 
     async def report(self, request: Request) -> Response:
         """Return a file of the report; its page has its own scripts and runs in a sandbox."""
@@ -74,16 +57,3 @@ class Pages:
         if media_type.startswith("text/html"):
             headers["content-security-policy"] = REPORT_POLICY
         return Response(content, headers=headers, media_type=media_type)
-
-
-def _tag(asset: Asset, packed: bool) -> str:
-    return f'"{asset.tag}-gzip"' if packed else f'"{asset.tag}"'
-
-
-def _takes_gzip(request: Request) -> bool:
-    """Return whether the browser accepts gzip, with a weight other than 0."""
-    for part in request.headers.get("accept-encoding", "").lower().split(","):
-        name, _, weight = part.replace(" ", "").partition(";q=")
-        if name == "gzip":
-            return weight.strip("0.") != "" or not weight
-    return False

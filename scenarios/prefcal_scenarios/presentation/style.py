@@ -10,7 +10,6 @@ from typing import IO, Any
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 BEST, OTHERS, FIRST = "#0a66c2", ("#d9610a", "#8a4fb0", "#7a6a10"), "#7f8893"
@@ -19,11 +18,6 @@ _DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
 GOOD, LIMIT = "#12805c", "#b9463c"
 WIDTH, DPI = 8.4, 140
 """Width in inches and resolution in dots per inch: about 1180 pixels, sharp in a README."""
-
-HEAT = LinearSegmentedColormap.from_list("heat", ["#7a2e04", "#d9610a", "#f0ab7a", "#e5d2c3"])
-"""Colors from good (dark) to bad (pale), so that good ones stand out."""
-VALLEY = LinearSegmentedColormap.from_list("valley", ["#2f77b8", "#a8c9e6", "#f2f5f8"])
-"""Colors of the learned cost, from low (blue, like the best) to high (pale)."""
 
 _RC: Any = {
     "font.family": "DejaVu Sans",

@@ -69,15 +69,3 @@ def test_the_smallest_visible_difference_does_not_fill_a_panel(kpi, start, visib
     assert low <= min(steps)
     assert max(steps) <= high
     assert start < 0 or low >= 0
-
-
-def test_each_answer_has_its_own_square():
-    record = replace(toy_record(), judged=False)
-    last = record.asked[-1]
-    further = replace(last, query=replace(last.query, further=True))
-    record = replace(record, answered=(*record.asked, last, last, further))
-    squares = [
-        (x, y) for line in course(record).axes[-1].lines for x, y in line.get_xydata().tolist()
-    ]
-    assert len(set(squares)) == len(record.asked) == 10
-    assert sum(round(x) == last.query.challenger.index + 1 for x, _ in squares) == 4

@@ -8,7 +8,7 @@ import pytest
 from prefcal_app.report.acceptance import sheet_of
 from prefcal_app.report.export import best_as_json
 from prefcal_app.report.html import page
-from prefcal_app.report.tables import comparison_rows, result_columns, result_rows
+from prefcal_app.report.tables import experiment_table, result_columns, result_rows
 from prefcal_app.report.trajectories import curves_of
 from toy_study import toy_record
 
@@ -29,15 +29,16 @@ def precise():
 def test_theta_reads_in_the_report_as_on_the_page_and_best_json_keeps_all_digits(precise):
     rows = {row.name: row for row in result_rows(precise, result_columns(precise).values())}
     assert rows["gain"].values[0].text == "2.72"
-    assert [line.after for line in sheet_of(precise).knobs if line.name == "gain"] == ["2.72"]
+    assert [
+        row.values[2].text for row in sheet_of(precise)["knobs"].rows if row.name == "gain"
+    ] == ["2.72"]
     assert "2.72 <small>m/%" in page(precise, [])
     assert "2.716" not in page(precise, [])
     assert "2.7164" in best_as_json(precise)
 
 
-def test_theta_of_a_comparison_reads_as_on_the_page():
-    record = toy_record()
-    gains = [side.values[2].text for row in comparison_rows(record) for side in row.sides]
+def test_theta_of_every_experiment_reads_as_on_the_page():
+    gains = [row.values[2].text for row in experiment_table(toy_record()).rows]
     assert all(len(text.strip("0.").replace(".", "")) <= 3 for text in gains)
 
 

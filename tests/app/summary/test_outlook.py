@@ -47,7 +47,9 @@ def test_inside_the_ranges_there_is_one_sentence_and_no_more():
 
 def test_knobs_at_their_ends_are_named_with_the_command():
     found = said([0.25, 4, 1.0, 3.0])
-    assert found.ends.startswith("T_s, N_p and offset of the best θ are at the end of their ranges")
+    assert found.ends.startswith(
+        "T_s, N_p and offset of the best θ are near the end of their ranges"
+    )
     assert found.command == (
         "prefcal studies respace /tmp/mine.prefcal --knob T_s=0.125:1.5 --knob N_p=2:40 "
         "--knob offset=-5:5"
@@ -74,7 +76,7 @@ def test_a_cost_that_falls_toward_an_end_calls_for_a_wider_range():
 def test_no_sentence_contradicts_another():
     found = said([0.25, 20, 1.0, 0.0])
     assert found.promise.startswith("Within the present ranges, the chance that something better")
-    assert found.ends.startswith("T_s of the best θ is at the end of its range; ")
+    assert found.ends.startswith("T_s of the best θ is near the end of its range; ")
     assert said([0.25, 20, 1.0, 0.0], "").sentences == (found.ends,)
 
 

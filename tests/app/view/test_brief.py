@@ -34,13 +34,6 @@ def test_the_reactor_says_what_was_asked_about_it():
     assert view["knobs"][0]["range"] == "0.25 to 1.5"
 
 
-def test_a_scenario_without_words_is_described_by_its_names():
-    view = brief_view(begin(toy, n_max=3))
-    assert view["text"] == ""
-    assert "2 questions, about 1 minute at" in view["how"]
-    assert [knob["about"] for knob in view["knobs"]] == ["", "", ""]
-
-
 def test_words_change_no_knob_and_no_study():
     worded = toy.space.described({"N_p": "How far it looks ahead."})
     assert worded.knobs == toy.space.knobs
@@ -59,6 +52,9 @@ def test_words_about_nothing_are_refused():
 
 def test_the_briefing_asks_for_the_current_tuning_unless_it_was_given():
     interview, _ = asked()
+    view = brief_view(begin(toy, n_max=3))  # described by its names alone
+    assert (view["text"], [knob["about"] for knob in view["knobs"]]) == ("", ["", "", ""])
+    assert "2 questions, about 1 minute at" in view["how"]
     assert "T_s=…, N_p=…, gain=…" in brief_view(interview)["start"]
     interview.study.state.configuration["options"]["start"] = ["T_s=1, N_p=5, gain=1"]
     assert brief_view(interview)["start"] == ""

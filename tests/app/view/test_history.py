@@ -15,24 +15,15 @@ def test_every_answer_is_there_in_the_order_given():
     assert [a["comment"] for a in answers] == ["said left", "said cannot tell", "said same"]
     assert answers[1]["winner"] == answers[2]["winner"] == "none"
     assert answers[0]["winner"] in ("new", "best")
+    assert (answers[0]["challenger"], answers[0]["incumbent"]) == (2, 1)  # counted from one
 
 
-def test_experiments_are_counted_from_one():
-    interview, _ = asked(Choice.LEFT)
-    (answer,) = history_view(interview)["answers"]
-    assert (answer["challenger"], answer["incumbent"]) == (2, 1)
-
-
-def test_a_retracted_answer_stays_and_says_so():
+def test_a_retracted_answer_stays_and_says_so_and_one_taken_back_is_gone():
     interview, _ = asked(Choice.LEFT, Choice.RIGHT)
     interview.retract(1)
     assert [a["retracted"] for a in history_view(interview)["answers"]] == [True, False]
     assert asked_view(interview, 1)["retracted"] is True
-
-
-def test_an_answer_taken_back_is_no_longer_there():
-    interview, now = asked(Choice.LEFT, Choice.RIGHT)
-    interview.undo(now.version)
+    interview.undo(interview.now().version)
     assert [a["answer"] for a in history_view(interview)["answers"]] == [1]
 
 

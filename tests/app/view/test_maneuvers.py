@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.view import Seen, now_view
+from prefcal_app.view import Seen
 from prefcal_app.view.maneuvers import eventful
-from support.looks import LEVEL, THETA, VALVE, asked, run
+from support.looks import LEVEL, THETA, VALVE, run
 
 T = np.linspace(0.0, 48.0, 481)
 PANELS = (LEVEL, VALVE)
@@ -76,9 +76,3 @@ def test_a_run_without_a_record_leaves_the_time_to_the_other():
         solve_time=np.empty(0), solved=np.empty(0, bool),
     )  # fmt: skip
     assert shown(made(step(2.0)), empty) == shown(made(step(2.0)), made(step(2.0)))
-
-
-def test_a_question_says_it_for_the_page():
-    question = now_view(asked()[0])["question"]
-    (first, last), (start, end) = question["axes"]["x"], question["window"]
-    assert first <= start < end <= last

@@ -108,9 +108,6 @@ def test_a_scenario_with_nothing_but_what_it_must_have_can_be_asked_about():
         "total move of valve",
     ]  # fmt: skip
     assert len(view["panels"]) == 2
-
-
-def test_a_scenario_that_says_it_has_no_kpis_shows_none():
-    interview = begin(Scenario("plain", "Plain", SPACE, run, kpis=()))
-    proceed(interview)
-    assert now_view(interview)["question"]["left"]["kpis"] == []
+    silent = begin(Scenario("plain", "Plain", SPACE, run, kpis=()))
+    proceed(silent)
+    assert now_view(silent)["question"]["left"]["kpis"] == []

@@ -22,18 +22,12 @@ def test_a_scenario_without_panels_gets_one_for_each_state_and_input():
     assert panels_of(toy, run(THETA)) == panels
 
 
-def test_inputs_are_steps_and_states_are_lines():
-    assert [panel_view(p)["shape"] for p in (LEVEL, VALVE)] == ["line", "step"]
-
-
-def test_limits_that_do_not_exist_are_null_and_not_infinite():
-    assert (panel_view(LEVEL)["low"], panel_view(LEVEL)["high"]) == (None, None)
-    assert (panel_view(VALVE)["low"], panel_view(VALVE)["high"]) == (0.0, 10.0)
-
-
-def test_a_symbol_that_is_the_name_is_not_said_twice():
-    assert panel_view(Plot(Channel("T", symbol="T"), "x", "T"))["title"] == "T"
-    assert panel_view(LEVEL)["title"] == "level h"
+def test_inputs_are_steps_states_are_lines_and_no_limit_is_infinite():
+    level, valve = panel_view(LEVEL), panel_view(VALVE)
+    assert (level["shape"], level["low"], level["high"]) == ("line", None, None)
+    assert (valve["shape"], valve["low"], valve["high"]) == ("step", 0.0, 10.0)
+    assert level["title"] == "level h"
+    assert panel_view(Plot(Channel("T", symbol="T"), "x", "T"))["title"] == "T"  # not said twice
 
 
 @given(y=values)

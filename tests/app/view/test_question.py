@@ -11,20 +11,11 @@ from prefcal_scenarios.scenario import panels_of
 from support.looks import THETA, asked, run, toy
 
 
-def question(blind=False, *choices):
-    interview, _ = asked(*choices)
-    return now_view(interview, blind=blind)["question"]
-
-
 def test_both_sides_have_a_curve_and_a_story_for_each_panel():
-    view = question()
+    view = now_view(asked()[0])["question"]
     for side in (view["left"], view["right"]):
         assert len(side["curves"]) == len(side["stories"]) == len(view["panels"]) == 2
         assert all(len(c["t"]) == len(c["y"]) > 1 for curves in side["curves"] for c in curves)
-
-
-def test_one_side_is_the_best_so_far_and_the_other_is_new():
-    view = question()
     assert {view[s]["role"] for s in ("left", "right")} == {"best so far", "new"}
     assert {view[s]["number"] for s in ("left", "right")} == {1, 2}
 
@@ -79,11 +70,8 @@ def test_kpis_with_an_objective_come_first_with_their_verdict_in_words():
     assert [k["objective"] for k in kpis] == ["≤ 20 h", "≥ 1.94 and ≤ 2.06 m", ""]
     missed = numbers_view(run((1.5, 40, 0.02)), toy.shown_kpis)["kpis"][0]
     assert missed["met"] is False
-
-
-def test_an_unsafe_run_says_how_it_ended():
-    view = numbers_view(run((0.4, 20, 60.0)), toy.shown_kpis)
-    assert (view["ended"], view["interrupted"], view["empty"]) == ("unsafe", True, False)
+    unsafe = numbers_view(run((0.4, 20, 60.0)), toy.shown_kpis)
+    assert (unsafe["ended"], unsafe["interrupted"], unsafe["empty"]) == ("unsafe", True, False)
 
 
 def test_marks_are_on_the_side_that_bears_them():
@@ -93,19 +81,12 @@ def test_marks_are_on_the_side_that_bears_them():
     assert (view["left"]["marks"], view["right"]["marks"]) == ([], ["unsafe"])
 
 
-def test_the_speed_panel_of_the_overtaking_draws_its_reference_in_its_own_unit():
-    scenario = load("overtake")
-    experiment = scenario.run(scenario.references["paper, preferences"])
-    panel = next(p for p in scenario.panels if p.reference == "speed_reference")
-    values = panel.scale * experiment.signals[panel.reference]
-    assert {round(float(v)) for v in values} == {50, 60}  # km/h, of the paper
-
-
 def test_the_overtaking_draws_the_reference_and_the_limit_that_held():
     scenario = load("overtake")
     experiment = scenario.run(scenario.references["paper, preferences"])
     overtaking = experiment.signals["phase"] == 1
     lateral, speed, _ = panels_of(scenario, experiment)
+    assert {round(float(v)) for v in reference_of(speed, experiment)} == {50, 60}  # km/h
     assert lateral.channel.target is None
     reference = reference_of(lateral, experiment)
     assert set(reference[overtaking]) == {3.0}

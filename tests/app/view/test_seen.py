@@ -50,6 +50,9 @@ def test_axes_end_at_whole_steps_so_that_a_little_growth_moves_nothing():
     one = run(THETA)
     longer = replace(one, x=one.x * 1.001)
     assert Seen().frame((LEVEL, VALVE), one) == Seen().frame((LEVEL, VALVE), one, longer)
+    nothing = Seen().frame((LEVEL, VALVE))
+    assert nothing["x"] == [0.0, 1.0]
+    assert all(low < high for low, high in nothing["y"])
 
 
 def test_limits_are_on_the_axes_where_curves_come_near_and_noise_is_not_magnified():
@@ -61,9 +64,3 @@ def test_limits_are_on_the_axes_where_curves_come_near_and_noise_is_not_magnifie
     low, high = Seen().frame((VALVE,), full)["y"][0]
     assert low < 0
     assert high > 10
-
-
-def test_a_run_without_a_record_leaves_axes_that_can_be_drawn():
-    frame = Seen().frame((LEVEL, VALVE))
-    assert frame["x"] == [0.0, 1.0]
-    assert all(low < high for low, high in frame["y"])

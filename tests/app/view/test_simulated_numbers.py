@@ -10,7 +10,6 @@ from prefcal_app.session import Simulated
 from prefcal_app.terminal.converse import _waiting
 from prefcal_app.view import now_view, status_view
 from support.interviews import begin, proceed
-from support.looks import toy
 from support.talking import talk
 from support.unseen import unseen
 
@@ -50,13 +49,6 @@ def test_it_is_told_how_many_of_how_many_while_they_are_simulated(interview, mon
     interview._flow.simulator.tell = lambda: told.append(_waiting(interview.now()))
     assert proceed(interview).simulated.going_on == ""
     assert told == [f"choosing the next experiment ({k} of 11 simulated)" for k in range(11)]
-
-
-def test_an_agent_that_simulates_nothing_has_no_line():
-    interview = begin(toy)
-    proceed(interview)
-    assert now_view(interview)["simulated"] is None
-    assert status_view(interview)["simulated"] is None
 
 
 def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):

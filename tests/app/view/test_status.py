@@ -14,15 +14,13 @@ from support.looks import SPACE, asked, toy
 
 
 def test_before_anything_is_answered_nothing_is_learned():
+    view = status_view(begin(toy))  # before the first experiment
+    assert (view["best"], view["slices"], view["tried"]["experiments"]) == (None, None, [])
     interview, _ = asked()
     view = status_view(interview)
+    assert view["consistency"]["can_repeat"] is False
     assert view["slices"] is None
     assert [e["number"] for e in view["tried"]["experiments"]] == [1, 2]
-
-
-def test_before_the_first_experiment_there_is_no_best():
-    view = status_view(begin(toy))
-    assert (view["best"], view["slices"], view["tried"]["experiments"]) == (None, None, [])
 
 
 def test_slices_run_through_the_best_over_the_whole_range_of_each_knob():
@@ -55,7 +53,9 @@ def test_the_samples_of_a_slice_lie_at_their_own_learned_cost():
 
 def test_the_best_is_set_off_once_and_was_best_before_that():
     interview, now = asked(*[Choice.LEFT] * 4)
-    tried = status_view(interview)["tried"]["experiments"]
+    view = status_view(interview)
+    assert view["consistency"]["can_repeat"] is True
+    tried = view["tried"]["experiments"]
     assert [e["number"] for e in tried if e["best"]] == [now.incumbent + 1]
     assert tried[0]["was_best"]
     assert all(e["was_best"] for e in tried if e["best"])
@@ -74,13 +74,6 @@ def test_the_best_is_set_off_once_and_was_best_before_that():
 )  # fmt: skip
 def test_consistency_in_words(consistency, words):
     assert in_words(consistency) == words
-
-
-def test_an_earlier_question_can_be_asked_again_once_there_is_one():
-    fresh, _ = asked()
-    later, _ = asked(*[Choice.LEFT] * 4)
-    assert status_view(fresh)["consistency"]["can_repeat"] is False
-    assert status_view(later)["consistency"]["can_repeat"] is True
 
 
 def test_how_well_kpis_explain_the_answers_is_said_once_they_tell():

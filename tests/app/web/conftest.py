@@ -20,7 +20,7 @@ def toy():
 def static(tmp_path_factory):
     """A page's files, small ones."""
     folder = tmp_path_factory.mktemp("static")
-    (folder / "index.html").write_text('<script src="/static/main.js?v=VERSION"></script>')
+    (folder / "index.html").write_text('<script src="/static/main.js"></script>')
     (folder / "main.js").write_text("// " + "plain " * 400)
     (folder / "notes.txt").write_text("not for the page")
     return folder

@@ -21,7 +21,7 @@ def test_nothing_serious_is_found_on_any_view(browser, command):
     watched.answer("Shift+ArrowLeft")
     watched.answer("ArrowRight")
     page.keyboard.press("h")
-    page.click(".answers tbody tr:last-child td:first-child button")
+    page.click(".answers tbody tr:last-child th button")
     page.wait_for_selector("#again .js-line")
     views["history"] = serious(page)
     page.keyboard.press("w")

@@ -24,24 +24,13 @@ from prefcal_app.web.bodies import (
 
 class Fields(Struct, forbid_unknown_fields=True):
     n: Whole
+    theta: tuple[Real, ...]
     word: Literal["left", "right"]
     on: bool
     note: Text
 
 
-class Empty(Struct, forbid_unknown_fields=True):
-    pass
-
-
-class Number(Struct, forbid_unknown_fields=True):
-    n: Whole
-
-
-class Numbers(Struct, forbid_unknown_fields=True):
-    theta: tuple[Real, ...]
-
-
-GOOD = {"n": 3, "word": "left", "on": True, "note": "θ is fine\n"}
+GOOD = {"n": 3, "theta": (1.0, 2.5), "word": "left", "on": True, "note": "θ is fine\n"}
 
 
 def test_an_agreed_body_is_read():
@@ -54,7 +43,8 @@ def test_an_agreed_body_is_read():
         {"n": 3.0}, {"n": True}, {"n": "3"}, {"n": None}, {"n": -1}, {"n": 2**53}, {"n": [3]},
         {"word": "up"}, {"word": ["left"]}, {"word": None}, {"on": 1}, {"on": "true"},
         {"note": 3}, {"note": "a\0b"}, {"note": "\ud800"}, {"note": "\x1b[31m"},
-        {"note": "x" * (LONGEST_TEXT + 1)}, {"more": 1},
+        {"note": "x" * (LONGEST_TEXT + 1)}, {"more": 1}, {"theta": [10**400]}, {"theta": [True]},
+        {"theta": ["1"]}, {"theta": [None]}, {"theta": [[1]]},
     ],
 )  # fmt: skip
 def test_another_value_or_field_is_refused(change):
@@ -73,19 +63,13 @@ def test_a_missing_field_is_refused_and_named(name):
     "body",
     [
         b"", b"[]", b"3", b"null", b"{", b'{"n": 1', b'{"n": NaN}', b'{"n": -Infinity}', b"\xff",
-        b'{"n": 1, "n": 1}', b"[" * 50_000, b'{"n":' * 9_000, b'{"n": ' + b"9" * 60_000 + b"}",
-        b'{"n": 1e999}', '{"n": 1}'.encode("utf-16"), b"\xef\xbb\xbf{}", b"{}\0", b"{} {}",
+        b"[" * 50_000, b'{"n":' * 9_000, b'{"n": ' + b"9" * 60_000 + b"}",
+        b'{"theta": [1e999]}', '{"n": 1}'.encode("utf-16"), b"\xef\xbb\xbf{}", b"{}\0", b"{} {}",
     ],
 )  # fmt: skip
 def test_what_is_no_json_object_is_refused(body):
     with pytest.raises(MalformedError):
-        read_json(body, Number)
-
-
-@given(st.binary(max_size=200))
-def test_any_bytes_are_read_or_refused(body):
-    with suppress(MalformedError):
-        assert read_json(body, Empty) == {}
+        read_json(body, Fields)
 
 
 @given(st.binary(max_size=60))
@@ -113,10 +97,3 @@ def test_a_query_is_read():
 def test_another_query_is_refused(query):
     with pytest.raises(MalformedError):
         read_query(query, {"after": digits, "blind": bit})
-
-
-@pytest.mark.parametrize("value", ["1e999", "1" + "0" * 400, "true", '"1"', "null", "[1]"])
-def test_what_is_no_finite_number_is_refused(value):
-    assert read_json(b'{"theta": [1, 2.5]}', Numbers) == {"theta": (1.0, 2.5)}
-    with pytest.raises(MalformedError, match=r"\.$"):
-        read_json(f'{{"theta": [1, {value}]}}'.encode(), Numbers)

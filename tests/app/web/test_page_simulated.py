@@ -101,9 +101,10 @@ def test_the_picture_shows_the_simulated_and_the_best(browser, screen, theme):
     assert page.text_content("#map .xtitle") == "gain [m/%]"
 
 
-def test_a_click_and_the_arrow_keys_choose_a_point(browser, screen):
-    watched = opened(browser, screen())
-    page = watched.page
+def test_a_chosen_point_is_looked_at_and_records_nothing(browser, screen):
+    served = screen()
+    watched = opened(browser, served)
+    page, before = watched.page, served.state
     assert "Experiment 2" in chosen(page)[0]  # the new one of the open question
     assert page.is_disabled("#ask-for")
     first = never_shown(page)
@@ -111,19 +112,13 @@ def test_a_click_and_the_arrow_keys_choose_a_point(browser, screen):
     assert chosen(page) != first
     page.keyboard.press("ArrowDown")
     points = page.locator("#map .scatterlayer .trace").first.locator(".point")
-    before = chosen(page)
+    clicked = chosen(page)
     for index in (3, 4):
         box = points.nth(index).bounding_box()
         page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
         page.wait_for_timeout(100)
-    assert chosen(page) != before
+    assert chosen(page) != clicked
     assert page.evaluate("document.body.dataset.view") == "simulated"
-
-
-def test_a_look_shows_its_curves_and_records_nothing(browser, screen):
-    served = screen()
-    watched = opened(browser, served)
-    page, before = watched.page, served.state
     never_shown(page)
     page.click("#look-at")
     page.wait_for_selector("#look .js-line")
@@ -131,7 +126,12 @@ def test_a_look_shows_its_curves_and_records_nothing(browser, screen):
     assert page.inner_text("#look .left h4") == "Best so far"
     assert page.inner_text("#look .right .which") == "never shown"
     watched.shot("simulated-look")
+    assert serious(page) == []
     assert served.state == before
+    page.keyboard.press("Escape")
+    watched.answer("ArrowLeft")
+    page.wait_for_selector("#offer:visible")
+    assert serious(page) == []
 
 
 def test_asking_for_a_point_makes_it_the_next_question(browser, screen):
@@ -195,27 +195,16 @@ def test_nothing_of_it_is_there_for_other_agents(browser, window):
     assert not any("/api/simulated" in url for url in watched.requests)
 
 
-@pytest.mark.parametrize("width", [1280, 820, 390])
-def test_it_fits_every_width(browser, screen, width):
-    watched = opened(browser, screen(), viewport={"width": width, "height": 800})
+def test_it_fits_every_width(browser, screen):
+    watched = opened(browser, screen())
     page = watched.page
-    watched.shot(f"simulated-{width}")
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.evaluate("() => document.getElementById('main').scrollWidth <= innerWidth")
-    box = page.locator("#map").bounding_box()
-    assert box["x"] >= 0
-    assert box["x"] + box["width"] <= width
-    assert box["width"] > 0.4 * width
-
-
-def test_nothing_serious_is_found_by_axe(browser, screen):
-    watched = opened(browser, screen(), color_scheme="light")
-    page = watched.page
-    never_shown(page)
-    page.click("#look-at")
-    page.wait_for_selector("#look .js-line")
-    assert serious(page) == []
-    page.keyboard.press("Escape")
-    watched.answer("ArrowLeft")
-    page.wait_for_selector("#offer:visible")
-    assert serious(page) == []
+    for width in (1280, 820, 390):
+        page.set_viewport_size({"width": width, "height": 800})
+        page.wait_for_timeout(300)
+        watched.shot(f"simulated-{width}")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate("() => document.getElementById('main').scrollWidth <= innerWidth")
+        box = page.locator("#map").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
+        assert box["width"] > 0.4 * width

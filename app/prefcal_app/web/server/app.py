@@ -1,6 +1,5 @@
 """Build the web application of the query window: its addresses and their handlers."""
 
-from functools import partial
 from importlib.resources.abc import Traversable
 
 from starlette.applications import Starlette
@@ -10,9 +9,8 @@ from starlette.routing import Route
 
 from prefcal_app.web.actions import ACTIONS
 from prefcal_app.web.answers import http_error
-from prefcal_app.web.api import Api
+from prefcal_app.web.api import PLAIN, Api
 from prefcal_app.web.pages import Pages
-from prefcal_app.web.views import PLAIN
 
 from .files import Assets
 from .hosts import Hosts
@@ -30,8 +28,6 @@ def make_app(
 ) -> Starlette:
     """Return the application, for any ASGI server.
 
-    `state.assets` of the application holds the files.
-
     Args:
         api: Handlers of the JSON addresses.
         token: Secret of the link.
@@ -40,7 +36,7 @@ def make_app(
         static: Folder of the page's files; the package's own if None.
         framed: Whether pages of this machine may show the window in a frame.
     """
-    pages = Pages(Assets(static), api.views.reports, token, port)
+    pages = Pages(Assets(static), api.reports, token, port)
     return guarded(pages, _of_api(api), hosts or Hosts.of("127.0.0.1", port), framed=framed)
 
 
@@ -60,7 +56,6 @@ def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = Fals
     )
     # A redirect would repeat the Host header, for addresses that the page never asks for.
     app.router.redirect_slashes = False
-    app.state.assets = pages.assets
     return app
 
 
@@ -74,15 +69,19 @@ def _of_pages(pages: Pages) -> list[Route]:
 
 
 def _of_api(api: Api) -> list[Route]:
-    posts = [Route(f"/api/{name}", api.acting(name), methods=["POST"]) for name in ACTIONS]
+    gets = {
+        "now": api.now,
+        "history/{answer}": api.asked,
+        "simulated": api.simulated,
+        "look": api.look,
+    }
+    posts = {"preview": api.preview, "record": api.record, "close": api.close}
     return [
-        Route("/api/now", api.now),
-        *(Route(f"/api/{name}", api.showing(partial(api.views.plain, name))) for name in PLAIN),
-        Route("/api/simulated", api.showing(api.views.simulated)),
-        Route("/api/history/{answer}", api.asked),
-        Route("/api/look", api.look),
-        Route("/api/preview", api.preview, methods=["POST"]),
-        Route("/api/record", api.record, methods=["POST"]),
-        Route("/api/close", api.close, methods=["POST"]),
-        *posts,
+        *(Route(f"/api/{name}", api.answering(do)) for name, do in gets.items()),
+        *(Route(f"/api/{name}", api.answering(api.show, name)) for name in PLAIN),
+        *(Route(f"/api/{name}", api.answering(do), methods=["POST"]) for name, do in posts.items()),
+        *(
+            Route(f"/api/{name}", api.answering(api.act, name), methods=["POST"])
+            for name in ACTIONS
+        ),
     ]

@@ -9,7 +9,6 @@ from pathlib import Path
 from prefcal_app.session import Interview
 from prefcal_app.web.api import Api
 from prefcal_app.web.reports import Reports
-from prefcal_app.web.views import Views
 from prefcal_app.web.watch import Watch
 
 from .app import make_app
@@ -76,8 +75,10 @@ class Window(Site):
         self._reports = Reports()
         self._watch = Watch(interview)
         self._reports.changed = self._watch.wake
-        views = Views(interview, self._reports, again, command)
-        api = Api(interview, views, self._watch, self.closed, self._presence.seen)
+        seen = self._presence.seen
+        api = Api(
+            interview, self._reports, self._watch, self.closed, seen, again=again, command=command
+        )
         super().__init__(partial(make_app, api, framed=framed), host=host, port=port)
 
     @property

@@ -19,8 +19,7 @@ _GRACE = 1
 
 
 Making = Callable[..., Starlette]
-"""Function of `token`, `port` and `hosts` that builds the application of a site; its
-`state.assets` holds the files."""
+"""Function of `token`, `port` and `hosts` that builds the application of a site."""
 
 
 class Site:
@@ -46,13 +45,12 @@ class Site:
         self.link = f"http://{in_link(address)}:{self.port}/open/{token}"
         outside = seen_from_outside(address)
         self.link_for_others = outside and f"http://{outside}:{self.port}/open/{token}"
-        self._app = make(token=token, port=self.port, hosts=Hosts.of(address, self.port))
-        self._server = uvicorn.Server(_config(self._app))
+        app = make(token=token, port=self.port, hosts=Hosts.of(address, self.port))
+        self._server = uvicorn.Server(_config(app))
         self._thread = threading.Thread(target=self._serve, name="window", daemon=True)
 
     def __enter__(self) -> Self:
         self._thread.start()
-        self._app.state.assets.pack_all()
         return self
 
     def __exit__(self, *_: object) -> None:

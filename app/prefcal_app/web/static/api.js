@@ -1,5 +1,7 @@
 // Send requests to the server; refusals become errors.
 
+import { el, fill } from "./dom.js";
+
 export class Refusal extends Error {
   constructor(status, body) {
     super(body?.error ?? `The server answered ${status}.`);
@@ -24,6 +26,18 @@ const flag = (blind) => `blind=${blind ? 1 : 0}`;
 
 export async function get(path) {
   return result(await fetch(path, { cache: "no-store" }));
+}
+
+// Fill a view with what `draw` returns of the answer, below its title; until then with what is there.
+export async function load(view, title, path, draw) {
+  if (!view.firstChild) fill(view, title, el("p", {}, "Loading…"));
+  let found;
+  try {
+    found = await get(path);
+  } catch (error) {
+    return fill(view, title, el("p", {}, error.message));
+  }
+  return fill(view, title, draw(found));
 }
 
 export async function post(name, fields, blind) {

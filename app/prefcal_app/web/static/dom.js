@@ -11,13 +11,34 @@ export function el(tag, properties = {}, ...children) {
     } else if (name === "data") Object.assign(made.dataset, value);
     else made.setAttribute(name, value === true ? "" : String(value));
   }
-  made.append(...children.flat().filter((child) => child !== null && child !== undefined));
+  made.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
   return made;
 }
 
 export function fill(parent, ...children) {
-  parent.replaceChildren(...children.flat().filter((child) => child !== null));
+  parent.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
 }
+
+export const button = (words, run, properties = {}) =>
+  el("button", { type: "button", ...properties, on: { click: run } }, words);
+
+// Return a table. `rows` are lists of cells, the first of which is the row's heading, or objects of
+// `cells`, `kind` (a class) and `title`. `kinds` are the classes of the columns; with a `label`, a
+// table that is too wide scrolls in a region of that name.
+export function table(heads, rows, { kinds = [], label = "", ...properties } = {}) {
+  const body = rows.map((row) => {
+    const { cells, kind, title } = Array.isArray(row) ? { cells: row } : row;
+    return el("tr", { class: kind }, cells.map((content, k) => (k ? el("td", { class: kinds[k] }, content)
+      : el("th", { scope: "row", class: kinds[k], title }, content))));
+  });
+  const head = heads && el("thead", {}, el("tr", {}, heads.map((text, k) => el("th", { scope: "col", class: kinds[k] }, text))));
+  const made = el("table", properties, head, el("tbody", {}, body));
+  return el("div", { class: "scroll", ...(label && { tabindex: "0", role: "region", "aria-label": label }) }, made);
+}
+
+// Return names with their values, large: θ of an experiment.
+export const values = (knobs, kind = "") => el("dl", { class: `values ${kind}` }, knobs.map(({ name, text, unit, title }) =>
+  el("div", { title }, el("dt", {}, symbol(name)), el("dd", {}, withUnit(text, unit)))));
 
 // Return "C_A" with a subscript.
 export function symbol(text) {
@@ -25,8 +46,26 @@ export function symbol(text) {
   return parts.map((part, i) => (i % 2 ? el("sub", {}, part.replaceAll("_", " ")) : part));
 }
 
-export function withUnit(text, unit) {
-  return unit && /[0-9]$/.test(text) ? `${text} ${unit}` : text;
+export const withUnit = (text, unit) => (unit && /[0-9]$/.test(text) ? `${text} ${unit}` : text);
+
+const colors = new Map();
+export const DARK = matchMedia("(prefers-color-scheme: dark)"); // whoever draws in colors listens to it
+DARK.addEventListener("change", () => colors.clear());
+
+// Return a color of the style sheet, read once per theme because reading triggers a layout.
+export function css(name) {
+  if (!colors.has(name)) colors.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return colors.get(name);
+}
+
+// The namespace of SVG, read from the parser so that a page without network has no web address.
+const SVG = new DOMParser().parseFromString("<svg></svg>", "text/html").querySelector("svg").namespaceURI;
+
+export function svg(tag, properties = {}, ...children) {
+  const made = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(properties)) made.setAttribute(name, String(value));
+  made.append(...children);
+  return made;
 }
 
 // Remember a text in the browser; without storage it is forgotten, and `kept` returns null.
@@ -52,24 +91,24 @@ export function say(text) {
   requestAnimationFrame(() => ($("status").textContent = text));
 }
 
-export async function copied(text, button) {
+// Return a button that copies `text`.
+export const copying = (text, words = "Copy") => button(words, async ({ target }) => {
   try {
     await navigator.clipboard.writeText(text);
-    button.textContent = "Copied";
+    target.textContent = "Copied";
     say("Copied");
   } catch {
-    button.textContent = "Select and copy it yourself";
+    target.textContent = "Select and copy it yourself";
   }
-}
+});
 
 export function ask(title, text, actions, kind = "") {
   const dialog = $("dialog");
   dialog.className = kind;
-  const buttons = actions.map(([words, act, kind]) =>
-    el("button", { type: "button", class: kind ?? "", on: { click: () => {
-      dialog.close();
-      act?.();
-    } } }, words));
+  const buttons = actions.map(([words, act, kind = ""]) => button(words, () => {
+    dialog.close();
+    act?.();
+  }, { class: kind }));
   fill(dialog, el("h2", { id: "dialog-title", tabindex: "-1" }, title), ...[text].flat(),
     el("p", { class: "actions" }, buttons));
   dialog.showModal();

@@ -1,11 +1,11 @@
 // Keep the server's latest state and send the person's actions. This module knows no view.
 
 import { Refusal, news, post } from "./api.js";
-import * as comment from "./comment.js";
-import { $, ask, el, say } from "./dom.js";
+import { $, ask, el, keep, kept, say } from "./dom.js";
 
 export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false,
   saved: "", unsure: null }; // the last answer that was saved, and one that was sent without a reply
+const KEY = "prefcal-comment";
 const LINGER = 150; // ms after a new question in which a verdict counts as a double press of the last one
 
 export const current = () => state.now;
@@ -18,29 +18,46 @@ let opened = () => {};
 // Start listening. `onchange(before)` draws a new state, `onopen()` another view of it.
 export function start(onchange, onopen) {
   [changed, opened] = [onchange, onopen];
-  comment.start();
+  $("comment").addEventListener("input", keepComment);
   stay();
   listen();
 }
 
-// Let Back lead to the question, never out of the study. Browsers skip entries of the history that
-// were made before the person did anything.
+// Keep the comment on the open question while it is typed, so that a reload does not lose it.
+const subject = ({ study, question }) => `${study.place} ${question?.id}`;
+
+function keepComment() {
+  if (!state.now) return;
+  keep(KEY, JSON.stringify({ subject: subject(state.now), text: $("comment").value }), "sessionStorage");
+}
+
+function putComment(text) {
+  $("comment").value = text;
+  keepComment();
+}
+
+// Show what was typed about this question before a reload; what is in the field stays there.
+export function restoreComment(now) {
+  try {
+    const last = JSON.parse(kept(KEY, "sessionStorage"));
+    if (last?.subject === subject(now)) $("comment").value ||= last.text;
+  } catch {
+    // Nothing of ours.
+  }
+}
+
+// Back leads from the other pages to the question, as between pages of their own.
 function stay() {
-  const enter = () => history.pushState("page", "");
-  const once = { capture: true, once: true };
-  if (history.state === "page") addEventListener("popstate", back);
-  else ["keydown", "pointerdown"].forEach((kind) => addEventListener(kind, begin, once));
-  function begin() {
-    ["keydown", "pointerdown"].forEach((kind) => removeEventListener(kind, begin, once));
-    enter();
-    addEventListener("popstate", back);
-  }
-  function back() {
-    enter();
+  history.replaceState(state.view, "");
+  addEventListener("popstate", ({ state: view }) => {
     $("dialog").close();
-    if (state.view === "now") say("This is the study. Close the tab to leave it: every saved answer stays.");
-    else open("now");
-  }
+    show(state.blind ? "now" : view ?? "now");
+  });
+}
+
+function show(view) {
+  state.view = view;
+  opened();
 }
 
 async function listen() {
@@ -93,7 +110,7 @@ function settle() {
   else {
     state.saved = words;
     saved(words);
-    if ($("comment").value === text) comment.put("");
+    if ($("comment").value === text) putComment("");
   }
 }
 
@@ -121,8 +138,8 @@ export function open(view) {
       }]]);
     return;
   }
-  state.view = view;
-  opened();
+  if (view !== state.view) history.pushState(view, "");
+  show(view);
 }
 
 // Send one action and return whether it succeeded; a refusal is shown.
@@ -168,12 +185,13 @@ export async function answer(choice) {
   const { id } = now.question;
   if (state.answered === id || performance.now() - state.shownAt < LINGER) return;
   state.answered = id;
-  const text = comment.take();
+  const text = $("comment").value;
+  putComment("");
   const done = await act("answer", { question: id, choice, comment: text, blind: state.blind }, WORDS[choice]);
   if (done) return;
   // Not recorded: reopen the question and restore the comment.
   state.answered = null;
-  if (!$("comment").value) comment.put(text);
+  if (!$("comment").value) putComment(text);
 }
 
 export function mark(side, kind) {
@@ -188,7 +206,7 @@ export async function undo() {
   if (state.now?.question?.repeat) return skip();
   if (!state.now?.can_undo) return undefined;
   const done = await act("undo", { version: state.now.version }, "last answer undone");
-  if (done && !$("comment").value) comment.put(state.now.draft);
+  if (done && !$("comment").value) putComment(state.now.draft);
   return undefined;
 }
 

@@ -1,53 +1,33 @@
 // List every question and answer, to look at again or retract.
 
-import { get } from "./api.js";
-import { $, ask, el, fill, when } from "./dom.js";
+import { get, load } from "./api.js";
+import { $, ask, button, el, fill, table, when } from "./dom.js";
 import { WORDS } from "./flow.js";
 import { showAgain } from "./maneuvers.js";
 
 const HEADS = ["question", "experiment", "against", "verdict", "marks", "comment", "answered", "retract"];
 
-export async function showHistory(act) {
-  const view = $("view-history");
-  const title = el("h2", { id: "history-title" }, "History");
-  if (!view.firstChild) fill(view, title, el("p", {}, "Loading…"));
-  let history;
-  try {
-    history = await get("/api/history");
-  } catch (error) {
-    return fill(view, title, el("p", {}, error.message));
-  }
-  const { answers, notes } = history;
-  fill(view, title,
+export function showHistory(act) {
+  return load($("view-history"), el("h2", { id: "history-title" }, "History"), "/api/history", ({ answers, notes }) => [
     el("p", { class: "faint" }, "Newest first. Open a question to see it as it was shown. Retracting an answer only changes what is learned."),
     $("again") ?? el("div", { id: "again", tabindex: "-1" }),
-    answers.length ? table(answers, act) : el("p", {}, "There are no answers yet."),
-    notes.length ? [el("h3", {}, "Remarks"),
-      el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at)))))] : []);
-  return undefined;
-}
-
-function table(answers, act) {
-  const rows = answers.map((answer) => row(answer, act)).reverse();
-  return el("div", { class: "scroll card flat", tabindex: "0", role: "region", "aria-label": "Answers" },
-    el("table", { class: "answers" }, el("thead", {}, el("tr", {}, HEADS.map((text) =>
-      el("th", { scope: "col" }, text)))), el("tbody", {}, rows)));
+    answers.length ? el("div", { class: "card flat" }, table(HEADS, answers.map((answer) => row(answer, act)).reverse(),
+      { class: "answers", label: "Answers", kinds: ["", "", "", "", "", "comment", "faint"] })) : el("p", {}, "There are no answers yet."),
+    ...(notes.length ? [el("h3", {}, "Remarks"),
+      el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at)))))] : []),
+  ]);
 }
 
 function row(answer, act) {
   const { challenger, incumbent, winner } = answer;
   const state = answer.retracted ? "retracted" : answer.repeated ? "asked again" : "";
-  const retract = state ? el("span", { class: "faint" }, state)
-    : el("button", { type: "button", on: { click: () => confirm(answer, act) } }, "Retract…");
-  const look = el("button", { type: "button", on: { click: () => lookAgain(answer) },
-    "aria-label": `Look at ${named(answer)} again` }, answer.number);
-  const number = (value, won) => el("td", { class: won ? "won" : "" }, value ?? "–", won ? el("span", { class: "hidden" }, " (preferred)") : null);
-  return el("tr", { class: answer.retracted ? "retracted" : "" }, el("td", {}, look),
-    number(challenger, winner === "new"), number(incumbent, winner === "best"),
-    el("td", {}, el("span", { class: `chip ${winner}` }, answer.text)),
-    el("td", {}, answer.marks.map((mark) => el("span", { class: `chip ${mark.includes("unsafe") ? "bad" : "good"}` }, mark))),
-    el("td", { class: "comment" }, answer.comment, answer.blind ? el("span", { class: "chip" }, "blind") : null),
-    el("td", { class: "faint" }, when(answer.at)), el("td", {}, retract));
+  const retract = state ? el("span", { class: "faint" }, state) : button("Retract…", () => confirm(answer, act));
+  const look = button(answer.number, () => lookAgain(answer), { "aria-label": `Look at ${named(answer)} again` });
+  const number = (value, won) => (won ? el("span", { class: "won" }, value ?? "–", el("span", { class: "hidden" }, " (preferred)")) : value ?? "–");
+  const marks = answer.marks.map((mark) => el("span", { class: `chip ${mark.includes("unsafe") ? "bad" : "good"}` }, mark));
+  return { kind: answer.retracted ? "retracted" : "", cells: [look, number(challenger, winner === "new"), number(incumbent, winner === "best"),
+    el("span", { class: `chip ${winner}` }, answer.text), marks,
+    [answer.comment, answer.blind ? el("span", { class: "chip" }, "blind") : ""], when(answer.at), retract] };
 }
 
 const named = ({ number }) => `question ${number}`;

@@ -2,9 +2,9 @@
 
 import { answer, finish, mark, open, skip, toggleBlind, undo, current } from "./flow.js";
 import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, toggleTable, toggleZoom } from "./question.js";
-import { briefing } from "./brief.js";
-import { $, ask, el } from "./dom.js";
+import { $, ask, el, table } from "./dom.js";
 import { drives, stopLive } from "./live.js";
+import { briefing } from "./waiting.js";
 
 export const QUESTION = {
   ArrowLeft: ["← →", "left, right is better", () => answer("left")],
@@ -94,7 +94,6 @@ export async function showKeys() {
 // Return the keys and what they do as a table.
 export function keyTable(known) {
   // Objects list numeric keys first: move "0" to the end.
-  const rows = known.filter(([key]) => key).sort((a, b) => (a[0] === "0") - (b[0] === "0"))
-    .map(([key, words]) => el("tr", {}, el("th", { scope: "row" }, el("kbd", {}, key)), el("td", {}, words)));
-  return el("table", { class: "keys" }, el("tbody", {}, rows));
+  const rows = known.filter(([key]) => key).sort((a, b) => (a[0] === "0") - (b[0] === "0"));
+  return table(null, rows.map(([key, words]) => [el("kbd", {}, key), words]), { class: "keys" });
 }

@@ -1,9 +1,8 @@
 // Handle a live plant: confirm what is written, show how far the run is, and stop it at any time.
 
-import { $, el, fill, symbol, withUnit } from "./dom.js";
+import { $, button, el, fill, svg, symbol, table, withUnit } from "./dom.js";
 import { act, current } from "./flow.js";
 
-const SVG = "http://www.w3.org/2000/svg";
 const [WIDE, HIGH] = [600, 120]; // of a curve, in its own units
 let drawn = ""; // which page is drawn; its parts are then changed in place, so that the focus stays
 
@@ -42,14 +41,13 @@ export function showUnrestored(now, elsewhere) {
   if (place.hidden || place.dataset.words === words) return;
   place.dataset.words = words; // screen readers read it again whenever it is set
   fill(place, el("span", {}, words), unrestored
-    ? el("button", { type: "button", on: { click: () => act("retry", {}) } }, "Try to restore again") : null);
+    ? button("Try to restore again", () => act("retry", {})) : null);
 }
 
 function confirming({ live, pending }) {
-  const button = (id, words, run, kind = "") => el("button", { type: "button", id, class: kind, on: { click: run } }, words);
   const title = el("h2", { id: "live-title" }, `Experiment ${pending.number}: write these values to the plant?`);
-  const again = button("read-again", "Read the plant again", () => act("retry", {}));
-  const skip = button("not-run", "Count it as failed", () => act("fail", { index: pending.index, reason: "it was not run" }));
+  const again = button("Read the plant again", () => act("retry", {}), { id: "read-again" });
+  const skip = button("Count it as failed", () => act("fail", { index: pending.index, reason: "it was not run" }));
   if (live.unrestored) {
     again.textContent = "Try to restore again";
     return fill($("view-live"), el("h2", { id: "live-title" }, "The plant does not have its old values yet"),
@@ -64,24 +62,17 @@ function confirming({ live, pending }) {
   }
   return fill($("view-live"), title,
     live.instructions ? el("p", { class: "instructions" }, live.instructions) : null,
-    live.problem ? el("p", { class: "problem", role: "alert" }, live.problem) : null, table(live.changes),
+    live.problem ? el("p", { class: "problem", role: "alert" }, live.problem) : null, written(live.changes),
     el("p", {}, `The run records for at most ${seconds(live.duration)}. ${live.keeps
       ? "The new values of the knobs stay on the plant if it is completed; otherwise the old ones are restored."
       : "The old values are restored after it."} You can stop it at any time.`),
-    el("p", { class: "actions" }, button("write-and-start", "Write and start", () => act("write_and_start", { index: pending.index }), "primary"), again, skip),
+    el("p", { class: "actions" }, button("Write and start", () => act("write_and_start", { index: pending.index }), { id: "write-and-start", class: "primary" }), again, skip),
     el("p", { class: "faint" }, "Nothing is written before you confirm."));
 }
 
-function table(changes) {
-  const heads = ["", "now", "new", "limits", "at most, per second"];
-  return el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "What is written" },
-    el("table", { class: "changes" },
-      el("thead", {}, el("tr", {}, heads.map((words, k) => el("th", { scope: "col", class: k ? "number" : null }, words)))),
-      el("tbody", {}, changes.map(({ name, unit, old, new: next, limits, rate }) => el("tr", {},
-        el("th", { scope: "row" }, symbol(name)), el("td", { class: "number" }, withUnit(old, unit)),
-        el("td", { class: "number new" }, "→ ", withUnit(next, unit)),
-        el("td", { class: "number plain" }, withUnit(limits, unit)), el("td", { class: "number plain" }, withUnit(rate, unit)))))));
-}
+const written = (changes) => table(["", "now", "new", "limits", "at most, per second"], changes.map(({ name, unit, old, new: next, limits, rate }) =>
+  [symbol(name), withUnit(old, unit), ["→ ", withUnit(next, unit)], withUnit(limits, unit), withUnit(rate, unit)]),
+{ class: "changes", label: "What is written", kinds: ["", "number", "number new", "number plain", "number plain"] });
 
 function running({ live, pending }) {
   const { recovers, restores } = live.running;
@@ -93,8 +84,8 @@ function running({ live, pending }) {
     el("p", { hidden: recovers || restores }, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration, value: 0 }), " ",
       el("span", { id: "live-left" })),
     el("p", { id: "live-problem", class: "problem", role: "alert", hidden: true }),
-    el("p", { class: "actions", hidden: recovers || restores }, el("button", { type: "button", id: "live-stop", class: "danger", on: { click: stopLive } },
-      "Stop and restore the old values ", el("kbd", {}, "K"))),
+    el("p", { class: "actions", hidden: recovers || restores }, 
+      button(["Stop and restore the old values ", el("kbd", {}, "K")], stopLive, { id: "live-stop", class: "danger" })),
     el("div", { id: "live-curves" }));
 }
 
@@ -134,16 +125,10 @@ function curve({ name, unit, values, reference }, times, duration) {
   const place = (time, value) => `${((WIDE * time) / duration).toFixed(1)},${(HIGH / 2 - ((value - middle) / span) * (HIGH - 12)).toFixed(1)}`;
   const line = (row, kind) => {
     const points = row.flatMap((value, k) => (value === null ? [] : [place(times[k], value)]));
-    const made = document.createElementNS(SVG, "polyline");
-    made.setAttribute("points", points.join(" "));
-    made.setAttribute("class", kind);
-    return made;
+    return svg("polyline", { points: points.join(" "), class: kind });
   };
-  const picture = document.createElementNS(SVG, "svg");
-  picture.setAttribute("viewBox", `0 0 ${WIDE} ${HIGH}`);
-  picture.setAttribute("preserveAspectRatio", "none");
-  picture.setAttribute("aria-hidden", "true");
-  picture.append(line(reference, "aim"), line(values, "output"));
+  const picture = svg("svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, preserveAspectRatio: "none", "aria-hidden": "true" },
+    line(reference, "aim"), line(values, "output"));
   const last = values.at(-1);
   const now = last === null || last === undefined ? "bad quality" : withUnit(String(Number(last.toPrecision(4))), unit);
   const aim = reference.at(-1);

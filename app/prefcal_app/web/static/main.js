@@ -1,24 +1,23 @@
 // Draw the page: each phase and view has its own module, called when the state changes.
 
-import { intro, waitFor } from "./brief.js";
-import { restore } from "./comment.js";
-import { $, el, say } from "./dom.js";
-import { showFailed } from "./failed.js";
-import { act, answer, finish, open, skip, start, state, toggleBlind, undo } from "./flow.js";
+import { $, DARK, el, say } from "./dom.js";
+import { act, answer, finish, open, restoreComment, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
 import { drives, inPlace, mustRestore, showLive, showUnrestored, stopLive } from "./live.js";
 import { keyboard, showKeys } from "./keys.js";
 import { showOver } from "./over.js";
-import * as offer from "./offer.js";
 import * as question from "./question.js";
 import { replaceRecord, showRecord } from "./record.js";
 import { showSimulated } from "./simulated.js";
 import { showStatus } from "./status.js";
+import { intro, showFailed, waitFor } from "./waiting.js";
 
 const HEADINGS = {
   question: "Which experiment is better?", record: "Run the next experiment", confirm: "Confirm the next run",
   failed: "An experiment failed", over: "The study is finished", running: "Running", loading: "Starting",
 };
+
+const PAGES = ["history", "status", "simulated"];
 
 function render(before) {
   const { now } = state;
@@ -31,7 +30,7 @@ function render(before) {
   $("undo").disabled = !now.can_undo;
   if (now.phase === "question") {
     intro(now);
-    offer.show(now);
+    question.offer(now);
     question.show(now, same);
     if (!same) asked(now);
   }
@@ -59,7 +58,7 @@ function opened() {
 
 function asked(now) {
   state.shownAt = performance.now();
-  restore(now);
+  restoreComment(now);
   const which = now.question.repeat ? "an earlier question again"
     : `${now.progress.text}${now.question.further ? ", two experiments that you have seen" : ""}`;
   say(`New question: ${which}. ${question.inWords(now.question)}`);
@@ -96,9 +95,7 @@ function arrange() {
     button.hidden = shown !== "question";
   }
   $("to-now").hidden = here;
-  $("to-history").setAttribute("aria-current", state.view === "history" ? "page" : "false");
-  $("to-status").setAttribute("aria-current", state.view === "status" ? "page" : "false");
-  $("to-simulated").setAttribute("aria-current", state.view === "simulated" ? "page" : "false");
+  for (const view of PAGES) $(`to-${view}`).setAttribute("aria-current", state.view === view ? "page" : "false");
   $("to-simulated").hidden = !state.now?.screening;
   if (shown === "question") question.fit();
 }
@@ -108,19 +105,11 @@ function begin() {
   for (const choice of ["left", "right", "same", "cannot-tell"]) {
     $(`verdict-${choice}`).addEventListener("click", () => answer(choice.replace("-", " ")));
   }
-  $("undo").addEventListener("click", undo);
-  $("stop-live").addEventListener("click", stopLive);
-  $("replace").addEventListener("click", replaceRecord);
-  $("skip").addEventListener("click", skip);
-  $("blind").addEventListener("click", toggleBlind);
-  $("help").addEventListener("click", showKeys);
-  $("theme").addEventListener("click", () => state.view === "status" && showStatus(state.now, act));
-  $("finish").addEventListener("click", finish);
-  offer.start(act);
-  $("to-now").addEventListener("click", () => open("now"));
-  $("to-history").addEventListener("click", () => open("history"));
-  $("to-status").addEventListener("click", () => open("status"));
-  $("to-simulated").addEventListener("click", () => open("simulated"));
+  const clicks = { undo, skip, finish, "stop-live": stopLive, replace: replaceRecord, blind: toggleBlind, help: showKeys };
+  for (const [id, run] of Object.entries(clicks)) $(id).addEventListener("click", () => run());
+  for (const view of ["now", ...PAGES]) $(`to-${view}`).addEventListener("click", () => open(view));
+  question.startOffer();
+  DARK.addEventListener("change", look);
   question.start();
   keyboard();
   start(render, opened);

@@ -1,25 +1,15 @@
 // Show the maneuvers of two experiments: both curves of each at a glance, and a tab for each.
 
-import { css } from "./bounds.js";
 import { Cursor } from "./cursor.js";
-import { el, fill, say } from "./dom.js";
+import { button, css, el, fill, say, svg } from "./dom.js";
 import { Plots } from "./plots.js";
 import { summary, thetas } from "./side.js";
 
-// The namespace of SVG, read from the parser so that a page without network has no web address.
-const SVG = new DOMParser().parseFromString("<svg></svg>", "text/html").querySelector("svg").namespaceURI;
 const WIDE = 200, HIGH = 48; // units of a small picture, stretched to its tab
 
 // Return a question for each maneuver, with its own panels, axes and curves.
 export const parts = (question) => [question, ...question.others.map((part) => ({ ...question, ...part,
   left: { ...question.left, ...part.left }, right: { ...question.right, ...part.right } }))];
-
-function svg(tag, properties = {}, ...children) {
-  const made = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(properties)) made.setAttribute(name, String(value));
-  made.append(...children);
-  return made;
-}
 
 export class Maneuvers {
   #box;
@@ -82,8 +72,8 @@ export class Maneuvers {
     const focused = [...this.#box.children].indexOf(document.activeElement);
     const most = Math.max(...this.#parts.map(({ differ }) => differ?.size ?? 0));
     fill(this.#box, this.#parts.map((part, k) => tab(part, k, k === this.#chosen, most, () => this.choose(k))),
-      el("button", { type: "button", class: "jump", title: "Go to where the two sides differ most; again: in the next maneuver",
-        on: { click: () => this.jump() } }, "Largest difference ", el("kbd", {}, "J")));
+      button(["Largest difference ", el("kbd", {}, "J")], () => this.jump(),
+        { class: "jump", title: "Go to where the two sides differ most; again: in the next maneuver" }));
     return this.#box.children[focused]?.focus();
   }
 }
@@ -92,11 +82,10 @@ function tab(part, k, chosen, most, choose) {
   const ended = ["left", "right"].filter((side) => part[side].part?.interrupted)
     .map((side) => el("span", { class: "bad" }, `${side} ${part[side].part.ended}`));
   const differs = part.differ?.size ? `differ by ${Math.round(100 * part.differ.size)} %` : "no difference";
-  return el("button", { type: "button", class: part.differ?.size === most ? "tab most" : "tab", "aria-pressed": String(chosen),
-    title: `Show the maneuver ${part.maneuver}. The sides ${part.differ?.size ? `${differs} of the axis` : "do not differ"}.`,
-    on: { click: choose } },
-  el("span", { class: "name" }, part.maneuver, k < 9 ? el("kbd", { "aria-hidden": "true" }, String(k + 1)) : null),
-  picture(part), el("span", { class: "faint" }, ended.length ? ended : differs));
+  return button([el("span", { class: "name" }, part.maneuver, k < 9 ? el("kbd", { "aria-hidden": "true" }, String(k + 1)) : null),
+    picture(part), el("span", { class: "faint" }, ended.length ? ended : differs)], choose,
+  { class: part.differ?.size === most ? "tab most" : "tab", "aria-pressed": String(chosen),
+    title: `Show the maneuver ${part.maneuver}. The sides ${part.differ?.size ? `${differs} of the axis` : "do not differ"}.` });
 }
 
 // Draw the first panel of a maneuver with both sides, and where they differ most.
@@ -132,7 +121,7 @@ function path({ t, y: values }, x, y, held) {
 // Show two experiments again below `place`: same axes and cursor, and tabs for maneuvers. `heads`
 // holds title, words and chip of each side.
 export function showAgain(place, title, { question, time_unit: unit }, heads, comment = "") {
-  const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
+  const close = button("Close", () => fill(place));
   fill(place, el("div", { class: "card-head" }, el("h3", {}, title),
     comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
   el("div", { class: "pair small" }, ["left", "right"].map((name) => again(name, question, heads[name]))));

@@ -1,59 +1,20 @@
 // Draw everything simulated: one KPI against another, with what was shown on top.
 /* global Plotly */
 
-import { css } from "./bounds.js";
+import { css } from "./dom.js";
 import { base, named, titled, typeset } from "./miniature.js";
 
 const CONFIG = { displayModeBar: false, doubleClick: false, showTips: false };
 const HEIGHT = { wide: 430, narrow: 330 };
 
-// Return the range of an axis, in decades if it is logarithmic, and the places of all points on it.
-// Runs to the end without a value, for example that never settle, are placed beyond the others.
-function along(data, k) {
-  const axis = data.axes[k];
-  const known = data.points.map(({ values }) => values[k] === null ? null
-    : axis.log ? Math.log10(Math.max(values[k], axis.least)) : values[k]);
-  const seen = known.filter((value) => value !== null);
-  let [low, high] = seen.length ? [Math.min(...seen), Math.max(...seen)] : [0, 1];
-  if (!(low < high)) [low, high] = [low - 1, high + 1];
-  const pad = 0.05 * (high - low);
-  const lacks = known.some((value, row) => value === null && !data.points[row].end);
-  const beyond = high + 2.2 * pad;
-  const places = known.map((value, row) => value ?? (data.points[row].end ? null : beyond))
-    .map((value) => (value !== null && axis.log ? 10 ** value : value));
-  return { axis, places, range: [low - pad, lacks ? beyond + pad : high + pad], edge: lacks ? high + pad : null };
-}
+// Return the points that are drawn: all with a value on both axes.
+export const drawn = (data, [x, y]) => data.points.map((point, row) => ({ row, point, x: point.values[x], y: point.values[y] }))
+  .filter((at) => at.x !== null && at.y !== null);
 
-// Return the points that are drawn: all but the failed and the stopped.
-export function drawn(data, which) {
-  const [x, y] = which.map((k) => along(data, k).places);
-  return data.points.map((point, row) => ({ row, point, x: x[row], y: y[row] })).filter((at) => at.x !== null && at.y !== null);
-}
-
-function scale({ axis, range, edge }) {
-  const size = (edge ?? range[1]) - range[0];
-  const ticks = axis.log ? { dtick: Math.max(1, Math.ceil(size / 6)), tickformat: "~g" } : { nticks: 7 };
+function scale({ title, unit, log }) {
+  const ticks = log ? { type: "log", tickformat: "~g" } : { nticks: 7 };
   return { gridcolor: css("--grid"), zeroline: false, linecolor: css("--grid"), automargin: true,
-    tickfont: { color: css("--muted"), size: 11 }, title: titled(typeset(named({ name: axis.title, unit: axis.unit }))),
-    type: axis.log ? "log" : "linear", range, ...ticks };
-}
-
-// Shade the strip of the runs without a value, and say what it is.
-function strips(x, y) {
-  const font = { color: css("--muted"), size: 11 };
-  const shade = { type: "rect", fillcolor: css("--grid"), opacity: 0.6, line: { width: 0 }, layer: "below" };
-  const raw = (scaled, value) => (scaled.axis.log ? 10 ** value : value); // shapes take values, annotations decades
-  const shapes = [];
-  const annotations = [];
-  if (x.edge !== null) {
-    shapes.push({ ...shade, xref: "x", yref: "paper", x0: raw(x, x.edge), x1: raw(x, x.range[1]), y0: 0, y1: 1 });
-    annotations.push({ xref: "x", yref: "paper", x: (x.edge + x.range[1]) / 2, y: 0.02, yanchor: "bottom", text: "no value", textangle: -90, showarrow: false, font });
-  }
-  if (y.edge !== null) {
-    shapes.push({ ...shade, xref: "paper", yref: "y", x0: 0, x1: 1, y0: raw(y, y.edge), y1: raw(y, y.range[1]) });
-    annotations.push({ xref: "paper", yref: "y", x: 0.01, xanchor: "left", y: (y.edge + y.range[1]) / 2, text: "no value", showarrow: false, font });
-  }
-  return { shapes, annotations };
+    tickfont: { color: css("--muted"), size: 11 }, title: titled(typeset(named({ name: title, unit }))), ...ticks };
 }
 
 function traces(data, places, chosen) {
@@ -82,10 +43,9 @@ function traces(data, places, chosen) {
 export function draw(div, data, which, chosen, pick) {
   const width = div.clientWidth;
   if (!width || typeof Plotly === "undefined") return;
-  const [x, y] = which.map((k) => along(data, k));
+  const [x, y] = which.map((k) => data.axes[k]);
   const layout = { ...base(width, width < 500 ? HEIGHT.narrow : HEIGHT.wide), hovermode: "closest", hoverdistance: 12,
-    margin: { l: 56, r: 16, t: 22, b: 48 },
-    xaxis: scale(x), yaxis: scale(y), ...strips(x, y) };
+    margin: { l: 56, r: 16, t: 22, b: 48 }, xaxis: scale(x), yaxis: scale(y) };
   const fresh = !div.classList.contains("js-plotly-plot");
   Plotly.react(div, traces(data, drawn(data, which), chosen), layout, CONFIG);
   if (fresh) div.on("plotly_click", ({ points }) => pick(points[0].customdata));

@@ -1,7 +1,7 @@
 // Draw small static plots: every θ tried, and slices of the learned cost.
 /* global Plotly */
 
-import { css } from "./bounds.js";
+import { css } from "./dom.js";
 
 const axis = () => ({ gridcolor: css("--grid"), zeroline: false, linecolor: css("--grid"),
   tickfont: { color: css("--muted"), size: 11 } });

@@ -1,15 +1,14 @@
 // Show the end: what was gained, where the report is, and what to do next.
 
-import { bestCard } from "./best.js";
-import { $, ask, copied, el, fill, symbol, withUnit } from "./dom.js";
+import { $, ask, button, copying, el, fill, symbol, table, withUnit } from "./dom.js";
+import { bestCard } from "./status.js";
 
 const REASONS = {
   "all compared": "All experiments have been compared", "good enough": "The best is good enough",
   stopped: "You finished the study",
 };
 
-const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
-const copying = (text, words = "Copy") => button(words, (event) => copied(text, event.target));
+const link = (words, properties) => el("a", { class: "button", ...properties }, words);
 
 export function showOver(now, act) {
   const { over, progress } = now;
@@ -20,10 +19,10 @@ export function showOver(now, act) {
     el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.reason}.`),
       el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.given} comparisons.`)),
     el("p", { class: "actions" },
-      report ? el("a", { class: "button primary", href: report.link, target: "_blank", rel: "noopener" }, "Open the report")
+      report ? link("Open the report", { class: "button primary", href: report.link, target: "_blank", rel: "noopener" })
         : el("span", { class: "faint" }, "The report is being written…"),
-      report ? el("a", { class: "button", href: report.acceptance, target: "_blank", rel: "noopener" }, "Acceptance sheet") : null,
-      over.next.download ? el("a", { class: "button", href: over.next.download, download: "best.json" }, "Download best.json") : null)),
+      report ? link("Acceptance sheet", { href: report.acceptance, target: "_blank", rel: "noopener" }) : null,
+      over.next.download ? link("Download best.json", { href: over.next.download, download: "best.json" }) : null)),
   gained(over.gain), bestCard(over.best, "The result", !over.gain || over.gain.same), steps(now, act),
   report ? el("p", { class: "command" }, el("code", {}, report.place), copying(report.place)) : null);
   if (typing) $("more").focus();
@@ -36,17 +35,12 @@ function gained(gain) {
     return el("div", { class: "card gain" }, el("h3", {}, "What was gained"),
       el("p", {}, `No experiment was better than the ${gain.before}: experiment ${gain.number} is still the best.`));
   }
-  const sign = { true: " ✓", false: " ✗" };
-  const rows = gain.kpis.map((kpi) => el("tr", { class: kpi.verdict },
-    el("th", { scope: "row", title: kpi.about || null }, symbol(kpi.title), kpi.objective ? el("small", { class: "faint" }, ` (${kpi.objective})`) : null),
-    el("td", { class: "number" }, withUnit(kpi.before, kpi.unit)),
-    el("td", { class: "number" }, withUnit(kpi.after, kpi.unit), el("span", { class: "met" }, sign[kpi.met] ?? "")),
-    el("td", { class: "number change" }, kpi.change), el("td", { class: "change" }, kpi.verdict)));
-  const heads = ["", gain.before, `experiment ${gain.after}`, "change", ""];
+  const rows = gain.kpis.map((kpi) => ({ kind: kpi.verdict, title: kpi.about || null, cells: [
+    [symbol(kpi.title), kpi.objective ? el("small", { class: "faint" }, ` (${kpi.objective})`) : null], withUnit(kpi.before, kpi.unit),
+    [withUnit(kpi.after, kpi.unit), el("span", { class: "met" }, { true: " ✓", false: " ✗" }[kpi.met])], kpi.change, kpi.verdict] }));
   return el("div", { class: "card gain" }, el("h3", {}, `What was gained over the ${gain.before}`),
-    el("div", { class: "scroll" }, el("table", { class: "kpi-table" },
-      el("thead", {}, el("tr", {}, heads.map((text, k) => el("th", { scope: "col", class: k && k < 4 ? "number" : null }, text)))),
-      el("tbody", {}, rows))));
+    table(["", gain.before, `experiment ${gain.after}`, "change", ""], rows,
+      { class: "kpi-table", kinds: ["", "number", "number", "number change", "change"] }));
 }
 
 // Show what to do next: continue, use the controller, widen a range, or close.

@@ -1,9 +1,8 @@
 // Draw the curves: one figure per side. Both sides share all axes: the study's, unless zoomed.
 /* global Plotly */
 
-import { aims } from "./bounds.js";
-import { el, fill, symbol } from "./dom.js";
-import { HEAD, MARGIN, layout, place, traces } from "./figure.js";
+import { DARK, el, fill, symbol } from "./dom.js";
+import { HEAD, MARGIN, aims, layout, place, traces } from "./figure.js";
 import { EVENTS, TARGET, WHOLE, applies, dragged, recalled, remember, view } from "./zoom.js";
 
 const LEAST = { apart: 88, overlaid: 76, small: 120 }; // minimum px of a panel with its title
@@ -116,8 +115,7 @@ export class Plots {
       if (!div) continue;
       this.#watch.observe(div);
       const size = { width: div.clientWidth, height: Math.max(div.clientHeight, this.least) };
-      const { theme } = document.documentElement.dataset;
-      const now = JSON.stringify([size, this.#view, theme, this.#question.id]);
+      const now = JSON.stringify([size, this.#view, DARK.matches, this.#question.id]);
       if (!size.width || this.#drawn.get(name) === now) continue;
       this.#drawn.set(name, now);
       this.#put(div, name, size);

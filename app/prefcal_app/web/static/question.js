@@ -1,7 +1,7 @@
 // Show two experiments: text above, curves below, and one cursor and zoom for both.
 
 import { act } from "./flow.js";
-import { $, el, fill, keep, kept, withUnit } from "./dom.js";
+import { $, DARK, el, fill, keep, kept, symbol, withUnit } from "./dom.js";
 import { Cursor } from "./cursor.js";
 import { Maneuvers } from "./maneuvers.js";
 import { Plots, SMALL } from "./plots.js";
@@ -15,6 +15,11 @@ let maneuvers = null;
 let unit = "";
 
 export function start() {
+  $("view-question").append(
+    el("section", { id: "compare", class: "compare", "aria-label": "All KPIs of both sides", tabindex: "0", hidden: true }),
+    el("div", { id: "maneuvers", class: "maneuvers", role: "group", "aria-label": "Maneuvers", hidden: true }),
+    el("div", { id: "pair", class: "pair" }, ["left", "right"].map((id) => el("section", { id, class: "side", "aria-labelledby": `${id}-title` })),
+      el("section", { id: "both", class: "side", "aria-label": "Both experiments in one plot", hidden: true })));
   // On a screen too narrow for two sides, show both in one plot.
   overlaid = matchMedia("(max-width: 600px)").matches;
   const chosen = kept("prefcal-overlay");
@@ -30,26 +35,13 @@ export function start() {
   cursor.start($("pair"));
   table.start();
   maneuvers = new Maneuvers($("maneuvers"), showPart, jumpTo);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", ({ matches }) => {
-    if (kept("prefcal-theme") !== null) return;
-    document.documentElement.dataset.theme = matches ? "dark" : "light";
-    redraw();
-  });
-  $("theme").addEventListener("click", () => {
-    const root = document.documentElement.dataset;
-    root.theme = root.theme === "dark" ? "light" : "dark";
-    keep("prefcal-theme", root.theme);
-    redraw();
+  DARK.addEventListener("change", () => {
+    plots.draw();
+    maneuvers.draw();
   });
   fill($("both"), el("p", { class: "legend" }, el("span", { class: "key left", id: "key-left" }, "Left"),
     el("span", { class: "key right", id: "key-right" }, "Right")),
   el("div", { class: "plot", id: "both-plot", role: "img", "aria-label": "Both experiments" }));
-}
-
-// Draw again in the colors of another theme.
-function redraw() {
-  plots.draw();
-  maneuvers.draw();
 }
 
 // Show the text of a question; `fit` draws the curves once the layout is known.
@@ -123,3 +115,29 @@ export function inWords(question) {
 }
 
 export const repeat = () => act("repeat", {});
+
+let declined = false; // the person goes on: the same offer is not made again
+
+export function startOffer() {
+  $("offer-finish").addEventListener("click", () => act("finish", {}));
+  $("offer-go-on").addEventListener("click", () => {
+    declined = true;
+    $("offer").hidden = true;
+    dispatchEvent(new Event("resize")); // the curves fill the remaining space
+    $("verdict-left").focus();
+  });
+}
+
+// Show why the open question is asked, and offer to stop where that is worth considering.
+export function offer({ blind, good_enough: good, question, screening }) {
+  const words = [];
+  if (good) words.push(`You marked ${good.number ? `experiment ${good.number}, the` : "the"} best so far, as good enough.`);
+  const unlikely = declined ? "" : screening?.offer ?? "";
+  if (unlikely) words.push(unlikely);
+  $("offer").hidden = !words.length;
+  $("offer-text").textContent = words.join(" ");
+  $("offer-go-on").hidden = !unlikely;
+  // Its place is kept while the reason is worked out, so that nothing moves when it comes.
+  $("why").hidden = !screening || blind || question.repeat;
+  fill($("why"), symbol(screening?.why || "\u00a0"));
+}

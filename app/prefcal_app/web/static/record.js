@@ -1,7 +1,7 @@
 // Handle a rig: show the next θ to run, take the record, and preview it before it is saved.
 
 import { Refusal, sendRecord } from "./api.js";
-import { $, ask, copied, el, fill, say, symbol, withUnit } from "./dom.js";
+import { $, ask, button, copying, el, fill, say, symbol, values } from "./dom.js";
 import { current, isBlind, refresh } from "./flow.js";
 import { Plots } from "./plots.js";
 
@@ -9,16 +9,14 @@ const MOST = 20 * 1024 * 1024;
 
 export function showRecord(now, act) {
   const { pending } = now;
-  const copy = el("button", { type: "button", on: { click: (event) => copied(pending.copy, event.target) } }, "Copy θ");
   const set = dials(pending);
   fill($("view-record"),
     el("h2", { id: "record-title" }, `Experiment ${pending.number}: run your plant with these values`),
-    el("dl", { class: "values big" }, pending.theta.map((knob) => el("div", {},
-      el("dt", {}, symbol(knob.name)), el("dd", { title: knob.exact }, withUnit(knob.text, knob.unit))))),
-    el("p", { class: "actions" }, copy, el("span", {}, "in full precision")),
+    values(pending.theta.map((knob) => ({ ...knob, title: knob.exact })), "big"),
+    el("p", { class: "actions" }, copying(pending.copy, "Copy θ"), el("span", {}, "in full precision")),
     pending.instructions ? el("p", { class: "instructions" }, pending.instructions) : null, set.block,
     el("h3", {}, "The record"), columns(now), taking("record", pending.index, set.read),
-    el("p", {}, "Or: ", el("button", { type: "button", on: { click: failed } }, "The run failed; there is no record")),
+    el("p", {}, "Or: ", button("The run failed; there is no record", failed)),
     el("p", { class: "faint" }, "This may take days: you can stop prefcal meanwhile. Continue later with ", el("code", {}, now.study.again)));
 
   function failed() {
@@ -85,9 +83,8 @@ function taking(id, index, dialed, saved = () => {}) {
     fill(seen, el("h4", {}, `This is what would be saved: ${text}`),
       warnings.map((words) => el("p", { class: "warning", role: "alert" }, words)), plot,
       el("p", { class: "actions" },
-        el("button", { type: "button", class: same ? "" : "primary", id: `${id}-save`, on: { click: save } },
-          same ? "Save it anyway" : `Save as experiment ${index + 1}`),
-        el("button", { type: "button", on: { click: () => fill(seen) } }, "Choose another file")));
+        button(same ? "Save it anyway" : `Save as experiment ${index + 1}`, save, { id: `${id}-save`, class: same ? "" : "primary" }),
+        button("Choose another file", () => fill(seen))));
     const plots = new Plots((name) => (name === "left" ? plot : null));
     plots.take({ panels, axes, left: side, right: side }, unit);
     plot.style.height = `${plots.least}px`;

@@ -1,7 +1,7 @@
 // Show one experiment: title, KPIs, θ and marks, with space for its curves.
 
 import { mark } from "./flow.js";
-import { $, el, fill, symbol, withUnit } from "./dom.js";
+import { $, button, el, fill, symbol, withUnit } from "./dom.js";
 import { toggle } from "./table.js";
 
 const MARKS = { unsafe: { left: "Q", right: "E", words: "Unsafe or very bad", short: "Unsafe" },
@@ -59,8 +59,8 @@ function which(side, maneuvers) {
 // Show the KPIs that tell the two sides apart; the table has all of them.
 function numbers(name, question) {
   const side = question[name], shown = summary(side, question);
-  const button = el("button", { type: "button", class: "link", on: { click: toggle } }, `all ${side.kpis.length}`);
-  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, shown), side.kpis.length > HEADLINE ? button : null);
+  const all = button(`all ${side.kpis.length}`, toggle, { class: "link" });
+  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, shown), side.kpis.length > HEADLINE ? all : null);
 }
 
 // Return the three KPIs that tell the sides apart best: an objective that only one misses, then the

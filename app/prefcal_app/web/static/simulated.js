@@ -1,7 +1,7 @@
 // Show what was simulated unseen: a picture of it, and each point to look at or to ask for.
 
 import { get } from "./api.js";
-import { $, el, fill, symbol, withUnit } from "./dom.js";
+import { $, button, el, fill, symbol, table, values, withUnit } from "./dom.js";
 import { open } from "./flow.js";
 import { draw, drawn, step } from "./map.js";
 import { showAgain } from "./maneuvers.js";
@@ -50,7 +50,6 @@ function build() {
         el("section", { id: "point", class: "card", "aria-label": "The chosen point", "aria-live": "polite" })),
       el("div", { id: "look", tabindex: "-1" })));
   new ResizeObserver(() => data && picture()).observe(map);
-  new MutationObserver(() => data && picture()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
 }
 
 // Explain the signs that are in the picture, and no others.
@@ -87,12 +86,9 @@ function told() {
   const shown = points.filter(({ number }) => number !== null).length;
   const inside = new Set(drawn(data, which).map((at) => at.row));
   const count = (end) => points.filter((point, k) => point.end === end && !inside.has(k)).length;
-  const parts = [["failed", "failed"], ["stopped", "stopped as unsafe or without any value"]].filter(([end]) => count(end))
-    .map(([end, words]) => `${count(end)} ${words}`);
-  const edges = [...new Set(which)].map((k) => data.axes[k]).filter((axis, i) => axis.log
-    && points.some(({ values }) => values[which[i]] !== null && values[which[i]] < axis.least));
+  const parts = Object.entries({ failed: "failed", stopped: "stopped as unsafe or without any value", "": "without a value of both" })
+    .filter(([end]) => count(end)).map(([end, words]) => `${count(end)} ${words}`);
   return [`${points.length} simulated, ${shown} shown. `, parts.length ? `Not drawn: ${parts.join(", ")}. ` : "",
-    ...edges.flatMap((axis) => ["Values of ", ...symbol(axis.title), ` below ${written(axis.least)} are drawn at the edge. `]),
     "Click a point, or go from point to point with the arrow keys."];
 }
 
@@ -127,17 +123,13 @@ function describe() {
   const point = data.points[row];
   const best = data.best === null || row === data.best ? null : data.points[data.best];
   const knobs = data.axes.filter(({ knob }) => knob);
-  const theta = el("dl", { class: "values" }, knobs.map((knob, k) => el("div", { title: knob.about || null },
-    el("dt", {}, symbol(knob.title)), el("dd", {}, withUnit(point.text[k], knob.unit)))));
-  const rows = data.axes.flatMap((axis, k) => (axis.knob ? [] : [el("tr", {},
-    el("th", { scope: "row", title: axis.about || null }, symbol(axis.title), axis.unit ? el("span", { class: "faint" }, ` [${axis.unit}]`) : null),
-    el("td", { class: "number" }, written(point.values[k])),
-    best ? el("td", { class: "number faint" }, written(best.values[k])) : null)]));
-  const heads = ["KPI", "value", ...(best ? ["best so far"] : [])];
+  const theta = values(knobs.map((knob, k) => ({ name: knob.title, title: knob.about || null, unit: knob.unit, text: point.text[k] })));
+  const rows = data.axes.flatMap((axis, k) => (axis.knob ? [] : [{ title: axis.about || null, cells: [
+    [symbol(axis.title), axis.unit ? el("span", { class: "faint" }, ` [${axis.unit}]`) : null],
+    written(point.values[k]), ...(best ? [written(best.values[k])] : [])] }]));
   return fill($("point"), el("h3", {}, name(point)), point.end ? el("p", { class: "problem" },
     point.end === "failed" ? "This simulation failed." : "This run was stopped as unsafe, or it has no value of any KPI.") : null, theta, actions(point),
-  el("div", { class: "scroll" }, el("table", { class: "kpi-table" }, el("thead", {}, el("tr", {}, heads.map((words, k) =>
-    el("th", { scope: "col", class: k ? "number" : null }, words)))), el("tbody", {}, rows))));
+  table(["KPI", "value", ...(best ? ["best so far"] : [])], rows, { class: "kpi-table", kinds: ["", "number", "number faint"] }));
 }
 
 function actions(point) {
@@ -148,8 +140,8 @@ function actions(point) {
     : pending ? "It is in the open question." : full ? "All experiments are compared: answer the last questions first."
       : over ? `This continues the study${data.left_to_ask ? "" : " with one more experiment"}.` : "It replaces the new experiment of the open question, which stays free to be asked for.";
   return [el("p", { class: "actions" },
-    el("button", { type: "button", id: "look-at", disabled: row === data.best || point.end === "failed", on: { click: lookAt } }, "Look at it"),
-    el("button", { type: "button", id: "ask-for", class: "primary", disabled: tried || pending || full, on: { click: askFor } }, "Ask for it")),
+    button("Look at it", lookAt, { id: "look-at", disabled: row === data.best || point.end === "failed" }),
+    button("Ask for it", askFor, { id: "ask-for", class: "primary", disabled: tried || pending || full })),
   el("p", { class: "faint" }, why)];
 }
 

@@ -1,41 +1,54 @@
 // Show the status: the best so far, what was tried and learned, and how consistent the answers are.
 
-import { get } from "./api.js";
-import { bestCard } from "./best.js";
-import { $, el, fill, symbol } from "./dom.js";
+import { load } from "./api.js";
+import { $, button, copying, el, symbol, table, values, withUnit } from "./dom.js";
 import { open } from "./flow.js";
 import { GROUPS, named, slice, tried } from "./miniature.js";
 
+const MOST = 9; // KPIs shown with the best experiment; the report has all of them
+
 export async function showStatus(now, act) {
   const view = $("view-status");
-  const title = el("h2", { id: "status-title" }, "Where are we");
-  if (!view.firstChild) fill(view, title, el("p", {}, "Loading…"));
-  let status;
-  try {
-    status = await get("/api/status");
-  } catch (error) {
-    return fill(view, title, el("p", {}, error.message));
-  }
   const chosen = document.activeElement?.id === "pace"; // a change redraws everything
-  fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
-    outlook(status.outlook),
-    el("h3", {}, "θ tried"), legend(status.tried.experiments),
-    figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
-    table(status.tried),
-    el("h3", {}, "What was learned"),
-    status.trust ? el("p", { class: "faint" }, status.trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")) : null,
-    status.slices ? [el("p", { class: "faint" }, "The learned cost along each knob through the best θ, with every experiment at its learned cost. Lower is better; only the order matters."),
-      figures("slice", status.slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`)]
-      : status.trust ? null : el("p", {}, "Nothing has been learned yet. That needs an answer other than “can't tell”, and an agent that learns."));
+  let shown = null;
+  await load(view, el("h2", { id: "status-title" }, "Where are we"), "/api/status", (status) => {
+    shown = status;
+    return [el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)), outlook(status.outlook),
+      el("h3", {}, "θ tried"), legend(status.tried.experiments),
+      figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`), everyTheta(status.tried), ...learned(status)];
+  });
   if (chosen) $("pace")?.focus();
-  view.querySelectorAll("[data-plot=tried]").forEach((div, k) => tried(div, status.tried.knobs[k], k, status.tried.experiments));
-  view.querySelectorAll("[data-plot=slice]").forEach((div, k) => slice(div, status.slices[k]));
-  return undefined;
+  view.querySelectorAll("[data-plot=tried]").forEach((div, k) => tried(div, shown.tried.knobs[k], k, shown.tried.experiments));
+  view.querySelectorAll("[data-plot=slice]").forEach((div, k) => slice(div, shown.slices[k]));
 }
+
+function learned({ slices, trust }) {
+  const told = [el("h3", {}, "What was learned")];
+  if (trust) told.push(el("p", { class: "faint" }, trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")));
+  if (slices) {
+    told.push(el("p", { class: "faint" }, "The learned cost along each knob through the best θ, with every experiment at its learned cost. Lower is better; only the order matters."),
+      figures("slice", slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`));
+  } else if (!trust) told.push(el("p", {}, "Nothing has been learned yet. That needs an answer other than “can't tell”, and an agent that learns."));
+  return told;
+}
+
+// Show θ of the best experiment, and its KPIs unless they are shown elsewhere.
+export function bestCard(best, title = "Best so far", numbers = true) {
+  if (!best) return el("p", {}, "There are no experiments yet.");
+  return el("div", { class: "card best" },
+    el("div", { class: "card-head" }, el("h3", {}, `${title}: experiment ${best.number}`),
+      best.marks.map((mark) => el("span", { class: `chip ${mark.startsWith("unsafe") ? "bad" : "good"}` }, mark)), copying(best.copy, "Copy θ")),
+    values(best.theta), numbers && best.kpis.length ? kpiTable(best.kpis) : null);
+}
+
+const kpiTable = (kpis) => table(["KPI", "value", "objective", "verdict"], kpis.slice(0, MOST).map((kpi) => ({
+  kind: { true: "met", false: "missed" }[kpi.met],
+  cells: [symbol(kpi.title), withUnit(kpi.text, kpi.unit), kpi.objective, { true: "✓ met", false: "✗ missed" }[kpi.met] ?? ""],
+})), { class: "kpi-table", kinds: ["", "number", "faint"] });
 
 // Show whether to continue and, if the best is at the end of a range, how to widen it.
 function outlook(found) {
-  if (!found) return [];
+  if (!found) return null;
   return el("div", { class: "card" }, el("h3", {}, "Continue or stop?"),
     found.sentences.map((words) => el("p", {}, symbol(words))),
     found.command ? el("p", {}, el("code", {}, found.command)) : null);
@@ -52,13 +65,14 @@ const figures = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((
 function answers(now, status, act) {
   const { text, can_repeat: can } = status.consistency;
   const { given, experiments, n_max: most } = now.progress;
-  const again = el("button", { type: "button", disabled: !can, on: { click: async () => {
+  const repeat = async () => {
     if (await act("repeat", {})) open("now");
-  } } }, "Ask me an earlier question again ", el("kbd", {}, "P"));
+  };
   return el("div", { class: "card" }, el("h3", {}, "Your answers"),
     el("p", {}, `${experiments} of ${most} experiments, ${given} ${given === 1 ? "comparison" : "comparisons"}.`, status.simulated ? ` ${status.simulated.line}.` : ""),
     pace(status.questions, act),
-    el("h3", {}, "How consistent are they?"), el("p", {}, text), el("p", {}, again),
+    el("h3", {}, "How consistent are they?"), el("p", {}, text),
+    el("p", {}, button(["Ask me an earlier question again ", el("kbd", {}, "P")], repeat, { disabled: !can })),
     el("p", { class: "faint" }, "Nothing is learned from it: it only shows how consistent you are."));
 }
 
@@ -73,11 +87,10 @@ function pace(most, act) {
       : " Those after the first need no new run."));
 }
 
-function table({ knobs, experiments }) {
+function everyTheta({ knobs, experiments }) {
+  const rows = experiments.map((e) => ({ kind: e.best ? "best" : "",
+    cells: [[e.number, e.best ? " (best)" : ""], ...e.text, e.ended, e.marks.join(", ")] }));
   const heads = ["experiment", ...knobs.map(named), "ended", "marks"];
-  const rows = experiments.map((e) => el("tr", { class: e.best ? "best" : "" }, el("th", { scope: "row" }, e.number, e.best ? " (best)" : ""),
-    e.text.map((text) => el("td", { class: "number" }, text)), el("td", {}, e.ended), el("td", {}, e.marks.join(", "))));
   return el("details", {}, el("summary", {}, "All θ as a table"),
-    el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "All θ" }, el("table", {},
-      el("thead", {}, el("tr", {}, heads.map((text, k) => el("th", { scope: "col", class: k && k <= knobs.length ? "number" : null }, text)))), el("tbody", {}, rows))));
+    table(heads, rows, { label: "All θ", kinds: ["", ...knobs.map(() => "number")] }));
 }

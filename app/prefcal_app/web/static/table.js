@@ -1,6 +1,6 @@
 // Compare two experiments KPI by KPI in one table, an objective that only one misses, then the largest difference.
 
-import { $, el, fill, keep, kept, symbol, withUnit } from "./dom.js";
+import { $, el, fill, keep, kept, symbol, table, withUnit } from "./dom.js";
 
 const NAMES = { worst: "Worst maneuver", mean: "Mean of all maneuvers" };
 let open = false;
@@ -33,40 +33,36 @@ function draw() {
   const groups = [...new Set(shown.map(({ group }) => group))];
   if (groups.length > 1) {
     fill($("compare"), el("div", { class: "tables grouped" }, groups.map((group) =>
-      table(shown.filter((row) => row.group === group), NAMES[group] ?? group))));
+      compared(shown.filter((row) => row.group === group), NAMES[group] ?? group))));
     return;
   }
   const differing = shown.filter((row) => row.size > 0);
   const alike = shown.filter((row) => !(row.size > 0));
   const half = differing.length > 6 ? Math.ceil(differing.length / 2) : differing.length;
   fill($("compare"), differing.length ? el("div", { class: "tables" },
-    [differing.slice(0, half), differing.slice(half)].filter((rows) => rows.length).map((rows) => table(rows))) : el("p", {}, "No KPI differs."),
+    [differing.slice(0, half), differing.slice(half)].filter((rows) => rows.length).map((rows) => compared(rows))) : el("p", {}, "No KPI differs."),
     alike.length && differing.length ? el("p", { class: "faint" }, "The same on both sides: ",
       alike.flatMap((row, k) => [k ? ", " : "", ...symbol(row.title), ` ${withUnit(row.left.text, row.unit)}`])) : null);
 }
 
-function table(rows, group = "KPI") {
-  const heads = [[group, group === "KPI" ? "" : "group"], ["Left", "left"], ["Right", "right"], ["right − left", ""],
-    [usual ? "vs usual" : "relative", "usual"]];
+function compared(rows, group = "KPI") {
   const about = usual ? "The difference compared with the spread of all experiments so far" : "The difference compared with the larger value";
-  return el("table", {}, el("thead", {}, el("tr", {}, heads.map(([text, kind]) =>
-    el("th", { scope: "col", class: kind, title: kind === "usual" ? about : null }, text)))),
-  el("tbody", {}, rows.map(row)));
+  const last = el("span", { title: about }, usual ? "vs usual" : "relative");
+  const head = group === "KPI" ? group : el("span", { class: "group" }, group);
+  return table([head, "Left", "Right", "right − left", last], rows.map(row), { kinds: ["", "number left", "number right", "number", "usual"] });
 }
 
 function row({ title, about, unit, objective, left, right, difference, better, size }) {
   const bar = el("span", { class: "size" }, el("span", { class: better ?? "" }));
   bar.firstChild.style.width = `${Math.max(100 * size, 2)}%`;
-  return el("tr", {}, el("th", { scope: "row", title: about || null }, symbol(title),
-    objective ? el("span", { class: "faint" }, ` ${objective}`) : null),
-  value(left, unit, better === "left"), value(right, unit, better === "right"),
-  el("td", { class: "number" }, difference || "–"),
-  el("td", { class: "usual" }, bar, el("span", { class: "hidden" }, `${Math.round(100 * size)} %`)));
+  return { title: about || null, cells: [[symbol(title), objective ? el("span", { class: "faint" }, ` ${objective}`) : null],
+    value(left, unit, better === "left"), value(right, unit, better === "right"), difference || "–",
+    [bar, el("span", { class: "hidden" }, `${Math.round(100 * size)} %`)]] };
 }
 
 function value({ text, met }, unit, better) {
   const verdict = { true: "met", false: "missed" }[met] ?? "";
-  return el("td", { class: `number ${verdict}${better ? " better" : ""}` }, withUnit(text, unit),
+  return el("span", { class: `${verdict}${better ? " better" : ""}` }, withUnit(text, unit),
     verdict ? el("span", { "aria-hidden": "true" }, verdict === "met" ? " ✓" : " ✗") : null,
     el("span", { class: "hidden" }, `${verdict ? ` (objective ${verdict})` : ""}${better ? " (better)" : ""}`));
 }

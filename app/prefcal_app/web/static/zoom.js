@@ -1,6 +1,6 @@
-// Remember what part of the curves is shown: for the next question, and after a reload.
+// Say what part of the curves is shown, on axes that both sides share, and remember it: for the next
+// question, and after a reload.
 
-import { target } from "./axes.js";
 import { keep, kept } from "./dom.js";
 
 const KEY = "prefcal-zoom";
@@ -35,4 +35,25 @@ export function view(zoom, question, all) {
   if (zoom.kind === "whole" || !question.window) return all;
   if (!applies(zoom, question)) return { x: question.window, y: all.y };
   return zoom.kind === "target" ? target(question, all) : zoom.view;
+}
+
+const aimed = (panel) => panel.target !== null && panel.band;
+
+// Return the axes around the target, in the time in which things happen; panels without a band get
+// the range of their curves in that time.
+function target({ panels, window: x, left, right }, all) {
+  return { x, y: panels.map((panel, i) => {
+    if (aimed(panel)) return [panel.target - 8 * panel.band, panel.target + 8 * panel.band];
+    return within(x, [left, right].flatMap((side) => [...side.curves[i], side.references[i]]).filter(Boolean), all.y[i]);
+  }) };
+}
+
+// Return the range of the curves within `x`, at least a tenth of the full axis, so that noise does
+// not fill a panel.
+function within([from, to], curves, [low, high]) {
+  const seen = curves.flatMap(({ t, y }) => y.filter((value, k) => value !== null && t[k] >= from && t[k] <= to));
+  if (!seen.length) return [low, high];
+  const [least, most] = seen.reduce(([a, b], value) => [Math.min(a, value), Math.max(b, value)], [Infinity, -Infinity]);
+  const half = Math.max((most - least) * 0.56, (high - low) / 20);
+  return [Math.max(low, (least + most) / 2 - half), Math.min(high, (least + most) / 2 + half)];
 }

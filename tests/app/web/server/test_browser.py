@@ -26,28 +26,26 @@ def found(monkeypatch, browser):
     return browser
 
 
-@pytest.mark.parametrize("environ", [SCREEN, {"WAYLAND_DISPLAY": "wayland-0"}])
-def test_a_graphical_browser_is_opened(monkeypatch, environ):
+@pytest.mark.parametrize(
+    ("environ", "platform", "opens"),
+    [
+        (SCREEN, "linux", True), ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
+        ({"DISPLAY": ""}, "linux", False), ({}, "darwin", True),
+    ],
+)  # fmt: skip
+def test_a_graphical_browser_is_opened_where_there_is_a_display(
+    monkeypatch, environ, platform, opens
+):
     browser = found(monkeypatch, Graphical())
-    assert open_browser("http://x/", environ=environ, platform="linux")
-    assert browser.opened == ["http://x/"]
-
-
-def test_without_a_display_none_is_opened(monkeypatch):
-    browser = found(monkeypatch, Graphical())
-    assert not open_browser("http://x/", environ={"DISPLAY": ""}, platform="linux")
-    assert open_browser("http://x/", environ={}, platform="darwin")
-    assert browser.opened == ["http://x/"]
+    assert open_browser("http://x/", environ=environ, platform=platform) is opens
+    assert browser.opened == ["http://x/"] * opens
 
 
 @pytest.mark.parametrize("name", ["w3m", "/usr/bin/lynx", "www-browser", "links", "elinks"])
-def test_a_text_browser_is_never_opened(monkeypatch, name):
+def test_no_browser_that_would_run_in_the_terminal_is_opened(monkeypatch, name):
     browser = found(monkeypatch, Graphical(name))
     assert not open_browser("http://x/", environ=SCREEN, platform="linux")
     assert browser.opened == []
-
-
-def test_a_browser_that_would_run_in_the_terminal_is_not_opened(monkeypatch):
     found(monkeypatch, webbrowser.GenericBrowser("/bin/false"))
     assert not open_browser("http://x/", environ=SCREEN, platform="linux")
 

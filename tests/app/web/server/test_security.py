@@ -50,12 +50,6 @@ def test_the_names_of_the_loopback_device_are_ours(room, host):
     assert room.page(host=host, origin=f"http://{host}").get("/api/now").status_code == 200
 
 
-def test_a_request_without_or_with_two_hosts_is_refused(room):
-    for hosts in ([], [HOST, HOST]):
-        headers = [*(("host", host) for host in hosts), ("cookie", COOKIE)]
-        assert bare(room, "GET", "/api/now", headers) == 403
-
-
 @pytest.mark.parametrize(
     "origin",
     [
@@ -76,11 +70,6 @@ def test_a_post_without_an_origin_is_refused(room):
     response = untouched(room, lambda: page.post("/api/answer", json=answer(room)))
     assert response.status_code == 403
     assert page.get("/api/now").status_code == 200
-
-
-def test_two_origins_are_refused(room):
-    headers = [("host", HOST), ("cookie", COOKIE), ("origin", ORIGIN), ("origin", ORIGIN)]
-    assert bare(room, "POST", "/api/finish", headers) == 403
 
 
 @pytest.mark.parametrize(
@@ -144,7 +133,8 @@ def test_every_response_bears_the_policy_and_is_not_kept(room, method, path, sta
     assert response.headers["referrer-policy"] == "no-referrer"
     assert response.headers["cross-origin-opener-policy"] == "same-origin"
     assert response.headers["cross-origin-resource-policy"] == "same-origin"
-    assert response.headers["cache-control"] == "no-store"
+    kept = "no-cache" if path in ("/", f"/open/{TOKEN}", "/static/main.js") else "no-store"
+    assert method != "GET" or response.headers["cache-control"] == kept
     assert "access-control-allow-origin" not in response.headers
 
 
@@ -155,37 +145,45 @@ def test_the_policy_lets_nothing_foreign_in():
         assert "'unsafe-inline'" not in sources or name == "style-src"
 
 
-def test_a_body_that_is_too_long_is_refused_before_it_is_read(room):
-    huge = str(LARGEST_BODY + 1)
-    headers = [*ours(), ("content-length", huge)]
-    assert bare(room, "POST", "/api/answer", headers, chunks=None) == 413
-    record = [*ours(), ("content-length", str(LARGEST_RECORD + 1)), ("content-type", "text/csv")]
-    assert bare(room, "POST", "/api/record?index=0", record, chunks=None) == 413
+HOSTS, COOKIES, ORIGINS = ("host", HOST), ("cookie", COOKIE), ("origin", ORIGIN)
+OURS = [HOSTS, ORIGINS, COOKIES]
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "headers", "status"),
+    [
+        ("GET", "/api/now", [COOKIES], 403),
+        ("GET", "/api/now", [HOSTS, HOSTS, COOKIES], 403),
+        ("POST", "/api/finish", [HOSTS, COOKIES, ORIGINS, ORIGINS], 403),
+        ("POST", "/api/answer", [*OURS, ("content-length", str(LARGEST_BODY + 1))], 413),
+        ("POST", "/api/record", [*OURS, ("content-length", str(LARGEST_RECORD + 1))], 413),
+        *(
+            ("POST", "/api/answer", [*OURS, ("content-length", length)], 400)
+            for length in ("-1", "1e3", "", "9" * 30, "\u0663", "1, 1")
+        ),
+        ("GET", "/api/now?" + "x" * 40_000, OURS, 431),
+        ("GET", "/" + "x" * 40_000, OURS, 431),
+        ("GET", "/api/now", [*OURS, *((f"x-{i}", "y" * 1000) for i in range(40))], 431),
+    ],
+)
+def test_what_no_browser_sends_is_refused_before_its_body_is_read(
+    room, method, path, headers, status
+):
+    assert bare(room, method, path, headers, chunks=None) == status
 
 
 def test_a_body_in_endless_chunks_is_refused(room):
     endless = (b"x" * 1000 for _ in iter(int, 1))
-    assert untouched(room, lambda: bare(room, "POST", "/api/answer", ours(), endless)) == 413
-
-
-@pytest.mark.parametrize("length", ["-1", "1e3", "", "9" * 30, "\u0663", "1, 1"])
-def test_a_length_that_is_no_number_is_refused(room, length):
-    assert bare(room, "POST", "/api/answer", [*ours(), ("content-length", length)]) == 400
-
-
-@pytest.mark.parametrize("path", ["/api/now?" + "x" * 40_000, "/" + "x" * 40_000, "/api/now"])
-def test_too_long_a_head_is_refused(room, path):
-    more = [] if "x" in path else [(f"x-{i}", "y" * 1000) for i in range(40)]
-    assert bare(room, "GET", path, [*ours(), *more]) == 431
+    assert untouched(room, lambda: bare(room, "POST", "/api/answer", OURS, endless)) == 413
 
 
 def test_a_client_that_goes_away_in_its_body_records_nothing(room):
-    sent = untouched(room, lambda: bare(room, "POST", "/api/finish", ours(), chunks=()))
+    sent = untouched(room, lambda: bare(room, "POST", "/api/finish", OURS, chunks=()))
     assert sent is None
 
 
 def test_a_web_socket_is_refused(room):
-    assert bare(room, "GET", "/api/now", ours(), type_="websocket") == "websocket.close"
+    assert bare(room, "GET", "/api/now", OURS, type_="websocket") == "websocket.close"
 
 
 def test_a_window_beyond_this_machine_knows_its_address_and_warns():
@@ -210,10 +208,6 @@ def test_a_window_beyond_this_machine_knows_its_address_and_warns():
 )
 def test_links_can_be_opened(address, link):
     assert in_link(address) == link
-
-
-def ours():
-    return [("host", HOST), ("origin", ORIGIN), ("cookie", COOKIE)]
 
 
 def bare(room, method, path, headers, chunks=(b"{}",), *, type_="http"):

@@ -10,6 +10,7 @@ import pytest
 from prefcal_app.session import Choice
 from prefcal_app.web import Window
 from prefcal_app.web.server.binding import bind
+from prefcal_app.web.server.serve import Presence
 from prefcal_env.errors import SettingsError
 from support.interviews import begin, proceed
 
@@ -30,8 +31,11 @@ def page(window: Window) -> httpx.Client:
     )
 
 
-def test_a_window_serves_until_it_is_closed(interview):
+def test_a_window_serves_until_it_is_closed(interview, tmp_path):
     with Window(interview) as window, page(window) as browser:
+        assert window.reports is None
+        window.reports = tmp_path
+        assert window.reports == tmp_path
         assert window.link.startswith(f"http://127.0.0.1:{window.port}/open/")
         assert browser.get("/api/now").json()["phase"] == "question"
         assert not window.closed.is_set()
@@ -152,6 +156,22 @@ def test_a_page_that_waits_is_there_until_its_wait_ends(toy):
         assert window.away() == 1.0
 
 
+def test_how_long_no_page_has_been_open():
+    now = [1e6]
+    presence = Presence(lambda: now[0])
+    assert presence.away() is None  # before the first page
+    presence.seen(True)
+    now[0] += 10.0
+    assert presence.away() == 10.0
+    presence.seen(True)
+    assert presence.away() == 0.0
+    presence.seen(False)  # in a hidden tab, it may be silent for a minute
+    now[0] += 65.0
+    assert presence.away() == 0.0
+    now[0] += 30.0
+    assert presence.away() == 25.0
+
+
 def test_a_window_for_the_network_prints_an_address_that_others_can_use(interview):
     with Window(interview, host="0.0.0.0") as window:
         assert "everybody on that network" in window.warning
@@ -166,13 +186,6 @@ def test_a_window_for_the_network_prints_an_address_that_others_can_use(intervie
             assert browser.get("/api/now", headers=evil).status_code == 403
     with Window(interview) as window:
         assert window.link_for_others == window.warning == ""
-
-
-def test_the_report_is_put_in_its_place(interview, tmp_path):
-    with Window(interview) as window:
-        assert window.reports is None
-        window.reports = tmp_path
-        assert window.reports == tmp_path
 
 
 def test_nothing_is_printed(interview, capfd):

@@ -1,7 +1,7 @@
-// Show the briefing: the task, what knobs and KPIs mean, and how long it takes.
+// Show what there is while no question is: the briefing, progress, and an experiment that could not run.
 
 import { get } from "./api.js";
-import { $, el, fill, symbol } from "./dom.js";
+import { $, button, el, fill, symbol, table, values } from "./dom.js";
 
 let known = null;
 let closed = false;
@@ -19,23 +19,16 @@ export async function briefing() {
   } catch (error) {
     return [el("p", { class: "problem" }, error.message)];
   }
+  const words = (title, rows) => (rows.length ? el("section", {}, el("h3", {}, title), table(null, rows.map(([name, about, range]) =>
+    [symbol(name), symbol(about), range]), { class: "words", kinds: ["", "", "faint"] })) : null);
   return [
     told.text ? el("p", { class: "task" }, symbol(told.text)) : null,
     el("p", {}, told.how),
     told.start ? el("p", {}, told.start) : null,
     told.panels.length ? el("p", {}, `Look at the curves first (${told.panels.join(", ")}), then at the numbers above them.`) : null,
-    table("The knobs: what differs between experiments", told.knobs.map((knob) =>
-      [knob.name, knob.about, `${knob.range} ${knob.unit}`.trim()])),
-    table("KPIs: what is measured", told.kpis.map((kpi) =>
-      [kpi.unit ? `${kpi.title} [${kpi.unit}]` : kpi.title, kpi.about, kpi.wanted])),
+    words("The knobs: what differs between experiments", told.knobs.map((knob) => [knob.name, knob.about, `${knob.range} ${knob.unit}`.trim()])),
+    words("KPIs: what is measured", told.kpis.map((kpi) => [kpi.unit ? `${kpi.title} [${kpi.unit}]` : kpi.title, kpi.about, kpi.wanted])),
   ].filter(Boolean);
-}
-
-function table(title, rows) {
-  if (!rows.length) return null;
-  return el("section", {}, el("h3", {}, title), el("div", { class: "scroll" }, el("table", { class: "words" },
-    el("tbody", {}, rows.map(([name, about, range]) => el("tr", {},
-      el("th", { scope: "row" }, symbol(name)), el("td", {}, symbol(about)), el("td", { class: "faint" }, range)))))));
 }
 
 // Show progress while there is no question yet and, before the first one, the briefing.
@@ -70,13 +63,25 @@ export async function intro(now) {
   if (!due || place.firstChild) return;
   const { text } = await brief();
   if (!text || closed) return;
-  const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
+  const show = (shown) => {
+    place.hidden = !shown;
+    dispatchEvent(new Event("resize")); // the curves fill the remaining space
+  };
   fill(place, el("p", { tabindex: "0" }, symbol(text)), el("p", { class: "actions" },
     button("Got it", () => {
-      [closed, place.hidden] = [true, true];
-      dispatchEvent(new Event("resize"));
+      closed = true;
+      show(false);
     }),
     button(["Knobs, KPIs and keys ", el("kbd", {}, "?")], () => $("help").click())));
-  place.hidden = false;
-  dispatchEvent(new Event("resize")); // the curves fill the remaining space
+  show(true);
+}
+
+// Show an experiment that could not run, or a study file that could not be written.
+export function showFailed({ pending, problem, live }, act) {
+  const title = pending ? `Experiment ${pending.number} ${live ? "was not completed" : "did not run"}` : "That did not work";
+  fill($("view-failed"), el("h2", { id: "failed-title" }, title), el("p", { class: "problem" }, problem),
+    pending ? values(pending.theta) : null,
+    el("p", {}, "Each answer was saved when you gave it."),
+    el("p", { class: "actions" }, button("Try again", () => act("retry", {}), { class: "primary" }),
+      pending ? button("Count it as failed", () => act("fail", { index: pending.index, reason: problem ?? "" })) : null));
 }
