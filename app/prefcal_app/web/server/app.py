@@ -5,6 +5,7 @@ from importlib.resources.abc import Traversable
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import Route
 
 from prefcal_app.web.actions import ACTIONS
@@ -51,7 +52,11 @@ def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = Fals
     """
     app = Starlette(
         routes=[*_of_pages(pages), *api],
-        middleware=[Middleware(Guard, token=pages.token, hosts=hosts, framed=framed)],
+        middleware=[
+            Middleware(Guard, token=pages.token, hosts=hosts, framed=framed),
+            # Through a tunnel plotly.js would take seconds otherwise.
+            Middleware(GZipMiddleware, minimum_size=10_000, compresslevel=4),
+        ],
         exception_handlers={HTTPException: http_error},
     )
     # A redirect would repeat the Host header, for addresses that the page never asks for.
