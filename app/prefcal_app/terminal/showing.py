@@ -108,7 +108,7 @@ def show_next(interview: Interview, now: Now, console: Console) -> None:
         console.print(line, style="bold", markup=False, highlight=False)
     if rig.instructions:
         console.print(rig.instructions, markup=False)
-    columns = ", ".join(rig.columns.headings)
+    columns = ", ".join(rig.columns)
     console.print(
         f"The record: a CSV file with the columns {columns}", markup=False, soft_wrap=True
     )
