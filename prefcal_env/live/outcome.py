@@ -1,5 +1,6 @@
 """Turn what was read from a live plant into an experiment."""
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,13 +9,16 @@ from jaxtyping import Float
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.recorded import recorded
 
-from .drive import Outcome
-
 if TYPE_CHECKING:
     from .rig import LiveRig
 
+Row = tuple[float, Mapping[str, float]]
+"""A sample: seconds since the start of the record, and the value of each tag by its key."""
 
-def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outcome) -> Experiment:
+
+def experiment_of(
+    rig: "LiveRig", theta: Float[np.ndarray, " n"], rows: Sequence[Row], end: End
+) -> Experiment:
     """Return the experiment of a physical θ, shape (n,), from the samples of its run.
 
     Where an output had bad quality, its curve is interpolated, and the signal "NAME as read" keeps
@@ -22,10 +26,9 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
     between samples anyway. A run in which an output or input never had a good value has failed. An
     output whose reference never had one has no reference in this run.
     """
-    rows = outcome.rows
     read = {tag: np.array([row[tag.key] for _, row in rows]) for tag in rig.tags}
     outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
-    nothing = bool(never_good(rig, outcome))
+    nothing = bool(never_good(rig, rows))
     kept = slice(0, 0) if nothing else slice(None)
     drawn = [tag for tag in rig.tags if tag.role != "reference"]
     return recorded(
@@ -42,17 +45,17 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
             if np.isnan(values[kept]).any()
         },
         kpis=rig.kpis,
-        end=End.FAILED if nothing else outcome.end,
+        end=End.FAILED if nothing else end,
         time_unit="s",
     )
 
 
-def never_good(rig: "LiveRig", outcome: Outcome) -> list[str]:
+def never_good(rig: "LiveRig", rows: Sequence[Row]) -> list[str]:
     """Return the roles and names of outputs and inputs without any good value in a run."""
     return [
         tag.key
         for tag in rig.tags
-        if tag.role != "reference" and all(np.isnan(row[tag.key]) for _, row in outcome.rows)
+        if tag.role != "reference" and all(np.isnan(row[tag.key]) for _, row in rows)
     ]
 
 

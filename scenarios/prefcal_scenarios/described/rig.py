@@ -1,6 +1,5 @@
 """Make a rig, a plant that only a person can run, of plain data."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -62,11 +61,5 @@ def _signals(tables: Mapping[str, Mapping[str, Any]], where: str) -> dict[str, S
 
 
 def _channel(name: str, signal: SignalTable, target: float | None = None) -> Channel:
-    return Channel(
-        name,
-        signal.unit,
-        low=-math.inf if signal.low is None else signal.low,
-        high=math.inf if signal.high is None else signal.high,
-        target=target,
-        band=signal.band if target is not None else None,
-    )
+    band = signal.band if target is not None else None
+    return Channel(name, signal.unit, signal.low, signal.high, target, band)
