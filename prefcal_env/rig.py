@@ -12,15 +12,8 @@ from jaxtyping import Float
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
 from prefcal_env.experiments.rollout import computed
+from prefcal_env.tables import timing
 from prefcal_env.tables.sheet import Sheet, sheet_of, text_of
-from prefcal_env.tables.timing import (
-    MAX_GAP,
-    gap_words,
-    gaps,
-    instants,
-    step_back_words,
-    steps_back,
-)
 from prefcal_env.tables.units import parts_of, same_unit
 from prefcal_env.wording import and_more
 
@@ -63,7 +56,7 @@ class Rig:
     kpis: Callable[[Experiment], Mapping[str, float]] | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     instructions: str = ""
-    max_gap: float = MAX_GAP
+    max_gap: float = timing.MAX_GAP
     max_rows: int = 200_000
     headings: Mapping[str, str] = field(default_factory=dict)
     time_format: str | None = None
@@ -240,7 +233,7 @@ class Rig:
         """Fill `values` with a column; yield its problem, if it has one."""
         try:
             if is_time:
-                found = instants(sheet, place, self.channels.time_unit, self.time_format)
+                found = timing.instants(sheet, place, self.channels.time_unit, self.time_format)
                 stamped = sheet.frame[place].dtype.kind not in "iuf"
                 values[:] = found - found.min() if stamped else found
                 return
@@ -257,13 +250,13 @@ class Rig:
         """Yield what is wrong with the steps of time."""
         if np.any(np.isnan(t)):
             return
-        unit, back = self.channels.time_unit, steps_back(t)
+        unit, back = self.channels.time_unit, timing.steps_back(t)
         if len(back):
             k = int(back[0])
-            yield f"{sheet.place(k + 1)}: {step_back_words(t, k, unit, len(back))}"
+            yield f"{sheet.place(k + 1)}: {timing.step_back_words(t, k, unit, len(back))}"
             return
-        for k in map(int, gaps(t, self.max_gap)):
-            words = gap_words(t, k, unit, 1)
+        for k in map(int, timing.gaps(t, self.max_gap)):
+            words = timing.gap_words(t, k, unit, 1)
             yield f"{sheet.place(k + 1)}: {words}: fill it, or enter the run as failed"
 
     def _outside(

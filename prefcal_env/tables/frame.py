@@ -14,17 +14,9 @@ from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.recorded import Limits, recorded
 
+from . import timing
 from .sheet import Sheet, Table, sheet_of
 from .thinning import extreme_rows, grid, period_of
-from .timing import (
-    gap_words,
-    gaps,
-    instants,
-    step_back_words,
-    steps_back,
-    time_column,
-    time_unit_of,
-)
 
 ALLOWED = ("unsorted", "duplicates", "missing", "gaps")
 """Flaws of a table that can be allowed; see `TableColumns`."""
@@ -147,9 +139,9 @@ class _Used:
             raise RecordError(
                 "a table needs a line of headings and rows of values, got headings only"
             )
-        time = time_column(sheet, about.columns.get("time", about.time))
-        unit = time_unit_of(sheet, time, about.time_unit)
-        t = instants(sheet, time, unit, about.time_format)
+        time = timing.time_column(sheet, about.columns.get("time", about.time))
+        unit = timing.time_unit_of(sheet, time, about.time_unit)
+        t = timing.instants(sheet, time, unit, about.time_format)
         outputs = tuple(about.outputs) or _other_columns(sheet, about, time)
         names = (*outputs, *about.inputs, *about.signals)
         places = {name: sheet.column(about.columns.get(name, name), name) for name in names}
@@ -171,16 +163,16 @@ class _Used:
         if len(back):
             self._allow(int(back[0]), len(back), "unsorted", "sort the rows")
             used = self.taken(np.argsort(self.t, kind="stable"))
-        same = steps_back(used.t)
+        same = timing.steps_back(used.t)
         if len(same):
             used._allow(int(same[0]), len(same), "duplicates", "keep the last row of each time")
             used = used.taken(np.append(np.diff(used.t) > 0, True))
-        long = gaps(used.t)
+        long = timing.gaps(used.t)
         if len(long) and "gaps" not in allow:
             k = int(long[0])
+            words = timing.gap_words(used.t, k, self.time_unit, len(long))
             raise RecordError(
-                f"{used.place(k + 1)}: {gap_words(used.t, k, self.time_unit, len(long))}: fill it, "
-                "or give allow=('gaps',) to bridge it"
+                f"{used.place(k + 1)}: {words}: fill it, or give allow=('gaps',) to bridge it"
             )
         return replace(used, t=used.t - used.t[0]) if self.about.from_zero else used
 
@@ -191,7 +183,7 @@ class _Used:
     def _allow(self, k: int, count: int, word: str, what: str) -> None:
         """Refuse the step of time after row k, the first of `count`, unless `word` is allowed."""
         if word not in self.about.allow:
-            wrong = step_back_words(self.t, k, self.time_unit, count)
+            wrong = timing.step_back_words(self.t, k, self.time_unit, count)
             raise RecordError(
                 f"{self.place(k + 1)}: {wrong}: if this is one run, give allow=({word!r},) to "
                 f"{what}"
