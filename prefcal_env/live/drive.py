@@ -16,8 +16,7 @@ from .outcome import Row, experiment_of, never_good
 from .parts import all_within, within
 from .plant import TypedPlant
 from .progress import Change, Confirm, Driven, Progress, Stage, Tell
-from .way import SLACK, Way
-from .writer import Writer
+from .writer import SLACK, Way, Writer
 
 if TYPE_CHECKING:
     from .rig import LiveRig

@@ -12,8 +12,8 @@ from typing import Any
 from prefcal_env.errors import StudyError
 from prefcal_env.parquet import pyarrow
 
+from .connection import told
 from .tables import Column, StudyFile, answers_of, experiments_of, finished, trajectory_of
-from .trouble import told
 
 _TRAJECTORY = re.compile(r"experiment-\d{3,}\.csv")
 _Key = tuple[str, str, str, int]

@@ -18,10 +18,10 @@ from prefcal_env.knobs.key import theta_key
 from . import connection as disk
 from . import schema
 from .codec import LONGEST_HEADER, decode, encode, end_of, pack, unpack
+from .connection import open_elsewhere, told
 from .events import Created, Event, Finished, Recorded
 from .fold import State, begin, step
 from .locations import data_folder, make_data_folder
-from .trouble import open_elsewhere, told
 
 Entry = Event | tuple[Finished, Experiment]
 Rows = list[tuple[Recorded, Experiment | None]]

@@ -10,10 +10,9 @@ from prefcal_env.errors import StudyError
 
 from . import schema
 from .codec import decode, unpack
-from .connection import connect, existing
+from .connection import connect, existing, told
 from .events import Shown
 from .fold import State, begin, step
-from .trouble import told
 
 
 def verify(path: Path | str) -> tuple[str, ...]:
