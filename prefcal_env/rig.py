@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
 from prefcal_env.experiments.rollout import computed
 from prefcal_env.tables import timing
-from prefcal_env.tables.sheet import Sheet, sheet_of, text_of
+from prefcal_env.tables.sheet import Sheet, Table, sheet_of
 from prefcal_env.tables.units import parts_of, same_unit
 from prefcal_env.wording import and_more
 
 TIME = "time"
+_FILES = (".csv", ".txt", ".parquet")
 _MOST_LISTED = 5
 """Largest number of problems in a message; people fix some of them and try again."""
 _WIDEST = 1e30
@@ -144,7 +146,8 @@ class Rig:
 
         Args:
             source: Text of a CSV, path of a CSV or Parquet file, its content as bytes, or a pandas
-                DataFrame. Lines in messages count the headings as line 1.
+                DataFrame. Lines in messages count the headings as line 1, rows of a DataFrame or
+                a Parquet file count from 0.
             theta: Controller parameters of the run.
             unsafe: Whether the run was stopped because it became unsafe.
 
@@ -152,7 +155,7 @@ class Rig:
             RecordError: If the record is not valid; the message lists all problems.
         """
         end = End.UNSAFE if unsafe else End.TIME_UP
-        made = self._of(self._values(text_of(source)), theta, end)
+        made = self._of(self._values(source), theta, end)
         return made if self.kpis is None else replace(made, kpis=_computed(self.kpis, made))
 
     def failed(self, theta: Float[np.ndarray, " n"], text: str | None = None) -> Experiment:
@@ -171,7 +174,7 @@ class Rig:
             values = np.zeros((0, len(self._units) + len(self._optional)))
         return self._of(values, theta, End.FAILED)
 
-    def _values(self, text: str) -> Float[np.ndarray, "K n"]:
+    def _values(self, source: Table) -> Float[np.ndarray, "K n"]:
         """Return the values of a record, shape (K, n); NaN for optional columns that are absent.
 
         Separators are commas, semicolons, tabs, bars or spaces; without commas, numbers may have a
@@ -182,12 +185,15 @@ class Rig:
             RecordError: If the record is not valid; the message lists all problems, with line
                 numbers as shown by an editor.
         """
-        if not text.strip():
-            raise RecordError(f"the record is empty: expected {', '.join(self.columns)}")
+        if isinstance(source, str):
+            if not source.strip():
+                raise RecordError(f"the record is empty: expected {', '.join(self.columns)}")
+            # Text without a line end is a path only if it ends like one.
+            source = source if Path(source).suffix.lower() in _FILES else source + "\n"
         known = {**self._units, **self._optional}
         wanted = {*known, *(_heading(n, u) for n, u in known.items())}
         stamps = () if self.time_format is None else (self._called(TIME),)
-        sheet = sheet_of(text + "\n", wanted, stamps)
+        sheet = sheet_of(source, wanted, stamps)
         places, count = self._places(sheet, known), len(sheet.frame)
         if count < 2:
             raise RecordError(f"a record needs 2 rows of values or more, got {count}")

@@ -10,6 +10,8 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Mark, Preference
 
+from .latent_cost import is_seed
+
 Ask = Callable[[Experiment, Experiment], Any]
 
 _OTHER_SIDE = {
@@ -47,8 +49,7 @@ class HumanCalibrator:
             raise SettingsError(f"ask must be a function of two experiments, got {self.ask!r}")
         if self.shuffle is None:
             return
-        integer = isinstance(self.shuffle, (int, np.integer)) and not isinstance(self.shuffle, bool)
-        if not integer or self.shuffle < 0:
+        if not is_seed(self.shuffle):
             raise SettingsError(f"shuffle must be a seed of 0 or more, got {self.shuffle!r}")
         self._rng = np.random.default_rng(self.shuffle)
 

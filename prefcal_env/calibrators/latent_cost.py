@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.knob import is_number
 from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
 
@@ -97,6 +98,11 @@ class Flipping:
         return replace(verdict, preference=None if preference is None else Preference(-preference))
 
 
+def is_seed(value: object) -> bool:
+    """Return whether `value` is an integer of 0 or more."""
+    return isinstance(value, int | np.integer) and is_number(value) and int(value) >= 0
+
+
 def generator_of_pair(
     seed: int, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]
 ) -> np.random.Generator:
@@ -145,9 +151,7 @@ class LatentCost:
             raise SettingsError(
                 f"noise must be Thurstone, BradleyTerry or None, got {self.noise!r}"
             )
-        if isinstance(self.seed, bool) or not (
-            isinstance(self.seed, (int, np.integer)) and self.seed >= 0
-        ):
+        if not is_seed(self.seed):
             raise SettingsError(f"seed must be an integer of 0 or more, got {self.seed!r}")
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:

@@ -234,29 +234,6 @@ def sheet_of(table: Table, wanted: Collection[str] = (), text: Collection[str] =
     )
 
 
-def text_of(source: Table) -> str:
-    """Return a table as the text of a CSV: a DataFrame, a path, the content of a file, or text.
-
-    Text is a path if it has no line end and ends like the name of a file.
-
-    Raises:
-        RecordError: If there is no such file, or it is neither CSV nor Parquet.
-    """
-    named = isinstance(source, str) and not _LINE_END.search(source)
-    if named and Path(source).suffix.lower() in (".csv", ".txt", ".parquet"):
-        source = Path(source)
-    source = _loaded(source)
-    if isinstance(source, str):
-        return source
-    if not hasattr(source, "to_csv"):
-        raise RecordError(
-            "a record must be the text or path of a CSV, a Parquet file or a pandas DataFrame, "
-            f"got {type(source).__name__}"
-        )
-    sheet = _of_frame(source)
-    return str(sheet.frame.set_axis(list(sheet.headings), axis=1).to_csv(index=False))
-
-
 def _loaded(source: Table) -> Any:
     """Return the text or the DataFrame in a file, or in its content; others as they are."""
     if isinstance(source, Path):

@@ -358,7 +358,7 @@ def test_a_rig_reads_frames_files_and_other_headings(tmp_path):
         assert rig.read(source, theta) == e
     with pytest.raises(RecordError, match="column 'TI-101' is missing"):
         rig.read(text.replace("TI-101", "level"), theta)
-    with pytest.raises(RecordError, match="a record must be the text"):
+    with pytest.raises(RecordError, match="a table must be a pandas"):
         rig.read(3, theta)
     with pytest.raises(SettingsError, match="headings must name some of"):
         Rig(rig.channels, (), headings={"flow": "F"})
