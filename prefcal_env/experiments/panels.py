@@ -27,9 +27,7 @@ class Plot:
         name: Name of the channel or signal in the experiment.
         nth: Position among the channels of the same name, from 0.
         scale: Factor from the experiment's unit to the unit of `channel`.
-        reference: Key of the signal that holds a reference that varies in time; "" for none.
-        low_signal: Key of the signal that holds a lower limit that varies in time; "" for none.
-        high_signal: Key of the signal that holds an upper limit that varies in time; "" for none.
+        reference: See `Panel`, as are the two limits; "" for none.
     """
 
     channel: Channel

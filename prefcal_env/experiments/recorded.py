@@ -110,11 +110,6 @@ def recorded(
     instants = _instants(base, curves, held, time_unit)
     references = _references(list(y), reference or {}, base, instants, time_unit)
     channels = _channels(list(y), list(u), references, look, time_unit)
-    drawn = {
-        f"{channel.name} ref": values
-        for channel, values in zip(channels.y, references, strict=True)
-        if channel.target is None and np.isfinite(values).any()
-    }
     extra = {
         name: curve_of(f"signal {name!r}", v, base, time_unit, gaps=True).at(instants)
         for name, v in (signals or {}).items()
@@ -127,9 +122,21 @@ def recorded(
         t_control=instants[rows], u_control=moves[rows], y_ref=y_ref[rows],
         iterations=np.zeros(len(rows), dtype=np.int64), solve_time=np.zeros(len(rows)),
         solved=np.ones(len(rows), dtype=bool), channels=channels,
-        end=_end(instants, [*curves, *held]) if end is None else end, signals=drawn | extra,
+        end=_end(instants, [*curves, *held]) if end is None else end,
+        signals=_drawn(channels, references) | extra,
     )  # fmt: skip
     return made if kpis is None else made.with_kpis(computed(kpis, made))
+
+
+def _drawn(
+    channels: Channels, references: Sequence[Float[np.ndarray, " K"]]
+) -> dict[str, Float[np.ndarray, " K"]]:
+    """Return the references that change, as signals."""
+    return {
+        f"{channel.name} ref": values
+        for channel, values in zip(channels.y, references, strict=True)
+        if channel.target is None and np.isfinite(values).any()
+    }
 
 
 def _decided(

@@ -143,8 +143,8 @@ def _named(table: Sequence[Column], known: dict[_Key, str] | None = None) -> lis
     known = {} if known is None else known
     found = []
     for key, column in zip(_keys(table), table, strict=True):
-        taken = {*known.values(), *(replace(column, name=n, unit=k[1]).heading
-                                    for k, n in known.items())}  # fmt: skip
+        taken = {*known.values()}
+        taken |= {replace(column, name=n, unit=unit).heading for (_, unit, *_), n in known.items()}
         number, named = 1, column
         while key not in known and {named.name, named.heading} & taken:
             number += 1

@@ -19,6 +19,7 @@ from .fold import State
 StudyFile = Any
 """`prefcal_env.study.StudyFile`, which calls these functions."""
 _NUMBER = "Number of the experiment, from 1"
+_AUTOMATIC = "Marks that come from an interrupted run"
 _REFERENCE = "Reference of the output, held from this instant on"
 Kind = Literal["integer", "number", "text", "boolean"]
 
@@ -85,7 +86,7 @@ _ANSWERS: Mapping[str, tuple[Kind, str]] = {
                    "incumbent is; empty: can't tell"),
     "strength": ("number", "Weight c_h of the answer, usually 1"),
     "marks": ("text", "What was marked with the answer, separated by semicolons"),
-    "automatic marks": ("text", "Marks that come from an interrupted run"),
+    "automatic marks": ("text", _AUTOMATIC),
     "challenger on the left": ("boolean", "Whether the challenger was shown on the left"),
     "blind": ("boolean", "Whether θ and the roles of the sides were hidden"),
     "comment": ("text", "Comment on the answer"),
@@ -142,15 +143,14 @@ def experiments_of(state: State, experiments: Mapping[int, Experiment]) -> list[
         found.append(Column(name, f"KPI: {title}" if title else "KPI", values, unit))
     marks = ["; ".join(sorted(state.marks.get(i, ()))) or None for i in indices]
     automatic = ["unsafe" if i in unsafe else None for i in indices]
+    told = [scores.get(i) for i in indices]
     return [
         *found,
         Column("ended", "How the run ended", [run.end.value for run in runs], kind="text"),
         Column("marks", "Marks by a person, separated by semicolons", marks, kind="text"),
-        Column("automatic marks", "Marks that come from an interrupted run", automatic,
-               kind="text"),
-        Column("score", "Score that an agent by score was told; lower is better",
-               [scores.get(i) for i in indices]),
-    ]  # fmt: skip
+        Column("automatic marks", _AUTOMATIC, automatic, kind="text"),
+        Column("score", "Score that an agent by score was told; lower is better", told),
+    ]
 
 
 def _units(state: State, what: str) -> list[tuple[str, str, str]]:

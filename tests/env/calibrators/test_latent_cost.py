@@ -4,8 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from prefcal_env.calibrators import BradleyTerry, LatentCost, Thurstone
 from prefcal_env.errors import SettingsError
@@ -59,16 +57,6 @@ def test_another_seed_errs_elsewhere():
         return [judge.prefer(a, b) for a, b in pairs]
 
     assert verdicts(0) == verdicts(0) != verdicts(1)
-
-
-@given(
-    theta=st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=2, unique=True),
-    seed=st.integers(0, 2**70),
-)
-def test_verdicts_depend_on_the_two_thetas_alone(theta, seed):
-    judge = LatentCost(final_level, noise=Thurstone(1.0), seed=seed)
-    a, b = short_run(theta[:1]), short_run(theta[1:])
-    assert judge.prefer(a, b) == judge.prefer(a, b) == -judge.prefer(b, a)
 
 
 @pytest.mark.parametrize(
