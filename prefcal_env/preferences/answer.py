@@ -50,6 +50,12 @@ class Mark(Enum):
     INCUMBENT_GOOD_ENOUGH = "incumbent good enough"
     CHALLENGER_CUT_SHORT = "challenger cut short"
 
+    @property
+    def mirrored(self) -> "Mark":
+        """The same mark on the other side."""
+        side, _, what = self.value.partition(" ")
+        return Mark(f"{'incumbent' if side == 'challenger' else 'challenger'} {what}")
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:

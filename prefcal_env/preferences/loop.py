@@ -1,8 +1,8 @@
 """The loop of a study: ask, run, answer, tell. You can stop it after any answer."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from dataclasses import replace
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -71,39 +71,43 @@ R = TypeVar("R")
 A = TypeVar("A")
 
 
-class AskTell(Protocol):
-    """The interface that the loop needs from an agent of any kind.
-
-    To run several experiments at once, `ask(n)` must return the open queries, as `Agent` does.
-    """
-
-    @property
-    def done(self) -> bool:
-        """Return whether it has no more questions."""
-
-    @property
-    def ask(self) -> Callable[..., Any]:
-        """Return the method that returns the open query."""
-
-    def tell(self, query: Query, answer: Any) -> None:
-        """Close `query`."""
-
-
 class Step(NamedTuple, Generic[R, A]):
-    """One turn of the loop: a closed query, the results it is about, and the answer.
+    """One turn of the loop: a closed query, the answer, and the results it is about.
 
     `incumbent` is None if nothing was compared: in the first query, and for an agent that
     learns from scores.
     """
 
     query: Query
+    answer: A
     challenger: R
     incumbent: R | None
-    answer: A
+
+    @property
+    def winner(self) -> R:
+        """Preferred result; without a preference, the incumbent if there is one."""
+        preferred = getattr(self.answer, "preference", None)
+        if self.incumbent is None or preferred is Preference.CHALLENGER:
+            return self.challenger
+        return self.incumbent
+
+    @property
+    def winner_index(self) -> int:
+        """Index of the winner's sample."""
+        incumbent = self.query.incumbent
+        wins = incumbent is None or self.winner is self.challenger
+        return self.query.challenger.index if wins or incumbent is None else incumbent.index
+
+
+Comparison = Step[Experiment, Answer]
+"""A closed query with both experiments.
+
+`incumbent` is None for the very first experiment, whose answer is an abstention.
+"""
 
 
 def ask_and_tell(
-    agent: AskTell,
+    agent: Any,
     run: Callable[[Float[np.ndarray, " n"]], R],
     answer: Callable[[R, R | None], A],
     *,
@@ -117,7 +121,8 @@ def ask_and_tell(
     error, it is raised here, the agent keeps what is pending, and another loop continues with it.
 
     Args:
-        agent: Agent that proposes θ; it is changed.
+        agent: Agent of any kind, with `done`, `ask` and `tell`; it is changed. With `at_once`,
+            `ask(n)` returns the open queries, as that of `Agent` does.
         run: Function that returns the result of a physical θ, shape (n,); called once for each
             experiment, but again if its worker died and the executor replaces it.
         answer: Function of the results of challenger and incumbent that returns what to tell the
@@ -135,34 +140,7 @@ def ask_and_tell(
             query, challenger, incumbent = runs.next_of(agent)
             given = answer(challenger, incumbent)
             agent.tell(query, given)
-            yield Step(query, challenger, incumbent, given)
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """A closed query with both experiments.
-
-    `incumbent` is None for the very first experiment, whose answer is an abstention.
-    """
-
-    query: Query
-    answer: Answer
-    challenger: Experiment
-    incumbent: Experiment | None
-
-    @property
-    def winner(self) -> Experiment:
-        """Preferred experiment; without a preference, the incumbent if there is one."""
-        if self.incumbent is None or self.answer.preference is Preference.CHALLENGER:
-            return self.challenger
-        return self.incumbent
-
-    @property
-    def winner_index(self) -> int:
-        """Index of the winner's sample."""
-        if self.query.incumbent is None or self.answer.preference is Preference.CHALLENGER:
-            return self.query.challenger.index
-        return self.query.incumbent.index
+            yield Step(query, given, challenger, incumbent)
 
 
 def calibrate(
@@ -198,5 +176,4 @@ def calibrate(
             pair = (outcome(challenger), None if incumbent is None else outcome(incumbent))
         return completed(said, challenger, incumbent, pair)
 
-    for step in ask_and_tell(agent, run, answer):
-        yield Comparison(step.query, step.answer, step.challenger, step.incumbent)
+    return ask_and_tell(agent, run, answer)
