@@ -53,17 +53,8 @@ def entries(
 ) -> dict[str, Any]:
     """Return `values` by key, each in the type of its field in one of the `tables`.
 
-    Args:
-        values: Plain data by key.
-        tables: As in `checked`; a key may be a field of any of them.
-        where: As in `checked`.
-        error: As in `checked`.
-        hint: As in `checked`.
-        known: Fields that are no keys.
-        partial: Whether keys may be missing although their fields have no default.
-
-    Raises:
-        error: As in `checked`.
+    Arguments and errors are those of `checked`; fields that are `known` are no keys, and a
+    `partial` table may lack keys whose fields have no default.
     """
     place = f"{where}: " if where else ""
     every = {k: v for table in tables for k, v in _fields(table).items() if k not in known}

@@ -31,16 +31,10 @@ _WORDS = {
 def told(
     path: Path | str, doing: str, consequence: str = "", *, what: str = "the study"
 ) -> Iterator[None]:
-    """Turn errors of SQLite inside into a StudyError that names the file and what to do.
+    """Turn errors of SQLite and the file system inside into a StudyError.
 
-    Args:
-        path: Path of the file.
-        doing: Verb for the message, such as "open" or "write to".
-        consequence: Sentence that ends the message, such as "Nothing was recorded".
-        what: Noun for the message, before the path.
-
-    Raises:
-        StudyError: In place of any sqlite3.Error or OSError.
+    It says "cannot DOING WHAT PATH", for example "cannot open the study a.prefcal", why, and what
+    the `consequence` is, for example "Nothing was recorded".
     """
     try:
         yield
@@ -75,11 +69,9 @@ _DATABASE = b"SQLite format 3\0"
 
 
 def connect(path: Path | str, *, timeout: float = 5.0) -> sqlite3.Connection:
-    """Connect to an SQLite file with full synchronization; create it if there is none.
+    """Connect to an SQLite file, or to ":memory:", with full synchronization; create it if absent.
 
-    Args:
-        path: File, or ":memory:".
-        timeout: Longest wait for a lock of another process, in seconds.
+    `timeout` is the longest wait for a lock of another process, in seconds.
     """
     # SQLite would take a relative path that begins with "file:" for a URI.
     place = path if path == ":memory:" else os.path.abspath(path)

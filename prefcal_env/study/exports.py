@@ -133,12 +133,9 @@ def _keys(columns: Iterable[Column]) -> list[_Key]:
 
 
 def _named(table: Sequence[Column], known: dict[_Key, str] | None = None) -> list[Column]:
-    """Return `table` with names of their own: of equal names, later ones get a number.
+    """Return columns with names of their own: of equal names, later ones get a number.
 
-    Args:
-        table: Columns that may share names.
-        known: Names that columns of other tables have; equal columns get the same name here. New
-            ones are added.
+    Columns that other tables have, too, get the name that is `known`; new names are added to it.
     """
     known = {} if known is None else known
     found = []

@@ -84,13 +84,9 @@ def _layout(connection: sqlite3.Connection) -> frozenset[tuple[bytes, ...]]:
 def insert(
     connection: sqlite3.Connection, recorded: Recorded, payload: bytes | None, before: int
 ) -> int:
-    """Insert an event, inside a transaction; return its checksum.
+    """Insert an event with its packed experiment, if any, inside a transaction.
 
-    Args:
-        connection: Study file.
-        recorded: Event with its number and time.
-        payload: Its experiment, packed; None without one.
-        before: Checksum of the event before it; 0 for the first one.
+    Return its checksum, given the one of the event `before` it; 0 for the first one.
     """
     seq, at, body = recorded.seq, recorded.at, to_text(recorded.event)
     size = None if payload is None else len(payload)
@@ -107,11 +103,7 @@ def check_experiment(
 ) -> None:
     """Check that each Finished, and no other event, has an experiment or names one.
 
-    Args:
-        seq: Number of the event.
-        event: The event.
-        has_payload: Whether it has an experiment.
-        brought: Function that returns whether an earlier event has an experiment, by its number.
+    `brought` returns whether the earlier event of a number has an experiment.
 
     Raises:
         StudyError: If that is not so, or the event that it names has none.

@@ -46,9 +46,7 @@ def grid(
 def extreme_rows(columns: Sequence[Float[np.ndarray, " K"]], most: int) -> Int[np.ndarray, " M"]:
     """Return at most `most` rows, which hold the extreme values of each stretch of each column.
 
-    Args:
-        columns: Columns of the table, each of shape (K,); NaN is ignored.
-        most: Largest number of rows.
+    NaN is ignored.
     """
     count = len(columns[0])
     if count <= most:

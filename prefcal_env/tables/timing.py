@@ -23,11 +23,7 @@ _NAMES = ("time", "t", "timestamp", "datetime", "date", "date time", "time stamp
 
 
 def time_column(sheet: Sheet, given: str | None) -> int:
-    """Return the number of the column that holds the time.
-
-    Args:
-        sheet: Table.
-        given: Its heading; None to find it by its usual names.
+    """Return the number of the column `given`, or else of the one with a usual name of the time.
 
     Raises:
         RecordError: If there is none, or there are several.
