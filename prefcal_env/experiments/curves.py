@@ -54,6 +54,22 @@ def held_rows(
     return np.asarray(np.searchsorted(instants, t + tolerance, side="right") - 1)
 
 
+def bridged(
+    t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], *, held: bool
+) -> Float[np.ndarray, " K"]:
+    """Return `values` at `t` without gaps: interpolated, or `held` from the latest good value.
+
+    At the ends, the nearest good value is taken. Without any good value, all stay as they are.
+    """
+    good = np.flatnonzero(np.isfinite(values))
+    if not len(good):
+        return values
+    if not held:
+        return np.asarray(np.interp(t, t[good], values[good]))
+    latest = np.searchsorted(good, np.arange(len(values)), side="right") - 1
+    return np.asarray(values[good[np.maximum(latest, 0)]])
+
+
 def instants_of(name: str, t: Any, unit: str) -> Float[np.ndarray, " K"]:
     """Return anything that NumPy makes an array of as instants in `unit`, shape (K,).
 

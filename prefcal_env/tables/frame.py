@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from prefcal_env.errors import RecordError, SettingsError
+from prefcal_env.experiments.curves import bridged
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.recorded import Limits, recorded
@@ -237,17 +238,13 @@ class _Used:
 
         Those after the `last` value stay empty: the run stopped there.
         """
-        values, finite = self.values[name], np.isfinite(self.values[name])
+        values = self.values[name]
         if "missing" not in self.about.allow:
             place, got = self.place(int(holes[0])), values[holes[0]]
             words = "nothing" if np.isnan(got) else f"{got:g}"
             lacks = self.sheet.lacking(self.places[name], place, words, len(holes))
             raise RecordError(f"{lacks}: fill it, or give allow=('missing',) to bridge them")
-        if name in self.outputs:
-            filled = np.interp(self.t, self.t[finite], values[finite])
-        else:
-            latest = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
-            filled = values[np.where(latest < 0, int(np.argmax(finite)), latest)]
+        filled = bridged(self.t, values, held=name not in self.outputs)
         filled[last:] = np.nan
         return np.asarray(filled)
 
