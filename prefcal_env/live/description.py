@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,11 +21,12 @@ from .rig import LiveRig
 Range = tuple[float, float]
 Entries = dict[str, dict[str, Any]]
 _CONNECTION = ("user", "security", "timeout")
-_PLAIN = ("duration", "period", "ready_within", "hold", "blind", "after", "instructions")
+_RIG = {field.name for field in fields(LiveRig)} - {"knobs", "start", "journal"}
+"""Keys that are arguments of `LiveRig` as they are."""
 
 
 class LiveTable(msgspec.Struct, frozen=True, kw_only=True):
-    """A live rig as plain data; None stands for the default of `LiveRig` or `OPCUAPlant`."""
+    """Keys of a live rig as plain data; those left out have the defaults of what they are for."""
 
     url: str
     duration: float
@@ -65,15 +67,15 @@ def live_rig(
         LiveError: If the address is none of OPC UA.
         MissingExtraError: If asyncua is not installed.
     """
-    given = checked(description, LiveTable, "", SettingsError)
+    given = entries(description, (LiveTable,), "", SettingsError)
     roles: tuple[tuple[Role, Entries], ...] = (
-        ("output", given.outputs),
-        ("input", given.inputs),
-        ("reference", given.references),
+        ("output", given["outputs"]),
+        ("input", given.get("inputs", {})),
+        ("reference", given.get("references", {})),
     )
     return LiveRig(
-        plant=_connection(given) if plant is None else plant(given.url),
-        knobs=tuple(_knob(name, entry) for name, entry in given.knobs.items()),
+        plant=_connection(given) if plant is None else plant(given["url"]),
+        knobs=tuple(_knob(name, entry) for name, entry in given["knobs"].items()),
         tags=tuple(
             checked(entry, Tag, f"{role}s.{name}", SettingsError, name=name, role=role)
             for role, tags in roles
@@ -81,12 +83,10 @@ def live_rig(
         ),
         start=tuple(
             checked(entry, LiveStart, f"start.{name}", SettingsError, name=name)
-            for name, entry in given.start.items()
+            for name, entry in given.get("start", {}).items()
         ),
-        ready=given.ready,
-        done=given.done,
-        journal=None if given.journal is None else _journal(given.journal),
-        **_stated(given, _PLAIN),
+        journal=_journal(given["journal"]) if "journal" in given else None,
+        **{name: value for name, value in given.items() if name in _RIG},
     )
 
 
@@ -98,17 +98,14 @@ def _knob(name: str, entry: dict[str, Any]) -> LiveKnob:
     return LiveKnob(Knob(name, **found), node, rate)
 
 
-def _stated(given: LiveTable, names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: v for name in names if (v := getattr(given, name)) is not None}
-
-
-def _connection(given: LiveTable) -> OPCUAPlant:
-    stated, variable = _stated(given, _CONNECTION), given.password_variable
+def _connection(given: Mapping[str, Any]) -> OPCUAPlant:
+    stated = {name: given[name] for name in _CONNECTION if name in given}
+    variable = given.get("password_variable")
     if variable:
         if variable not in os.environ:
             raise SettingsError(f"the environment variable {variable!r} must hold the password")
         stated["password"] = os.environ[variable]
-    return OPCUAPlant(given.url, **stated)
+    return OPCUAPlant(given["url"], **stated)
 
 
 def _journal(path: str) -> Journal:
