@@ -413,7 +413,7 @@ def _live(rig: LiveRig, theta: Float[np.ndarray, " n"]) -> Iterator[Finding]:
         return
     finally:
         rig.plant.close()
-    shown = (f"{c.name} = {quantity(c.old, c.unit)}" for c in changes)
+    shown = (f"{c.part.name} = {quantity(c.old, c.part.unit)}" for c in changes)
     yield Finding("plant", True, f"it is reachable and has {', '.join(shown)}")
     if left:
         values = ", ".join(f"{name} = {value:g}" for name, value in left.items())
