@@ -64,7 +64,7 @@ if _TYPE_CHECKING:
     from .preferences.loop import Comparison as Comparison
     from .preferences.loop import ask_and_tell as ask_and_tell
     from .preferences.loop import calibrate as calibrate
-    from .preferences.run_facts import completed as completed
+    from .preferences.loop import completed as completed
     from .rig import Rig as Rig
     from .tables import TableColumns as TableColumns
     from .tables import from_frame as from_frame
@@ -98,8 +98,7 @@ _HOMES = {
         "plants": "FunctionPlant Plant",
         "preferences.answer": "Agent Answer Calibrator Mark Preference Query Suggestion",
         "preferences.kpis": "Outcome",
-        "preferences.loop": "Comparison ask_and_tell calibrate",
-        "preferences.run_facts": "completed",
+        "preferences.loop": "Comparison ask_and_tell calibrate completed",
         "rig": "Rig",
         "tables": "TableColumns from_frame",
     }.items()

@@ -1,15 +1,18 @@
 """Check plain data that people write, such as a TOML file, against the keys of a table."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import MISSING, is_dataclass
+from dataclasses import fields as fields_of
 from typing import Any, TypeVar
 
 import msgspec
 
 from .errors import PrefcalError
 
-Table = TypeVar("Table", bound=msgspec.Struct)
+Table = TypeVar("Table")
 Hint = Callable[[str, Iterable[str]], str]
+_NO_HINT: Hint = lambda word, names: ""  # noqa: E731
 
 
 def checked(
@@ -17,37 +20,68 @@ def checked(
     table: type[Table],
     where: str,
     error: type[PrefcalError],
-    hint: Hint = lambda word, names: "",
+    hint: Hint = _NO_HINT,
+    **given: Any,
 ) -> Table:
     """Return `values` as a `table`.
 
     Args:
         values: Plain data by key.
-        table: Keys that are known, and their types.
+        table: Dataclass or `msgspec.Struct` whose fields are the known keys, with their types.
         where: Place of the data, for messages; empty if the caller names it.
         error: Error to raise.
         hint: Function that suggests one of the known names for an unknown one, as a sentence with
             a space before it; empty for none.
+        given: Fields that the caller knows; they are no keys.
 
     Raises:
         error: If `values` is no table, a key is unknown or missing, or a value has the wrong type.
             The message names place, key, value and what was expected.
     """
+    return table(**given, **entries(values, (table,), where, error, hint, known=given))
+
+
+def entries(
+    values: object,
+    tables: tuple[type, ...],
+    where: str,
+    error: type[PrefcalError],
+    hint: Hint = _NO_HINT,
+    *,
+    known: Collection[str] = (),
+    partial: bool = False,
+) -> dict[str, Any]:
+    """Return `values` by key, each in the type of its field in one of the `tables`.
+
+    Arguments and errors are those of `checked`; fields that are `known` are no keys, and a
+    `partial` table may lack keys whose fields have no default.
+    """
     place = f"{where}: " if where else ""
-    fields = {field.name: field for field in msgspec.structs.fields(table)}
+    every = {k: v for table in tables for k, v in _fields(table).items() if k not in known}
     if not isinstance(values, Mapping):
-        raise error(f"{place}expected a table with {', '.join(fields)}, got {values!r:.80}")
+        raise error(f"{place}expected a table with {', '.join(every)}, got {values!r:.80}")
     for key in values:
-        if key not in fields:
+        if key not in every:
             raise error(
-                f"{place}there is no key {key!r}.{hint(str(key), fields)} "
-                f"Expected {', '.join(fields)}"
+                f"{place}there is no key {key!r}.{hint(str(key), every)} "
+                f"Expected {', '.join(every)}"
             )
-    found = {k: _value(v, fields[k].type, f"{place}{k}", error) for k, v in values.items()}
-    missing = [name for name, field in fields.items() if field.required and name not in found]
-    if missing:
+    found = {k: _value(v, every[k][0], f"{place}{k}", error) for k, v in values.items()}
+    missing = [name for name, (_, needed) in every.items() if needed and name not in found]
+    if missing and not partial:
         raise error(f"{place}{missing[0]!r} is missing, expected {_example(missing[0])}")
-    return table(**found)
+    return found
+
+
+def _fields(table: Any) -> dict[str, tuple[Any, bool]]:
+    """Return type of each field, and whether it is required."""
+    if not is_dataclass(table):
+        return {f.name: (f.type, f.required) for f in msgspec.structs.fields(table)}
+    return {
+        f.name: (f.type, f.default is MISSING and f.default_factory is MISSING)
+        for f in fields_of(table)
+        if f.init
+    }
 
 
 def _value(value: Any, type_: Any, where: str, error: type[PrefcalError]) -> Any:

@@ -8,16 +8,11 @@ import numpy as np
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.preferences.answer import Answer, Mark, Preference
+from prefcal_env.preferences.answer import Answer, Preference
+
+from .latent_cost import is_seed
 
 Ask = Callable[[Experiment, Experiment], Any]
-
-_OTHER_SIDE = {
-    Mark.CHALLENGER_UNSAFE: Mark.INCUMBENT_UNSAFE,
-    Mark.INCUMBENT_UNSAFE: Mark.CHALLENGER_UNSAFE,
-    Mark.CHALLENGER_GOOD_ENOUGH: Mark.INCUMBENT_GOOD_ENOUGH,
-    Mark.INCUMBENT_GOOD_ENOUGH: Mark.CHALLENGER_GOOD_ENOUGH,
-}
 
 
 @dataclass
@@ -47,8 +42,7 @@ class HumanCalibrator:
             raise SettingsError(f"ask must be a function of two experiments, got {self.ask!r}")
         if self.shuffle is None:
             return
-        integer = isinstance(self.shuffle, (int, np.integer)) and not isinstance(self.shuffle, bool)
-        if not integer or self.shuffle < 0:
+        if not is_seed(self.shuffle):
             raise SettingsError(f"shuffle must be a seed of 0 or more, got {self.shuffle!r}")
         self._rng = np.random.default_rng(self.shuffle)
 
@@ -65,6 +59,6 @@ def _turned(answer: Answer) -> Answer:
     preference = None if answer.preference is None else Preference(-answer.preference)
     outcomes = None if answer.outcomes is None else answer.outcomes[::-1]
     return Answer(
-        preference, answer.strength, tuple(_OTHER_SIDE[m] for m in answer.marks), outcomes,
-        automatic=tuple(_OTHER_SIDE[m] for m in answer.automatic),
+        preference, answer.strength, tuple(m.mirrored for m in answer.marks), outcomes,
+        automatic=tuple(m.mirrored for m in answer.automatic),
     )  # fmt: skip

@@ -1,17 +1,120 @@
-"""A calibrator that judges by a cost function, with or without errors."""
+"""Calibrators that judge by a cost, and their errors: noise, or a share of wrong answers."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.preferences.answer import Preference
+from prefcal_env.knobs.knob import is_number
+from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
-from .noise import Noise, generator_of_pair
+
+@runtime_checkable
+class Noise(Protocol):
+    """A symmetric distribution of errors in comparing two costs."""
+
+    def draw(self, generator: np.random.Generator) -> float:
+        """Return one error of a difference of costs, in the unit of the cost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Thurstone:
+    """Normal noise of standard deviation `sigma` on each perceived cost (case V).
+
+    The error of a difference is normal with standard deviation √2 `sigma`.
+
+    Raises:
+        SettingsError: If `sigma` is not positive and finite.
+    """
+
+    sigma: float
+
+    def __post_init__(self) -> None:
+        _check("sigma", self.sigma)
+
+    def draw(self, generator: np.random.Generator) -> float:
+        """Return one error of a difference of costs, in the unit of the cost."""
+        return float(np.sqrt(2) * self.sigma * generator.standard_normal())
+
+
+@dataclass(frozen=True, slots=True)
+class BradleyTerry:
+    """Logistic noise: a beats b with probability 1/(1 + exp((cost(a) - cost(b))/scale)).
+
+    The error of a difference is logistic.
+
+    Raises:
+        SettingsError: If `scale` is not positive and finite.
+    """
+
+    scale: float
+
+    def __post_init__(self) -> None:
+        _check("scale", self.scale)
+
+    def draw(self, generator: np.random.Generator) -> float:
+        """Return one error of a difference of costs, in the unit of the cost."""
+        return float(generator.logistic(scale=self.scale))
+
+
+@dataclass(frozen=True, slots=True)
+class Flipping:
+    """A calibrator that flips another calibrator's answer in a share of the cases.
+
+    Which answers are wrong depends only on `seed` and the two θ: if the question is repeated or
+    asked the other way round, the mistake is the same. Ties and abstentions never change.
+
+    Args:
+        calibrator: Calibrator whose answers are flipped; what it compares must have a `theta`.
+        share: Share of wrong answers, from 0 to 1.
+        seed: Seed that decides which answers are wrong, 0 or more.
+
+    Raises:
+        SettingsError: If the share is outside [0, 1].
+    """
+
+    calibrator: Calibrator[Any]
+    share: float
+    seed: int
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.share <= 1:
+            raise SettingsError(f"share must be in [0, 1], got {self.share!r}")
+
+    def prefer(self, challenger: Any, incumbent: Any) -> Answer | Preference | int | None:
+        """Return the calibrator's answer, or its opposite."""
+        verdict = self.calibrator.prefer(challenger, incumbent)
+        dice = generator_of_pair(self.seed, challenger.theta, incumbent.theta)
+        if verdict is None or dice.random() >= self.share:
+            return verdict
+        if not isinstance(verdict, Answer):
+            return Preference(-verdict)
+        preference = verdict.preference
+        return replace(verdict, preference=None if preference is None else Preference(-preference))
+
+
+def is_seed(value: object) -> bool:
+    """Return whether `value` is an integer of 0 or more."""
+    return isinstance(value, int | np.integer) and is_number(value) and int(value) >= 0
+
+
+def generator_of_pair(
+    seed: int, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]
+) -> np.random.Generator:
+    """Return a generator that depends on `seed` and the two θ, shape (n,), but not their order."""
+    pair = sorted((tuple(a + 0.0), tuple(b + 0.0)))  # + 0.0 turns -0.0 into 0.0
+    key = np.array(pair).view(np.uint32).ravel()
+    return np.random.default_rng([int(seed), *key.tolist()])
+
+
+def _check(name: str, value: float) -> None:
+    if isinstance(value, bool) or not (isfinite(value) and value > 0):
+        raise SettingsError(f"{name} must be positive and finite, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -48,9 +151,7 @@ class LatentCost:
             raise SettingsError(
                 f"noise must be Thurstone, BradleyTerry or None, got {self.noise!r}"
             )
-        if isinstance(self.seed, bool) or not (
-            isinstance(self.seed, (int, np.integer)) and self.seed >= 0
-        ):
+        if not is_seed(self.seed):
             raise SettingsError(f"seed must be an integer of 0 or more, got {self.seed!r}")
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:

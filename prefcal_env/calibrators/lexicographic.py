@@ -68,12 +68,12 @@ class Lexicographic:
         SettingsError: If there is no criterion or an item is not a `Criterion`.
     """
 
-    criteria: tuple[Criterion, ...]
-    first: tuple[Criterion, ...] = ()
+    criteria: Sequence[Criterion]
+    first: Sequence[Criterion] = ()
 
-    def __init__(self, criteria: Sequence[Criterion], first: Sequence[Criterion] = ()) -> None:
-        object.__setattr__(self, "criteria", tuple(criteria))
-        object.__setattr__(self, "first", tuple(first))
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "criteria", tuple(self.criteria))
+        object.__setattr__(self, "first", tuple(self.first))
         strangers = [c for c in (*self.first, *self.criteria) if not isinstance(c, Criterion)]
         if not self.criteria or strangers:
             raise SettingsError(

@@ -54,13 +54,24 @@ def held_rows(
     return np.asarray(np.searchsorted(instants, t + tolerance, side="right") - 1)
 
 
-def instants_of(name: str, t: Any, unit: str) -> Float[np.ndarray, " K"]:
-    """Return instants as an array of numbers, shape (K,).
+def bridged(
+    t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], *, held: bool
+) -> Float[np.ndarray, " K"]:
+    """Return `values` at `t` without gaps: interpolated, or `held` from the latest good value.
 
-    Args:
-        name: Name for messages.
-        t: Anything that NumPy makes an array of.
-        unit: Unit of time, for messages.
+    At the ends, the nearest good value is taken. Without any good value, all stay as they are.
+    """
+    good = np.flatnonzero(np.isfinite(values))
+    if not len(good):
+        return values
+    if not held:
+        return np.asarray(np.interp(t, t[good], values[good]))
+    latest = np.searchsorted(good, np.arange(len(values)), side="right") - 1
+    return np.asarray(values[good[np.maximum(latest, 0)]])
+
+
+def instants_of(name: str, t: Any, unit: str) -> Float[np.ndarray, " K"]:
+    """Return anything that NumPy makes an array of as instants in `unit`, shape (K,).
 
     Raises:
         ExperimentError: If they are not finite numbers that increase.
@@ -107,15 +118,10 @@ def curve_of(
     what: str, given: Any, t: Float[np.ndarray, " K"] | None, unit: str, *,
     held: bool = False, gaps: bool = False,
 ) -> Curve:  # fmt: skip
-    """Return a checked curve.
+    """Return the curve of the values `given` at `t`, shape (K,), or of a tuple (times, values).
 
-    Args:
-        what: What it is and its name, for messages.
-        given: Values at `t`, or a tuple (times, values).
-        t: Instants of the record, shape (K,); None if every curve has its own.
-        unit: Unit of time, for messages.
-        held: See `Curve`.
-        gaps: See `Curve`; without them, the curve ends with its last finite value.
+    If `t` is None, every curve has its own times. Without `gaps`, it ends with its last finite
+    value; `what` it is and the `unit` of time are for messages.
 
     Raises:
         ExperimentError: If shapes differ, or a value that is not finite lies between finite ones.
@@ -167,6 +173,7 @@ def common_instants(
         ExperimentError: If a curve begins or ends within `t`, or the curves do not overlap.
     """
     end = min((c.t[-1] for c in curves if c.stopped), default=np.inf)
+    begin, union = -np.inf, t is None
     if t is None:
         begin = max(c.t[0] for c in curves)
         end = min([end, *(c.t[-1] for c in curves if not c.held)])
@@ -176,12 +183,12 @@ def common_instants(
                 f"{early.what} ends at {early.t[-1]:g} {unit}, before {late.what} begins at "
                 f"{late.t[0]:g} {unit}: bring them to one time axis"
             )
-        t = _union([c.t for c in curves])
-        tolerance = _SAME_INSTANT * _span(t)
-        return np.asarray(t[(t >= begin - tolerance) & (t <= end + tolerance)])
+        every = np.unique(np.concatenate([c.t for c in curves]))
+        # Of instants that nearly coincide, the first.
+        t = every[np.diff(every, prepend=-np.inf) > _SAME_INSTANT * _span(every)]
     tolerance = _SAME_INSTANT * _span(t)
-    kept = t[t <= end + tolerance]
-    for curve in curves:
+    kept = t[(t >= begin - tolerance) & (t <= end + tolerance)]
+    for curve in () if union else curves:
         check_covers(curve, kept, unit)
     return np.asarray(kept)
 
@@ -198,12 +205,6 @@ def check_covers(curve: Curve, t: Float[np.ndarray, " K"], unit: str) -> None:
             f"from {t[0]:g} to {t[-1]:g} {unit}: shorten t, or give t=None to use the time that "
             "every curve covers"
         )
-
-
-def _union(bases: Sequence[Float[np.ndarray, " _"]]) -> Float[np.ndarray, " M"]:
-    """Return all instants in order; of those that nearly coincide, the first."""
-    every = np.unique(np.concatenate(bases))
-    return np.asarray(every[np.diff(every, prepend=-np.inf) > _SAME_INSTANT * _span(every)])
 
 
 def _span(t: Float[np.ndarray, " K"]) -> float:

@@ -53,11 +53,7 @@ OF_INPUT = (
 
 
 def kinds_of(channels: Any) -> Iterable[tuple[TrackingKind, Any]]:
-    """Yield each kind with each channel that has it, as if all outputs had references.
-
-    Args:
-        channels: `Channels` of the experiments.
-    """
+    """Yield each kind with each of the `Channels` that has it, as if all outputs had references."""
     for kinds, group in ((OF_OUTPUT, channels.y), (OF_INPUT, channels.u)):
         for channel in group:
             yield from ((kind, channel) for kind in kinds)

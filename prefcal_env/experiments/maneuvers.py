@@ -224,22 +224,24 @@ def _check_name(name: object) -> None:
 
 def _check_channels(declared: Mapping[str, Channels]) -> None:
     """Raise ExperimentError if maneuvers differ in the names or units of their channels."""
-    names = list(declared)
-    for kind, what in (("x", "states"), ("u", "inputs"), ("y", "outputs")):
-        labels = {k: [c.label for c in getattr(declared[k], kind)] for k in names}
-        for name in names[1:]:
-            if labels[name] != labels[names[0]]:
+    for what, part in _ALIKE.items():
+        found = {name: part(channels) for name, channels in declared.items()}
+        first = next(iter(found), "")
+        for name in found:
+            if found[name] != found[first]:
                 raise ExperimentError(
-                    f"maneuvers must have the same {what}, got {labels[names[0]]} in "
-                    f"{names[0]!r} and {labels[name]} in {name!r}"
+                    f"maneuvers must have the same {what}, got {found[first]!r} in {first!r} and "
+                    f"{found[name]!r} in {name!r}"
                 )
-    units = {name: declared[name].time_unit for name in names}
-    for name in names[1:]:
-        if units[name] != units[names[0]]:
-            raise ExperimentError(
-                f"maneuvers must have the same unit of time, got {units[names[0]]!r} in "
-                f"{names[0]!r} and {units[name]!r} in {name!r}"
-            )
+
+
+_ALIKE: Mapping[str, Callable[[Channels], object]] = {
+    "states": lambda channels: [c.label for c in channels.x],
+    "inputs": lambda channels: [c.label for c in channels.u],
+    "outputs": lambda channels: [c.label for c in channels.y],
+    "unit of time": lambda channels: channels.time_unit,
+}
+"""What all maneuvers have in common."""
 
 
 def _badness(

@@ -67,20 +67,21 @@ def _picture(experiment: Experiment) -> str:
         from matplotlib.figure import Figure
     except ImportError:
         return ""
+    channels = experiment.channels
     curves = [
-        *((c, experiment.output(j), False) for j, c in enumerate(experiment.channels.y)),
-        *((c, experiment.x[:, i], False) for i, c in enumerate(experiment.channels.x)),
-        *((c, experiment.u[:, i], True) for i, c in enumerate(experiment.channels.u)),
+        *((c, experiment.output(j)) for j, c in enumerate(channels.y)),
+        *((c, experiment.x[:, i]) for i, c in enumerate(channels.x)),
+        *((c, experiment.u[:, i]) for i, c in enumerate(channels.u)),
     ]
-    shown = {c.label: (c, v, held) for c, v, held in reversed(curves) if v is not None}
+    shown = {c.label: (c, values) for c, values in reversed(curves) if values is not None}
     if not shown:
         return ""
-    references = {c.label: experiment.y_ref[:, j] for j, c in enumerate(experiment.channels.y)}
+    references = {c.label: experiment.y_ref[:, j] for j, c in enumerate(channels.y)}
     rows = np.unique(np.linspace(0, len(experiment.t) - 1, _MOST).astype(int))
     figure = Figure(figsize=(6.0, 0.5 + 1.3 * len(shown)), layout="constrained")
     grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, (channel, values, held) in zip(grid, reversed(shown.values()), strict=True):
-        style = "steps-post" if held else "default"
+    for axes, (channel, values) in zip(grid, reversed(shown.values()), strict=True):
+        style = "steps-post" if channel in channels.u else "default"
         axes.plot(experiment.t[rows], values[rows], drawstyle=style, lw=1.2)
         if channel.target is not None:
             axes.axhline(channel.target, color="0.5", ls=":", lw=1)

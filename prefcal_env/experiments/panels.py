@@ -27,9 +27,7 @@ class Plot:
         name: Name of the channel or signal in the experiment.
         nth: Position among the channels of the same name, from 0.
         scale: Factor from the experiment's unit to the unit of `channel`.
-        reference: Key of the signal that holds a reference that varies in time; "" for none.
-        low_signal: Key of the signal that holds a lower limit that varies in time; "" for none.
-        high_signal: Key of the signal that holds an upper limit that varies in time; "" for none.
+        reference: See `Panel`, as are the two limits; "" for none.
     """
 
     channel: Channel
@@ -58,8 +56,7 @@ class Panel:
 
     Inputs are drawn as steps, everything else as lines. Attributes that you leave out are taken
     from the channel; a state that is also an output, in the same unit, shows that output's target
-    and band. `Panel("x", channel)`, with a kind and a `Channel`, takes name and look from the
-    channel.
+    and band.
 
     Args:
         name: Name (or symbol) of a channel of the experiment, or key of a signal.
@@ -100,8 +97,6 @@ class Panel:
     high_signal: str = ""
 
     def __post_init__(self) -> None:
-        if isinstance(self.kind, Channel):
-            self._take(self.name, self.kind)
         if not isinstance(self.name, str) or not self.name:
             raise ScenarioError(f"a panel needs the name of a channel or signal, got {self.name!r}")
         if self.kind not in ("", *KINDS):
@@ -120,13 +115,6 @@ class Panel:
             )
         if self.band is not None and not self.band > 0:
             raise ScenarioError(f"panel {self.name!r}: band must be above 0, got {self.band}")
-
-    def _take(self, kind: str, channel: Channel) -> None:
-        """Read `Panel(kind, channel)`: copy the channel's name, and its look unless overridden."""
-        look = {n: getattr(channel, n) for n in _LOOK if getattr(self, n) is None}
-        taken = {"name": channel.name, "kind": kind, **look}
-        for name, value in taken.items():
-            object.__setattr__(self, name, value)
 
     def plot(self, experiment: Experiment) -> Plot:
         """Find the curve in `experiment`, which must have a record.

@@ -108,67 +108,54 @@ def recorded(
     curves = [curve_of(f"output {n!r}", v, base, time_unit) for n, v in y.items()]
     held = [curve_of(f"input {n!r}", v, base, time_unit, held=True) for n, v in u.items()]
     instants = _instants(base, curves, held, time_unit)
-    found = _Found(
-        instants,
-        [curve.at(instants) for curve in curves],
-        held,
-        _references(list(y), reference or {}, base, instants, time_unit),
-        {
-            name: curve_of(f"signal {name!r}", v, base, time_unit, gaps=True).at(instants)
-            for name, v in (signals or {}).items()
-        },
-    )
-    if end is None:
-        end = _end(instants, [*curves, *held])
-    channels = _channels(list(y), list(u), found.references, look, time_unit)
-    made = found.experiment(_theta(theta), channels, end)
+    references = _references(list(y), reference or {}, base, instants, time_unit)
+    channels = _channels(list(y), list(u), references, look, time_unit)
+    extra = {
+        name: curve_of(f"signal {name!r}", v, base, time_unit, gaps=True).at(instants)
+        for name, v in (signals or {}).items()
+    }
+    y_ref, moves = _table(references, instants), _table([c.at(instants) for c in held], instants)
+    rows = _decided(held, instants, y_ref)
+    made = Experiment(
+        theta=_theta(theta), t=instants, x=np.zeros((len(instants), 0)), u=moves,
+        y=_table([curve.at(instants) for curve in curves], instants),
+        t_control=instants[rows], u_control=moves[rows], y_ref=y_ref[rows],
+        iterations=np.zeros(len(rows), dtype=np.int64), solve_time=np.zeros(len(rows)),
+        solved=np.ones(len(rows), dtype=bool), channels=channels,
+        end=_end(instants, [*curves, *held]) if end is None else end,
+        signals=_drawn(channels, references) | extra,
+    )  # fmt: skip
     return made if kpis is None else made.with_kpis(computed(kpis, made))
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
-    """Everything recorded, at common instants; see `recorded`."""
-
-    t: Float[np.ndarray, " K"]
-    outputs: Sequence[Float[np.ndarray, " K"]]
-    inputs: Sequence[Curve]
-    references: Sequence[Float[np.ndarray, " K"]]
-    signals: Mapping[str, Float[np.ndarray, " K"]]
-
-    def experiment(
-        self, theta: Float[np.ndarray, " n"], channels: Channels, end: End
-    ) -> Experiment:
-        """Return the experiment without KPIs."""
-        n = len(self.t)
-        u, y_ref = _table([c.at(self.t) for c in self.inputs], n), _table(self.references, n)
-        rows = self._decided(y_ref)
-        drawn = {
-            f"{channel.name} ref": values
-            for channel, values in zip(channels.y, self.references, strict=True)
-            if channel.target is None and np.isfinite(values).any()
-        }
-        return Experiment(
-            theta=theta, t=self.t, x=np.zeros((n, 0)), u=u, y=_table(self.outputs, n),
-            t_control=self.t[rows], u_control=u[rows], y_ref=y_ref[rows],
-            iterations=np.zeros(len(rows), dtype=np.int64), solve_time=np.zeros(len(rows)),
-            solved=np.ones(len(rows), dtype=bool), channels=channels, end=end,
-            signals={**drawn, **self.signals},
-        )  # fmt: skip
-
-    def _decided(self, y_ref: Float[np.ndarray, "K n_y"]) -> Int[np.ndarray, " N"]:
-        """Return the rows at which inputs were decided or references changed."""
-        n = len(self.t)
-        if not self.inputs or not all(curve.own for curve in self.inputs):
-            return np.arange(n)
-        # The number of the value that holds at each row: where it changes, a new one was decided.
-        latest = np.stack([held_rows(curve.t, self.t) for curve in self.inputs], axis=1)
-        changed = (np.diff(latest, axis=0) != 0).any(axis=1)
-        changed |= (np.diff(np.nan_to_num(y_ref), axis=0) != 0).any(axis=1)
-        return np.flatnonzero(np.concatenate([np.ones(min(n, 1), dtype=bool), changed]))
+def _drawn(
+    channels: Channels, references: Sequence[Float[np.ndarray, " K"]]
+) -> dict[str, Float[np.ndarray, " K"]]:
+    """Return the references that change, as signals."""
+    return {
+        f"{channel.name} ref": values
+        for channel, values in zip(channels.y, references, strict=True)
+        if channel.target is None and np.isfinite(values).any()
+    }
 
 
-def _table(columns: Sequence[Float[np.ndarray, " K"]], count: int) -> Float[np.ndarray, "K n"]:
-    return np.stack(columns, axis=1) if len(columns) else np.zeros((count, 0))
+def _decided(
+    inputs: Sequence[Curve], t: Float[np.ndarray, " K"], y_ref: Float[np.ndarray, "K n_y"]
+) -> Int[np.ndarray, " N"]:
+    """Return the rows at which inputs were decided or references changed."""
+    if not inputs or not all(curve.own for curve in inputs):
+        return np.arange(len(t))
+    # The number of the value that holds at each row: where it changes, a new one was decided.
+    latest = np.stack([held_rows(curve.t, t) for curve in inputs], axis=1)
+    changed = (np.diff(latest, axis=0) != 0).any(axis=1)
+    changed |= (np.diff(np.nan_to_num(y_ref), axis=0) != 0).any(axis=1)
+    return np.flatnonzero(np.concatenate([np.ones(min(len(t), 1), dtype=bool), changed]))
+
+
+def _table(
+    columns: Sequence[Float[np.ndarray, " K"]], t: Float[np.ndarray, " K"]
+) -> Float[np.ndarray, "K n"]:
+    return np.stack(columns, axis=1) if len(columns) else np.zeros((len(t), 0))
 
 
 def _theta(theta: ArrayLike) -> Float[np.ndarray, " n"]:

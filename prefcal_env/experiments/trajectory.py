@@ -28,19 +28,8 @@ def instants(t: float, end: float, dense_step: float) -> Float[np.ndarray, " M"]
 class Record:
     """The record of an episode so far, from which an `Experiment` is made.
 
-    It has K dense instants and N steps.
-
-    Args:
-        t: Dense instants, shape (K,).
-        x: States at `t`, shape (K, n_x), finite.
-        u: Inputs held from `t` on, shape (K, n_u).
-        t_control: Sampling instants, shape (N,).
-        u_control: Inputs decided at `t_control`, shape (N, n_u).
-        y_ref: Output references at `t_control`, shape (N, n_y).
-        channels: Names, units, limits and targets.
-        end: Why the episode ended; None while it goes on.
-        signals: Additional signals on `t` by name, each of shape (K,).
-        y: Outputs at `t`, shape (K, n_y); None if they are not recorded.
+    It has K dense instants and N steps, and arrays as in `Experiment`; `end` is None while the
+    episode goes on.
     """
 
     t: Float[np.ndarray, " K"]

@@ -39,7 +39,9 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
             f"{sorted(added)}"
         )
     knobs = [
-        _wider(knob, before[knob.name]) if knob.name in before else _with(knob, added[knob.name])
+        _wider(knob, before[knob.name])
+        if knob.name in before
+        else _including(knob, added[knob.name], added[knob.name])
         for knob in new
     ]
     within = dict(zip(new.names, new.within, strict=True))
@@ -71,12 +73,8 @@ def _wider(new: Knob, old: Knob) -> Knob:
             f"knob {new.name!r} must keep its unit, scale and kind {was}, got {kind}: "
             "give the new knob another name"
         )
-    return _spanning(new, min(new.low, old.low), max(new.high, old.high))
+    return _including(new, old.low, old.high)
 
 
-def _with(knob: Knob, value: float) -> Knob:
-    return _spanning(knob, min(knob.low, value), max(knob.high, value))
-
-
-def _spanning(knob: Knob, low: float, high: float) -> Knob:
-    return replace(knob, low=low, high=high)
+def _including(knob: Knob, low: float, high: float) -> Knob:
+    return replace(knob, low=min(knob.low, low), high=max(knob.high, high))

@@ -10,6 +10,8 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError
 
+from .knob import is_number
+
 Values = Mapping[str, Any]
 """Maps a knob name to its physical value: a number, or an array (m,) if `vectorized`."""
 _ROUNDING = 1e-12  # relative to the terms of a linear constraint: accept 0.1 + 0.2 <= 0.3
@@ -101,8 +103,7 @@ class LinearConstraint:
                 f"got {coefficients!r}"
             )
         for what, value in [*coefficients.items(), ("at_most", at_most)]:
-            numeric = isinstance(value, (int, float, np.integer, np.floating))
-            if not numeric or isinstance(value, bool) or not isfinite(value):
+            if not is_number(value) or not isfinite(value):
                 raise KnobError(
                     f"constraint {name!r}: {what} must be a finite number, got {value!r}"
                 )

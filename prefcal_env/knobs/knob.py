@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from math import floor, isfinite, log, log1p, log10, ulp
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -58,36 +58,10 @@ class Knob:
     """Step in use, in `unit` (relative on a log10 scale); 0 if any value may be proposed."""
 
     def __post_init__(self) -> None:
-        box = f"got [{self.low}, {self.high}] {self.unit}".rstrip()
         if not (isinstance(self.name, str) and self.name.strip()):
             raise KnobError(f"a knob needs a name, got {self.name!r}")
-        if not (is_number(self.low) and is_number(self.high)):
-            raise KnobError(f"knob {self.name!r}: low and high must be numbers, {box}")
-        if not (isfinite(self.low) and isfinite(self.high)):
-            raise KnobError(f"knob {self.name!r}: low and high must be finite, {box}")
-        if not self.low < self.high:
-            raise KnobError(f"knob {self.name!r}: low must be below high, {box}")
-        if not isfinite(float(self.high) - float(self.low)):
-            raise KnobError(f"knob {self.name!r}: high minus low must be below 1.8e308, {box}")
-        if not isinstance(self.integer, bool | np.bool_):
-            raise KnobError(
-                f"knob {self.name!r}: integer must be True or False, got {self.integer!r}"
-            )
-        if too_close(float(self.low), float(self.high), integer=self.integer):
-            raise KnobError(
-                f"knob {self.name!r}: low and high are too close, hardly a number lies between "
-                f"them, {box}: tune the distance from one of them instead"
-            )
-        if self.scale not in get_args(Scale):
-            raise KnobError(
-                f"knob {self.name!r}: scale must be one of {get_args(Scale)}, got {self.scale!r}"
-            )
-        if self.scale == "log10" and (self.low <= 0 or self.high / 1e300 > self.low):
-            raise KnobError(f"knob {self.name!r}: a log10 scale needs low above 0, {box}")
-        if self.integer and (self.low != round(self.low) or self.high != round(self.high)):
-            raise KnobError(f"knob {self.name!r}: an integer knob needs integer bounds, {box}")
-        if self.step is not None:
-            _check_step(self, self.step)
+        if problem := _problem(self):
+            raise KnobError(f"knob {self.name!r}: {problem}")
         step = self.step
         if step is None:
             step = 1.0 if self.integer else default_step(self.low, self.high, self.scale)
@@ -202,16 +176,45 @@ def default_step(low: float, high: float, scale: str) -> float:
     return float(f"{lead * power:.1g}")
 
 
-def _check_step(knob: Knob, step: object) -> None:
+def _problem(knob: Knob) -> str:
+    """Return what is wrong with the range, the scale or the kind of a knob; "" if nothing is."""
+    low, high = knob.low, knob.high
+    box = f"got [{low}, {high}] {knob.unit}".rstrip()
+    if not (is_number(low) and is_number(high)):
+        return f"low and high must be numbers, {box}"
+    if not (isfinite(low) and isfinite(high)):
+        return f"low and high must be finite, {box}"
+    if not low < high:
+        return f"low must be below high, {box}"
+    if not isfinite(float(high) - float(low)):
+        return f"high minus low must be below 1.8e308, {box}"
+    if not isinstance(knob.integer, bool | np.bool_):
+        return f"integer must be True or False, got {knob.integer!r}"
+    if too_close(float(low), float(high), integer=knob.integer):
+        return (
+            f"low and high are too close, hardly a number lies between them, {box}: tune the "
+            "distance from one of them instead"
+        )
+    if knob.scale not in get_args(Scale):
+        return f"scale must be one of {get_args(Scale)}, got {knob.scale!r}"
+    if knob.scale == "log10" and (low <= 0 or high / 1e300 > low):
+        return f"a log10 scale needs low above 0, {box}"
+    if knob.integer and (low != round(low) or high != round(high)):
+        return f"an integer knob needs integer bounds, {box}"
+    return "" if knob.step is None else _step_problem(knob, knob.step)
+
+
+def _step_problem(knob: Knob, step: Any) -> str:
     unit = "relative" if knob.scale == "log10" and not knob.integer else knob.unit
     got = f"got {step!r} {unit}".rstrip()
-    if not is_number(step) or not isfinite(step) or step < 0:  # type: ignore[arg-type, operator]
-        raise KnobError(f"knob {knob.name!r}: step must be a number, 0 or more, {got}")
+    if not is_number(step) or not isfinite(step) or step < 0:
+        return f"step must be a number, 0 or more, {got}"
     widest = knob.high / knob.low - 1 if unit == "relative" else knob.high - knob.low
-    if step > widest:  # type: ignore[operator]
-        raise KnobError(f"knob {knob.name!r}: step must be at most {widest:g}, the range, {got}")
-    if knob.integer and (step < 1 or step != round(step)):  # type: ignore[operator, call-overload]
-        raise KnobError(f"knob {knob.name!r}: an integer knob needs an integer step, {got}")
+    if step > widest:
+        return f"step must be at most {widest:g}, the range, {got}"
+    if knob.integer and (step < 1 or step != round(step)):
+        return f"an integer knob needs an integer step, {got}"
+    return ""
 
 
 def _digits(step: float) -> int:

@@ -2,24 +2,52 @@
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from msgspec.structs import asdict
+import msgspec
 
-from prefcal_env.described import Table, checked
+from prefcal_env.described import checked, entries
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import Knob, Scale
+from prefcal_env.knobs.knob import Knob
 
 from .journal import Journal
 from .opcua import OPCUAPlant
 from .parts import LiveKnob, LiveStart, Role, Tag
 from .plant import LivePlant
 from .rig import LiveRig
-from .tables import Entries, KnobTable, LiveTable, ReferenceTable, StartTable, TagTable
 
+Range = tuple[float, float]
+Entries = dict[str, dict[str, Any]]
 _CONNECTION = ("user", "security", "timeout")
-_PLAIN = ("duration", "period", "ready_within", "hold", "blind", "after", "instructions")
+_RIG = {field.name for field in fields(LiveRig)} - {"knobs", "start", "journal"}
+"""Keys that are arguments of `LiveRig` as they are."""
+
+
+class LiveTable(msgspec.Struct, frozen=True, kw_only=True):
+    """Keys of a live rig as plain data; those left out have the defaults of what they are for."""
+
+    url: str
+    duration: float
+    knobs: Entries
+    outputs: Entries
+    inputs: Entries = {}
+    references: Entries = {}
+    start: Entries = {}
+    ready: dict[str, Range] = {}
+    done: dict[str, Range] = {}
+    period: float | None = None
+    ready_within: float | None = None
+    hold: float | None = None
+    blind: float | None = None
+    after: Literal["restore", "keep"] | None = None
+    journal: str | None = None
+    instructions: str | None = None
+    user: str | None = None
+    password_variable: str | None = None
+    security: str | None = None
+    timeout: float | None = None
 
 
 def live_rig(
@@ -39,56 +67,48 @@ def live_rig(
         LiveError: If the address is none of OPC UA.
         MissingExtraError: If asyncua is not installed.
     """
-    given = checked(description, LiveTable, "", SettingsError)
-    knobs = tuple(_knob(n, t) for n, t in _entries(given.knobs, "knobs", KnobTable))
-    roles: tuple[tuple[Role, Entries, Any], ...] = (
-        ("output", given.outputs, TagTable),
-        ("input", given.inputs, TagTable),
-        ("reference", given.references, ReferenceTable),
-    )
-    tags = tuple(
-        Tag(name, role=role, **asdict(t))
-        for role, entries, table in roles
-        for name, t in _entries(entries, f"{role}s", table)
-    )
-    starts = tuple(
-        LiveStart(name, **asdict(t)) for name, t in _entries(given.start, "start", StartTable)
+    given = entries(description, (LiveTable,), "", SettingsError)
+    roles: tuple[tuple[Role, Entries], ...] = (
+        ("output", given["outputs"]),
+        ("input", given.get("inputs", {})),
+        ("reference", given.get("references", {})),
     )
     return LiveRig(
-        plant=_connection(given) if plant is None else plant(given.url),
-        knobs=knobs, tags=tags, start=starts, ready=given.ready, done=given.done,
-        journal=None if given.journal is None else _journal(given.journal),
-        **_stated(given, _PLAIN),
-    )  # fmt: skip
+        plant=_connection(given) if plant is None else plant(given["url"]),
+        knobs=tuple(_knob(name, entry) for name, entry in given["knobs"].items()),
+        tags=tuple(
+            checked(entry, Tag, f"{role}s.{name}", SettingsError, name=name, role=role)
+            for role, tags in roles
+            for name, entry in tags.items()
+        ),
+        start=tuple(
+            checked(entry, LiveStart, f"start.{name}", SettingsError, name=name)
+            for name, entry in given.get("start", {}).items()
+        ),
+        journal=_journal(given["journal"]) if "journal" in given else None,
+        **{name: value for name, value in given.items() if name in _RIG},
+    )
 
 
-def _entries(entries: Entries, name: str, table: type[Table]) -> list[tuple[str, Table]]:
-    return [
-        (key, checked(entry, table, f"{name}.{key}", SettingsError))
-        for key, entry in entries.items()
-    ]
+def _knob(name: str, entry: dict[str, Any]) -> LiveKnob:
+    plain = entry | {"scale": "log10"} if entry.get("scale") == "log" else entry
+    known, where = ("name", "knob"), f"knobs.{name}"
+    found = entries(plain, (LiveKnob, Knob), where, SettingsError, known=known)
+    node, rate = found.pop("node"), found.pop("rate")
+    return LiveKnob(Knob(name, **found), node, rate)
 
 
-def _stated(given: LiveTable, names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: v for name in names if (v := getattr(given, name)) is not None}
-
-
-def _connection(given: LiveTable) -> OPCUAPlant:
-    stated, variable = _stated(given, _CONNECTION), given.password_variable
+def _connection(given: Mapping[str, Any]) -> OPCUAPlant:
+    stated = {name: given[name] for name in _CONNECTION if name in given}
+    variable = given.get("password_variable")
     if variable:
         if variable not in os.environ:
             raise SettingsError(f"the environment variable {variable!r} must hold the password")
         stated["password"] = os.environ[variable]
-    return OPCUAPlant(given.url, **stated)
+    return OPCUAPlant(given["url"], **stated)
 
 
 def _journal(path: str) -> Journal:
     if Path(path).name in ("", ".."):
         raise SettingsError(f'journal: expected a file such as "old.json", got {path!r}')
     return Journal(Path(path).expanduser())
-
-
-def _knob(name: str, t: KnobTable) -> LiveKnob:
-    scale: Scale = "log10" if t.scale == "log" else t.scale
-    knob = Knob(name, t.low, t.high, t.unit, scale, t.integer, t.step, about=t.about)
-    return LiveKnob(knob, t.node, t.rate)

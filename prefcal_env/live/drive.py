@@ -2,19 +2,21 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isnan, nan
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.experiments.end import End
 
 from .journal import Journal
-from .parts import Tag, Written, all_within, within
-from .plant import LivePlant, TypedPlant
-from .progress import Change, Confirm, Progress, Stage, Tell
-from .way import SLACK, Way
-from .writer import Writer
+from .outcome import Row, experiment_of, never_good
+from .parts import all_within, within
+from .plant import TypedPlant
+from .progress import Change, Confirm, Driven, Progress, Stage, Tell
+from .writer import SLACK, Way, Writer
 
 if TYPE_CHECKING:
     from .rig import LiveRig
@@ -27,16 +29,7 @@ _RESTORING = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Hands:
-    """What a run gets from outside: time, and the will of a person.
-
-    Args:
-        clock: Function that returns the time in seconds.
-        sleep: Function that waits for a number of seconds.
-        confirm: Function that shows a person the changes and returns whether they confirm them.
-        stop: Function that returns whether to stop the run and restore the old values.
-        closing: Function that returns whether the process has been told to end.
-        tell: Function that is called after every sample.
-    """
+    """What a run gets from outside: time, and the will of a person; see `LiveRig.drive`."""
 
     clock: Callable[[], float]
     sleep: Callable[[float], None]
@@ -44,19 +37,6 @@ class Hands:
     stop: Callable[[], bool] = lambda: False
     closing: Callable[[], bool] = lambda: False
     tell: Tell = lambda progress: None
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Outcome of a run: what was recorded, how it ended, and what the plant has now."""
-
-    rows: tuple[tuple[float, Mapping[str, float]], ...]
-    end: End
-    why: str = ""
-    restored: bool = True
-    stopped: bool = False
-    kept: bool = False
-    problem: str = ""
 
 
 class _EndedError(Exception):
@@ -67,7 +47,6 @@ class _EndedError(Exception):
         self.end, self.why, self.stopped = end, why, stopped
 
 
-@dataclass(slots=True)
 class Drive:
     """One run, as mutable state; `run` does all of it.
 
@@ -78,36 +57,25 @@ class Drive:
         hands: Clock, confirmation, stop and progress.
     """
 
-    rig: "LiveRig"
-    theta: Mapping[str, float]
-    journal: Journal
-    hands: Hands
-    plant: LivePlant = field(init=False)
-    written: Mapping[str, Written] = field(init=False)
-    start: Mapping[str, float] = field(init=False)
-    tags: Mapping[str, Tag] = field(init=False)
-    writer: Writer = field(init=False)
-    old: dict[str, float] = field(default_factory=dict)
-    rows: list[tuple[float, Mapping[str, float]]] = field(default_factory=list)
-    stage: Stage = Stage.CONNECTING
-    problem: str = ""
-    _next: float = field(init=False)
-    _period: float = field(init=False)
-    _began: float | None = None
-    _now: Mapping[str, float] = field(default_factory=dict)
-    _held_since: float | None = None
-    _seen_at: dict[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        rig = self.rig
+    def __init__(
+        self, rig: "LiveRig", theta: Mapping[str, float], journal: Journal, hands: Hands
+    ) -> None:
+        self.rig, self.theta, self.journal, self.hands = rig, theta, journal, hands
         parts = [*(knob.written for knob in rig.knobs), *rig.start]
         self.plant, self.written = rig.plant, {part.name: part for part in parts}
         self.start = {start.name: float(start.value) for start in rig.start}
         self.tags = {tag.key: tag for tag in rig.tags}
-        self.writer = Writer(self.plant, self.written, rig.period, self.hands.clock)
-        self._next, self._period = self.hands.clock(), rig.period
+        self.writer = Writer(self.plant, self.written, rig.period, hands.clock)
+        self.old: dict[str, float] = {}
+        self.rows: list[Row] = []
+        self.problem = ""
+        self._next, self._period = hands.clock(), rig.period
+        self._began: float | None = None
+        self._now: Mapping[str, float] = {}
+        self._held_since: float | None = None
+        self._seen_at: dict[str, float] = {}
 
-    def run(self) -> Outcome:
+    def run(self) -> Driven:
         """Do the run. Whatever happens, the old values are restored, at the latest afterward."""
         end, why, stopped, keep = End.FAILED, "", False, False
         try:
@@ -122,10 +90,11 @@ class Drive:
             raise
         self.problem = why
         done = self.restore(keep=keep)
-        return Outcome(
-            tuple(self.rows), end, why, done and not keep, stopped, done and keep,
-            "" if done else self.problem,
-        )  # fmt: skip
+        blind = ", ".join(never_good(self.rig, self.rows))
+        why = why or (f"the plant had no good value of {blind} in the run" if blind else "")
+        experiment = experiment_of(self.rig, np.array([*self.theta.values()]), self.rows, end)
+        problem = "" if done else self.problem
+        return Driven(experiment, why, done and not keep, stopped, done and keep, problem)
 
     def look(self) -> tuple[Change, ...]:
         """Return what would be written.
@@ -148,14 +117,14 @@ class Drive:
                 )
         self._check_types()
         changes = tuple(
-            Change(name, values[name], new[name], w.low, w.high, w.rate, w.unit)
-            for name, w in self.written.items()
+            Change(written, values[name], new[name]) for name, written in self.written.items()
         )
         for change in changes:
-            if change.name in self.start and change.seconds >= self.rig.duration:
+            name = change.part.name
+            if name in self.start and change.seconds >= self.rig.duration:
                 raise LiveError(
-                    f"{change.name} takes {change.seconds:g} s from {change.old:g} to "
-                    f"{change.new:g} {change.unit}, as long as the run or longer: the duration "
+                    f"{name} takes {change.seconds:g} s from {change.old:g} to {change.new:g} "
+                    f"{change.part.unit}, as long as the run or longer: the duration "
                     f"must be above that, got {self.rig.duration:g} s"
                 )
         return changes
@@ -253,7 +222,7 @@ class Drive:
         # Again, since the person may have taken minutes, and on the disk before the first write.
         if [c.old for c in self.look()] != [c.old for c in changes]:
             raise LiveError("the plant's values changed before they were confirmed: look again")
-        old = {change.name: change.old for change in changes}
+        old = {change.part.name: change.old for change in changes}
         self.journal.save(old)
         self.old = old
         self._next = self.hands.clock()
@@ -394,7 +363,6 @@ class Drive:
             hands.sleep(min(left, _SLICE))
 
     def _tell(self, stage: Stage) -> None:
-        self.stage = stage
         elapsed = self.rows[-1][0] if self.rows else 0.0
         values = {key: self._now[key] for key in self.tags if key in self._now}
         told = Progress(stage, elapsed, self.rig.duration, values, self.problem)

@@ -64,6 +64,8 @@ class Journal:
         try:
             content = json.loads(self.path.read_text(encoding="utf-8"))
             old = {str(name): float(value) for name, value in content["old"].items()}
+            if not all(map(isfinite, old.values())):
+                raise ValueError("not all of them are numbers")
         except FileNotFoundError:
             return None
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
@@ -71,11 +73,6 @@ class Journal:
                 f"cannot read the plant's old values in {self.path}: restore them by hand, then "
                 f"remove the file ({error})"
             ) from error
-        if not all(map(isfinite, old.values())):
-            raise LiveError(
-                f"the old values in {self.path} are not numbers: restore them by hand, then "
-                "remove the file"
-            )
         return old
 
     def clear(self) -> None:

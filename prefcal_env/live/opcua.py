@@ -63,21 +63,12 @@ class OPCUAPlant:
         return self._client is not None
 
     def connect(self) -> None:
-        """Connect, or connect again after a loss.
-
-        Raises:
-            ConnectionLostError: If the server cannot be reached.
-        """
+        """Connect, or connect again after a loss; see `LivePlant`."""
         self._drop()
         self._do(self._connect())
 
     def read(self, nodes: Sequence[str]) -> list[float]:
-        """Return the value of each node, in order; NaN for bad quality and for text.
-
-        Raises:
-            ConnectionLostError: If the connection is lost.
-            LiveError: If there is no such node.
-        """
+        """Return the value of each node; NaN for bad quality and for text; see `LivePlant`."""
         return self._do(self._read(nodes))
 
     def write(self, node: str, value: float) -> None:
@@ -90,12 +81,7 @@ class OPCUAPlant:
         self._do(self._write(node, value))
 
     def whole(self, nodes: Sequence[str]) -> list[bool]:
-        """Return for each node, in order, whether its type holds whole numbers only.
-
-        Raises:
-            ConnectionLostError: If the connection is lost.
-            LiveError: If there is no such node.
-        """
+        """Return for each node whether its type holds whole numbers only; see `TypedPlant`."""
         return self._do(self._whole(nodes))
 
     def close(self) -> None:

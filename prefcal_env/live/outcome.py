@@ -1,20 +1,27 @@
 """Turn what was read from a live plant into an experiment."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.experiments.curves import bridged
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.recorded import recorded
 
-from .drive import Outcome
+from .parts import Role
 
 if TYPE_CHECKING:
     from .rig import LiveRig
 
+Row = tuple[float, Mapping[str, float]]
+"""A sample: seconds since the start of the record, and the value of each tag by its key."""
 
-def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outcome) -> Experiment:
+
+def experiment_of(
+    rig: "LiveRig", theta: Float[np.ndarray, " n"], rows: Sequence[Row], end: End
+) -> Experiment:
     """Return the experiment of a physical θ, shape (n,), from the samples of its run.
 
     Where an output had bad quality, its curve is interpolated, and the signal "NAME as read" keeps
@@ -22,18 +29,26 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
     between samples anyway. A run in which an output or input never had a good value has failed. An
     output whose reference never had one has no reference in this run.
     """
-    rows = outcome.rows
     read = {tag: np.array([row[tag.key] for _, row in rows]) for tag in rig.tags}
     outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
-    nothing = bool(never_good(rig, outcome))
+    nothing = bool(never_good(rig, rows))
     kept = slice(0, 0) if nothing else slice(None)
     drawn = [tag for tag in rig.tags if tag.role != "reference"]
+    t = np.array([instant for instant, _ in rows])[kept]
+    curves = {
+        role: {
+            tag.name: bridged(t, values[kept], held=role != "output")
+            for tag, values in read.items()
+            if tag.role == role
+        }
+        for role in get_args(Role)
+    }
     return recorded(
         theta,
-        np.array([instant for instant, _ in rows])[kept],
-        {name: interpolated(values[kept]) for name, values in outputs.items()},
-        {tag.name: held(v[kept]) for tag, v in read.items() if tag.role == "input"},
-        {tag.name: held(v[kept]) for tag, v in read.items() if tag.role == "reference"},
+        t,
+        curves["output"],
+        curves["input"],
+        curves["reference"],
         {tag.name: tag.unit for tag in drawn},
         {tag.name: (tag.low, tag.high) for tag in drawn if tag.low > -np.inf or tag.high < np.inf},
         signals={
@@ -42,33 +57,15 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
             if np.isnan(values[kept]).any()
         },
         kpis=rig.kpis,
-        end=End.FAILED if nothing else outcome.end,
+        end=End.FAILED if nothing else end,
         time_unit="s",
     )
 
 
-def never_good(rig: "LiveRig", outcome: Outcome) -> list[str]:
+def never_good(rig: "LiveRig", rows: Sequence[Row]) -> list[str]:
     """Return the roles and names of outputs and inputs without any good value in a run."""
     return [
         tag.key
         for tag in rig.tags
-        if tag.role != "reference" and all(np.isnan(row[tag.key]) for _, row in outcome.rows)
+        if tag.role != "reference" and all(np.isnan(row[tag.key]) for _, row in rows)
     ]
-
-
-def interpolated(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
-    """Return `values` with NaN replaced by interpolation, at the ends by the nearest good value."""
-    good = np.flatnonzero(~np.isnan(values))
-    return np.interp(np.arange(len(values)), good, values[good]) if len(good) else values
-
-
-def held(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
-    """Return `values` with each NaN replaced by the latest good value, or else by the first one.
-
-    Without any good value, all stay NaN.
-    """
-    good = np.flatnonzero(~np.isnan(values))
-    if not len(good):
-        return values
-    places = np.clip(np.searchsorted(good, np.arange(len(values)), side="right") - 1, 0, None)
-    return np.asarray(values[good[places]])

@@ -40,8 +40,7 @@ class Written:
     integer: bool = False
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.node, str) and self.node.strip()):
-            raise SettingsError(f"{self.name!r} needs the address of its node, got {self.node!r}")
+        _check_node(self.name, self.node)
         if not (isfinite(self.low) and isfinite(self.high) and self.low < self.high):
             raise SettingsError(
                 f"{self.name!r} needs finite limits low < high, got "
@@ -152,8 +151,7 @@ class Tag:
     abort: tuple[float, float] = (-inf, inf)
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.node, str) and self.node.strip()):
-            raise SettingsError(f"{self.name!r} needs the address of its node, got {self.node!r}")
+        _check_node(self.name, self.node)
         if self.role not in get_args(Role):
             raise SettingsError(
                 f"role of {self.name!r} must be one of {', '.join(get_args(Role))}, "
@@ -175,6 +173,11 @@ class Tag:
     def supervised(self) -> bool:
         """Whether it has an abort limit."""
         return self.abort != (-inf, inf)
+
+
+def _check_node(name: str, node: object) -> None:
+    if not (isinstance(node, str) and node.strip()):
+        raise SettingsError(f"{name!r} needs the address of its node, got {node!r}")
 
 
 def within(value: float, limits: tuple[float, float]) -> bool:

@@ -6,6 +6,8 @@ from enum import Enum
 
 from prefcal_env.experiments.experiment import Experiment
 
+from .parts import Written
+
 
 class Stage(Enum):
     """What a run on a live plant is doing."""
@@ -23,27 +25,19 @@ class Change:
     """A value that is to be written.
 
     Args:
-        name: Name of the knob or start value.
-        old: Value on the plant now, in `unit`.
-        new: Value to write, in `unit`.
-        low: Smallest value that may be written, in `unit`.
-        high: Largest value that may be written, in `unit`.
-        rate: Largest rate of change, in `unit` per second.
-        unit: Unit of all values.
+        part: Knob or start value, with its limits, rate and unit.
+        old: Value on the plant now.
+        new: Value to write.
     """
 
-    name: str
+    part: Written
     old: float
     new: float
-    low: float
-    high: float
-    rate: float
-    unit: str = ""
 
     @property
     def seconds(self) -> float:
         """Shortest duration of the change, in seconds."""
-        return abs(self.new - self.old) / self.rate
+        return abs(self.new - self.old) / self.part.rate
 
 
 @dataclass(frozen=True, slots=True)

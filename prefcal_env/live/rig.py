@@ -16,7 +16,6 @@ from prefcal_env.knobs.space import KnobSpace
 
 from .drive import Drive, Hands
 from .journal import Journal
-from .outcome import experiment_of, never_good
 from .parts import LiveKnob, LiveStart, Tag
 from .plant import LivePlant
 from .progress import Change, Confirm, Driven, Tell
@@ -179,13 +178,7 @@ class LiveRig:
         drive = self._drive(theta, hands)
         with self._kept.alone():
             self._recover(drive)
-            outcome = drive.run()
-        experiment = experiment_of(self, np.asarray(theta, dtype=float), outcome)
-        blind = ", ".join(never_good(self, outcome))
-        why = outcome.why or (f"the plant had no good value of {blind} in the run" if blind else "")
-        return Driven(
-            experiment, why, outcome.restored, outcome.stopped, outcome.kept, outcome.problem
-        )
+            return drive.run()
 
     @property
     def left(self) -> dict[str, float] | None:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PreferenceError
+from prefcal_env.knobs.knob import is_number
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plain import from_plain, to_plain
 
@@ -49,6 +50,12 @@ class Mark(Enum):
     INCUMBENT_GOOD_ENOUGH = "incumbent good enough"
     CHALLENGER_CUT_SHORT = "challenger cut short"
 
+    @property
+    def mirrored(self) -> "Mark":
+        """The same mark on the other side."""
+        side, _, what = self.value.partition(" ")
+        return Mark(f"{'incumbent' if side == 'challenger' else 'challenger'} {what}")
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:
@@ -82,8 +89,7 @@ class Answer:
     def __post_init__(self) -> None:
         if self.preference is not None:
             object.__setattr__(self, "preference", _preference(self.preference))
-        numeric = isinstance(self.strength, (int, float, np.integer, np.floating))
-        if not (numeric and 0 < self.strength < np.inf):
+        if not (is_number(self.strength) and 0 < self.strength < np.inf):
             raise PreferenceError(f"strength must be positive and finite, got {self.strength!r}")
         if not self.preference and self.strength != 1:  # a tie or an abstention
             object.__setattr__(self, "strength", 1)
@@ -154,8 +160,7 @@ def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
 
 
 def _score(value: Any) -> float:
-    numbers = (int, float, np.integer, np.floating)
-    if isinstance(value, numbers) and not isinstance(value, bool) and np.isfinite(value):
+    if is_number(value) and np.isfinite(value):
         return float(value)
     raise PreferenceError(
         f"a score must be a finite number, or None if there is none, got {value!r}"
@@ -163,8 +168,7 @@ def _score(value: Any) -> float:
 
 
 def _preference(value: Any) -> Preference:
-    numbers = (int, float, np.integer, np.floating)  # np.sign gives a float
-    if isinstance(value, numbers) and not isinstance(value, bool) and value in (-1, 0, 1):
+    if is_number(value) and value in (-1, 0, 1):  # np.sign gives a float
         return Preference(int(value))
     raise PreferenceError(
         "an answer must be -1 (challenger better), 0 (equally good), 1 (incumbent better), "

@@ -1,56 +1,113 @@
 """The loop of a study: ask, run, answer, tell. You can stop it after any answer."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from dataclasses import replace
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import End, Experiment
 
-from .answer import Agent, Answer, Calibrator, Preference, Query
-from .run_facts import completed
+from .answer import Agent, Answer, Calibrator, Mark, Outcomes, Preference, Query
 from .runs import Executor, runs_of
+
+
+def counts_as_unsafe(experiment: Experiment) -> bool:
+    """Return whether a run was interrupted because it became unsafe; of several, one is enough.
+
+    A failed run does not count: a broken cable, a full disk or a person who stops a run says
+    nothing about θ, and a wrong mark keeps an agent away from a good place for the rest of the
+    study. People who know better can mark the experiment, or enter a rig's record as unsafe.
+    """
+    return any(run.end is End.UNSAFE for run in (experiment, *experiment.runs))
+
+
+def completed(
+    answer: Answer,
+    challenger: Experiment,
+    incumbent: Experiment | None,
+    outcomes: Outcomes | None = None,
+) -> Answer:
+    """Return `answer` with `outcomes` and the marks that follow from how the two runs ended.
+
+    Marks and outcomes that came with the answer are kept, and such marks are not automatic. Only
+    "good enough" is dropped if the same side is unsafe. If the answer is undone or retracted, the
+    added marks and outcomes go with it.
+
+    Args:
+        answer: Answer about the two experiments.
+        challenger: Experiment of the challenger.
+        incumbent: Experiment of the incumbent; None in the first query.
+        outcomes: KPIs of both; None adds none.
+    """
+    found = tuple(mark for mark in _facts(challenger, incumbent) if mark not in answer.marks)
+    if found:
+        marks, automatic = (*answer.marks, *found), (*answer.automatic, *found)
+        answer = replace(answer, marks=marks, automatic=automatic)
+    good = {Mark.CHALLENGER_UNSAFE: Mark.CHALLENGER_GOOD_ENOUGH,
+            Mark.INCUMBENT_UNSAFE: Mark.INCUMBENT_GOOD_ENOUGH}  # fmt: skip
+    contradicted = {good[mark] for mark in answer.marks if mark in good}
+    if contradicted & set(answer.marks):
+        kept = tuple(mark for mark in answer.marks if mark not in contradicted)
+        answer = replace(answer, marks=kept)
+    if outcomes is not None and answer.outcomes is None:
+        answer = replace(answer, outcomes=outcomes)
+    return answer
+
+
+def _facts(challenger: Experiment, incumbent: Experiment | None) -> Iterator[Mark]:
+    """Yield the marks that follow from how the two runs ended."""
+    if counts_as_unsafe(challenger):
+        yield Mark.CHALLENGER_UNSAFE
+    if incumbent is not None and counts_as_unsafe(incumbent):
+        yield Mark.INCUMBENT_UNSAFE
+    if challenger.end is End.CUT_SHORT:
+        yield Mark.CHALLENGER_CUT_SHORT
+
 
 Run = Callable[[Float[np.ndarray, " n"]], Experiment]
 R = TypeVar("R")
 A = TypeVar("A")
 
 
-class AskTell(Protocol):
-    """The interface that the loop needs from an agent of any kind.
-
-    To run several experiments at once, `ask(n)` must return the open queries, as `Agent` does.
-    """
-
-    @property
-    def done(self) -> bool:
-        """Return whether it has no more questions."""
-
-    @property
-    def ask(self) -> Callable[..., Any]:
-        """Return the method that returns the open query."""
-
-    def tell(self, query: Query, answer: Any) -> None:
-        """Close `query`."""
-
-
 class Step(NamedTuple, Generic[R, A]):
-    """One turn of the loop: a closed query, the results it is about, and the answer.
+    """One turn of the loop: a closed query, the answer, and the results it is about.
 
     `incumbent` is None if nothing was compared: in the first query, and for an agent that
     learns from scores.
     """
 
     query: Query
+    answer: A
     challenger: R
     incumbent: R | None
-    answer: A
+
+    @property
+    def winner(self) -> R:
+        """Preferred result; without a preference, the incumbent if there is one."""
+        preferred = getattr(self.answer, "preference", None)
+        if self.incumbent is None or preferred is Preference.CHALLENGER:
+            return self.challenger
+        return self.incumbent
+
+    @property
+    def winner_index(self) -> int:
+        """Index of the winner's sample."""
+        incumbent = self.query.incumbent
+        wins = incumbent is None or self.winner is self.challenger
+        return self.query.challenger.index if wins or incumbent is None else incumbent.index
+
+
+Comparison = Step[Experiment, Answer]
+"""A closed query with both experiments.
+
+`incumbent` is None for the very first experiment, whose answer is an abstention.
+"""
 
 
 def ask_and_tell(
-    agent: AskTell,
+    agent: Any,
     run: Callable[[Float[np.ndarray, " n"]], R],
     answer: Callable[[R, R | None], A],
     *,
@@ -64,7 +121,8 @@ def ask_and_tell(
     error, it is raised here, the agent keeps what is pending, and another loop continues with it.
 
     Args:
-        agent: Agent that proposes θ; it is changed.
+        agent: Agent of any kind, with `done`, `ask` and `tell`; it is changed. With `at_once`,
+            `ask(n)` returns the open queries, as that of `Agent` does.
         run: Function that returns the result of a physical θ, shape (n,); called once for each
             experiment, but again if its worker died and the executor replaces it.
         answer: Function of the results of challenger and incumbent that returns what to tell the
@@ -82,34 +140,7 @@ def ask_and_tell(
             query, challenger, incumbent = runs.next_of(agent)
             given = answer(challenger, incumbent)
             agent.tell(query, given)
-            yield Step(query, challenger, incumbent, given)
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """A closed query with both experiments.
-
-    `incumbent` is None for the very first experiment, whose answer is an abstention.
-    """
-
-    query: Query
-    answer: Answer
-    challenger: Experiment
-    incumbent: Experiment | None
-
-    @property
-    def winner(self) -> Experiment:
-        """Preferred experiment; without a preference, the incumbent if there is one."""
-        if self.incumbent is None or self.answer.preference is Preference.CHALLENGER:
-            return self.challenger
-        return self.incumbent
-
-    @property
-    def winner_index(self) -> int:
-        """Index of the winner's sample."""
-        if self.query.incumbent is None or self.answer.preference is Preference.CHALLENGER:
-            return self.query.challenger.index
-        return self.query.incumbent.index
+            yield Step(query, given, challenger, incumbent)
 
 
 def calibrate(
@@ -145,5 +176,4 @@ def calibrate(
             pair = (outcome(challenger), None if incumbent is None else outcome(incumbent))
         return completed(said, challenger, incumbent, pair)
 
-    for step in ask_and_tell(agent, run, answer):
-        yield Comparison(step.query, step.answer, step.challenger, step.incumbent)
+    return ask_and_tell(agent, run, answer)

@@ -37,10 +37,10 @@ from .file import StudyFile as StudyFile
 from .fold import State as State
 from .locations import data_folder as data_folder
 from .locations import make_data_folder as make_data_folder
+from .locations import remove_study as remove_study
+from .locations import rename_study as rename_study
 from .locations import studies_in_data_folder as studies_in_data_folder
 from .locations import study_path as study_path
-from .shelving import remove_study as remove_study
-from .shelving import rename_study as rename_study
 from .spaces import knobs_as_dicts as knobs_as_dicts
 from .spaces import space_of as space_of
 from .spaces import within_as_dict as within_as_dict

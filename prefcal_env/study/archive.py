@@ -10,10 +10,9 @@ from prefcal_env.plain import UNREADABLE, to_plain
 
 from . import schema
 from .codec import pack, unpack
-from .connection import beside, connect, publish, vacant
+from .connection import beside, connect, publish, told, vacant
 from .events import AnyEvent, Recorded, from_text
 from .file import StudyFile
-from .trouble import told
 from .verify import verify
 
 FORMAT = 2

@@ -1,8 +1,9 @@
 """Encode experiments as bytes: a JSON header, then little-endian arrays. Nothing is pickled."""
 
+import io
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import prod
 from typing import Annotated, Any
 
@@ -25,16 +26,12 @@ _DTYPES = {**dict.fromkeys(_FLOATS, "<f8"), "iterations": "<i8", "solved": "|b1"
 Size = Annotated[int, msgspec.Meta(ge=0, le=_MOST)]
 
 
-class _Channel(msgspec.Struct, frozen=True, array_like=True):
-    """Texts of a channel; its limits, target and band are in an array."""
-
-    name: str
-    unit: str
-    symbol: str
+_Words = tuple[str, str, str]
+"""Name, unit and symbol of a channel; its limits, target and band are in an array."""
 
 
 class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
-    """Everything about an experiment except its arrays.
+    """Everything about an experiment except its arrays, which follow in the order of `layout`.
 
     Args:
         shapes: Shape of each array by name.
@@ -56,13 +53,22 @@ class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fi
     kpis: tuple[str, ...]
     end: End
     time_unit: str
-    x: tuple[_Channel, ...]
-    u: tuple[_Channel, ...]
-    y: tuple[_Channel, ...]
+    x: tuple[_Words, ...]
+    u: tuple[_Words, ...]
+    y: tuple[_Words, ...]
     runs: tuple["_Header", ...] = ()
     y_states: tuple[Size, ...] | None = None
     y_shape: tuple[Size, Size] | None = None
     maneuver: str = ""
+
+    def layout(self) -> Iterator[tuple[Sequence[int], str]]:
+        """Yield shape and type of each array, without those of the other runs."""
+        yield from ((self.shapes[name], dtype) for name, dtype in _DTYPES.items())
+        yield from [(self.shapes["t"][:1], "<f8")] * len(self.signals)
+        yield (len(self.kpis),), "<f8"
+        yield from [((4,), "<f8")] * len(self.x + self.u + self.y)
+        if self.y_shape is not None:
+            yield self.y_shape, "<f8"
 
 
 class _Beginning(msgspec.Struct, frozen=True):
@@ -73,9 +79,9 @@ class _Beginning(msgspec.Struct, frozen=True):
 
 def encode(experiment: Experiment) -> bytes:
     """Return an experiment as bytes, uncompressed; equal experiments give equal bytes."""
-    arrays: list[bytes] = []
-    header = canonical(to_plain(_header(experiment, arrays))).encode()
-    return b"".join((MAGIC, struct.pack("<I", len(header)), header, *arrays))
+    found = _header(experiment)
+    header = canonical(to_plain(found)).encode()
+    return b"".join((MAGIC, struct.pack("<I", len(header)), header, *_arrays(found, experiment)))
 
 
 def decode(content: bytes) -> Experiment:
@@ -89,9 +95,10 @@ def decode(content: bytes) -> Experiment:
             raise ValueError("it does not begin like one")
         (size,) = struct.unpack_from("<I", content, 8)
         header = msgspec.json.decode(content[12 : 12 + size], type=_Header)
-        reader = _Reader(memoryview(content)[12 + size :])
-        experiment = _experiment(header, reader)
-        reader.check_end()
+        buffer = io.BytesIO(content[12 + size :])
+        experiment = _experiment(header, buffer)
+        if buffer.read(1):
+            raise ValueError("something follows its arrays")
     except (*UNREADABLE, KeyError, struct.error, MemoryError, PrefcalError) as error:
         raise StudyError(f"a stored experiment cannot be read: {error}") from error
     return experiment
@@ -124,120 +131,91 @@ def unpack(content: bytes) -> bytes:
     return plain
 
 
-def _header(experiment: Experiment, arrays: list[bytes]) -> _Header:
-    """Return the header; the bytes of the arrays are appended to `arrays` in the same order."""
-    shapes = {}
-    for name, dtype in _DTYPES.items():
-        array = np.ascontiguousarray(getattr(experiment, name), dtype=dtype)
-        shapes[name] = array.shape
-        arrays.append(array.tobytes())
-    signals, kpis = sorted(experiment.signals), tuple(experiment.kpis)
-    arrays += [_bytes(experiment.signals[name]) for name in signals]
-    arrays.append(_bytes([experiment.kpis[name] for name in kpis]))
-    channels = experiment.channels
-    arrays += [_bytes(_numbers(c)) for c in (*channels.x, *channels.u, *channels.y)]
-    y_states, y_shape = _outputs(experiment, arrays)
+def _header(experiment: Experiment) -> _Header:
+    channels, y, x = experiment.channels, experiment.y, experiment.x
+    states = [_state_like(curve, x) for curve in ([] if y is None else y.T)]
+    # The outputs of most plants are states, so they take no space.
+    known = tuple(state for state in states if state is not None)
+    apart = y is not None and len(known) < len(states)
     return _Header(
-        shapes=shapes,
-        signals=tuple(map(str, signals)),
-        kpis=kpis,
+        shapes={name: np.shape(getattr(experiment, name)) for name in _DTYPES},
+        signals=tuple(sorted(map(str, experiment.signals))),
+        kpis=tuple(experiment.kpis),
         end=experiment.end,
         time_unit=str(channels.time_unit),
         x=_words(channels.x),
         u=_words(channels.u),
         y=_words(channels.y),
-        runs=tuple(_header(run, arrays) for run in experiment.runs),
-        y_states=y_states,
-        y_shape=y_shape,
+        runs=tuple(map(_header, experiment.runs)),
+        y_states=None if y is None or apart else known,
+        y_shape=(y.shape[0], y.shape[1]) if y is not None and apart else None,
         maneuver=experiment.maneuver,
     )
 
 
-def _bytes(values: Any) -> bytes:
-    return np.ascontiguousarray(values, dtype="<f8").tobytes()
-
-
-def _words(channels: Sequence[Channel]) -> tuple[_Channel, ...]:
-    return tuple(_Channel(str(c.name), str(c.unit), str(c.symbol)) for c in channels)
-
-
-def _numbers(channel: Channel) -> list[float]:
-    """Return limits, target and band; JSON cannot store them, since they may be infinite."""
-    optional = (np.nan if v is None else v for v in (channel.target, channel.band))
-    return [channel.low, channel.high, *optional]
-
-
-def _outputs(
-    experiment: Experiment, arrays: list[bytes]
-) -> tuple[tuple[int, ...] | None, tuple[int, int] | None]:
-    """Return which states the outputs are, or else the shape of their array, now in `arrays`."""
-    y = experiment.y
-    if y is None:
-        return None, None
-    states = [_state_like(y[:, j], experiment.x) for j in range(y.shape[1])]
-    known = tuple(state for state in states if state is not None)
-    if len(known) == len(states):  # as for most plants, so their outputs take no space
-        return known, None
-    arrays.append(_bytes(y))
-    return None, (y.shape[0], y.shape[1])
+def _words(channels: Sequence[Channel]) -> tuple[_Words, ...]:
+    return tuple((str(c.name), str(c.unit), str(c.symbol)) for c in channels)
 
 
 def _state_like(curve: np.ndarray, x: np.ndarray) -> int | None:
     return next((i for i in range(x.shape[1]) if curve.tobytes() == x[:, i].tobytes()), None)
 
 
-class _Reader:
-    """Reader that takes arrays from a buffer, one after the other."""
+def _arrays(header: _Header, experiment: Experiment) -> Iterator[bytes]:
+    """Yield the bytes of all arrays in the order of `layout`, then those of the other runs."""
+    channels = experiment.channels
+    values: list[Any] = [getattr(experiment, name) for name in _DTYPES]
+    values += [experiment.signals[name] for name in header.signals]
+    values.append([experiment.kpis[name] for name in header.kpis])
+    # JSON cannot store limits, target and band, since they may be infinite.
+    values += [
+        [c.low, c.high, *(np.nan if v is None else v for v in (c.target, c.band))]
+        for c in (*channels.x, *channels.u, *channels.y)
+    ]
+    values += [] if header.y_shape is None else [experiment.y]
+    for value, (_, dtype) in zip(values, header.layout(), strict=True):
+        yield np.ascontiguousarray(value, dtype=dtype).tobytes()
+    for run, of_run in zip(experiment.runs, header.runs, strict=True):
+        yield from _arrays(of_run, run)
 
-    def __init__(self, buffer: memoryview) -> None:
-        self._buffer, self._at = buffer, 0
 
-    def take(self, shape: Sequence[int], dtype: str = "<f8") -> np.ndarray:
-        size = prod(shape) * np.dtype(dtype).itemsize
-        if self._at + size > len(self._buffer):
-            raise ValueError("its arrays are cut off")
-        array = np.frombuffer(self._buffer[self._at : self._at + size], dtype=dtype)
-        self._at += size
-        return array.reshape(shape)
-
-    def check_end(self) -> None:
-        if self._at != len(self._buffer):
-            raise ValueError("something follows its arrays")
-
-
-def _experiment(header: _Header, reader: _Reader) -> Experiment:
-    arrays = {name: reader.take(header.shapes[name], d) for name, d in _DTYPES.items()}
-    dense = len(arrays["t"])
-    signals = {name: reader.take([dense]) for name in header.signals}
-    values = reader.take([len(header.kpis)]).tolist()
+def _experiment(header: _Header, buffer: io.BytesIO) -> Experiment:
+    arrays = iter([_array(buffer, shape, dtype) for shape, dtype in header.layout()])
+    named = {name: next(arrays) for name in _DTYPES}
+    signals = {name: next(arrays) for name in header.signals}
+    kpis = dict(zip(header.kpis, next(arrays).tolist(), strict=True))
     x, u, y = (
-        tuple(_channel(words, reader.take([4]).tolist()) for words in group)
+        tuple(_channel(words, next(arrays).tolist()) for words in group)
         for group in (header.x, header.u, header.y)
     )
-    outputs = _read_outputs(header, arrays["x"], reader)
+    outputs = next(arrays, None)
+    if header.y_states is not None:
+        if not all(i < named["x"].shape[1] for i in header.y_states):
+            raise ValueError(f"outputs cannot be the states {list(header.y_states)}")
+        shape = len(named["x"]), len(header.y_states)
+        outputs = named["x"][:, list(header.y_states)].reshape(shape)
     return Experiment(
-        **arrays,
+        **named,
         channels=Channels(x, u, y, header.time_unit),
         end=header.end,
-        kpis=dict(zip(header.kpis, values, strict=True)),
+        kpis=kpis,
         signals=signals,
         y=outputs,
-        runs=tuple(_experiment(run, reader) for run in header.runs),
+        runs=tuple(_experiment(run, buffer) for run in header.runs),
         maneuver=header.maneuver,
     )
 
 
-def _read_outputs(header: _Header, x: np.ndarray, reader: _Reader) -> np.ndarray | None:
-    if header.y_shape is not None:
-        return reader.take(header.y_shape)
-    if header.y_states is None:
-        return None
-    if not all(i < x.shape[1] for i in header.y_states):
-        raise ValueError(f"outputs cannot be the states {list(header.y_states)}")
-    return x[:, list(header.y_states)].reshape(len(x), len(header.y_states))
+def _array(buffer: io.BytesIO, shape: Sequence[int], dtype: str) -> np.ndarray:
+    size = prod(shape) * np.dtype(dtype).itemsize
+    content = buffer.read(size)
+    if len(content) < size:
+        raise ValueError("its arrays are cut off")
+    return np.frombuffer(content, dtype=dtype).reshape(shape)
 
 
-def _channel(words: _Channel, numbers: Sequence[float]) -> Channel:
+def _channel(words: _Words, numbers: Sequence[float]) -> Channel:
     low, high = numbers[:2]
     target, band = (None if np.isnan(v) else v for v in numbers[2:])
-    return Channel(words.name, words.unit, low, high, target, band, words.symbol)
+    name, unit, symbol = words
+    return Channel(name, unit, low, high, target, band, symbol)

@@ -1,17 +1,65 @@
-"""Connect to study files, and put them safely on the disk."""
+"""Connect to study files, put them safely on the disk, and say in words what went wrong."""
 
 import errno
 import os
 import secrets
 import sqlite3
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import NoReturn
 
 from prefcal_env.errors import StudyError
 
-from .trouble import told
+_DAMAGED = "it is damaged: use an earlier copy or an export"
+_WORDS = {
+    sqlite3.SQLITE_FULL: "the disk is full: free some space and try again",
+    sqlite3.SQLITE_READONLY: "it is read-only: make it writable, or copy it to another folder",
+    sqlite3.SQLITE_READONLY_DBMOVED: "it was moved, renamed or removed since it was opened",
+    sqlite3.SQLITE_BUSY: "another process is using it: wait, or stop that process",
+    sqlite3.SQLITE_LOCKED: "another process is using it: wait, or stop that process",
+    sqlite3.SQLITE_IOERR_LOCK: "its disk cannot lock files: move it to another disk",
+    sqlite3.SQLITE_IOERR: "the disk does not respond, or is full",
+    sqlite3.SQLITE_CORRUPT: _DAMAGED,
+    sqlite3.SQLITE_NOTADB: "it is not a study file",
+    sqlite3.SQLITE_CANTOPEN: "it cannot be opened: check that you can write to its folder",
+}
+
+
+@contextmanager
+def told(
+    path: Path | str, doing: str, consequence: str = "", *, what: str = "the study"
+) -> Iterator[None]:
+    """Turn errors of SQLite and the file system inside into a StudyError.
+
+    It says "cannot DOING WHAT PATH", for example "cannot open the study a.prefcal", why, and what
+    the `consequence` is, for example "Nothing was recorded".
+    """
+    try:
+        yield
+    except sqlite3.Error as error:
+        code = getattr(error, "sqlite_errorcode", 0)
+        why = _WORDS.get(code) or _WORDS.get(code & 0xFF) or str(error)
+        raise StudyError(_sentence(f"{what} {path}", doing, why, consequence)) from error
+    except UnicodeDecodeError as error:  # a text that SQLite returns from a damaged page
+        raise StudyError(_sentence(f"{what} {path}", doing, _DAMAGED, consequence)) from error
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise StudyError(_sentence(f"{what} {path}", doing, why, consequence)) from error
+
+
+def open_elsewhere(path: Path | str) -> StudyError:
+    """Return the error of a study that another process has open."""
+    return StudyError(
+        f"the study {path} is open in another process: close it there first (another window, "
+        "command or notebook)"
+    )
+
+
+def _sentence(what: str, doing: str, why: str, consequence: str) -> str:
+    return f"cannot {doing} {what}: {why}" + (f". {consequence}" if consequence else "")
+
 
 _LONGEST = 480
 """Longest path in bytes: SQLite takes 512, with the names of files that are not complete yet."""
@@ -21,11 +69,9 @@ _DATABASE = b"SQLite format 3\0"
 
 
 def connect(path: Path | str, *, timeout: float = 5.0) -> sqlite3.Connection:
-    """Connect to an SQLite file with full synchronization; create it if there is none.
+    """Connect to an SQLite file, or to ":memory:", with full synchronization; create it if absent.
 
-    Args:
-        path: File, or ":memory:".
-        timeout: Longest wait for a lock of another process, in seconds.
+    `timeout` is the longest wait for a lock of another process, in seconds.
     """
     # SQLite would take a relative path that begins with "file:" for a URI.
     place = path if path == ":memory:" else os.path.abspath(path)

@@ -4,7 +4,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,9 @@ from typing import Any
 from prefcal_env.errors import StudyError
 from prefcal_env.parquet import pyarrow
 
-from .tables import (
-    Column,
-    StudyFile,
-    Table,
-    answers_of,
-    experiments_of,
-    finished,
-    trajectory_of,
-)
-from .trouble import told
+from .connection import told
+from .tables import Column, StudyFile, answers_of, experiments_of, finished, trajectory_of
 
-_PART = Column("experiment", "Number of the experiment, from 1", kind="integer")
 _TRAJECTORY = re.compile(r"experiment-\d{3,}\.csv")
 _Key = tuple[str, str, str, int]
 """What makes a column one of its own: name, unit, meaning, and its position among equal ones."""
@@ -48,16 +39,19 @@ def export_csv(study: StudyFile, folder: Path | str) -> Path:
         tables = {name: _named(table) for name, table in _whole(study, experiments).items()}
         for name, table in tables.items():
             _write_csv(target / f"{name}.csv", table)
-        shown: dict[_Key, Column] = {}
+        shown: dict[_Key, str] = {}
+        curves: dict[str, Column] = {}
         written = {f"experiment-{index + 1:03d}.csv": e for index, e in experiments.items()}
         for name, experiment in written.items():
-            _write_csv(target / "trajectories" / name, _named(trajectory_of(experiment), shown))
+            table = _named(trajectory_of(experiment), shown)
+            curves |= {column.name: column for column in table}
+            _write_csv(target / "trajectories" / name, table)
         for path in (target / "trajectories").iterdir():
             if _TRAJECTORY.fullmatch(path.name) and path.name not in written:
                 path.unlink()
-        columns = {f"{name}.csv": table.columns for name, table in tables.items()}
-        columns["trajectories"] = [*shown.values()]
-        _write_csv(target / dictionary_file("csv"), dictionary(columns))
+        files = {f"{name}.csv": table for name, table in tables.items()}
+        told_of = dictionary({**files, "trajectories": [*curves.values()]})
+        _write_csv(target / dictionary_file("csv"), told_of)
     return target
 
 
@@ -79,8 +73,8 @@ def export_parquet(study: StudyFile, folder: Path | str) -> Path:
         target.mkdir(parents=True, exist_ok=True)
         for name, table in tables.items():
             write(_arrow(table), target / f"{name}.parquet")
-        columns = {f"{name}.parquet": table.columns for name, table in tables.items()}
-        _write_csv(target / dictionary_file("parquet"), dictionary(columns))
+        files = {f"{name}.parquet": table for name, table in tables.items()}
+        _write_csv(target / dictionary_file("parquet"), dictionary(files))
     return target
 
 
@@ -91,19 +85,20 @@ FORMATS: Mapping[str, Callable[[StudyFile, Path | str], Path]] = {
 """Formats that are folders of tables, and their functions."""
 
 
-def dictionary(tables: Mapping[str, Iterable[Column]]) -> Table:
+def dictionary(tables: Mapping[str, Iterable[Column]]) -> list[Column]:
     """Return a table with a row for each column of `tables`, which are lists by file."""
-    columns = [Column(name, "", kind="text") for name in ("file", "column", "unit", "type",
-                                                          "meaning")]  # fmt: skip
-    rows = [
-        [file, column.name, column.unit or None, column.kind, column.meaning]
-        for file, of_file in tables.items()
-        for column in of_file
-    ]
-    return Table(columns, rows)
+    every = [(file, column) for file, columns in tables.items() for column in columns]
+    cells: dict[str, list[Any]] = {
+        "file": [file for file, _ in every],
+        "column": [column.name for _, column in every],
+        "unit": [column.unit or None for _, column in every],
+        "type": [column.kind for _, column in every],
+        "meaning": [column.meaning for _, column in every],
+    }
+    return [Column(name, "", values, kind="text") for name, values in cells.items()]
 
 
-def _whole(study: StudyFile, experiments: dict[int, Any]) -> dict[str, Table]:
+def _whole(study: StudyFile, experiments: dict[int, Any]) -> dict[str, list[Column]]:
     """Return the tables that a study has once, by name."""
     state = study.state
     return {
@@ -112,17 +107,18 @@ def _whole(study: StudyFile, experiments: dict[int, Any]) -> dict[str, Table]:
     }
 
 
-def _together(tables: Mapping[int, Table]) -> Table:
+def _together(tables: Mapping[int, Sequence[Column]]) -> list[Column]:
     """Return one table of all trajectories, with the number of the experiment first."""
-    columns: dict[_Key, Column] = {}
-    for table in tables.values():
-        columns |= zip(_keys(table.columns), table.columns, strict=True)
-    rows: list[list[Any]] = []
-    for number, table in tables.items():
-        at = {key: k for k, key in enumerate(_keys(table.columns))}
-        rows += ([number, *(row[at[key]] if key in at else None for key in columns)]
-                 for row in table.rows)  # fmt: skip
-    return Table([_PART, *columns.values()], rows)
+    keyed = {number: dict(zip(_keys(t), t, strict=True)) for number, t in tables.items()}
+    counts = {number: len(table[0].values) for number, table in tables.items()}
+    numbers = [number for number, count in counts.items() for _ in range(count)]
+    found = [Column("experiment", "Number of the experiment, from 1", numbers, kind="integer")]
+    for key, column in {k: c for table in keyed.values() for k, c in table.items()}.items():
+        values: list[Any] = []
+        for number, table in keyed.items():
+            values += table[key].values if key in table else [None] * counts[number]
+        found.append(replace(column, values=values))
+    return found
 
 
 def _keys(columns: Iterable[Column]) -> list[_Key]:
@@ -136,51 +132,43 @@ def _keys(columns: Iterable[Column]) -> list[_Key]:
     return found
 
 
-def _named(table: Table, known: dict[_Key, Column] | None = None) -> Table:
-    """Return `table` with names of their own: of equal names, later ones get a number.
+def _named(table: Sequence[Column], known: dict[_Key, str] | None = None) -> list[Column]:
+    """Return columns with names of their own: of equal names, later ones get a number.
 
-    Args:
-        table: Table whose columns may share names.
-        known: Columns of other tables, as named there; equal columns get the same name here. New
-            ones are added.
+    Columns that other tables have, too, get the name that is `known`; new names are added to it.
     """
     known = {} if known is None else known
-    keys = _keys(table.columns)
-    for key, column in zip(keys, table.columns, strict=True):
-        if key not in known:
-            known[key] = _unused(column, known.values())
-    return Table([known[key] for key in keys], table.rows)
-
-
-def _unused(column: Column, others: Collection[Column]) -> Column:
-    """Return `column` with a name and a heading that none of the others has."""
-    names, headings = {c.name for c in others}, {c.heading for c in others}
-    found, number = column, 1
-    while found.name in names or found.heading in headings:
-        number += 1
-        found = replace(column, name=f"{column.name} ({number})")
+    found = []
+    for key, column in zip(_keys(table), table, strict=True):
+        taken = {*known.values()}
+        taken |= {replace(column, name=n, unit=unit).heading for (_, unit, *_), n in known.items()}
+        number, named = 1, column
+        while key not in known and {named.name, named.heading} & taken:
+            number += 1
+            named = replace(column, name=f"{column.name} ({number})")
+        found.append(replace(column, name=known.setdefault(key, named.name)))
     return found
 
 
-def _arrow(table: Table) -> Any:
+def _arrow(table: Sequence[Column]) -> Any:
     """Return a table of pyarrow, with unit and meaning in the metadata of each field."""
     pa = pyarrow()
     types = {"integer": pa.int64(), "number": pa.float64(), "text": pa.string(),
              "boolean": pa.bool_()}  # fmt: skip
     fields, arrays = [], []
-    for k, column in enumerate(table.columns):
+    for column in table:
         about = {"unit": column.unit, "meaning": column.meaning}
         fields.append(pa.field(column.name, types[column.kind], metadata=about))
         try:
-            arrays.append(pa.array([row[k] for row in table.rows], types[column.kind]))
+            arrays.append(pa.array(column.values, types[column.kind]))
         except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
             raise StudyError(f"column {column.name!r} holds no {column.kind}: {error}") from error
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
-def _write_csv(path: Path, table: Table) -> None:
+def _write_csv(path: Path, table: Sequence[Column]) -> None:
     text = io.StringIO()
-    rows = ([_cell(cell) for cell in row] for row in (table.headings, *table.rows))
+    rows = zip(*(map(_cell, (column.heading, *column.values)) for column in table), strict=True)
     csv.writer(text, lineterminator="\n").writerows(rows)
     path.write_text(text.getvalue(), encoding="utf-8")
 

@@ -3,7 +3,7 @@
 import os
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any, Self
@@ -15,26 +15,16 @@ from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.knobs.key import theta_key
 
+from . import connection as disk
 from . import schema
 from .codec import LONGEST_HEADER, decode, encode, end_of, pack, unpack
-from .connection import (
-    WRITTEN_HERE,
-    beside,
-    connect,
-    existing,
-    place_of,
-    publish,
-    refuse_foreign_logs,
-    save_copy,
-    synchronize,
-    vacant,
-)
+from .connection import open_elsewhere, told
 from .events import Created, Event, Finished, Recorded
 from .fold import State, begin, step
 from .locations import data_folder, make_data_folder
-from .trouble import open_elsewhere, told
 
 Entry = Event | tuple[Finished, Experiment]
+Rows = list[tuple[Recorded, Experiment | None]]
 Clock = Callable[[], str]
 _OVERWRITTEN = (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 """What SQLite says of a file that something else was written to, with or without its tables."""
@@ -74,17 +64,17 @@ class StudyFile:
         """
         created = Created(configuration)
         if path == ":memory:":
-            file = cls(connect(":memory:"), ":memory:", clock)
+            file = cls(disk.connect(":memory:"), ":memory:", clock)
             file._begin(created)
             return file
-        target = vacant(path)
+        target = disk.vacant(path)
         # Write a temporary file and link it, so that a file of this name is always complete.
-        part = beside(target)
+        part = disk.beside(target)
         with told(target, "begin", "Nothing was recorded"):
             try:
-                with closing(connect(part)) as connection:
+                with closing(disk.connect(part)) as connection:
                     cls(connection, str(part), clock)._begin(created)
-                publish(part, target)
+                disk.publish(part, target)
             finally:
                 part.unlink(missing_ok=True)
         return cls.open(target, clock=clock)
@@ -103,8 +93,8 @@ class StudyFile:
             StudyError: If there is none, it is damaged, not a study, or of another format, or
                 another process has it open, too.
         """
-        with told(existing(path), "open"), ExitStack() as undo:
-            connection = connect(path)
+        with told(disk.existing(path), "open"), ExitStack() as undo:
+            connection = disk.connect(path)
             undo.callback(connection.close)
             schema.check(connection, str(path))
             if different := schema.differences(connection):
@@ -132,12 +122,14 @@ class StudyFile:
                 raise open_elsewhere(self.path) from error
             raise
         connection.execute("PRAGMA busy_timeout = 5000")
-        self._place = place_of(self.path)
-        WRITTEN_HERE.add(self._place)
+        self._place = disk.place_of(self.path)
+        disk.WRITTEN_HERE.add(self._place)
 
     def _begin(self, created: Created) -> None:
         schema.create(self._connection)
-        self._insert([(created, None)], [self._clock()])
+        recorded = Recorded(1, self._clock(), created)
+        self._insert([(recorded, None)])
+        self._take(recorded)
         self._connection.execute("COMMIT")
 
     def _load(self) -> None:
@@ -247,37 +239,36 @@ class StudyFile:
         """
         pairs = [e if isinstance(e, tuple) else (e, None) for e in entries]
         with self._lock:
-            times = [self._clock() for _ in pairs]
             first = self._last + 1
-            recorded = [
-                Recorded(first + i, at, event)
-                for i, ((event, _), at) in enumerate(zip(pairs, times, strict=True))
+            rows: Rows = [
+                (Recorded(seq, self._clock(), event), experiment)
+                for seq, (event, experiment) in enumerate(pairs, start=first)
             ]
             state = self.state
-            for r in recorded:
+            for r, _ in rows:
                 state = step(state, r.seq, r.at, r.event)
             try:
                 with told(self.path, "write to", "Nothing was recorded"):
-                    self._write(pairs, times)
+                    self._write(rows)
             finally:
                 if self._last >= first:  # recorded, also if Ctrl-C came right after that
-                    for r in recorded:
+                    for r, _ in rows:
                         self._take(r)
                     if self._place is not None:
                         self._content = self._connection.serialize()
-        return tuple(r.seq for r in recorded)
+        return tuple(r.seq for r, _ in rows)
 
-    def _write(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
+    def _write(self, rows: Rows) -> None:
         try:
             self._check_file()
-            self._record(pairs, times)
+            self._record(rows)
         finally:
             self._hold()
 
-    def _record(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
+    def _record(self, rows: Rows) -> None:
         before = self._last, self._checksum
         try:
-            self._insert(pairs, times)
+            self._insert(rows)
             self._connection.execute("COMMIT")
         except BaseException as error:  # Ctrl-C too: either all of it is recorded, or nothing
             after, (self._last, self._checksum) = (self._last, self._checksum), before
@@ -300,7 +291,7 @@ class StudyFile:
     def _confirm(self, after: tuple[int, int]) -> None:
         """Write the folder to the disk, which failed at the end of a step."""
         try:
-            synchronize(Path(os.path.realpath(self.path)).parent)
+            disk.synchronize(Path(os.path.realpath(self.path)).parent)
         except OSError as error:
             raise StudyError(
                 f"the disk does not confirm that the last step is recorded in {self.path}: close "
@@ -311,7 +302,7 @@ class StudyFile:
     @property
     def in_place(self) -> bool:
         """Return whether the file is still where it was opened."""
-        return self.path == ":memory:" or place_of(self._address) == self._place
+        return self.path == ":memory:" or disk.place_of(self._address) == self._place
 
     def trouble(self) -> str | None:
         """Return why the file no longer holds everything that was recorded; None if it does.
@@ -339,7 +330,7 @@ class StudyFile:
                 raise StudyError(f"the study {self.path} was opened for reading only")
             if not self.in_place:
                 raise StudyError(self._lost("moved, renamed, removed or replaced", "Move it back"))
-            refuse_foreign_logs(self._address)
+            disk.refuse_foreign_logs(self._address)
         try:
             same = self._is_as_recorded()
         except sqlite3.DatabaseError as error:
@@ -378,47 +369,31 @@ class StudyFile:
             with suppress(OSError, sqlite3.Error, StudyError):
                 if self._saved is None or self._saved[0] != self._last:
                     make_data_folder(target)
-                    self._saved = self._last, save_copy(self._content, target)
+                    self._saved = self._last, disk.save_copy(self._content, target)
                 return (
                     f"{lost} {remedy} and try again, or close prefcal and continue with a copy of "
                     f"everything before: --study {self._saved[1]}"
                 )
         return f"{lost} {remedy}: it could not be saved elsewhere"
 
-    def _insert(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
-        """Insert rows, inside a transaction."""
-        for (event, experiment), at in zip(pairs, times, strict=True):
-            recorded = Recorded(self._last + 1, at, event)
-            self._check_experiment(recorded.seq, event, experiment)
+    def _insert(self, rows: Rows) -> None:
+        """Insert events with their experiments, inside a transaction."""
+        for recorded, experiment in rows:
+            has_payload = experiment is not None
+            schema.check_experiment(recorded.seq, recorded.event, has_payload, self._payloads)
             payload = None if experiment is None else pack(encode(experiment))
             self._checksum = schema.insert(self._connection, recorded, payload, self._checksum)
             self._last = recorded.seq
-        if self._state is None:
-            self._state = begin(1, times[0], pairs[0][0])
 
-    def _check_experiment(self, seq: int, event: Event, experiment: Experiment | None) -> None:
-        """Check that each Finished, and no other event, has an experiment or refers to one.
-
-        Raises:
-            StudyError: If that is not so, or the event it refers to has none.
-        """
-        source = event.same_as if isinstance(event, Finished) else None
-        if isinstance(event, Finished) != ((experiment is None) != (source is None)):
-            raise StudyError(
-                f"event {seq} is impossible: a Finished event, and no other, has an experiment or "
-                "names the event that has it"
-            )
-        if source is None:
-            return
-        brought = "SELECT 1 FROM event WHERE seq = ? AND payload IS NOT NULL"
-        if self._connection.execute(brought, (source,)).fetchone() is None:
-            raise StudyError(f"event {seq} is impossible: event {source} has no experiment")
+    def _payloads(self, seq: int) -> bool:
+        query = "SELECT 1 FROM event WHERE seq = ? AND payload IS NOT NULL"
+        return self._connection.execute(query, (seq,)).fetchone() is not None
 
     def close(self) -> None:
         """Close the file and release its lock."""
         with self._lock:
             self._connection.close()
-            WRITTEN_HERE.discard(self._place)
+            disk.WRITTEN_HERE.discard(self._place)
 
     def __enter__(self) -> Self:
         return self

@@ -12,30 +12,7 @@ from prefcal_env.knobs.change import carried
 from prefcal_env.preferences.history import Comparison, History, Sample
 from prefcal_env.preferences.kpis import Outcome
 
-from .events import (
-    MARKS,
-    Adjusted,
-    Answered,
-    Created,
-    Dialed,
-    Ended,
-    Event,
-    Extended,
-    Failed,
-    Finished,
-    Led,
-    Marked,
-    Noted,
-    Reopened,
-    Replaced,
-    Requested,
-    Respaced,
-    Retracted,
-    Shown,
-    Suggested,
-    Taken,
-    Undone,
-)
+from . import events
 from .spaces import space_of
 
 
@@ -68,7 +45,7 @@ class State:
     failures: Mapping[int, str] = field(default_factory=dict)
     marks: Mapping[int, frozenset[str]] = field(default_factory=dict)
     notes: tuple[tuple[str, str], ...] = ()
-    open: tuple[int, Shown] | None = None
+    open: tuple[int, events.Shown] | None = None
     ended: str | None = None
 
     @property
@@ -83,19 +60,19 @@ _KNOWN = ("finished", "failures", "marks", "proposed")
 """Fields of `State` with what is known about samples, by index."""
 
 
-def begin(seq: int, at: str, event: Event) -> State:
+def begin(seq: int, at: str, event: events.Event) -> State:
     """Return the state after the first event.
 
     Raises:
         StudyError: If it is not a Created with an integer `n_max`.
     """
-    n_max = event.configuration.get("n_max") if isinstance(event, Created) else None
-    if not isinstance(event, Created) or type(n_max) is not int or n_max < 1:
+    n_max = event.configuration.get("n_max") if isinstance(event, events.Created) else None
+    if not isinstance(event, events.Created) or type(n_max) is not int or n_max < 1:
         raise StudyError(f"event {seq}: a study begins with its configuration and its n_max")
     return State(MappingProxyType(dict(event.configuration)), at, n_max)
 
 
-def step(state: State, seq: int, at: str, event: Event) -> State:
+def step(state: State, seq: int, at: str, event: events.Event) -> State:
     """Return the state after one more event.
 
     Raises:
@@ -116,7 +93,7 @@ def _sample(state: State, seq: int, index: int) -> None:
     _require(0 <= index < len(state.history.samples), seq, f"sample {index} was never proposed")
 
 
-def _suggested(state: State, seq: int, _at: str, event: Suggested) -> State:
+def _suggested(state: State, seq: int, _at: str, event: events.Suggested) -> State:
     history, is_due = state.history, event.index == len(state.history.samples)
     _require(is_due, seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
@@ -125,7 +102,7 @@ def _suggested(state: State, seq: int, _at: str, event: Suggested) -> State:
     return replace(state, history=history, open=None)
 
 
-def _taken(state: State, seq: int, _at: str, event: Taken) -> State:
+def _taken(state: State, seq: int, _at: str, event: events.Taken) -> State:
     try:
         order = state.history.taken(event.index)
     except ProtocolError as error:
@@ -133,7 +110,7 @@ def _taken(state: State, seq: int, _at: str, event: Taken) -> State:
     return replace(_arranged(state, order), open=None)
 
 
-def _led(state: State, seq: int, _at: str, event: Led) -> State:
+def _led(state: State, seq: int, _at: str, event: events.Led) -> State:
     compared = 0 <= event.index < state.history.answered
     _require(compared, seq, f"sample {event.index} was not compared")
     return replace(state, history=state.history.with_best(event.index))
@@ -150,7 +127,7 @@ def _arranged(state: State, order: Sequence[int]) -> State:
     return replace(state, history=state.history.arranged(order), requested=requested, **maps)
 
 
-def _finished(state: State, seq: int, _at: str, event: Finished) -> State:
+def _finished(state: State, seq: int, _at: str, event: events.Finished) -> State:
     _sample(state, seq, event.index)
     earlier = event.same_as is None or 0 < event.same_as < seq
     _require(earlier, seq, f"event {event.same_as} is no earlier one")
@@ -159,12 +136,12 @@ def _finished(state: State, seq: int, _at: str, event: Finished) -> State:
     return replace(state, finished={**state.finished, event.index: source}, failures=failures)
 
 
-def _failed(state: State, seq: int, _at: str, event: Failed) -> State:
+def _failed(state: State, seq: int, _at: str, event: events.Failed) -> State:
     _sample(state, seq, event.index)
     return replace(state, failures={**state.failures, event.index: event.error})
 
 
-def _dialed(state: State, seq: int, _at: str, event: Dialed) -> State:
+def _dialed(state: State, seq: int, _at: str, event: events.Dialed) -> State:
     due, was = state.history.answered, state.history.pending
     if was is None or event.index != due:
         raise StudyError(f"event {seq} is impossible: sample {event.index} is not open")
@@ -174,7 +151,7 @@ def _dialed(state: State, seq: int, _at: str, event: Dialed) -> State:
     return replace(state, history=history, proposed=proposed)
 
 
-def _requested(state: State, seq: int, _at: str, event: Requested) -> State:
+def _requested(state: State, seq: int, _at: str, event: events.Requested) -> State:
     due, known = state.history.answered, state.history.samples[:1]
     _require(event.index == due, seq, f"sample {due} is due, not {event.index}")
     _require(state.ended is None and due < state.n_max, seq, "nothing is left to be tried")
@@ -193,7 +170,7 @@ def _requested(state: State, seq: int, _at: str, event: Requested) -> State:
     )
 
 
-def _replaced(state: State, seq: int, _at: str, event: Replaced) -> State:
+def _replaced(state: State, seq: int, _at: str, event: events.Replaced) -> State:
     _require(event.index in state.finished, seq, f"there is no experiment of sample {event.index}")
     _require(state.ended is None, seq, "the study is over")
     outcome = Outcome.from_dict(event.outcome) if event.outcome else None
@@ -204,7 +181,7 @@ def _replaced(state: State, seq: int, _at: str, event: Replaced) -> State:
     )
 
 
-def _shown(state: State, seq: int, _at: str, event: Shown) -> State:
+def _shown(state: State, seq: int, _at: str, event: events.Shown) -> State:
     for index in (event.challenger, event.incumbent):
         _require(index in state.finished, seq, f"there is no experiment of sample {index}")
     apart = event.challenger != event.incumbent
@@ -212,16 +189,16 @@ def _shown(state: State, seq: int, _at: str, event: Shown) -> State:
     return replace(state, open=(seq, event))
 
 
-def _marked(state: State, seq: int, _at: str, event: Marked) -> State:
+def _marked(state: State, seq: int, _at: str, event: events.Marked) -> State:
     index, mark = event.index, event.mark
     _sample(state, seq, index)
-    _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
+    _require(mark in events.MARKS, seq, f"a mark must be one of {events.MARKS}, got {mark!r}")
     # One mark excludes the other: the last one holds.
     now = frozenset({mark}) if event.on else state.marks.get(index, frozenset()) - {mark}
     return replace(state, marks={**state.marks, index: now})
 
 
-def _answered(state: State, seq: int, at: str, event: Answered) -> State:
+def _answered(state: State, seq: int, at: str, event: events.Answered) -> State:
     scored = event.question is None and event.incumbent is not None
     first = event.question is None and not scored
     shown = None if state.open is None or state.open[0] != event.question else state.open[1]
@@ -252,7 +229,7 @@ def _answered(state: State, seq: int, at: str, event: Answered) -> State:
     return replace(state, history=state.history.recorded(answer), open=None)
 
 
-def _retracted(state: State, seq: int, _at: str, event: Retracted) -> State:
+def _retracted(state: State, seq: int, _at: str, event: events.Retracted) -> State:
     answer = event.answer
     try:
         if answer < 0:
@@ -264,35 +241,35 @@ def _retracted(state: State, seq: int, _at: str, event: Retracted) -> State:
     return replace(state, history=history)
 
 
-def _undone(state: State, seq: int, _at: str, _event: Undone) -> State:
+def _undone(state: State, seq: int, _at: str, _event: events.Undone) -> State:
     _require(state.history.answered > 0, seq, "there is no answer to undo")
     kept = _arranged(state, state.history.undoing())
     return replace(kept, history=state.history.undone(), open=None, ended=None)
 
 
-def _noted(state: State, _seq: int, at: str, event: Noted) -> State:
+def _noted(state: State, _seq: int, at: str, event: events.Noted) -> State:
     return replace(state, notes=(*state.notes, (at, event.text)))
 
 
-def _extended(state: State, seq: int, _at: str, event: Extended) -> State:
+def _extended(state: State, seq: int, _at: str, event: events.Extended) -> State:
     answered = state.history.answered
     _require(event.n_max >= answered, seq, f"n_max {event.n_max} is below what is answered")
     return replace(state, n_max=event.n_max)
 
 
-def _ended(state: State, _seq: int, _at: str, event: Ended) -> State:
+def _ended(state: State, _seq: int, _at: str, event: events.Ended) -> State:
     return replace(state, ended=event.reason, open=None)
 
 
-def _reopened(state: State, _seq: int, _at: str, _event: Reopened) -> State:
+def _reopened(state: State, _seq: int, _at: str, _event: events.Reopened) -> State:
     return replace(state, ended=None)
 
 
-def _created(_state: State, seq: int, _at: str, _event: Created) -> State:
+def _created(_state: State, seq: int, _at: str, _event: events.Created) -> State:
     raise StudyError(f"event {seq}: a study is created once")
 
 
-def _adjusted(state: State, seq: int, _at: str, event: Adjusted) -> State:
+def _adjusted(state: State, seq: int, _at: str, event: events.Adjusted) -> State:
     agent: Any = state.configuration.get("agent")
     before = agent.get("settings") if isinstance(agent, Mapping) else None
     if not isinstance(before, Mapping):
@@ -302,7 +279,7 @@ def _adjusted(state: State, seq: int, _at: str, event: Adjusted) -> State:
     return replace(state, configuration=configuration)
 
 
-def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
+def _respaced(state: State, seq: int, _at: str, event: events.Respaced) -> State:
     due, samples = state.history.answered, range(len(state.history.samples))
     kept = _arranged(state, [i for i in samples if i < due or i in state.finished])
     expected = {"knobs", "within", "scenario_knobs"}
@@ -331,26 +308,26 @@ def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
     )
 
 
-_RULES: Mapping[type[Event], Callable[[State, int, str, Any], State]] = {
-    Created: _created,
-    Suggested: _suggested,
-    Taken: _taken,
-    Led: _led,
-    Dialed: _dialed,
-    Requested: _requested,
-    Finished: _finished,
-    Replaced: _replaced,
-    Failed: _failed,
-    Shown: _shown,
-    Answered: _answered,
-    Marked: _marked,
-    Retracted: _retracted,
-    Undone: _undone,
-    Noted: _noted,
-    Extended: _extended,
-    Ended: _ended,
-    Reopened: _reopened,
-    Respaced: _respaced,
-    Adjusted: _adjusted,
+_RULES: Mapping[type[events.Event], Callable[[State, int, str, Any], State]] = {
+    events.Created: _created,
+    events.Suggested: _suggested,
+    events.Taken: _taken,
+    events.Led: _led,
+    events.Dialed: _dialed,
+    events.Requested: _requested,
+    events.Finished: _finished,
+    events.Replaced: _replaced,
+    events.Failed: _failed,
+    events.Shown: _shown,
+    events.Answered: _answered,
+    events.Marked: _marked,
+    events.Retracted: _retracted,
+    events.Undone: _undone,
+    events.Noted: _noted,
+    events.Extended: _extended,
+    events.Ended: _ended,
+    events.Reopened: _reopened,
+    events.Respaced: _respaced,
+    events.Adjusted: _adjusted,
 }
 """Rule of each event: state, number, time and event to the next state."""

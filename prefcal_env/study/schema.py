@@ -1,7 +1,7 @@
 """Define the tables of a study file, the number of their format, and the checksums of events."""
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import cache
 from typing import Any
@@ -9,7 +9,7 @@ from zlib import crc32
 
 from prefcal_env.errors import StudyError
 
-from .events import Event, Recorded, from_text, to_text
+from .events import Event, Finished, Recorded, from_text, to_text
 
 APPLICATION = 0x70726663
 """Marks an SQLite file as a study: "prfc"."""
@@ -84,13 +84,9 @@ def _layout(connection: sqlite3.Connection) -> frozenset[tuple[bytes, ...]]:
 def insert(
     connection: sqlite3.Connection, recorded: Recorded, payload: bytes | None, before: int
 ) -> int:
-    """Insert an event, inside a transaction; return its checksum.
+    """Insert an event with its packed experiment, if any, inside a transaction.
 
-    Args:
-        connection: Study file.
-        recorded: Event with its number and time.
-        payload: Its experiment, packed; None without one.
-        before: Checksum of the event before it; 0 for the first one.
+    Return its checksum, given the one of the event `before` it; 0 for the first one.
     """
     seq, at, body = recorded.seq, recorded.at, to_text(recorded.event)
     size = None if payload is None else len(payload)
@@ -100,6 +96,26 @@ def insert(
     if seq == 1:
         connection.execute(f"PRAGMA user_version = {VERSION + _IDS * (found % 2**23)}")
     return found
+
+
+def check_experiment(
+    seq: int, event: Event, has_payload: bool, brought: Callable[[int], bool]
+) -> None:
+    """Check that each Finished, and no other event, has an experiment or names one.
+
+    `brought` returns whether the earlier event of a number has an experiment.
+
+    Raises:
+        StudyError: If that is not so, or the event that it names has none.
+    """
+    source = event.same_as if isinstance(event, Finished) else None
+    if isinstance(event, Finished) != (has_payload != (source is not None)):
+        raise StudyError(
+            f"event {seq} is impossible: a Finished event, and no other, has an experiment or "
+            "names the event that has it"
+        )
+    if source is not None and not brought(source):
+        raise StudyError(f"event {seq} is impossible: event {source} has no experiment")
 
 
 _IDS = 256

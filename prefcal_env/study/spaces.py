@@ -35,10 +35,7 @@ def within_as_dict(space: KnobSpace) -> dict[str, list[float]]:
 
 
 def space_of(configuration: Mapping[str, Any]) -> KnobSpace:
-    """Return the space that a configuration or a `Respaced` event describes.
-
-    Args:
-        configuration: Plain data with "knobs", and perhaps "within"; other keys are ignored.
+    """Return the space of plain data with "knobs", and perhaps "within"; others are ignored.
 
     Raises:
         StudyError: If the knobs cannot be read.

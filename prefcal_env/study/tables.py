@@ -1,6 +1,6 @@
 """Show a study as tables of answers, experiments and trajectories with their units."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -18,22 +18,27 @@ from .fold import State
 
 StudyFile = Any
 """`prefcal_env.study.StudyFile`, which calls these functions."""
+_NUMBER = "Number of the experiment, from 1"
+_AUTOMATIC = "Marks that come from an interrupted run"
+_REFERENCE = "Reference of the output, held from this instant on"
 Kind = Literal["integer", "number", "text", "boolean"]
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table.
+    """A column of a table. A table is a list of columns of the same length.
 
     Args:
         name: Name, without its unit.
         meaning: What its values are, in a few words.
+        values: Value of each row; None for an empty cell.
         unit: Unit of the values; empty for none.
         kind: Type of the values.
     """
 
     name: str
     meaning: str
+    values: Sequence[Any]
     unit: str = ""
     kind: Kind = "number"
 
@@ -43,27 +48,15 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table: its columns and rows; an empty cell is None."""
-
-    columns: Sequence[Column]
-    rows: Sequence[Sequence[Any]]
-
-    @property
-    def headings(self) -> list[str]:
-        """Return the headings of the columns."""
-        return [column.heading for column in self.columns]
-
-
 def frame_of(study: StudyFile, *, answers: bool = False) -> Any:
     """Return the experiments or the answers as a DataFrame; see `StudyFile.to_frame`."""
     import pandas as pd
 
     state = study.state
     table = answers_of(state) if answers else experiments_of(state, finished(study))
-    frame = pd.DataFrame(table.rows, columns=table.headings)
-    return frame.set_index(table.headings[0])
+    headings = [column.heading for column in table]
+    frame = pd.DataFrame([*zip(*(c.values for c in table), strict=True)], columns=headings)
+    return frame.set_index(headings[0])
 
 
 def finished(study: StudyFile) -> dict[int, Experiment]:
@@ -82,31 +75,35 @@ def html_of(study: StudyFile) -> str:
     return f"<div><p>{escape(words)}</p>{table}</div>"
 
 
-_ANSWERS = (
-    Column("answer", "Number of the new experiment that was answered, from 0; empty for a follow-up"
-           " comparison or a repeated question", kind="integer"),
-    Column("at", "Time of the answer, ISO 8601", kind="text"),
-    Column("challenger", "Number of the newer experiment, from 1", kind="integer"),
-    Column("incumbent", "Number of the older experiment, from 1; empty for the first experiment",
-           kind="integer"),
-    Column("preference", "Verdict, -1: the challenger is better, 0: about the same, 1: the "
-           "incumbent is; empty: can't tell", kind="integer"),
-    Column("strength", "Weight c_h of the answer, usually 1"),
-    Column("marks", "What was marked with the answer, separated by semicolons", kind="text"),
-    Column("automatic marks", "Marks that come from an interrupted run", kind="text"),
-    Column("challenger on the left", "Whether the challenger was shown on the left",
-           kind="boolean"),
-    Column("blind", "Whether θ and the roles of the sides were hidden", kind="boolean"),
-    Column("comment", "Comment on the answer", kind="text"),
-    Column("retracted", "Whether the answer no longer teaches", kind="boolean"),
-    Column("repeats question", "Id of the question that this one repeats", kind="integer"),
-    Column("question", "Id of the question", kind="integer"),
-)  # fmt: skip
+_ANSWERS: Mapping[str, tuple[Kind, str]] = {
+    "answer": ("integer", "Number of the new experiment that was answered, from 0; empty for a "
+               "follow-up comparison or a repeated question"),
+    "at": ("text", "Time of the answer, ISO 8601"),
+    "challenger": ("integer", "Number of the newer experiment, from 1"),
+    "incumbent": ("integer", "Number of the older experiment, from 1; empty for the first "
+                  "experiment"),
+    "preference": ("integer", "Verdict, -1: the challenger is better, 0: about the same, 1: the "
+                   "incumbent is; empty: can't tell"),
+    "strength": ("number", "Weight c_h of the answer, usually 1"),
+    "marks": ("text", "What was marked with the answer, separated by semicolons"),
+    "automatic marks": ("text", _AUTOMATIC),
+    "challenger on the left": ("boolean", "Whether the challenger was shown on the left"),
+    "blind": ("boolean", "Whether θ and the roles of the sides were hidden"),
+    "comment": ("text", "Comment on the answer"),
+    "retracted": ("boolean", "Whether the answer no longer teaches"),
+    "repeats question": ("integer", "Id of the question that this one repeats"),
+    "question": ("integer", "Id of the question"),
+}  # fmt: skip
+"""Type and meaning of each column of the answers."""
 
 
-def answers_of(state: State) -> Table:
+def answers_of(state: State) -> list[Column]:
     """Return a row for each answer, in the order given."""
-    return Table(_ANSWERS, [_comparison(closed) for closed in state.answers])
+    rows = [_comparison(closed) for closed in state.answers]
+    return [
+        Column(name, meaning, [row[k] for row in rows], kind=kind)
+        for k, (name, (kind, meaning)) in enumerate(_ANSWERS.items())
+    ]
 
 
 def _comparison(closed: Comparison) -> list[Any]:
@@ -129,40 +126,31 @@ def _comparison(closed: Comparison) -> list[Any]:
     ]
 
 
-def experiments_of(state: State, experiments: dict[int, Experiment]) -> Table:
+def experiments_of(state: State, experiments: Mapping[int, Experiment]) -> list[Column]:
     """Return a row for each completed experiment: θ, KPIs, end and marks."""
-    knobs = _units(state, "knobs")
+    history, indices, runs = state.history, list(experiments), list(experiments.values())
+    # Not the experiments' own θ: knobs may have been added since.
+    thetas = [history.samples[index].theta for index in indices]
     about = {name: (unit, title) for name, unit, title in _units(state, "kpis")}
-    kpis = sorted({name for e in experiments.values() for name in e.kpis})
-    columns = [
-        Column("experiment", "Number of the experiment, from 1", kind="integer"),
-        *(Column(name, "Controller parameter", unit) for name, unit, _ in knobs),
-        *(_kpi_column(name, *about.get(name, ("", ""))) for name in kpis),
-        Column("ended", "How the run ended", kind="text"),
-        Column("marks", "Marks by a person, separated by semicolons", kind="text"),
-        Column("automatic marks", "Marks that come from an interrupted run", kind="text"),
-        Column("score", "Score that an agent by score was told; lower is better"),
-    ]
-    return Table(columns, list(_experiment_rows(state, experiments, kpis)))
-
-
-def _kpi_column(name: str, unit: str, title: str) -> Column:
-    return Column(name, f"KPI: {title}" if title else "KPI", unit)
-
-
-def _experiment_rows(
-    state: State, experiments: dict[int, Experiment], kpis: Sequence[str]
-) -> Iterator[list[Any]]:
-    history = state.history
     scores = {c.challenger: c.answer.value for c in history.comparisons}
-    counted = history.unsafe(automatic=True)
-    for index, e in experiments.items():
-        automatic = "unsafe" if index in counted else None
-        marks = "; ".join(sorted(state.marks.get(index, ()))) or None
-        values = [e.kpis.get(k) for k in kpis]
-        # Not the experiment's own θ: knobs may have been added since.
-        theta = history.samples[index].theta
-        yield [index + 1, *theta, *values, e.end.value, marks, automatic, scores.get(index)]
+    unsafe = history.unsafe(automatic=True)
+    found = [Column("experiment", _NUMBER, [i + 1 for i in indices], kind="integer")]
+    for k, (name, unit, _) in enumerate(_units(state, "knobs")):
+        found.append(Column(name, "Controller parameter", [theta[k] for theta in thetas], unit))
+    for name in sorted({name for run in runs for name in run.kpis}):
+        unit, title = about.get(name, ("", ""))
+        values = [run.kpis.get(name) for run in runs]
+        found.append(Column(name, f"KPI: {title}" if title else "KPI", values, unit))
+    marks = ["; ".join(sorted(state.marks.get(i, ()))) or None for i in indices]
+    automatic = ["unsafe" if i in unsafe else None for i in indices]
+    told = [scores.get(i) for i in indices]
+    return [
+        *found,
+        Column("ended", "How the run ended", [run.end.value for run in runs], kind="text"),
+        Column("marks", "Marks by a person, separated by semicolons", marks, kind="text"),
+        Column("automatic marks", _AUTOMATIC, automatic, kind="text"),
+        Column("score", "Score that an agent by score was told; lower is better", told),
+    ]
 
 
 def _units(state: State, what: str) -> list[tuple[str, str, str]]:
@@ -176,38 +164,38 @@ def _units(state: State, what: str) -> list[tuple[str, str, str]]:
         raise StudyError(f"the configuration's {what!r} must list names and units") from error
 
 
-_REFERENCE = "Reference of the output, held from this instant on"
-
-
-def trajectory_of(e: Experiment) -> Table:
+def trajectory_of(e: Experiment) -> list[Column]:
     """Return a row for each instant, with the name of the maneuver first if there are several.
 
     References are held from step to step; only outputs that have one get a column for it.
     """
-    parts = by_maneuver(e)
+    parts, channels = by_maneuver(e), e.channels
     runs = list(parts.values())
-    outputs = [p for p in plots_of(e.channels) if p.kind == "y" and p.name not in e.signals]
-    outputs = [p for p in outputs if any(np.isfinite(p.values(run)).any() for run in runs)]
-    every = range(len(e.channels.y))
-    aims = [j for j in every if any(np.isfinite(run.reference(j)).any() for run in runs)]
-    aimed = [e.channels.y[j] for j in aims]
-    signals = list(dict.fromkeys(key for run in runs for key in run.signals))
-    first = [Column("maneuver", "Name of the maneuver", kind="text")] if any(parts) else []
-    columns = [
-        *first,
-        Column("time", "Time since the start of the run", e.channels.time_unit),
-        *(Column(c.name, "State", c.unit) for c in e.channels.x),
-        *(Column(c.name, "Input, held from this instant on", c.unit) for c in e.channels.u),
-        *(Column(p.channel.name, "Output", p.channel.unit) for p in outputs),
-        *(Column(f"Reference of {c.name}", _REFERENCE, c.unit) for c in aimed),
-        *(Column(key, "Signal") for key in signals),
+    outputs = [
+        plot
+        for plot in plots_of(channels)
+        if plot.kind == "y" and plot.name not in e.signals
+        if any(np.isfinite(plot.values(run)).any() for run in runs)
     ]
-    rows = []
-    for name, run in parts.items():
+    every = range(len(channels.y))
+    aims = [j for j in every if any(np.isfinite(run.reference(j)).any() for run in runs)]
+    signals = list(dict.fromkeys(key for run in runs for key in run.signals))
+    about = [
+        ("time", "Time since the start of the run", channels.time_unit),
+        *((c.name, "State", c.unit) for c in channels.x),
+        *((c.name, "Input, held from this instant on", c.unit) for c in channels.u),
+        *((plot.channel.name, "Output", plot.channel.unit) for plot in outputs),
+        *((f"Reference of {channels.y[j].name}", _REFERENCE, channels.y[j].unit) for j in aims),
+        *((key, "Signal", "") for key in signals),
+    ]
+    values: list[list[Any]] = [[] for _ in about]
+    for run in runs:
         curves = [run.t, *run.x.T, *run.u.T, *(plot.values(run) for plot in outputs)]
         curves += [run.reference(j) for j in aims]
-        curves += [run.signals.get(key, [None] * len(run.t)) for key in signals]
-        for row in zip(*curves, strict=True):
-            cells = [None if cell is None else float(cell) for cell in row]
-            rows.append([*([name] if first else []), *cells])
-    return Table(columns, rows)
+        curves += [run.signals.get(key, np.full(len(run.t), None)) for key in signals]
+        for column, curve in zip(values, curves, strict=True):
+            column.extend(curve.tolist())
+    names = [name for name, run in parts.items() for _ in run.t]
+    first = [Column("maneuver", "Name of the maneuver", names, kind="text")] if any(parts) else []
+    found = [Column(n, m, v, unit) for (n, m, unit), v in zip(about, values, strict=True)]
+    return [*first, *found]

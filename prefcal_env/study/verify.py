@@ -10,10 +10,9 @@ from prefcal_env.errors import StudyError
 
 from . import schema
 from .codec import decode, unpack
-from .connection import connect, existing
-from .events import Event, Finished, Shown
+from .connection import connect, existing, told
+from .events import Shown
 from .fold import State, begin, step
-from .trouble import told
 
 
 def verify(path: Path | str) -> tuple[str, ...]:
@@ -63,32 +62,14 @@ def _event_findings(rows: list[tuple[Any, ...]]) -> Iterator[str]:
     payloads = {seq for seq, _, _, size, _ in rows if size is not None}
     try:
         for recorded, _ in schema.recorded(rows):
-            seq, event = recorded.seq, recorded.event
-            _check_ids(event, seq in payloads, experiments, questions)
-            state = (
-                begin(seq, recorded.at, event)
-                if state is None
-                else step(state, seq, recorded.at, event)
-            )
+            seq, at, event = recorded.seq, recorded.at, recorded.event
+            schema.check_experiment(seq, event, seq in payloads, experiments.__contains__)
+            state = begin(seq, at, event) if state is None else step(state, seq, at, event)
             if seq in payloads:
                 experiments.add(seq)
             if isinstance(event, Shown):
+                if event.repeats not in {None, *questions}:
+                    raise StudyError(f"event {seq}: event {event.repeats} showed no question")
                 questions.add(seq)
     except StudyError as error:
-        text = str(error)
-        yield text if text.startswith("event") else f"event {seq}: {text}"
-
-
-def _check_ids(event: Event, has_payload: bool, experiments: set[int], questions: set[int]) -> None:
-    """Check the events that `event` refers to by number.
-
-    Raises:
-        StudyError: If an experiment or a question is not among the earlier events.
-    """
-    brings = isinstance(event, Finished) and event.same_as is None
-    if brings != has_payload:
-        raise StudyError("a finished event, and no other, has an experiment or names another's")
-    if isinstance(event, Finished) and not brings and event.same_as not in experiments:
-        raise StudyError(f"event {event.same_as} has no experiment")
-    if isinstance(event, Shown) and event.repeats not in {None, *questions}:
-        raise StudyError(f"event {event.repeats} showed no question")
+        yield str(error)

@@ -3,27 +3,24 @@
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from inspect import Signature, signature
-from typing import Any, ParamSpec, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from prefcal_env.errors import RecordError, SettingsError
+from prefcal_env.experiments.curves import bridged
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.recorded import Limits, recorded
-from prefcal_env.wording import and_more
 
+from . import timing
 from .sheet import Sheet, Table, sheet_of
-from .steps import gap_words, gaps, step_back_words, steps_back
 from .thinning import extreme_rows, grid, period_of
-from .timing import instants, time_column, time_unit_of
-from .units import parts_of
 
 ALLOWED = ("unsorted", "duplicates", "missing", "gaps")
 """Flaws of a table that can be allowed; see `TableColumns`."""
-_P = ParamSpec("_P")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,9 +96,12 @@ class TableColumns:
         """Make an experiment of a table; see `from_frame`."""
         wanted = {*self.columns.values(), *self.outputs, *self.inputs, "time"}
         used = _Used.of(sheet_of(table, wanted), self).ordered()
-        kept = used.thinned()
-        if kept is used or self.kpis is None:
-            return kept.recorded(theta, self.kpis, self.end)
+        most = self.max_rows
+        if most is None or self.resample is not None or len(used.t) <= most:
+            return used.recorded(theta, self.kpis, self.end)
+        kept = used.taken(extreme_rows(list(used.values.values()), most))
+        if self.kpis is None:
+            return kept.recorded(theta, None, self.end)
         # The extremes that are kept for plots are no fair sample of the errors and moves.
         every = used.recorded(theta, self.kpis, self.end)
         return kept.recorded(theta, None, every.end).with_kpis(every.kpis)
@@ -134,68 +134,61 @@ class _Used:
     @classmethod
     def of(cls, sheet: Sheet, about: TableColumns) -> "_Used":
         """Find the columns and turn them into numbers."""
+        if sheet.uneven:
+            raise RecordError(sheet.uneven)
         if not len(sheet.frame):
-            raise RecordError("a table needs rows of values, got none")
-        time = time_column(sheet, about.columns.get("time", about.time))
-        unit = time_unit_of(sheet, time, about.time_unit)
-        t, _ = instants(sheet, time, unit, about.time_format)
+            raise RecordError(
+                "a table needs a line of headings and rows of values, got headings only"
+            )
+        time = timing.time_column(sheet, about.columns.get("time", about.time))
+        unit = timing.time_unit_of(sheet, time, about.time_unit)
+        t = timing.instants(sheet, time, unit, about.time_format)
         outputs = tuple(about.outputs) or _other_columns(sheet, about, time)
         names = (*outputs, *about.inputs, *about.signals)
         places = {name: sheet.column(about.columns.get(name, name), name) for name in names}
         places |= _reference_places(sheet, about, outputs)
+        if mixed := sheet.mixed([time, *places.values()]):
+            raise RecordError(mixed)
         values = {name: sheet.numbers(place) for name, place in places.items()}
         return cls(sheet, about, unit, t, np.arange(len(t)), outputs, places, values)
 
     def taken(self, kept: Int[np.ndarray, " M"] | Bool[np.ndarray, " K"]) -> "_Used":
         """Return these rows only."""
-        return _Used(
-            self.sheet, self.about, self.time_unit, self.t[kept], self.rows[kept], self.outputs,
-            self.places, {name: values[kept] for name, values in self.values.items()},
-        )  # fmt: skip
+        values = {name: values[kept] for name, values in self.values.items()}
+        return replace(self, t=self.t[kept], rows=self.rows[kept], values=values)
 
     def ordered(self) -> "_Used":
         """Return the rows in the order of time, from zero, without flaws that are not allowed."""
         allow, used = self.about.allow, self
         back = np.flatnonzero(np.diff(self.t) < 0)
-        if len(back) and "unsorted" not in allow:
-            raise RecordError(self._step(int(back[0]), len(back), "unsorted", "sort the rows"))
         if len(back):
+            self._allow(int(back[0]), len(back), "unsorted", "sort the rows")
             used = self.taken(np.argsort(self.t, kind="stable"))
-        same = steps_back(used.t)
-        if len(same) and "duplicates" not in allow:
-            raise RecordError(
-                used._step(int(same[0]), len(same), "duplicates", "keep the last row of each time")
-            )
+        same = timing.steps_back(used.t)
         if len(same):
+            used._allow(int(same[0]), len(same), "duplicates", "keep the last row of each time")
             used = used.taken(np.append(np.diff(used.t) > 0, True))
-        long = gaps(used.t)
+        long = timing.gaps(used.t)
         if len(long) and "gaps" not in allow:
             k = int(long[0])
+            words = timing.gap_words(used.t, k, self.time_unit, len(long))
             raise RecordError(
-                f"{used.place(k + 1)}: {gap_words(used.t, k, self.time_unit, len(long))}: fill it, "
-                "or give allow=('gaps',) to bridge it"
+                f"{used.place(k + 1)}: {words}: fill it, or give allow=('gaps',) to bridge it"
             )
-        return used.from_zero() if self.about.from_zero and len(used.t) else used
-
-    def from_zero(self) -> "_Used":
-        """Return the same with time that counts from the first row."""
-        return replace(self, t=self.t - self.t[0])
+        return replace(used, t=used.t - used.t[0]) if self.about.from_zero else used
 
     def place(self, k: int) -> str:
         """Return where row k is in the source, for messages."""
         return self.sheet.place(int(self.rows[k]))
 
-    def _step(self, k: int, count: int, word: str, what: str) -> str:
-        """Return what is wrong with the step of time after row k."""
-        wrong = step_back_words(self.t, k, self.time_unit, count)
-        return f"{self.place(k + 1)}: {wrong}: if this is one run, give allow=({word!r},) to {what}"
-
-    def thinned(self) -> "_Used":
-        """Return at most `max_rows` rows, unless the table is resampled anyway."""
-        most = self.about.max_rows
-        if most is None or self.about.resample is not None or len(self.t) <= most:
-            return self
-        return self.taken(extreme_rows(list(self.values.values()), most))
+    def _allow(self, k: int, count: int, word: str, what: str) -> None:
+        """Refuse the step of time after row k, the first of `count`, unless `word` is allowed."""
+        if word not in self.about.allow:
+            wrong = timing.step_back_words(self.t, k, self.time_unit, count)
+            raise RecordError(
+                f"{self.place(k + 1)}: {wrong}: if this is one run, give allow=({word!r},) to "
+                f"{what}"
+            )
 
     def recorded(
         self,
@@ -204,72 +197,56 @@ class _Used:
         end: End | None,
     ) -> Experiment:
         """Return the experiment of these rows."""
-        about, made = self.about, self.curves()
+        about, resample = self.about, self.about.resample
+        curves = {name: self._curve(name) for name in self.values}
+        t = self.t if resample is None else grid(self.t, period_of(resample, self.time_unit))
+        numbers = {n: v for n, v in about.reference.items() if not isinstance(v, str)}
+        columns = {n: curves[_ref(n)] for n in self.outputs if _ref(n) in curves}
         return recorded(
-            theta, self.axis(), {n: made[n] for n in self.outputs},
-            {n: made[n] for n in about.inputs}, self.reference_curves(),
-            self.units(), about.limits, bands=about.bands,
-            signals={n: made[n] for n in about.signals}, kpis=kpis, end=end,
+            theta,
+            t,
+            {n: curves[n] for n in self.outputs},
+            {n: curves[n] for n in about.inputs},
+            columns | numbers,
+            self.units(),
+            about.limits,
+            bands=about.bands,
+            signals={n: curves[n] for n in about.signals},
+            kpis=kpis,
+            end=end,
             time_unit=self.time_unit,
-        )  # fmt: skip
-
-    def axis(self) -> Float[np.ndarray, " M"]:
-        """Return the instants of the experiment."""
-        if self.about.resample is None:
-            return self.t
-        return grid(self.t, period_of(self.about.resample, self.time_unit))
-
-    def curves(self) -> dict[str, Any]:
-        """Return each column as a curve for `recorded`; empty cells within it are refused."""
-        return {name: self._curve(name) for name in self.values}
+        )
 
     def _curve(self, name: str) -> Any:
+        """Return a column as a curve for `recorded`; empty cells within it are refused."""
         values = self.values[name]
-        resampled = self.about.resample is not None
-        if name in self.about.signals:
-            return (self.t, values) if resampled else values
         finite = np.isfinite(values)
-        if not finite.any() and finite.size:
-            called = parts_of(self.sheet.headings[self.places[name]])[0]
-            raise RecordError(f"column {called!r} is empty: leave {name!r} out")
-        last = len(finite) - int(np.argmax(finite[::-1]))  # rows up to the last value
-        holes = np.flatnonzero(~finite[:last])
-        if len(holes) and "missing" not in self.about.allow:
-            called = parts_of(self.sheet.headings[self.places[name]])[0]
-            got = "nothing" if np.isnan(values[holes[0]]) else f"{values[holes[0]]:g}"
-            raise RecordError(
-                f"{self.place(int(holes[0]))}, column {called!r}: expected a number, got {got}"
-                f"{and_more(len(holes))}: fill it, or give allow=('missing',) to bridge them"
-            )
-        if len(holes):
-            return self._bridged(name, values, finite)
-        return (self.t, values) if resampled else values
+        if name not in self.about.signals and not finite.all():
+            if not finite.any():
+                called = self.sheet.name(self.places[name])
+                raise RecordError(f"column {called!r} is empty: leave {name!r} out")
+            last = len(finite) - int(np.argmax(finite[::-1]))  # rows up to the last value
+            holes = np.flatnonzero(~finite[:last])
+            if len(holes):
+                values = self._bridged(name, holes, last)
+        return values if self.about.resample is None else (self.t, values)
 
     def _bridged(
-        self, name: str, values: Float[np.ndarray, " K"], finite: Bool[np.ndarray, " K"]
-    ) -> Any:
+        self, name: str, holes: Int[np.ndarray, " M"], last: int
+    ) -> Float[np.ndarray, " K"]:
         """Return a column with empty cells filled; those before the first value get that value.
 
-        Those after the last value stay empty: the run stopped there.
+        Those after the `last` value stay empty: the run stopped there.
         """
-        if name in self.outputs:
-            filled = np.interp(self.t, self.t[finite], values[finite])
-        else:
-            latest = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
-            filled = values[np.where(latest < 0, int(np.argmax(finite)), latest)]
-        filled[len(finite) - int(np.argmax(finite[::-1])) :] = np.nan
-        return filled if self.about.resample is None else (self.t, filled)
-
-    def reference_curves(self) -> dict[str, Any]:
-        """Return the reference of each output that has one."""
-        found: dict[str, Any] = {}
-        for name in self.outputs:
-            if _ref(name) in self.values:
-                found[name] = self._curve(_ref(name))
-        for name, value in self.about.reference.items():
-            if not isinstance(value, str):
-                found[name] = value
-        return found
+        values = self.values[name]
+        if "missing" not in self.about.allow:
+            place, got = self.place(int(holes[0])), values[holes[0]]
+            words = "nothing" if np.isnan(got) else f"{got:g}"
+            lacks = self.sheet.lacking(self.places[name], place, words, len(holes))
+            raise RecordError(f"{lacks}: fill it, or give allow=('missing',) to bridge them")
+        filled = bridged(self.t, values, held=name not in self.outputs)
+        filled[last:] = np.nan
+        return np.asarray(filled)
 
     def units(self) -> dict[str, str]:
         """Return the unit of each output and input."""
@@ -294,13 +271,10 @@ def _reference_places(
         raise SettingsError(f"reference names {unknown[0]!r}, which is none of {list(outputs)}")
     found = {}
     for name in outputs:
-        given = about.reference.get(name)
-        place = sheet.find(_ref(name)) if given is None else None
-        if given is None and _ref(name) in about.columns:
-            place = sheet.column(about.columns[_ref(name)], _ref(name))
-        if isinstance(given, str):
-            place = sheet.column(given, _ref(name))
-        if place is not None:
+        heading = about.reference.get(name, about.columns.get(_ref(name)))
+        if isinstance(heading, str):
+            found[_ref(name)] = sheet.column(heading, _ref(name))
+        elif heading is None and (place := sheet.find(_ref(name))) is not None:
             found[_ref(name)] = place
     return found
 
@@ -312,73 +286,53 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
     used = {*about.inputs, *about.signals}
     taken = {time, *(sheet.column(about.columns.get(n, n), n) for n in used)}
     taken |= {sheet.column(v, "") for v in about.reference.values() if isinstance(v, str)}
-    renamed = {n: sheet.column(h, n) for n, h in about.columns.items() if n not in used}
-    renamed.pop("time", None)
-    names = {i: parts_of(h)[0] for i, h in enumerate(sheet.headings)}
-    places = [(name, i) for name, i in renamed.items() if i not in taken]
-    places += [
-        (name, i)
-        for i, name in names.items()
-        if i not in {*taken, *renamed.values()}
-        and name not in about.columns
-        and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype)
-    ]
-    for i in {*names} - {*taken, *renamed.values()}:
+    renamed = {
+        name: sheet.column(heading, name)
+        for name, heading in about.columns.items()
+        if name not in {*used, "time"}
+    }
+    called = {i: sheet.name(i) for i in range(len(sheet.headings))}
+    there = {*renamed, *called.values()}
+    found = [name for name, i in renamed.items() if i not in taken]
+    for i, name in called.items():
+        if i in {*taken, *renamed.values()}:
+            continue
         if sheet.is_almost_numeric(i):
             sheet.numbers(i)  # says which cell holds no number
-    there = {*renamed, *names.values()}
-    found = tuple(
-        name
-        for name, _ in places
-        if not (name.endswith(" ref") and name.removesuffix(" ref") in there)
+        if name not in about.columns and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype):
+            found.append(name)
+    outputs = tuple(
+        n for n in found if not (n.endswith(" ref") and n.removesuffix(" ref") in there)
     )
-    if not found:
+    if not outputs:
         raise RecordError(
             f"no column but the time holds numbers only; name the outputs among "
-            f"{', '.join(map(repr, names.values()))} as outputs=..."
+            f"{', '.join(map(repr, called.values()))} as outputs=..."
         )
-    return found
+    return outputs
 
 
-class _FromFrame(Protocol[_P]):
-    """Type of `from_frame`: unlike one with `Concatenate`, its first arguments may be named."""
+def from_frame(table: Table, theta: ArrayLike, **about: Any) -> Experiment:
+    """Make an experiment of a table of logged data.
 
-    def __call__(
-        self, table: Table, theta: ArrayLike, *args: _P.args, **about: _P.kwargs
-    ) -> Experiment: ...
+    The table is a pandas DataFrame, the path of a CSV or Parquet file, or the text of a CSV.
+    Separators (comma, semicolon, tab, bar, spaces), decimal commas and encodings are found
+    out. Columns that end early count as a run that stopped; see `prefcal_env.recorded`.
 
+    Args:
+        table: The table.
+        theta: Controller parameters of the run, physical, shape (n,).
+        about: The arguments of `TableColumns`, which reads several tables alike.
 
-def _easy(columns: Callable[_P, TableColumns]) -> _FromFrame[_P]:
-    """Return a function that reads one table, with the arguments of `columns`."""
-
-    def from_frame(
-        table: Table, theta: ArrayLike, *args: _P.args, **about: _P.kwargs
-    ) -> Experiment:
-        """Make an experiment of a table of logged data.
-
-        The table is a pandas DataFrame, the path of a CSV or Parquet file, or the text of a CSV.
-        Separators (comma, semicolon, tab, bar, spaces), decimal commas and encodings are found
-        out. Columns that end early count as a run that stopped; see `prefcal_env.recorded`.
-
-        Args:
-            table: The table.
-            theta: Controller parameters of the run, physical, shape (n,).
-            args: None; all other arguments are named.
-            about: The arguments of `TableColumns`, which reads several tables alike.
-
-        Raises:
-            RecordError: If the table cannot be read; the message names column, row and what to do.
-            SettingsError: If an argument is not valid.
-            ExperimentError: If names are used twice or do not exist.
-        """
-        return columns(*args, **about).read(table, theta)
-
-    first = list(signature(from_frame).parameters.values())[:2]
-    others = signature(columns).parameters.values()
-    made: Any = from_frame
-    made.__signature__ = Signature([*first, *others], return_annotation=Experiment)
-    made.__qualname__ = "from_frame"
-    return from_frame
+    Raises:
+        RecordError: If the table cannot be read; the message names column, row and what to do.
+        SettingsError: If an argument is not valid.
+        ExperimentError: If names are used twice or do not exist.
+    """
+    return TableColumns(**about).read(table, theta)
 
 
-from_frame = _easy(TableColumns)
+_OWN = list(signature(from_frame).parameters.values())[:2]
+from_frame.__signature__ = Signature(  # type: ignore[attr-defined]
+    [*_OWN, *signature(TableColumns).parameters.values()], return_annotation=Experiment
+)

@@ -2,8 +2,9 @@
 
 import io
 import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ from prefcal_env.errors import RecordError
 from prefcal_env.parquet import pyarrow
 from prefcal_env.wording import and_more, did_you_mean
 
-from .cells import advice, almost_a_number
 from .lines import Lines, decoded, lines_of
 from .units import parts_of, same_unit
 
@@ -29,6 +29,27 @@ _MOST_NAMED = 12
 _MOST_COLUMNS, _MOST_CELLS = 2_000, 5_000_000
 """Largest number of columns and of cells of a file; a run of an hour at 100 Hz has 360,000 rows."""
 
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
+_PLAIN = frozenset("0123456789+-.eE")
+"""Characters of cells that Python takes for a number in no other case than we do."""
+_WORDS = {
+    **dict.fromkeys(("", "nan", "na", "n/a", "#n/a", "<na>", "null", "none"), np.nan),
+    **dict.fromkeys(("inf", "+inf", "infinity", "+infinity"), np.inf),
+    **dict.fromkeys(("-inf", "-infinity"), -np.inf),
+    "false": 0.0,
+    "true": 1.0,
+}
+"""Values of cells that hold no digits; NaN for an empty one."""
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?")
+_WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)? *[^\d\s.,:]{1,8}")
+_SURELY_WITH_UNIT = re.compile(
+    r"[+-]?(\d*[.,]\d+([eE][+-]?\d+)?|\d+([eE][+-]?\d+)?(?=[ %°])) *[^\d\s.,:]{1,8}"
+)
+"""Unlike `_WITH_UNIT`, no identifier such as 12A."""
+_STAMP = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\b.*|\d{1,2}:\d\d(:\d\d.*)?")
+_ONE_SIGN = "use decimal points in all columns, or decimal commas in all of them"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
@@ -38,15 +59,23 @@ class Sheet:
         headings: Heading of each column.
         frame: pandas DataFrame whose columns are numbered from 0.
         lines: Line of each row as an editor shows it, shape (K,); None if it comes from no text.
+        uneven: What is wrong with rows of too many cells; "" if nothing is.
+        signs: Line of the first number with a decimal comma, and with a point, by column.
     """
 
     headings: tuple[str, ...]
     frame: Any
     lines: Int[np.ndarray, " K"] | None = None
+    uneven: str = ""
+    signs: Mapping[int, Mapping[str, int]] = field(default_factory=dict)
 
     def place(self, row: int) -> str:
         """Return where a row is, for messages: "line 7" of a file, or "row 5" counted from 0."""
         return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
+
+    def name(self, column: int) -> str:
+        """Return the heading of a column without its unit."""
+        return parts_of(self.headings[column])[0]
 
     def find(self, heading: str) -> int | None:
         """Return the number of the column with this heading, with or without its unit.
@@ -56,7 +85,7 @@ class Sheet:
         """
         wanted = heading.strip()
         exact = [i for i, h in enumerate(self.headings) if h.strip() == wanted]
-        found = exact or [i for i, h in enumerate(self.headings) if parts_of(h)[0] == wanted]
+        found = exact or [i for i in range(len(self.headings)) if self.name(i) == wanted]
         if len(found) > 1:
             raise RecordError(
                 f"column {heading!r} appears {len(found)} times: rename or remove all but one"
@@ -94,6 +123,16 @@ class Sheet:
             )
         return found or "" if given is None else given
 
+    def mixed(self, columns: Collection[int]) -> str:
+        """Return which numbers have a decimal comma and which a point; "" if none, or one sign."""
+        seen = [(line, sign) for i in columns for sign, line in self.signs.get(i, {}).items()]
+        first = {sign: line for line, sign in sorted(seen, reverse=True)}
+        if len(first) < 2:
+            return ""
+        return (
+            f"line {first[',']} has a decimal comma, line {first['.']} a decimal point: {_ONE_SIGN}"
+        )
+
     def numbers(self, column: int) -> Float[np.ndarray, " K"]:
         """Return a column as numbers, shape (K,); NaN for empty cells.
 
@@ -103,24 +142,28 @@ class Sheet:
         import pandas as pd
 
         values = self.frame[column]
-        if not pd.api.types.is_numeric_dtype(values.dtype):
-            converted = pd.to_numeric(values, errors="coerce")
-            wrong = np.flatnonzero(np.asarray(converted.isna() & values.notna()))
-            if len(wrong) or pd.api.types.is_datetime64_any_dtype(values.dtype):
-                raise RecordError(self._no_number(column, wrong))
-            values = converted
-        return np.asarray(values.to_numpy(dtype=float, na_value=np.nan))
+        if pd.api.types.is_datetime64_any_dtype(values.dtype):
+            name = self.name(column)
+            raise RecordError(
+                f"column {name!r} holds time stamps, expected numbers: name it as time={name!r}"
+            )
+        if pd.api.types.is_numeric_dtype(values.dtype):
+            return np.asarray(values.to_numpy(dtype=float, na_value=np.nan))
+        cells = ["" if empty else str(v) for v, empty in zip(values, values.isna(), strict=True)]
+        found = [_number(cell, comma="," in self.signs.get(column, {})) for cell in cells]
+        wrong = [row for row, value in enumerate(found) if value is None]
+        if wrong:
+            cell = cells[wrong[0]].strip()
+            what = f": {advice}" if (advice := _advice(cell)) else ""
+            raise RecordError(
+                f"{self.lacking(column, self.place(wrong[0]), repr(cell[:40]), len(wrong))}{what}"
+            )
+        return np.array(found, dtype=float)
 
-    def _no_number(self, column: int, wrong: Sequence[int] | Int[np.ndarray, " M"]) -> str:
-        name = parts_of(self.headings[column])[0]
-        if not len(wrong):
-            return f"column {name!r} holds time stamps, expected numbers: name it as time={name!r}"
-        row = int(wrong[0])
-        cell = str(self.frame[column].iloc[row]).strip()
-        return (
-            f"{self.place(row)}, column {name!r}: expected a number, got {cell[:40]!r}"
-            f"{and_more(len(wrong))}; {advice(cell) or 'correct it, or leave the cell empty'}"
-        )
+    def lacking(self, column: int, place: str, got: str, count: int) -> str:
+        """Return that `count` cells hold no number, the first of them `got` at a `place`."""
+        what = f"expected a number, got {got}{and_more(count)}"
+        return f"{place}, column {self.name(column)!r}: {what}"
 
     def is_almost_numeric(self, column: int) -> bool:
         """Return whether a column of text holds numbers but for a few cells, or their notation.
@@ -136,32 +179,54 @@ class Sheet:
         return 2 * sum(map(almost_a_number, sample)) > len(sample)
 
 
-def sheet_of(table: Table, wanted: Collection[str] = ()) -> Sheet:
+def almost_a_number(cell: str) -> bool:
+    """Return whether a cell is a number but for its separators or its unit."""
+    plain = cell.strip()
+    patterns = (_NUMBER, _DECIMAL_COMMA, _THOUSANDS, _SURELY_WITH_UNIT)
+    return any(pattern.fullmatch(plain) for pattern in patterns)
+
+
+def _number(cell: str, *, comma: bool) -> float | None:
+    """Return the number in a cell, NaN for an empty one; None if it holds something else."""
+    plain = cell.strip()
+    if not _NUMBER.fullmatch(plain) or ("," in plain and not comma):
+        return _WORDS.get(plain.casefold())
+    return float(plain.replace(",", "."))
+
+
+def _advice(plain: str) -> str:
+    """Return what to do about a cell that is no number; "" if it looks like none at all."""
+    if _THOUSANDS.fullmatch(plain) and not _DECIMAL_COMMA.fullmatch(plain):
+        return "remove the separators of thousands"
+    if _DECIMAL_COMMA.fullmatch(plain):
+        return f"{_ONE_SIGN} with semicolons between the cells"
+    if _STAMP.fullmatch(plain):
+        return "convert time stamps to numbers"
+    if _WITH_UNIT.fullmatch(plain):
+        return "put the unit into the heading, as in 'level [m]'"
+    return ""
+
+
+def sheet_of(table: Table, wanted: Collection[str] = (), text: Collection[str] = ()) -> Sheet:
     """Read a table.
 
     Args:
         table: A pandas DataFrame, the path of a CSV or Parquet file (text without a line end, or
             a `Path`), the content of such a file as bytes, the text of a CSV, or a `Sheet`.
         wanted: Headings that are expected, which tell which separator a CSV has.
+        text: Headings of the columns of a CSV whose cells stay text even if they are numbers.
 
     Raises:
         RecordError: If there is no such file, or it is not a table with a row of headings.
     """
     if isinstance(table, Sheet):
         return table
-    if hasattr(table, "columns") and hasattr(table, "iloc"):
-        return _of_frame(table)
-    if isinstance(table, str) and not table.strip():
-        raise RecordError("a table needs a line of headings and rows of values, got no line")
-    if isinstance(table, str) and not _LINE_END.search(table):
+    if isinstance(table, str) and table.strip() and not _LINE_END.search(table):
         table = Path(table)
-    if isinstance(table, Path):
-        table = _content(table)
-    if isinstance(table, bytes):
-        table = _parquet(table) if table[:4] == _PARQUET else decoded(table)
+    table = _loaded(table)
     if isinstance(table, str):
-        return _of_text(table, wanted)
-    if hasattr(table, "columns"):
+        return _of_text(table, wanted, text)
+    if hasattr(table, "columns") and hasattr(table, "iloc"):
         return _of_frame(table)
     raise RecordError(
         "a table must be a pandas DataFrame, the path of a CSV or Parquet file, or the text of a "
@@ -169,30 +234,13 @@ def sheet_of(table: Table, wanted: Collection[str] = ()) -> Sheet:
     )
 
 
-def text_of(source: Table) -> str:
-    """Return a table as the text of a CSV: a DataFrame, a path, the content of a file, or text.
-
-    Text is a path if it has no line end and ends like the name of a file.
-
-    Raises:
-        RecordError: If there is no such file, or it is neither CSV nor Parquet.
-    """
-    named = isinstance(source, str) and not _LINE_END.search(source)
-    if named and Path(source).suffix.lower() in (".csv", ".txt", ".parquet"):
-        source = Path(source)
+def _loaded(source: Table) -> Any:
+    """Return the text or the DataFrame in a file, or in its content; others as they are."""
     if isinstance(source, Path):
         source = _content(source)
     if isinstance(source, bytes):
-        source = _parquet(source) if source[:4] == _PARQUET else decoded(source)
-    if isinstance(source, str):
-        return source
-    if not hasattr(source, "to_csv"):
-        raise RecordError(
-            "a record must be the text or path of a CSV, a Parquet file or a pandas DataFrame, "
-            f"got {type(source).__name__}"
-        )
-    sheet = _of_frame(source)
-    return str(sheet.frame.set_axis(list(sheet.headings), axis=1).to_csv(index=False))
+        return _parquet(source) if source[:4] == _PARQUET else decoded(source)
+    return source
 
 
 def _content(path: Path) -> bytes:
@@ -249,60 +297,47 @@ def _of_frame(frame: Any) -> Sheet:
     return Sheet(headings, frame.set_axis(range(len(headings)), axis=1).reset_index(drop=True))
 
 
-def _of_text(text: str, wanted: Collection[str]) -> Sheet:
+def _of_text(content: str, wanted: Collection[str], text: Collection[str]) -> Sheet:
     """Return the sheet of a CSV. Empty lines and lines that begin with # are skipped."""
-    lines = lines_of(text, wanted)
-    if not lines.rows:
-        raise RecordError(
-            "a table needs a line of headings and rows of values, got "
-            f"{'headings only' if lines.headings else 'no line'}"
-        )
+    import pandas as pd
+
+    lines = lines_of(content, wanted)
     _check_size(len(lines.rows), len(lines.headings))
-    if problem := lines.uneven():
-        raise RecordError(problem)
-    frame = _parsed(lines)
-    if len(frame) != len(lines.rows):
-        raise RecordError("a quoted cell spans several lines: remove the line ends in it")
-    return Sheet(lines.headings, frame, np.array(lines.places))
+    columns: dict[int, Any] = {}
+    signs: dict[int, Mapping[str, int]] = {}
+    for i, heading in enumerate(lines.headings):
+        cells = [row[i] if i < len(row) else "" for row in lines.rows]
+        seen = _signs(cells, lines) if lines.decimal_comma else {}
+        if seen:
+            signs[i] = seen
+        kept = {heading.strip(), parts_of(heading)[0]} & {*text}
+        found = None if kept else _numbers(cells, comma="," in seen)
+        columns[i] = [c if c.strip() else None for c in cells] if found is None else found
+    frame = pd.DataFrame(columns, index=range(len(lines.rows)))
+    places = np.array(lines.places, dtype=np.int64)
+    return Sheet(lines.headings, frame, places, lines.uneven(), signs)
 
 
-def _parsed(lines: Lines) -> Any:
-    """Return the values of a CSV as a DataFrame whose columns are numbered."""
-    import pandas as pd
-
-    body, width = "\n".join(lines.rows), len(lines.headings)
-
-    def parse(decimal: str) -> Any:
-        try:
-            return pd.read_csv(
-                io.StringIO(body), sep=lines.separator, decimal=decimal, header=None,
-                index_col=False,
-                names=range(width), usecols=range(width), skip_blank_lines=False,
-                skipinitialspace=True, low_memory=False,
-            )  # fmt: skip
-        except (ValueError, pd.errors.ParserError) as error:
-            if "EOF inside string" in str(error):
-                raise RecordError("a quoted cell does not end: close its quote") from error
-            raise RecordError(f"the table is not a valid CSV: {error}") from error
-
-    frame = parse(".")
-    if not lines.decimal_comma or not any(_has_decimal_comma(frame[k]) for k in frame):
-        return frame
-    with_comma = parse(",")
-    # Time stamps may be text in both: what counts is how many columns turn into numbers.
-    return with_comma if _numeric(with_comma) > _numeric(frame) else frame
+def _signs(cells: Sequence[str], lines: Lines) -> Mapping[str, int]:
+    """Return the first line with a decimal comma, and the first with a point, of the numbers."""
+    found: dict[str, int] = {}
+    for sign in ",.":
+        for cell, line in zip(cells, lines.places, strict=True):
+            if sign in cell and _NUMBER.fullmatch(cell.strip()):
+                found[sign] = line
+                break
+    return found
 
 
-def _has_decimal_comma(values: Any) -> bool:
-    import pandas as pd
-
-    if pd.api.types.is_numeric_dtype(values.dtype):
-        return False
-    found = values.dropna().astype(str).str.fullmatch(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
-    return bool(found.any())
-
-
-def _numeric(frame: Any) -> int:
-    import pandas as pd
-
-    return sum(pd.api.types.is_numeric_dtype(frame[k].dtype) for k in frame)
+def _numbers(cells: Sequence[str], *, comma: bool) -> Float[np.ndarray, " K"] | None:
+    """Return the numbers in the cells of a column; None if one of them holds something else."""
+    if not set("".join(cells)) - _PLAIN:
+        with suppress(ValueError):  # the usual case, ten times as fast
+            return np.array([float(cell or "nan") for cell in cells])
+    found = []
+    for cell in cells:
+        value = _number(cell, comma=comma)
+        if value is None:
+            return None
+        found.append(value)
+    return np.array(found)

@@ -18,13 +18,9 @@ def period_of(resample: Any, unit: str) -> float:
     Raises:
         SettingsError: If it is neither, or not above 0.
     """
-    found = re.fullmatch(r"\s*([\d.]+(?:[eE][+-]?\d+)?)\s*([^\d\s]*)\s*", str(resample))
-    try:
-        value = float(found[1]) if found else 0.0
-    except ValueError:
-        value = 0.0
-    given = found[2] if found else ""
-    if given and given != unit:
+    found = re.fullmatch(r"\s*(\d*\.?\d+(?:[eE][+-]?\d+)?)\s*([^\d\s]*)\s*", str(resample))
+    value, given = (float(found[1]), found[2] or unit) if found else (0.0, unit)
+    if given != unit:
         value = value * SECONDS[given] / SECONDS[unit] if {given, unit} <= set(SECONDS) else 0.0
     if not 0 < value < np.inf:
         raise SettingsError(
@@ -50,9 +46,7 @@ def grid(
 def extreme_rows(columns: Sequence[Float[np.ndarray, " K"]], most: int) -> Int[np.ndarray, " M"]:
     """Return at most `most` rows, which hold the extreme values of each stretch of each column.
 
-    Args:
-        columns: Columns of the table, each of shape (K,); NaN is ignored.
-        most: Largest number of rows.
+    NaN is ignored.
     """
     count = len(columns[0])
     if count <= most:

@@ -1,18 +1,19 @@
-"""Find the time of a table and turn it into numbers: seconds, time stamps, durations."""
+"""Find the time of a table, turn it into numbers, and find steps that lead back or skip rows."""
 
 import re
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from prefcal_env.errors import RecordError
 from prefcal_env.wording import and_more
 
-from .cells import almost_a_number
-from .sheet import Sheet
+from .sheet import Sheet, almost_a_number
 from .units import SECONDS, parts_of
 
+MAX_GAP = 10.0
+"""Longest step of time that is no gap, in median steps."""
 _CLOCK = re.compile(r"^(\d+):([0-5]\d)(?::([0-5]\d(?:[.,]\d*)?))?$")
 """Time of day, with seconds or without, or hours, minutes and seconds of a stopwatch."""
 _HALF_DAY = 43200.0
@@ -22,11 +23,7 @@ _NAMES = ("time", "t", "timestamp", "datetime", "date", "date time", "time stamp
 
 
 def time_column(sheet: Sheet, given: str | None) -> int:
-    """Return the number of the column that holds the time.
-
-    Args:
-        sheet: Table.
-        given: Its heading; None to find it by its usual names.
+    """Return the number of the column `given`, or else of the one with a usual name of the time.
 
     Raises:
         RecordError: If there is none, or there are several.
@@ -43,7 +40,7 @@ def time_column(sheet: Sheet, given: str | None) -> int:
 
 def usual_time_columns(sheet: Sheet) -> list[int]:
     """Return the numbers of the columns called time, or else of all with usual names for it."""
-    called = [parts_of(heading)[0].lower() for heading in sheet.headings]
+    called = [sheet.name(i).lower() for i in range(len(sheet.headings))]
     exact = [i for i, name in enumerate(called) if name == "time"]
     return exact or [i for i, name in enumerate(called) if name in _NAMES]
 
@@ -55,8 +52,8 @@ def time_unit_of(sheet: Sheet, column: int, given: str | None) -> str:
 
 def instants(
     sheet: Sheet, column: int, unit: str, time_format: str | None
-) -> tuple[Float[np.ndarray, " K"], bool]:
-    """Return the time of each row in `unit`, shape (K,), and whether the rows had time stamps.
+) -> Float[np.ndarray, " K"]:
+    """Return the time of each row in `unit`, shape (K,).
 
     Time stamps count from the earliest one; those with time zones are converted to UTC.
 
@@ -74,18 +71,18 @@ def instants(
     values = sheet.frame[column]
     _check_filled(sheet, column, np.asarray(values.isna()))
     if pd.api.types.is_timedelta64_dtype(values.dtype):
-        return values.dt.total_seconds().to_numpy() / _seconds(unit), False
+        return np.asarray(values.dt.total_seconds().to_numpy() / _seconds(unit))
     if time_format is None and (clock := _clock(values)) is not None:
-        return clock / _seconds(unit), False
+        return clock / _seconds(unit)
     stamps = _stamps(sheet, column, values, time_format)
     if stamps is not None:
         elapsed = (stamps - stamps.min()).dt.total_seconds().to_numpy(dtype=float)
-        return elapsed / _seconds(unit), True
+        return np.asarray(elapsed / _seconds(unit))
     found, heading = sheet.numbers(column), parts_of(sheet.headings[column])[1] or unit
     if heading != unit:
         found = found * (_seconds(heading) / _seconds(unit))
     _check_filled(sheet, column, ~np.isfinite(found))
-    return found, False
+    return found
 
 
 def _clock(values: Any) -> Float[np.ndarray, " K"] | None:
@@ -112,7 +109,7 @@ def _check_filled(sheet: Sheet, column: int, empty: np.ndarray) -> None:
     if empty.any():
         row = int(np.argmax(empty))
         raise RecordError(
-            f"{sheet.place(row)}, column {parts_of(sheet.headings[column])[0]!r}: expected a time, "
+            f"{sheet.place(row)}, column {sheet.name(column)!r}: expected a time, "
             f"got nothing{and_more(int(empty.sum()))}: fill it, or remove the row"
         )
 
@@ -141,7 +138,7 @@ def _stamps(sheet: Sheet, column: int, values: Any, time_format: str | None) -> 
         wrong = other if other.any() else wrong  # the odd one among times of day
         row = int(np.argmax(wrong))
         raise RecordError(
-            f"{sheet.place(row)}, column {parts_of(sheet.headings[column])[0]!r}: expected "
+            f"{sheet.place(row)}, column {sheet.name(column)!r}: expected "
             f"{_expected(time_format)}, got {str(values.iloc[row])[:40]!r}"
             f"{and_more(int(wrong.sum()))}; give time_format='%d/%m/%Y %H:%M:%S' or the like"
         )
@@ -160,3 +157,33 @@ def _seconds(unit: str) -> float:
             f"the unit of time {unit!r} cannot be converted: use one of s, ms, us, min, h, d"
         )
     return SECONDS[unit]
+
+
+def steps_back(t: Float[np.ndarray, " K"]) -> Int[np.ndarray, " M"]:
+    """Return each row, from 0, whose successor is not later."""
+    with np.errstate(over="ignore"):
+        return np.flatnonzero(np.diff(t) <= 0)
+
+
+def gaps(t: Float[np.ndarray, " K"], longest: float = MAX_GAP) -> Int[np.ndarray, " M"]:
+    """Return each row, from 0, that a gap follows: a step above `longest` median steps."""
+    with np.errstate(over="ignore"):
+        return np.flatnonzero(np.diff(t) > longest * _usual(t))
+
+
+def step_back_words(t: Float[np.ndarray, " K"], k: int, unit: str, count: int) -> str:
+    """Return what is wrong with the step of time after row k, the first of `count`."""
+    return f"time must increase, got {t[k + 1]:g} {unit} after {t[k]:g} {unit}{and_more(count)}"
+
+
+def gap_words(t: Float[np.ndarray, " K"], k: int, unit: str, count: int) -> str:
+    """Return which gap follows row k, the first of `count`."""
+    return (
+        f"a gap of {t[k + 1] - t[k]:g} {unit} after {t[k]:g} {unit}, where {_usual(t):g} {unit} "
+        f"is usual{and_more(count)}"
+    )
+
+
+def _usual(t: Float[np.ndarray, " K"]) -> float:
+    """Return the median step; 0 without steps."""
+    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

@@ -413,7 +413,7 @@ def _live(rig: LiveRig, theta: Float[np.ndarray, " n"]) -> Iterator[Finding]:
         return
     finally:
         rig.plant.close()
-    shown = (f"{c.name} = {quantity(c.old, c.unit)}" for c in changes)
+    shown = (f"{c.part.name} = {quantity(c.old, c.part.unit)}" for c in changes)
     yield Finding("plant", True, f"it is reachable and has {', '.join(shown)}")
     if left:
         values = ", ".join(f"{name} = {value:g}" for name, value in left.items())
@@ -438,10 +438,9 @@ def _kpi(kpi: KPI, experiment: Experiment) -> Finding:
 
 def _made_up(rig: Rig, theta: Float[np.ndarray, " n"]) -> Experiment:
     """Return an experiment of a rig made from an invented record with constant channels."""
-    columns = rig.columns
     values = [_plausible(rig, c.name, c.low, c.high) for c in rig.recorded]
     rows = [[f"{t:g}", *(f"{v!r}" for v in values)] for t in range(60)]
-    text = columns.template + "\n".join(",".join(row) for row in rows) + "\n"
+    text = rig.template() + "\n".join(",".join(row) for row in rows) + "\n"
     try:
         return rig.read(text, theta)
     except RecordError as error:

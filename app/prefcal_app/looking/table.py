@@ -11,8 +11,13 @@ from prefcal_env.errors import RecordError
 from prefcal_env.experiments.end import End
 from prefcal_env.tables.frame import ALLOWED, TableColumns
 from prefcal_env.tables.sheet import Sheet, sheet_of
-from prefcal_env.tables.steps import gap_words, gaps
-from prefcal_env.tables.timing import instants, time_unit_of, usual_time_columns
+from prefcal_env.tables.timing import (
+    gap_words,
+    gaps,
+    instants,
+    time_unit_of,
+    usual_time_columns,
+)
 from prefcal_env.tables.units import parts_of
 
 from .look import run_of
@@ -68,7 +73,9 @@ class _Guess:
         heading = about.columns.get("time", about.time)
         sheet = sheet_of(path, {*about.columns.values(), *about.outputs, *about.inputs})
         if not len(sheet.frame):
-            raise RecordError("there is no row of values below the headings")
+            raise RecordError(
+                "a table needs a line of headings and rows of values, got headings only"
+            )
         usual = [] if heading else usual_time_columns(sheet)
         time = sheet.column(heading, "") if heading else (usual or [0])[0]
         sheet, mended = _timed(sheet, time, about.time_format)
@@ -130,7 +137,7 @@ def _timed(sheet: Sheet, time: int, time_format: str | None) -> tuple[Sheet, lis
         frame = sheet.frame[there].reset_index(drop=True)
         lines = None if sheet.lines is None else sheet.lines[there]
         sheet = replace(sheet, frame=frame, lines=lines)
-    t, _ = instants(sheet, time, time_unit_of(sheet, time, None), time_format)
+    t = instants(sheet, time, time_unit_of(sheet, time, None), time_format)
     if (np.diff(t) < 0).any():
         said.append("rows sorted by time")
     repeated = len(t) - len(np.unique(t))

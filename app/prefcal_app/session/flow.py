@@ -14,7 +14,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer, Query
 from prefcal_env.preferences.history import History, Sample
-from prefcal_env.preferences.run_facts import completed
+from prefcal_env.preferences.loop import completed
 from prefcal_env.rig import Rig
 from prefcal_env.study import (
     Answered,

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError, RecordError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.kpis import Outcome
-from prefcal_env.preferences.run_facts import counts_as_unsafe
+from prefcal_env.preferences.loop import counts_as_unsafe
 from prefcal_env.rig import Rig
 from prefcal_env.study import Dialed, Finished, Replaced
 from prefcal_scenarios.kpis import outcome

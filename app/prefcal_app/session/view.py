@@ -7,7 +7,7 @@ from prefcal_app.simulating import Simulated
 from prefcal_env.compiling import Compiling
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Mark, Outcomes, Preference
-from prefcal_env.preferences.run_facts import completed, counts_as_unsafe
+from prefcal_env.preferences.loop import completed, counts_as_unsafe
 from prefcal_env.study import State, Suggested
 
 from .live.state import LiveNow

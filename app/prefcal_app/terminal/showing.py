@@ -108,7 +108,7 @@ def show_next(interview: Interview, now: Now, console: Console) -> None:
         console.print(line, style="bold", markup=False, highlight=False)
     if rig.instructions:
         console.print(rig.instructions, markup=False)
-    columns = ", ".join(rig.columns.headings)
+    columns = ", ".join(rig.columns)
     console.print(
         f"The record: a CSV file with the columns {columns}", markup=False, soft_wrap=True
     )
@@ -122,8 +122,9 @@ def show_changes(interview: Interview, now: Now, console: Console) -> None:
     assert live is not None
     console.rule(f"Experiment {sample.index + 1}: confirm what is written to the plant")
     for change in live.changes or ():
-        limits = f"limits {change.low:g} to {change.high:g}, at most {change.rate:g} per second"
-        line = f"  {change.name}: {change.old:.6g} → {with_unit(f'{change.new:.6g}', change.unit)}"
+        part = change.part
+        limits = f"limits {part.low:g} to {part.high:g}, at most {part.rate:g} per second"
+        line = f"  {part.name}: {change.old:.6g} → {with_unit(f'{change.new:.6g}', part.unit)}"
         console.print(f"{line}   ({limits})", style="bold", markup=False, highlight=False)
     after = "the old values are restored" if rig.after == "restore" else "the new θ stays"
     console.print(

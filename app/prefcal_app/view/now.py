@@ -139,7 +139,7 @@ def _rig(scenario: Scenario, state: State) -> dict[str, Any] | None:
     if not isinstance(scenario.run, Rig):
         return None
     return {
-        "columns": list(scenario.run.columns.headings),
+        "columns": list(scenario.run.columns),
         "recorded": [] if state.ended else [index + 1 for index in sorted(state.finished)],
     }
 

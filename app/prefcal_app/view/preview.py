@@ -68,13 +68,14 @@ def live_view(scenario: Scenario, live: LiveNow | None) -> dict[str, Any] | None
 
 def _change(change: Change) -> dict[str, str]:
     """Return a value to write, in words."""
+    part = change.part
     return {
-        "name": change.name,
-        "unit": change.unit,
+        "name": part.name,
+        "unit": part.unit,
         "old": f"{change.old:.6g}",
         "new": f"{change.new:.6g}",
-        "limits": f"{change.low:g} to {change.high:g}",
-        "rate": f"{change.rate:g}",
+        "limits": f"{part.low:g} to {part.high:g}",
+        "rate": f"{part.rate:g}",
     }
 
 

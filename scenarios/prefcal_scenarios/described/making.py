@@ -22,7 +22,7 @@ from prefcal_scenarios.scenario import KPI, Scenario
 
 from .reading import description_of
 from .rig import rig_of
-from .tables import Description, KnobTable, KPITable, PanelTable, checked
+from .tables import Description, stated
 from .words import KNOB_EXAMPLE, ranged_knob
 
 
@@ -134,9 +134,8 @@ def _knob(name: str, value: str | Mapping[str, Any], where: str) -> Knob:
     try:
         if isinstance(value, str):
             return ranged_knob(name, value)
-        t = checked(value, KnobTable, f"{where}, [knobs] {name}")
-        scale = "log10" if t.scale == "log" else t.scale
-        return Knob(name, t.low, t.high, t.unit, scale, t.integer, t.step, about=t.about)
+        plain = {**value, "scale": "log10"} if value.get("scale") == "log" else value
+        return Knob(name, **stated(plain, Knob, f"{where}, [knobs] {name}", partial=False))
     except KnobError as error:
         raise ScenarioError(f"{where}, [knobs]: {error}") from error
     except ScenarioError as error:
@@ -192,29 +191,19 @@ def _kpi(name: str, value: float | Mapping[str, Any], known: Mapping[str, KPI], 
             f"Expected one of {', '.join(known)}"
         )
     limits = {"at_most": value} if isinstance(value, float | int) else dict(value)
-    table = checked(limits, KPITable, f"{where}, [kpis] {name!r}")
-    said = {key: getattr(table, key) for key in table.__struct_fields__}
-    return replace(known[name], **{key: v for key, v in said.items() if v is not None})
+    return replace(known[name], **stated(limits, KPI, f"{where}, [kpis] {name!r}"))
 
 
 def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:
     """Return the panels: those to show in their order, each with the look that the file gives."""
-    looks = {n: checked(t, PanelTable, f"{where}, [panels] {n}") for n, t in d.panels.items()}
+    looks = {n: stated(t, Panel, f"{where}, [panels] {n}") for n, t in d.panels.items()}
     channels = getattr(made.run, "channels", None)
     usual = {panel.name: panel for panel in made.panels}
     if not usual and isinstance(channels, Channels):
         usual = {plot.name: Panel(plot.name) for plot in plots_of(channels)}
     shown = d.show or [*usual, *(name for name in looks if name not in usual)]
-    found = []
-    for name in dict.fromkeys([*shown, *looks]):
-        panel = usual.get(name, Panel(name))
-        look = looks.get(name, PanelTable())
-        said = {k: getattr(look, k) for k in look.__struct_fields__}
-        changes = {k: v for k, v in said.items() if v not in (None, "")}
-        if look.scale == 1.0:
-            changes.pop("scale", None)
-        found.append(replace(panel, **changes))
-    return tuple(found)
+    names = dict.fromkeys([*shown, *looks])
+    return tuple(replace(usual.get(n, Panel(n)), **looks.get(n, {})) for n in names)
 
 
 def _start(name: str, theta: Mapping[str, float], space: KnobSpace, where: str) -> Any:

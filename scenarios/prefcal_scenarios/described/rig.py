@@ -1,6 +1,5 @@
 """Make a rig, a plant that only a person can run, of plain data."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,7 +8,7 @@ from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.rig import Rig
 from prefcal_env.wording import did_you_mean
 
-from .tables import RigTable, SignalTable, checked
+from .tables import RigTable, SignalTable, checked, stated
 
 
 def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str) -> Rig:
@@ -26,9 +25,9 @@ def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str
         ExperimentError: If a limit is not valid.
         SettingsError: If a range is not valid.
     """
-    table = checked(values, RigTable, f"{where}, [rig]")
-    outputs = _signals(table.outputs, f"{where}, [rig.outputs]")
-    inputs = _signals(table.inputs, f"{where}, [rig.inputs]")
+    given = stated(values, RigTable, f"{where}, [rig]", partial=False)
+    outputs = _signals(given.pop("outputs"), f"{where}, [rig.outputs]")
+    inputs = _signals(given.pop("inputs", {}), f"{where}, [rig.inputs]")
     for name in reference:
         if name not in outputs:
             raise ScenarioError(
@@ -36,24 +35,18 @@ def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str
                 f"{did_you_mean(name, outputs)} There are {', '.join(outputs)}"
             )
     x = tuple(_channel(n, s, reference.get(n)) for n, s in outputs.items())
-    limits = {
-        key: value
-        for key, value in (("max_gap", table.max_gap), ("max_rows", table.max_rows))
-        if value is not None
-    }
+    channels = Channels(
+        x=x,
+        u=tuple(_channel(n, s) for n, s in inputs.items()),
+        y=tuple(c for c in x if c.target is not None),
+        time_unit=given.pop("time_unit", "s"),
+    )
     return Rig(
-        channels=Channels(
-            x=x,
-            u=tuple(_channel(n, s) for n, s in inputs.items()),
-            y=tuple(c for c in x if c.target is not None),
-            time_unit=table.time_unit,
-        ),
+        channels=channels,
         y_ref=tuple(c.target for c in x if c.target is not None),
         ranges={n: s.sensor for n, s in {**outputs, **inputs}.items() if s.sensor is not None},
-        instructions=table.instructions.strip(),
-        headings=table.headings,
-        time_format=table.time_format,
-        **limits,  # type: ignore[arg-type]
+        instructions=given.pop("instructions", "").strip(),
+        **given,
     )
 
 
@@ -62,11 +55,5 @@ def _signals(tables: Mapping[str, Mapping[str, Any]], where: str) -> dict[str, S
 
 
 def _channel(name: str, signal: SignalTable, target: float | None = None) -> Channel:
-    return Channel(
-        name,
-        signal.unit,
-        low=-math.inf if signal.low is None else signal.low,
-        high=math.inf if signal.high is None else signal.high,
-        target=target,
-        band=signal.band if target is not None else None,
-    )
+    band = signal.band if target is not None else None
+    return Channel(name, signal.unit, signal.low, signal.high, target, band)

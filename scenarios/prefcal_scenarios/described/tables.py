@@ -1,6 +1,7 @@
 """The tables and keys of a described scenario, and how they are checked."""
 
 from collections.abc import Mapping
+from math import inf
 from typing import Any, Literal
 
 import msgspec
@@ -13,47 +14,12 @@ from prefcal_env.wording import did_you_mean
 Signals = dict[str, dict[str, Any]]
 
 
-class KnobTable(msgspec.Struct, frozen=True):
-    """One knob: see `prefcal_env.Knob`; scale "log" is short for "log10"."""
-
-    low: float
-    high: float
-    unit: str = ""
-    scale: Literal["linear", "log", "log10"] = "linear"
-    integer: bool = False
-    step: float | None = None
-    about: str = ""
-
-
-class KPITable(msgspec.Struct, frozen=True):
-    """What a file says about one KPI: see `prefcal_scenarios.KPI`."""
-
-    at_most: float | None = None
-    at_least: float | None = None
-    better: Literal["lower", "higher"] | None = None
-    title: str | None = None
-    unit: str | None = None
-    about: str | None = None
-
-
-class PanelTable(msgspec.Struct, frozen=True):
-    """What a file says about one panel: see `prefcal_scenarios.Panel`."""
-
-    title: str = ""
-    unit: str | None = None
-    scale: float = 1.0
-    low: float | None = None
-    high: float | None = None
-    target: float | None = None
-    band: float | None = None
-
-
 class SignalTable(msgspec.Struct, frozen=True):
     """One recorded column of a rig."""
 
     unit: str = ""
-    low: float | None = None
-    high: float | None = None
+    low: float = -inf
+    high: float = inf
     band: float | None = None
     sensor: tuple[float, float] | None = None
 
@@ -108,3 +74,12 @@ def checked(values: Mapping[str, Any], table: type[Table], where: str) -> Table:
         ScenarioError: If a key is unknown or missing, or a value has the wrong type.
     """
     return described.checked(values, table, where, ScenarioError, did_you_mean)
+
+
+def stated(
+    values: Mapping[str, Any], table: type, where: str, *, partial: bool = True
+) -> dict[str, Any]:
+    """Return what a file says about a `table` with a name, which is no key; see `checked`."""
+    return described.entries(
+        values, (table,), where, ScenarioError, did_you_mean, known=("name",), partial=partial
+    )

@@ -81,7 +81,7 @@ def test_theta_and_the_picture_can_be_chosen(check, tmp_path):
          "reference 'paper'", "in own.py:12: 1 / 0"),
         ("own = replace(t.toy, controller=lambda theta: 3)", "controller", "no T_s and no move"),
         ("own = 1 / 0", "scenario", "(line 10), in own.py:10: own = 1 / 0"),
-        ("own = replace(t.toy, panels=(Panel('z', t.LEVEL),))", "scenario", "got 'z'"),
+        ("own = replace(t.toy, panels=(Panel('level', 'z'),))", "scenario", "got 'z'"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named_with_its_place_and_fails_the_command(check, text, what, words):

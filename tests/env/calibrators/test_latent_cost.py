@@ -1,15 +1,14 @@
-"""A latent cost with a tie band and noise."""
+"""A latent cost with a tie band and noise, and a calibrator that is wrong in a share of cases."""
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from prefcal_env.calibrators import BradleyTerry, LatentCost, Thurstone
+from prefcal_env.calibrators import BradleyTerry, Flipping, LatentCost, Thurstone
 from prefcal_env.errors import SettingsError
-from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.answer import Answer, Preference
 from support.short_runs import final_level, short_run
 
 LOW, HIGH = short_run([1.0], value=1.0), short_run([2.0], value=1.3)
@@ -61,16 +60,6 @@ def test_another_seed_errs_elsewhere():
     assert verdicts(0) == verdicts(0) != verdicts(1)
 
 
-@given(
-    theta=st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=2, unique=True),
-    seed=st.integers(0, 2**70),
-)
-def test_verdicts_depend_on_the_two_thetas_alone(theta, seed):
-    judge = LatentCost(final_level, noise=Thurstone(1.0), seed=seed)
-    a, b = short_run(theta[:1]), short_run(theta[1:])
-    assert judge.prefer(a, b) == judge.prefer(a, b) == -judge.prefer(b, a)
-
-
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
@@ -99,3 +88,58 @@ def test_noise_without_a_positive_scale_is_refused(value):
 def test_a_cost_that_is_no_number_is_refused(value):
     with pytest.raises(SettingsError, match=re.escape(f"got {value!r} at θ")):
         LatentCost(lambda e: value).prefer(LOW, HIGH)
+
+
+SURE = LatentCost(lambda one: one.cost)
+
+
+@dataclass(frozen=True)
+class Tried:
+    theta: np.ndarray
+    cost: float
+
+
+def tried(x, cost=None):
+    return Tried(np.array([x, 0.0]), float(x if cost is None else cost))
+
+
+class Says:
+    def __init__(self, verdict):
+        self.verdict = verdict
+
+    def prefer(self, challenger, incumbent):
+        return self.verdict
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_that_share_of_the_answers_is_wrong(share):
+    rng = np.random.default_rng(0)
+    pairs = [(tried(a), tried(b)) for a, b in rng.random((4000, 2))]
+    judge = Flipping(SURE, share, seed=3)
+    wrong = np.mean([judge.prefer(*pair) != SURE.prefer(*pair) for pair in pairs])
+    assert wrong == pytest.approx(share, abs=0.02)  # 3 standard deviations: 0.014, 0.019
+
+
+def test_another_seed_makes_other_mistakes():
+    judge, other = (Flipping(SURE, 0.5, seed) for seed in (3, 4))
+    pairs = [(tried(a), tried(b)) for a, b in np.random.default_rng(1).random((60, 2))]
+    assert [judge.prefer(a, b) for a, b in pairs] != [other.prefer(a, b) for a, b in pairs]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "flipped"),
+    [
+        (-1, Preference.INCUMBENT),
+        (Preference.TIE, Preference.TIE),
+        (None, None),
+        (Answer(1, strength=3), Answer(-1, strength=3)),
+    ],
+)
+def test_whatever_the_answer_its_opposite_is_given(verdict, flipped):
+    assert Flipping(Says(verdict), 1.0, seed=0).prefer(tried(1), tried(2)) == flipped
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, np.nan])
+def test_an_impossible_share_says_so(share):
+    with pytest.raises(SettingsError, match="share"):
+        Flipping(SURE, share, seed=0)

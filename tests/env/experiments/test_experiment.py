@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import ExperimentError
-from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, FrozenMapping
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
 
 CHANNELS = Channels(
     x=(Channel("position", "m"),), u=(Channel("force", "N"),), y=(Channel("position", "m"),)
@@ -111,15 +111,6 @@ def test_a_channel_with_crossed_limits_is_refused():
 def test_channel_label_has_the_unit():
     assert Channel("force", "N").label == "force [N]"
     assert Channel("ratio").label == "ratio"
-
-
-def test_frozen_mapping_is_a_mapping():
-    m = FrozenMapping({"a": 1.0})
-    assert dict(m) == {"a": 1.0}
-    assert m == {"a": 1.0}
-    assert m != {"a": 2.0}
-    assert m != 3
-    assert "a" in repr(m)
 
 
 def test_variants_are_part_of_the_value():

@@ -41,9 +41,7 @@ def run(**changes):
         (Panel("gap"), 40, False),
         (Panel("p"), 0, False),
         (Panel("ball", "y"), 0, False),
-        # A kind and a channel: neither draws state 0 or input 0 under another title any more.
-        (Panel("x", BEAM), 10, False),
-        (Panel("y", Y0), 30, False),
+        (Panel("beam", "x"), 10, False),
     ],
 )
 def test_a_panel_draws_the_channel_that_it_names(panel, first, held):
@@ -121,7 +119,7 @@ def test_an_output_that_is_not_recorded_is_not_guessed():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Panel("z", BEAM), r"kind must be one of \['x', 'u', 'y', 'signal'\].*got 'z'"),
+        (lambda: Panel("beam", "z"), r"kind must be one of \['x', 'u', 'y', 'signal'\].*got 'z'"),
         (lambda: Panel("beam", "states"), "got 'states'"),
         (lambda: Panel(""), "needs the name"),
         (lambda: Panel("beam", scale=57.3), "give the new one as unit="),

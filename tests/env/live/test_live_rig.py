@@ -5,8 +5,8 @@ import pytest
 
 from prefcal_env import End
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
+from prefcal_env.experiments.curves import bridged
 from prefcal_env.live import Journal, LiveKnob, LiveStart, Stage, Tag
-from prefcal_env.live.outcome import held, interpolated
 from support.live import Memory, memory_rig
 
 THETA = np.array([4.0, 20.0])
@@ -25,7 +25,7 @@ def test_a_run_ramps_records_and_puts_the_old_values_back(tmp_path):
     plant, seen = Memory(), []
     rig = memory_rig(plant, tmp_path)
     driven = drive(rig, plant, lambda changes: seen.append(changes) or True)
-    assert [(c.name, c.old, c.new) for c in seen[0]] == [
+    assert [(c.part.name, c.old, c.new) for c in seen[0]] == [
         ("K_p", 1.0, 4.0), ("T_i", 10.0, 20.0), ("set-point", 1.0, 2.0),
     ]  # fmt: skip
     experiment = driven.experiment
@@ -364,8 +364,9 @@ def test_an_impossible_rig_is_refused(tmp_path, changes, words):
 
 def test_gaps_are_interpolated_in_outputs_and_held_in_inputs():
     values = np.array([np.nan, 1.0, np.nan, 3.0, np.nan])
-    assert interpolated(values).tolist() == [1, 1, 2, 3, 3]
-    assert held(values).tolist() == [1, 1, 1, 3, 3]
+    t = np.arange(5.0)
+    assert bridged(t, values, held=False).tolist() == [1, 1, 2, 3, 3]
+    assert bridged(t, values, held=True).tolist() == [1, 1, 1, 3, 3]
 
 
 def test_a_value_that_was_never_good_is_not_made_up(tmp_path):

@@ -14,8 +14,7 @@ from prefcal_env.experiments.end import End
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark, Preference
-from prefcal_env.preferences.loop import calibrate
-from prefcal_env.preferences.run_facts import counts_as_unsafe
+from prefcal_env.preferences.loop import calibrate, counts_as_unsafe
 from support.studies import experiment
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE

@@ -185,11 +185,13 @@ def test_a_second_process_is_told_at_once_under_any_name(tmp_path, name):
 KILLED = """
 import os, signal, sys
 from prefcal_env.study import Noted, StudyFile
+from prefcal_env.study.events import Recorded
 file = StudyFile.open(sys.argv[1], clock=str)
 file._connection.execute("PRAGMA cache_size = 1")  # so pages are written before the end of a step
 file._connection.execute("PRAGMA cache_spill = 1")
 file._check_file()
-file._insert([(Noted("x" * 200_000), None)], ["now"])
+row = Recorded(file._last + 1, "now", Noted("x" * 200_000))
+file._insert([(row, None)])
 os.kill(os.getpid(), signal.SIGKILL)
 """
 

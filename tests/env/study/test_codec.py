@@ -167,10 +167,6 @@ def test_outputs_come_back_and_those_that_are_states_need_no_room(y, more):
     assert (sizes[0] - headers[0]) - (sizes[1] - headers[1]) == more
 
 
-def test_outputs_that_were_not_recorded_stay_unknown():
-    assert decode(encode(_with_outputs(None))).y is None
-
-
 def test_outputs_that_name_a_state_that_is_not_there_are_refused():
     content = encode(_with_outputs([2.0, 4.0])).replace(b'"y_states":[1]', b'"y_states":[7]')
     with pytest.raises(StudyError, match="outputs cannot be the states"):

@@ -11,7 +11,6 @@ import pytest
 
 from prefcal_env.errors import StudyError
 from prefcal_env.study import Noted, StudyFile, export_json, import_json, verify
-from prefcal_env.study.connection import beside
 from support.interviews import clock
 from support.studies import CONFIGURATION, small_study, tamper
 
@@ -158,7 +157,3 @@ def test_what_a_kill_left_of_a_study_is_not_in_the_way_of_the_next(tmp_path):
     with small_study(":memory:") as file:
         import_json(export_json(file), tmp_path / "b.prefcal")
     assert verify(tmp_path / "a.prefcal") == verify(tmp_path / "b.prefcal") == ()
-
-
-def test_no_two_unfinished_files_bear_one_name(tmp_path):
-    assert beside(tmp_path / "a.prefcal") != beside(tmp_path / "a.prefcal")

@@ -133,7 +133,7 @@ def test_references_that_change_are_columns_with_units(tmp_path):
 
 def test_an_output_without_a_reference_has_no_column_for_it():
     table = trajectory_of(experiment(0.5, y_ref=np.full((4, 1), np.nan)))
-    assert table.headings == ["time [s]", "level [m]", "valve [%]"]
+    assert [column.heading for column in table] == ["time [s]", "level [m]", "valve [%]"]
 
 
 def test_a_second_export_leaves_the_other_format_and_nothing_of_a_longer_study(tmp_path):
@@ -183,4 +183,4 @@ def test_a_run_without_steps_has_no_reference():
         iterations=np.zeros(0, int), solve_time=none, solved=np.zeros(0, bool),
     )  # fmt: skip
     assert np.isnan(run.reference(0)).all()
-    assert "Reference of level [m]" not in trajectory_of(run).headings
+    assert "Reference of level [m]" not in [column.heading for column in trajectory_of(run)]

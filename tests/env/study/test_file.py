@@ -1,10 +1,6 @@
 """The study file: durable, append-only, shared safely, and clear about trouble."""
 
-import os
-import signal
 import sqlite3
-import subprocess
-import sys
 import threading
 
 import numpy as np
@@ -141,46 +137,6 @@ def test_a_full_disk_is_told_and_loses_nothing(tmp_path):
     assert verify(path) == ()
 
 
-def limited(folder, code, *, bytes_):
-    """Run Python code in a process that may write files of `bytes_` only."""
-    resource = pytest.importorskip("resource", reason="only POSIX limits the size of files")
-
-    def before():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_, bytes_))
-
-    return subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False,
-        preexec_fn=before,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
-
-
-def test_a_disk_that_takes_no_more_bytes_is_told(tmp_path):
-    path = tmp_path / "a.prefcal"
-    small_study(path).close()
-    code = (
-        "from support.interviews import clock\n"
-        "from support.studies import compared\n"
-        "from prefcal_env.errors import StudyError\n"
-        "from prefcal_env.study import StudyFile\n"
-        "file = StudyFile.open('a.prefcal', clock=clock())\n"
-        "try:\n"
-        "    for index in range(4, 500):\n"
-        "        compared(file, index)\n"
-        "        print('safe', index, flush=True)\n"
-        "except StudyError as error:\n"
-        "    print('told', error)\n"
-    )
-    done = limited(tmp_path, code, bytes_=120_000)
-    *safe, told = done.stdout.splitlines()
-    assert told.startswith("told cannot write to the study"), done.stdout + done.stderr
-    assert "Nothing was recorded" in told
-    assert verify(path) == ()
-    with reopen(path) as file:
-        assert file.state.history.answered >= 4 + len(safe)
-
-
 def test_a_folder_that_is_not_there_is_told(tmp_path):
     with pytest.raises(StudyError, match=r"cannot (begin|open)"):
         StudyFile.create(tmp_path / "no" / "a.prefcal", CONFIGURATION, clock=clock())
@@ -220,3 +176,29 @@ def test_another_format_is_refused_and_left_alone(tmp_path, version, advice):
         with pytest.raises(StudyError, match=f"has format {version} .*{advice}"):
             read(path)
     assert path.read_bytes() == before
+
+
+def test_a_study_without_experiments_is_an_empty_table():
+    knobs = [{"name": "gain", "unit": "1/s", "low": 0.0, "high": 1.0}]
+    configuration = {"n_max": 3, "knobs": knobs, "kpis": []}
+    with StudyFile.create(":memory:", configuration, clock=lambda: "now") as study:
+        assert list(study.to_frame().columns)[:2] == ["gain [1/s]", "ended"]
+        assert len(study.to_frame(answers=True)) == 0
+        assert "0 experiments, 0 answers" in study._repr_html_()
+
+
+def test_experiments_and_answers_are_rows_with_their_units():
+    with small_study(":memory:") as study:
+        frame = study.to_frame()
+        assert list(frame.columns)[:3] == ["gain [m/%]", "late [s]", "sum"]
+        assert frame.index.name == "experiment"
+        assert frame.index.tolist() == [1, 2, 3, 4]
+        assert frame["gain [m/%]"].tolist() == pytest.approx([0.05, 0.15, 0.25, 0.35])
+        assert frame["sum"].tolist() == pytest.approx([0.05, 0.15, 0.25, 0.35])
+        assert np.isinf(frame["late [s]"]).all()
+        answers = study.to_frame(answers=True)
+        assert answers["preference"].tolist() == [-1, 0, 1]
+        assert answers["comment"].tolist()[0] == "answer 1"
+        shown = study._repr_html_()
+        assert "4 experiments, 3 answers, best experiment 2" in shown
+        assert "late [s]" in shown

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from prefcal_env import Channel, Channels, End, Rig, TableColumns, combined, from_frame, recorded
 from prefcal_env.errors import MissingExtraError, RecordError, SettingsError
+from prefcal_env.tables.thinning import extreme_rows
 
 GOOD = "time [s],level [m],valve [%],note\n0,1,5,a\n1,2.5,6,b\n2,3,7,c\n3,4,8,d\n"
 USE = {"outputs": ["level"], "inputs": ["valve"]}
@@ -358,7 +359,7 @@ def test_a_rig_reads_frames_files_and_other_headings(tmp_path):
         assert rig.read(source, theta) == e
     with pytest.raises(RecordError, match="column 'TI-101' is missing"):
         rig.read(text.replace("TI-101", "level"), theta)
-    with pytest.raises(RecordError, match="a record must be the text"):
+    with pytest.raises(RecordError, match="a table must be a pandas"):
         rig.read(3, theta)
     with pytest.raises(SettingsError, match="headings must name some of"):
         Rig(rig.channels, (), headings={"flow": "F"})
@@ -378,3 +379,11 @@ def test_a_table_of_very_many_columns_is_refused():
     text = ",".join(headings) + "\n" + "\n".join(",".join("1" * 2_001) for _ in range(2))
     with pytest.raises(RecordError, match="may have 2,000 columns, got 2,001"):
         TableColumns(outputs=["c1"]).read(text, [0.0])
+
+
+def test_rows_of_many_columns_are_left_out_all_over_the_run():
+    columns = list(np.random.default_rng(0).normal(size=(300, 5_000)))
+    rows = extreme_rows(columns, 100)
+    assert len(rows) == 100
+    assert (rows[0], rows[-1]) == (0, 4_999)
+    assert np.diff(rows).max() < 500

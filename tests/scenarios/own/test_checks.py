@@ -84,7 +84,7 @@ def settled(experiment):
     ("parts", "words"),
     [
         ({"panels": (Panel("beam angel"),)}, r"there are states.* Did you mean 'beam angle'\?"),
-        ({"panels": (Panel("y", BEAM),)}, "of kind 'y' has this name"),
+        ({"panels": (Panel("beam angle", "y"),)}, "of kind 'y' has this name"),
         ({"panels": (Panel("gap"),)}, "outputs 'y0'"),
         ({"panels": (Panel("y0", reference="asked"),)}, "no signal is called 'asked'"),
         ({"panels": Panel("y0")}, r"panels must be a tuple; of one write \(Panel"),
@@ -102,7 +102,7 @@ def test_what_is_known_without_a_run_is_refused_when_the_scenario_is_made(parts,
 
 
 def test_a_scenario_that_fits_its_run_is_made():
-    made = own(panels=[Panel("y0"), Panel("x", BEAM), Panel("motor")])
+    made = own(panels=[Panel("y0"), Panel("beam angle", "x"), Panel("motor")])
     e = made.run(np.array([0.5]))
     assert check_experiment(made, e.theta, e) is e
     y0, beam, motor = (panel.plot(e).values(e) for panel in made.panels)

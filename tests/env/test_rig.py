@@ -227,7 +227,7 @@ def test_a_record_whose_kpis_cannot_be_computed_is_refused(kpis):
 
 def test_a_file_that_is_no_text_is_refused():
     with pytest.raises(RecordError, match="UTF-8"):
-        RIG.read_bytes(b"\xff\xfe\x00")
+        RIG.read(b"\xff\xfe\x00", THETA)
 
 
 @given(st.text(max_size=200) | st.text(alphabet='0123456789.,;\n\t eE-+"#', max_size=200))

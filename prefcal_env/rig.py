@@ -1,0 +1,333 @@
+"""A plant that only a person can run: they receive θ and return a record."""
+
+import csv
+import io
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import RecordError, ScenarioError, SettingsError
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
+from prefcal_env.experiments.rollout import computed
+from prefcal_env.tables import timing
+from prefcal_env.tables.sheet import Sheet, Table, sheet_of
+from prefcal_env.tables.units import parts_of, same_unit
+from prefcal_env.wording import and_more
+
+TIME = "time"
+_FILES = (".csv", ".txt", ".parquet")
+_MOST_LISTED = 5
+"""Largest number of problems in a message; people fix some of them and try again."""
+_WIDEST = 1e30
+"""Largest plausible value in any unit; beyond it plots and sums overflow."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The `run` of a scenario whose experiments are done by a person.
+
+    Records are CSV files with a column `time` and one column for each state, each output that is
+    no state, and each input of `channels`, in the channels' units. If the reference of an output
+    changes, the record may have a column "NAME ref" as well. Front ends show the person θ, the
+    columns and `instructions`.
+
+    Args:
+        channels: Names, units, limits and targets of states, inputs and outputs.
+        y_ref: Reference of each output, in its unit, for records without a column for it.
+        kpis: Function that returns the key performance indicators of a record by name.
+        ranges: Maps a channel's name to the range of its sensor, in its unit. A value outside is
+            refused: most likely it is in another unit.
+        instructions: Instructions that tell the person how to run an experiment.
+        max_gap: Longest step in time that is not a gap, in median steps.
+        max_rows: Largest number of rows of a record.
+        headings: Maps "time" and names of channels to the headings of the record's columns where
+            they differ, such as {"temperature": "TI-101.PV"}.
+        time_format: Format of time stamps, such as "%d/%m/%Y %H:%M:%S"; None for ISO 8601, or
+            days and months with points. They count from the earliest one.
+
+    Raises:
+        SettingsError: If references or ranges do not fit the channels, or a bound is not valid.
+    """
+
+    channels: Channels
+    y_ref: tuple[float, ...]
+    kpis: Callable[[Experiment], Mapping[str, float]] | None = None
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    instructions: str = ""
+    max_gap: float = timing.MAX_GAP
+    max_rows: int = 200_000
+    headings: Mapping[str, str] = field(default_factory=dict)
+    time_format: str | None = None
+
+    signals = ()
+    """Additional signals of the records: none."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "y_ref", tuple(map(float, self.y_ref)))
+        if len(self.y_ref) != len(self.channels.y) or not np.all(np.isfinite(self.y_ref)):
+            raise SettingsError(
+                f"y_ref must hold a finite reference for each of {len(self.channels.y)} outputs, "
+                f"got {self.y_ref}"
+            )
+        signals = [c.name for c in self.recorded]
+        names = (TIME, *signals, *(f"{c.name} ref" for c in self.channels.y))
+        unknown = [name for name in self.headings if name not in names]
+        if unknown:
+            raise SettingsError(f"headings must name some of {names}, got {unknown[0]!r}")
+        called = [self.headings.get(name, name) for name in names]
+        if len(set(called)) != len(called):
+            raise SettingsError(f"the names of the columns must differ, got {tuple(called)}")
+        for name, (low, high) in self.ranges.items():
+            if name not in names or not low < high:
+                raise SettingsError(
+                    f"ranges must give low < high of one of {names}, got {name!r}: {low, high}"
+                )
+        if not self.max_gap > 1 or self.max_rows < 2:
+            raise SettingsError(
+                f"max_gap must be above 1 and max_rows 2 or more, got {self.max_gap} and "
+                f"{self.max_rows}"
+            )
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Refuse to run, because only a person can.
+
+        Raises:
+            ScenarioError: Always.
+        """
+        raise ScenarioError(
+            "this plant is a rig that only a person can run: calibrate it with the calibrator human"
+        )
+
+    def _called(self, name: str) -> str:
+        """Return the heading of a column without its unit."""
+        return self.headings.get(name, name)
+
+    @property
+    def _units(self) -> dict[str, str]:
+        """Unit of each column that a record must have, by its heading, time first."""
+        signals = {self._called(c.name): c.unit for c in self.recorded}
+        return {self._called(TIME): self.channels.time_unit, **signals}
+
+    @property
+    def _optional(self) -> dict[str, str]:
+        """Unit of each column that a record may have, by its heading: the references."""
+        return {self._called(f"{c.name} ref"): c.unit for c in self.channels.y}
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Headings of a record, with units."""
+        return tuple(_heading(name, unit) for name, unit in self._units.items())
+
+    @property
+    def recorded(self) -> tuple[Channel, ...]:
+        """Channels with a column, in the order of the columns."""
+        return (*self.channels.x, *self._measured, *self.channels.u)
+
+    @property
+    def _measured(self) -> tuple[Channel, ...]:
+        """Outputs that are no state."""
+        states = {(c.name, c.unit) for c in self.channels.x}
+        return tuple(c for c in self.channels.y if (c.name, c.unit) not in states)
+
+    def template(self) -> str:
+        """Return the first line of a record, quoted where a name needs it."""
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\n").writerow(self.columns)
+        return line.getvalue()
+
+    def read(
+        self, source: Any, theta: Float[np.ndarray, " n"], *, unsafe: bool = False
+    ) -> Experiment:
+        """Return the experiment of a physical θ, shape (n,), from its record.
+
+        Args:
+            source: Text of a CSV, path of a CSV or Parquet file, its content as bytes, or a pandas
+                DataFrame. Lines in messages count the headings as line 1, rows of a DataFrame or
+                a Parquet file count from 0.
+            theta: Controller parameters of the run.
+            unsafe: Whether the run was stopped because it became unsafe.
+
+        Raises:
+            RecordError: If the record is not valid; the message lists all problems.
+        """
+        end = End.UNSAFE if unsafe else End.TIME_UP
+        made = self._of(self._values(source), theta, end)
+        return made if self.kpis is None else replace(made, kpis=_computed(self.kpis, made))
+
+    def failed(self, theta: Float[np.ndarray, " n"], text: str | None = None) -> Experiment:
+        """Return a failed experiment of a physical θ, shape (n,), without KPIs.
+
+        Args:
+            theta: Controller parameters of the run.
+            text: Text of a CSV file with the data logged before the failure. With None, or a
+                record that `read` would refuse, the experiment has no record.
+        """
+        try:
+            values = None if text is None else self._values(text)
+        except RecordError:
+            values = None
+        if values is None:
+            values = np.zeros((0, len(self._units) + len(self._optional)))
+        return self._of(values, theta, End.FAILED)
+
+    def _values(self, source: Table) -> Float[np.ndarray, "K n"]:
+        """Return the values of a record, shape (K, n); NaN for optional columns that are absent.
+
+        Separators are commas, semicolons, tabs, bars or spaces; without commas, numbers may have a
+        decimal comma. Lines that begin with # and unknown columns are ignored. Time stamps count
+        from the earliest one.
+
+        Raises:
+            RecordError: If the record is not valid; the message lists all problems, with line
+                numbers as shown by an editor.
+        """
+        if isinstance(source, str):
+            if not source.strip():
+                raise RecordError(f"the record is empty: expected {', '.join(self.columns)}")
+            # Text without a line end is a path only if it ends like one.
+            source = source if Path(source).suffix.lower() in _FILES else source + "\n"
+        known = {**self._units, **self._optional}
+        wanted = {*known, *(_heading(n, u) for n, u in known.items())}
+        stamps = () if self.time_format is None else (self._called(TIME),)
+        sheet = sheet_of(source, wanted, stamps)
+        places, count = self._places(sheet, known), len(sheet.frame)
+        if count < 2:
+            raise RecordError(f"a record needs 2 rows of values or more, got {count}")
+        if count > self.max_rows:
+            raise RecordError(f"a record may have {self.max_rows} rows, got {count}")
+        values = np.full((count, len(known)), np.nan)
+        problems = [*filter(None, [sheet.uneven, sheet.mixed(places.values())])]
+        for i, name in enumerate(known):
+            if name in places:
+                problems += self._fill(sheet, places[name], values[:, i], is_time=i == 0)
+        problems += [*self._steps(values[:, 0], sheet), *self._outside(values, known, sheet)]
+        _refuse(problems)
+        return values
+
+    def _places(self, sheet: Sheet, known: Mapping[str, str]) -> dict[str, int]:
+        """Return the position of each column by name."""
+        problems, places = [], {}
+        for name, unit in known.items():
+            try:
+                found = sheet.find(name)
+            except RecordError as error:
+                problems.append(str(error))
+                continue
+            if found is None and name not in self._optional:
+                there = ", ".join(parts_of(h)[0][:40] for h in sheet.headings[:12])
+                problems.append(f"column {name!r} is missing; the headings are {there}")
+            if found is None:
+                continue
+            places[name] = found
+            given = parts_of(sheet.headings[found])[1]
+            bare = sheet.headings[found].strip() == name  # it may itself contain brackets
+            if given is not None and not bare and not same_unit(given, unit):
+                problems.append(
+                    f"column {name!r} is in {given[:40] or 'no unit'}, "
+                    f"expected {unit or 'no unit'}: convert it"
+                )
+        _refuse(problems)
+        return places
+
+    def _fill(
+        self, sheet: Sheet, place: int, values: Float[np.ndarray, " K"], *, is_time: bool
+    ) -> Iterator[str]:
+        """Fill `values` with a column; yield its problem, if it has one."""
+        try:
+            if is_time:
+                found = timing.instants(sheet, place, self.channels.time_unit, self.time_format)
+                stamped = sheet.frame[place].dtype.kind not in "iuf"
+                values[:] = found - found.min() if stamped else found
+                return
+            values[:] = sheet.numbers(place)
+        except RecordError as error:
+            yield str(error)
+            return
+        holes = np.flatnonzero(~np.isfinite(values))
+        if len(holes):
+            got = "nothing" if np.isnan(values[holes[0]]) else f"{values[holes[0]]:g}"
+            yield sheet.lacking(place, sheet.place(int(holes[0])), got, len(holes))
+
+    def _steps(self, t: Float[np.ndarray, " K"], sheet: Sheet) -> Iterator[str]:
+        """Yield what is wrong with the steps of time."""
+        if np.any(np.isnan(t)):
+            return
+        unit, back = self.channels.time_unit, timing.steps_back(t)
+        if len(back):
+            k = int(back[0])
+            yield f"{sheet.place(k + 1)}: {timing.step_back_words(t, k, unit, len(back))}"
+            return
+        for k in map(int, timing.gaps(t, self.max_gap)):
+            words = timing.gap_words(t, k, unit, 1)
+            yield f"{sheet.place(k + 1)}: {words}: fill it, or enter the run as failed"
+
+    def _outside(
+        self, values: Float[np.ndarray, "K n"], known: Mapping[str, str], sheet: Sheet
+    ) -> Iterator[str]:
+        """Yield which columns have values outside the range of their sensor."""
+        ranges = {self._called(name): limits for name, limits in self.ranges.items()}
+        for column, (name, unit) in zip(values.T, known.items(), strict=True):
+            low, high = ranges.get(name, (-_WIDEST, _WIDEST))
+            low, high = max(low, -_WIDEST), min(high, _WIDEST)
+            outside = np.flatnonzero((column < low) | (column > high))
+            if len(outside):
+                k = int(outside[0])
+                yield (
+                    f"{sheet.place(k)}, column {name!r}: {column[k]:g} {unit} is outside "
+                    f"[{low:g}, {high:g}] {unit}{and_more(len(outside))}: is the unit right?"
+                )
+
+    def _of(
+        self, values: Float[np.ndarray, "K m"], theta: Float[np.ndarray, " n"], end: End
+    ) -> Experiment:
+        """Return an experiment without KPIs; `values` come from `_values`."""
+        widths = [1, len(self.channels.x), len(self._measured), len(self.channels.u)]
+        t, x, measured, u, y_ref = np.split(values, np.cumsum(widths), axis=1)
+        count = len(values)
+        return Experiment(
+            theta=theta, t=t[:, 0], x=x, u=u, t_control=t[:, 0], u_control=u,
+            y_ref=np.where(np.isnan(y_ref), np.reshape(self.y_ref, (1, -1)), y_ref),
+            iterations=np.zeros(count, dtype=np.int64), solve_time=np.zeros(count),
+            solved=np.ones(count, dtype=bool), channels=self.channels, end=end,
+            y=self._outputs(x, measured),
+        )  # fmt: skip
+
+    def _outputs(
+        self, x: Float[np.ndarray, "K n_x"], measured: Float[np.ndarray, "K m"]
+    ) -> Float[np.ndarray, "K n_y"] | None:
+        """Return the outputs of a record; None if all of them are states."""
+        if not self._measured:
+            return None
+        names = [(c.name, c.unit) for c in (*self.channels.x, *self._measured)]
+        places = [names.index((c.name, c.unit)) for c in self.channels.y]
+        return np.hstack([x, measured])[:, places]
+
+
+def _computed(
+    kpis: Callable[[Experiment], Mapping[str, float]], made: Experiment
+) -> dict[str, float]:
+    try:
+        return {str(name): float(value) for name, value in computed(kpis, made).items()}
+    except Exception as error:
+        # The user's own function can raise anything; the record or the function is the cause.
+        raise RecordError(
+            "the scenario cannot compute the KPIs of this record "
+            f"({type(error).__name__}: {error}): fix the record or the scenario"
+        ) from error
+
+
+def _heading(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _refuse(problems: list[str]) -> None:
+    if not problems:
+        return
+    listed = problems[:_MOST_LISTED]
+    if len(problems) > _MOST_LISTED:
+        listed.append(f"and {len(problems) - _MOST_LISTED} more")
+    raise RecordError("; ".join(listed))
