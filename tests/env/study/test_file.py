@@ -1,6 +1,10 @@
 """The study file: durable, append-only, shared safely, and clear about trouble."""
 
+import os
+import signal
 import sqlite3
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -135,6 +139,46 @@ def test_a_full_disk_is_told_and_loses_nothing(tmp_path):
         file._connection.execute("PRAGMA max_page_count = 1073741823")
         file.append(Suggested(4, (0.95,), (0.95,)), (Finished(4), big))
     assert verify(path) == ()
+
+
+def limited(folder, code, *, bytes_):
+    """Run Python code in a process that may write files of `bytes_` only."""
+    resource = pytest.importorskip("resource", reason="only POSIX limits the size of files")
+
+    def before():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_, bytes_))
+
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False,
+        preexec_fn=before,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_DISABLE_JIT": "1"},
+    )  # fmt: skip
+
+
+def test_a_disk_that_takes_no_more_bytes_is_told(tmp_path):
+    path = tmp_path / "a.prefcal"
+    small_study(path).close()
+    code = (
+        "from support.interviews import clock\n"
+        "from support.studies import compared\n"
+        "from prefcal_env.errors import StudyError\n"
+        "from prefcal_env.study import StudyFile\n"
+        "file = StudyFile.open('a.prefcal', clock=clock())\n"
+        "try:\n"
+        "    for index in range(4, 500):\n"
+        "        compared(file, index)\n"
+        "        print('safe', index, flush=True)\n"
+        "except StudyError as error:\n"
+        "    print('told', error)\n"
+    )
+    done = limited(tmp_path, code, bytes_=120_000)
+    *safe, told = done.stdout.splitlines()
+    assert told.startswith("told cannot write to the study"), done.stdout + done.stderr
+    assert "Nothing was recorded" in told
+    assert verify(path) == ()
+    with reopen(path) as file:
+        assert file.state.history.answered >= 4 + len(safe)
 
 
 def test_a_folder_that_is_not_there_is_told(tmp_path):
