@@ -9,10 +9,10 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems.matrices import held
 
 from .linearized import Linearized
 from .lqr import LQR, output
-from .sampled import held
 
 
 class LQG:

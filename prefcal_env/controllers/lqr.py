@@ -10,10 +10,10 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.knobs.knob import is_number
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems.matrices import held
 
 from .linearized import Linearized, linearized
 from .measured import index_of, reference_of
-from .sampled import held
 
 
 class LQR:

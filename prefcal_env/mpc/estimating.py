@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
+from prefcal_env.plants.disturbed import Disturbed
 from prefcal_env.plants.plant import Plant
 
 from .controller import LinearMPC
-from .disturbed import Disturbed
 from .estimator import Estimate, ExtendedKalmanFilter
 from .kernels.hold import discretize
 from .settings import MPCSettings

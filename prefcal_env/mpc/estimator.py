@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
+from prefcal_env.plants.disturbed import Disturbed
 from prefcal_env.plants.jacobians import D, U, Y
 from prefcal_env.plants.plant import Plant
 
-from .disturbed import Disturbed
 from .kernels import filter as kernels
 
 _PIECES = 4

@@ -132,27 +132,8 @@ class LinearPlant:
         if found is None:
             if len(self._kept) >= _MOST_KEPT:
                 self._kept.clear()
-            found = self._kept[key] = self._power(int(key)) if dt else self._exponential(key)
+            found = self._kept[key] = np.hstack(self.system.held(key * dt if dt else key))
         return found
-
-    def _exponential(self, t: float) -> Float[np.ndarray, "n_x n"]:
-        from scipy.linalg import expm  # takes a while to import
-
-        return np.ascontiguousarray(expm(self._augmented * t)[: len(self.states)])
-
-    def _power(self, steps: int) -> Float[np.ndarray, "n_x n"]:
-        full = self._augmented + np.diag(
-            np.repeat([0.0, 1.0], [len(self.states), self.system.sizes[1]])
-        )
-        return np.linalg.matrix_power(full, steps)[: len(self.states)]
-
-    @cached_property
-    def _augmented(self) -> Float[np.ndarray, "n n"]:
-        """The rates of (x, u, d), of which u and d are held."""
-        n_x, n_u, _ = self.system.sizes
-        full = np.zeros((n_x + n_u, n_x + n_u))
-        full[:n_x, :n_x], full[:n_x, n_x:] = self.system.A, self.system.B
-        return full
 
     @cached_property
     def _owned(self) -> Float[np.ndarray, "n_x n_u"]:
@@ -166,16 +147,15 @@ class LinearPlant:
             return self.system.A, self.system.B
         from scipy.linalg import logm
 
-        n_x = len(self.states)
-        full = self._augmented.copy()
-        full[n_x:, n_x:] = np.eye(len(full) - n_x)
+        n_x, n_u, _ = self.system.sizes
         values = np.linalg.eigvals(self.system.A)
         if n_x and np.any((np.abs(values.imag) < 1e-12) & (values.real < 1e-12)):
             raise PlantError(
                 f"discrete plant {self.name!r} has a pole at 0 or on the negative axis, so it has "
                 "no ẋ = f(x, u): use a controller that needs no continuous model"
             )
-        rates = np.real(logm(full)) / self.system.dt
+        once = np.block([[self.system.A, self.system.B], [np.zeros((n_u, n_x)), np.eye(n_u)]])
+        rates = np.real(logm(once)) / self.system.dt
         return rates[:n_x, :n_x], rates[:n_x, n_x:]
 
     def _delays(self, what: str, value: Numbers, n: int) -> tuple[float, ...]:

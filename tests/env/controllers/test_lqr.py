@@ -5,9 +5,9 @@ import pytest
 
 from prefcal_env import LQG, LQR, Channel, FunctionPlant, Measurement, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data, from_data
-from prefcal_env.controllers.sampled import held
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems.matrices import held
 
 A = np.array([[0.0, 1.0], [0.5, -0.4]])  # unstable
 B, C = np.array([[0.0], [2.0]]), np.array([[1.0, 0.0]])

@@ -7,9 +7,9 @@ import pytest
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.mpc import Estimate, ExtendedKalmanFilter
-from prefcal_env.mpc.disturbed import Disturbed
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import CSTR, FEED
+from prefcal_env.plants.disturbed import Disturbed
 from support.linear_plant import random_plant
 
 T_S = 0.3

@@ -69,7 +69,7 @@ def test_the_linear_loop_of_the_sensitivity_is_the_one_that_is_simulated():
     theta, loop = scenario.references["robust"], scenario.run.kpis.sensitivity.__self__
     run = scenario.run(theta)
     M, drive, y, _ = loop._loop(loop.make(theta))
-    d = loop.make.design
+    d = loop.design
     x, n = np.zeros(len(M)), round(d.phase / d.T_s)
     outputs = []
     for _ in range(n):

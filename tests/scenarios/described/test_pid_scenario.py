@@ -183,8 +183,8 @@ def test_a_column_with_a_dead_time_for_each_entry_is_tuned():
     robust = scenario.run(scenario.references["robust"]).kpis
     assert np.isfinite(list(robust.values())).all()
     # The linear model of the KPI M_s is the plant that is simulated.
-    model = scenario.run.kpis.sensitivity.plant
-    T_s = model.T_s
+    model = scenario.run.kpis.sensitivity.__self__.plant
+    T_s = model.dt
     states, y = np.zeros(len(model.A)), []
     for _ in range(30):
         y.append(model.C @ states)
