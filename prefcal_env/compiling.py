@@ -145,9 +145,9 @@ def of_the_filter() -> Iterator[Kernel]:
 def _of_the_reactor() -> Iterator[Kernel]:
     from numba import boolean, float64, int64
 
-    # Importing the equations compiles them.
-    from prefcal_env.plants import _cstr_kernels, _dop853  # noqa: F401
+    from prefcal_env.plants import CSTR, _dop853
 
+    CSTR().equations  # noqa: B018  # asking for the equations compiles them
     arrays = (float64[::1],) * 5
     hold = (int64, *arrays, float64, boolean)
     yield Kernel("simulation", _dop853.integrate, hold)

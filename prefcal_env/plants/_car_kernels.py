@@ -1,4 +1,4 @@
-"""Compiled equations of the bicycle, and its exact hold.
+"""The exact hold of the bicycle, compiled.
 
 In numpy the hold takes five times as long, because most periods have a few instants only.
 """
@@ -9,30 +9,7 @@ import numpy as np
 
 from prefcal_env.jit import kernel
 
-from ._calls import equation
-
 _SMALLEST = np.finfo(float).eps
-
-
-@equation()
-def bicycle(x, u, d, p, out):  # type: ignore[no-untyped-def]
-    """Write ẋ of eq. nonlin_bicyclemodel; p is the length L."""
-    heading = x[2] + u[1]
-    out[0], out[1] = u[0] * math.cos(heading), u[0] * math.sin(heading)
-    out[2] = u[0] * math.sin(u[1]) / p[0]
-
-
-@equation()
-def bicycle_jacobians(x, u, d, p, out):  # type: ignore[no-untyped-def]
-    """Write A, B, C = 1 and D = 0."""
-    v, c, s = u[0], math.cos(x[2] + u[1]), math.sin(x[2] + u[1])
-    for i in range(30):
-        out[i] = 0.0
-    out[2], out[5] = -v * s, v * c
-    out[9], out[10] = c, -v * s
-    out[11], out[12] = s, v * c
-    out[13], out[14] = math.sin(u[1]) / p[0], v * math.cos(u[1]) / p[0]
-    out[15], out[19], out[23] = 1.0, 1.0, 1.0
 
 
 @kernel()

@@ -1,8 +1,8 @@
 """The kinematic bicycle of section IV-B, with an exact hold."""
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
-from math import cos, pi, sin
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
-from .equations import Equations, compiled
+from .equations import Equations, compiled, matrices, rates
 from .plant import Jacobians
 
 X = Float[np.ndarray, " 3"]
@@ -21,6 +21,25 @@ States = Float[np.ndarray, "K 3"]
 
 KMH = 1 / 3.6
 """One km/h in m/s."""
+
+
+def _f(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write ẋ of eq. nonlin_bicyclemodel, (m/s, m/s, rad/s); p is the length L."""
+    heading = x[2] + u[1]
+    out[0], out[1] = u[0] * math.cos(heading), u[0] * math.sin(heading)
+    out[2] = u[0] * math.sin(u[1]) / p[0]
+
+
+def _jacobians(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write A, B, C = 1 and D = 0, row by row."""
+    v, c, s = u[0], math.cos(x[2] + u[1]), math.sin(x[2] + u[1])
+    for i in range(30):
+        out[i] = 0.0
+    out[2], out[5] = -v * s, v * c
+    out[9], out[10] = c, -v * s
+    out[11], out[12] = s, v * c
+    out[13], out[14] = math.sin(u[1]) / p[0], v * math.cos(u[1]) / p[0]
+    out[15], out[19], out[23] = 1.0, 1.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +70,13 @@ class Bicycle:
     outputs = states
     inputs = (
         Channel("speed", "m/s", low=40 * KMH, high=70 * KMH, symbol="v"),
-        Channel("steering angle", "rad", low=-pi / 4, high=pi / 4, symbol="δ_s"),
+        Channel("steering angle", "rad", low=-math.pi / 4, high=math.pi / 4, symbol="δ_s"),
     )
     disturbances: tuple[Channel, ...] = ()
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return ẋ of eq. nonlin_bicyclemodel, (m/s, m/s, rad/s)."""
-        (_, _, yaw), (v, steering) = x.tolist(), u.tolist()
-        heading = yaw + steering
-        return np.array([v * cos(heading), v * sin(heading), v * sin(steering) / self.length])
+        return rates(_f, (self.length,), x, u, d)
 
     def g(self, x: X, u: U, d: D) -> X:
         """Return the outputs: all states."""
@@ -67,12 +84,7 @@ class Bicycle:
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the analytic derivatives of eq. nonlin_bicyclemodel."""
-        (_, _, yaw), (v, steering) = x.tolist(), u.tolist()
-        c, s = cos(yaw + steering), sin(yaw + steering)
-        A = np.array([[0.0, 0.0, -v * s], [0.0, 0.0, v * c], [0.0, 0.0, 0.0]])
-        turn, bend = sin(steering) / self.length, v * cos(steering) / self.length
-        B = np.array([[c, -v * s], [s, v * c], [turn, bend]])
-        return Jacobians(A, B, np.eye(3), np.zeros((3, 2)))
+        return matrices(_jacobians, (self.length,), x, u, d)
 
     @property
     def equations(self) -> Equations:
@@ -96,7 +108,4 @@ class Bicycle:
 
 @lru_cache(maxsize=64)
 def _equations(length: float) -> Equations:
-    from . import _car_kernels  # loads the compiler
-
-    jacobians = _car_kernels.bicycle_jacobians
-    return compiled(_car_kernels.bicycle, None, jacobians, np.array([length]))
+    return compiled(_f, None, _jacobians, np.array([length]))
