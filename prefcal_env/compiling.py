@@ -93,7 +93,6 @@ def _of_the_solver() -> Iterator[Kernel]:
     from prefcal_env.qp import _kernels
 
     matrix, vector = float64[:, ::1], float64[::1]
-    yield Kernel("check of the limits", _kernels.check_rows, (matrix, vector, vector))
     terms = (matrix, vector, matrix, vector, vector, vector, vector)
     yield Kernel("check of the solution", _kernels.residuals, terms)
 

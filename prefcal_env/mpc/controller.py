@@ -1,6 +1,7 @@
 """The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -130,7 +131,8 @@ class LinearMPC:
     ) -> Iterator[tuple[Float[np.ndarray, "N_u n_u n_v1"], QP]]:
         """Yield U and the QP in deviations, whose arrays are `first`, then those in inputs."""
         if how != step.NOT_TRUSTED:
-            yield first[0], self._cost.under(*first[1:])
+            G, lower, upper = first[1:]
+            yield first[0], replace(self._cost, G=G, lower=lower, upper=upper)
         trusted, U, *rows, T = step.in_inputs(*data, *self._problem)
         if trusted:
             P, q = self._cost.P.copy(), self._cost.q.copy()
