@@ -49,7 +49,6 @@ class FunctionPlant:
         u0: Input before the start, shape (n_u,) or one number; None for 0.
         max_step: Largest step of the integrator, in `time_unit`; None means that only the error
             counts. Set it if f is so different in a short range that a step could miss it.
-        compiled: Function that returns f as a C function, for a faster simulation.
 
     Raises:
         PlantError: If there is no state or no input, only one of `g` and `outputs` is given,
@@ -73,7 +72,6 @@ class FunctionPlant:
         x0: Numbers | None = None,
         u0: Numbers | None = None,
         max_step: float | None = None,
-        compiled: Callable[[], Equations] | None = None,
     ) -> None:
         if not states or not inputs:
             raise PlantError("a plant needs at least one state and one input")
@@ -91,7 +89,6 @@ class FunctionPlant:
         self.x0 = None if x0 is None else numbers("x0", x0, len(self.states))
         self.u0 = None if u0 is None else numbers("u0", u0, len(self.inputs))
         self._f, self._g = self._of_casadi(f), self._of_casadi(g)
-        self._compiled = compiled
         self._equations: Equations | None = None
         self._called_back: tuple[Equations, Callbacks] | None = None
 
@@ -116,9 +113,8 @@ class FunctionPlant:
         integrator. It is raised if the states are not finite in the end, except an ArithmeticError.
         """
         step = np.inf if self.max_step is None else self.max_step
-        equations = self.equations if self._compiled is None else self._compiled()
-        if equations is not None:
-            states = integrate(equations, x, u, d, times, step)
+        if self.equations is not None:
+            states = integrate(self.equations, x, u, d, times, step)
             if np.isnan(states[:1]).any():
                 self._rates()(x, u, d)  # raises if the number of values is wrong
             return states

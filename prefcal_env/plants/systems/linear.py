@@ -38,7 +38,7 @@ class LinearPlant:
 
     def __init__(
         self,
-        system: LinearSystem,
+        system: Any,
         *,
         states: Named | None = None,
         inputs: Named | None = None,
@@ -51,6 +51,7 @@ class LinearPlant:
         name: str = "plant",
         time_unit: str = "s",
     ) -> None:
+        system = system_of(system)
         n_all, n_y = system.sizes[1:]
         n_d = len(_listed(disturbances))
         if n_all <= n_d or n_y == 0:
@@ -169,11 +170,6 @@ class LinearPlant:
                 f"{self.time_unit}, got {found.tolist()}"
             )
         return tuple(found.tolist())
-
-
-def linear_plant(system: Any, **how: Any) -> LinearPlant:
-    """Return `system`, which `system_of` takes, as a plant; see `Plant.of`."""
-    return LinearPlant(system_of(system), **how)
 
 
 def local_system(plant: Any, x: X, u: U, d: D) -> LinearSystem:

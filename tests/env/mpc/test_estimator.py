@@ -140,11 +140,11 @@ def test_what_was_handed_in_is_not_changed():
     ("changes", "match"),
     [
         ({"T_s": 0.0}, "T_s must be positive"),
-        ({"Q": np.eye(2)}, r"Q must be finite, shape \(3, 3\)"),
+        ({"Q": np.eye(2)}, r"Q must be a finite square matrix, shape \(3, 3\)"),
         ({"Q": np.triu(np.ones((3, 3)))}, "Q must be symmetric"),
         ({"Q": -np.eye(3)}, "Q must be positive semidefinite"),
         ({"R": np.zeros((2, 2))}, "R must be positive definite"),
-        ({"R": np.full((2, 2), np.nan)}, "R must be finite"),
+        ({"R": np.full((2, 2), np.nan)}, "R must be a finite square matrix"),
     ],
 )
 def test_impossible_settings_are_refused(changes, match):
