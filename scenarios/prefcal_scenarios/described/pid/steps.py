@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.controllers.stored import as_data
-from prefcal_env.envs.experiment_env import ClosedLoop
+from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import Task
 from prefcal_env.errors import ScenarioError
