@@ -5,7 +5,26 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from .errors import SettingsError
+from .errors import PrefcalError, SettingsError
+
+
+def numbers(
+    value: Any, what: str, error: type[PrefcalError] = SettingsError
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return `value` as an array of floats. Raises `error` unless it holds plain real numbers.
+
+    Masked arrays have values that do not count, complex numbers have a part that would be dropped,
+    and dates, strings and booleans would silently become numbers.
+    """
+    try:
+        array = np.asarray(value)
+        plain = array.dtype.kind in "iuf" and not isinstance(value, np.ma.MaskedArray)
+    except (TypeError, ValueError, RuntimeError):
+        plain = False
+    if not plain:
+        raise error(f"{what} must be numbers, got {value!r:.120}")
+    return array.astype(float)
+
 
 Kind = Literal["any", "finite", "at least 0", "above 0"]
 
@@ -22,7 +41,7 @@ def vector(name: str, value: Any, n: int, kind: Kind = "any") -> Float[np.ndarra
     Raises:
         SettingsError: If there are more or fewer, or one is not allowed.
     """
-    array = _numbers(name, value)
+    array = numbers(value, name)
     if array.shape != (n,) or np.isnan(array).any():
         raise SettingsError(f"{name} must hold {n} numbers, shape ({n},), got {value!r:.80}")
     fine = np.isfinite(array) | (kind == "any")
@@ -48,7 +67,7 @@ def weights(
     Raises:
         SettingsError: If it is something else.
     """
-    array = _numbers(name, value)
+    array = numbers(value, name)
     Q = np.diag(array) if array.ndim == 1 and n is not None else array
     shape = (n, n) if n is not None else (len(np.atleast_1d(Q)),) * 2
     if Q.shape != shape or not np.isfinite(Q).all():
@@ -64,10 +83,3 @@ def weights(
             f"{name} must be positive {kind}, its smallest eigenvalue is {smallest:.3g}"
         )
     return np.ascontiguousarray(Q)
-
-
-def _numbers(name: str, value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise SettingsError(f"{name} must be numbers, got {value!r:.80}") from error

@@ -157,12 +157,12 @@ def _of_the_road() -> Iterator[Kernel]:
     from numba import float64
 
     from prefcal_env.envs.overtake.road import _kernels
-    from prefcal_env.plants import _car_kernels
+    from prefcal_env.plants.bicycle import compiled_hold
 
     yield from _of_the_solver()
     cube, matrix, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
     edges: Any = numba.types.UniTuple(float64, 2)  # type: ignore[no-untyped-call]
-    yield Kernel("car", _car_kernels.hold_bicycle, (*(float64,) * 6, vector))
+    yield Kernel("car", compiled_hold(), (*(float64,) * 6, vector))
     yield Kernel("edge of the road", _kernels.kept, (matrix, edges, float64))
     yield Kernel("contacts", _kernels.surely_apart, (matrix, cube, float64, float64))
     yield Kernel("separation", _kernels.separation, (matrix, matrix))

@@ -48,7 +48,9 @@ def from_data(data: Mapping[str, Any]) -> Controller:
     content = {k: v for k, v in data.items() if k != "controller"}
     try:
         if kind == "PID":
-            return PID(**{k: _INFINITE.get(k) if v is None else v for k, v in content.items()})
+            for name in _INFINITE.keys() & content.keys():
+                content[name] = _INFINITE[name] if content[name] is None else content[name]
+            return PID(**content)
         if kind == "Decentralized":
             pids = [from_data(each) for each in content["pids"]]
             return Decentralized([p for p in pids if isinstance(p, PID)])

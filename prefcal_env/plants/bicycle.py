@@ -2,7 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +11,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
-from .equations import Equations, compiled, matrices, rates
+from .equations import Equations, compiled, matrices_of, rates_of
 from .plant import Jacobians
 
 X = Float[np.ndarray, " 3"]
@@ -19,6 +20,7 @@ D = Float[np.ndarray, " 0"]
 Times = Float[np.ndarray, " K"]
 States = Float[np.ndarray, "K 3"]
 
+_SMALLEST = np.finfo(float).eps
 KMH = 1 / 3.6
 """One km/h in m/s."""
 
@@ -76,7 +78,7 @@ class Bicycle:
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return ẋ of eq. nonlin_bicyclemodel, (m/s, m/s, rad/s)."""
-        return rates(_f, (self.length,), x, u, d)
+        return rates_of(_f, (self.length,), x, u, d)
 
     def g(self, x: X, u: U, d: D) -> X:
         """Return the outputs: all states."""
@@ -84,7 +86,7 @@ class Bicycle:
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the analytic derivatives of eq. nonlin_bicyclemodel."""
-        return matrices(_jacobians, (self.length,), x, u, d)
+        return matrices_of(_jacobians, (self.length,), x, u, d)
 
     @property
     def equations(self) -> Equations:
@@ -96,14 +98,35 @@ class Bicycle:
 
         A chord of it has length v t sinc(ω t / 2) and points in the mean direction.
         """
-        from . import _car_kernels  # loads the compiler
-
-        (x_f, y_f, yaw), (v, steering) = x.tolist(), u.tolist()
-        # A copy: a read-only array is another type, for which the kernel would be compiled again.
-        at = np.array(times, dtype=float)
-        length = float(self.length)  # an integer is another type, too
-        states = _car_kernels.hold_bicycle(x_f, y_f, yaw, v, steering, length, at)
+        # Copies: a read-only array or an integer is another type, for which numba compiles again.
+        at, (x_f, y_f, yaw), (v, steering) = np.array(times, dtype=float), x.tolist(), u.tolist()
+        states = compiled_hold()(x_f, y_f, yaw, v, steering, float(self.length), at)
         return np.asarray(states)
+
+
+@cache
+def compiled_hold() -> Any:
+    """Return the compiled hold; for few instants numpy takes five times as long."""
+    from prefcal_env.jit import kernel  # loads the compiler
+
+    return kernel()(_hold)
+
+
+def _hold(x_f, y_f, yaw, v, steering, length, times):  # type: ignore[no-untyped-def]
+    """Return the states at `times` [s], shape (K, 3)."""
+    states = np.empty((len(times), 3))
+    rate = v * math.sin(steering) / length  # rad/s
+    for i in range(len(times)):
+        turned = rate * times[i]
+        half = math.pi * (turned / (2 * math.pi))  # rounded like the argument of numpy's sinc
+        if half == 0:
+            half = _SMALLEST
+        chord = v * times[i] * (math.sin(half) / half)
+        direction = yaw + steering + turned / 2
+        states[i, 0] = x_f + chord * math.cos(direction)
+        states[i, 1] = y_f + chord * math.sin(direction)
+        states[i, 2] = yaw + turned
+    return states
 
 
 @lru_cache(maxsize=64)

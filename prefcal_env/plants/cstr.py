@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
-from .equations import Equations, compiled, matrices, rates
+from .equations import Equations, compiled, matrices_of, rates_of
 from .integrate import integrate
 from .plant import Jacobians
 
@@ -100,7 +100,7 @@ class CSTR:
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return ẋ of eq. cstr_system_eqn, (K/h, kgmol/(m³ h))."""
-        return rates(_f, astuple(self.params), x, u, d)
+        return rates_of(_f, astuple(self.params), x, u, d)
 
     def g(self, x: X, u: U, d: D) -> X:
         """Return the outputs: both states."""
@@ -108,7 +108,7 @@ class CSTR:
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the analytic derivatives of eq. cstr_system_eqn."""
-        return matrices(_jacobians, astuple(self.params), x, u, d)
+        return matrices_of(_jacobians, astuple(self.params), x, u, d)
 
     def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times` [h]."""

@@ -75,8 +75,9 @@ def compiled(f: Any, g: Any, jacobians: Any, parameters: Float[np.ndarray, " _"]
         jacobians: Function that writes A, B, C and D, row by row.
         parameters: The parameters p.
     """
-    made = (e if hasattr(e, "address") or e is None else _native(e) for e in (f, g, jacobians))
-    return Equations(*(0 if e is None else e.address for e in made), parameters)
+    made = [e if hasattr(e, "address") or e is None else _native(e) for e in (f, g, jacobians)]
+    rates, outputs, matrices = (0 if e is None else e.address for e in made)
+    return Equations(rates, outputs, matrices, parameters)
 
 
 @cache  # forever: who holds an address does not hold the function
@@ -86,14 +87,16 @@ def _native(function: Callable[..., None]) -> Any:
     return equation()(function)
 
 
-def rates(f: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D) -> X:
+def rates_of(f: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D) -> X:
     """Return ẋ by an equation in plain Python that `compiled` takes."""
     out = np.empty(len(x))
     f(x.tolist(), u.tolist(), d.tolist(), p, out)
     return out
 
 
-def matrices(jacobians: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D) -> Jacobians:
+def matrices_of(
+    jacobians: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D
+) -> Jacobians:
     """Return A, B, C and D of a plant with y = x, likewise."""
     n, m = len(x), len(u)
     out = np.empty(2 * n * (n + m))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env import arrays
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
@@ -51,21 +52,21 @@ class LinearPlant:
         name: str = "plant",
         time_unit: str = "s",
     ) -> None:
-        system = system_of(system)
-        n_all, n_y = system.sizes[1:]
+        made = system_of(system)
+        n_all, n_y = made.sizes[1:]
         n_d = len(_listed(disturbances))
         if n_all <= n_d or n_y == 0:
             raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
         shared, entries = _shared(delay, n_y, n_all - n_d)
-        before = len(system.A)
-        system = system.separated() if entries.any() else system
-        n_x, names = len(system.A), system.inputs or None
-        self.system, self.name, self.time_unit = system, name, time_unit
-        self.has_named_states = states is not None or bool(system.states)
-        self.states = _channels("states", states, system.states or None, n_x, "x")
+        before = len(made.A)
+        made = made.separated() if entries.any() else made
+        n_x, names = len(made.A), made.inputs or None
+        self.system, self.name, self.time_unit = made, name, time_unit
+        self.has_named_states = states is not None or bool(made.states)
+        self.states = _channels("states", states, made.states or None, n_x, "x")
         split = (names[: n_all - n_d], names[n_all - n_d :]) if names else (None, None)
         self.inputs = _channels("inputs", inputs, split[0], n_all - n_d, "u")
-        self.outputs = _channels("outputs", outputs, system.outputs or None, n_y, "y")
+        self.outputs = _channels("outputs", outputs, made.outputs or None, n_y, "y")
         self.disturbances = _channels("disturbances", disturbances, split[1], n_d, "d")
         self.x0 = _start(0.0 if x0 is None else x0, before, n_x)
         self.u0 = numbers("u0", 0.0 if u0 is None else u0, n_all - n_d)
@@ -74,7 +75,7 @@ class LinearPlant:
         late = self._delays("delay", entries.ravel(), entries.size)
         self.entry_delay = tuple(map(tuple, np.reshape(late, entries.shape).tolist()))
         self._kept: dict[float, np.ndarray] = {}
-        self._direct = bool(system.D.any())
+        self._direct = bool(made.D.any())
 
     @property
     def sample_time(self) -> float:
@@ -255,10 +256,7 @@ def _start(x0: Numbers, before: int, n: int) -> X:
 
 def numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:
     """Return a number or `n` of them, shape (n,). Raises PlantError if they are anything else."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise PlantError(f"{what} must be numbers, got {value!r:.80}") from error
+    array = arrays.numbers(value, what, PlantError)
     if array.ndim == 0:
         array = np.full(n, float(array))
     if array.shape != (n,) or not np.isfinite(array).all():

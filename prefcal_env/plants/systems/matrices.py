@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from prefcal_env.arrays import numbers
 from prefcal_env.errors import PlantError
 
 _FORMS = (
@@ -303,12 +304,5 @@ def _labels(source: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, .
 
 
 def _matrix(name: str, value: Any) -> np.ndarray:
-    try:
-        array = np.array(value)
-        if array.dtype.kind == "c" and not array.imag.any():
-            array = array.real
-        if array.dtype.kind not in "iuf":
-            raise TypeError
-    except (TypeError, ValueError) as error:
-        raise PlantError(f"{name} must be real numbers, got {value!r:.80}") from error
-    return np.asarray(array, dtype=float)
+    real = isinstance(value, np.ndarray) and value.dtype.kind == "c" and not value.imag.any()
+    return numbers(value.real if real else value, name, PlantError)

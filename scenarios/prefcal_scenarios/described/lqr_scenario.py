@@ -72,7 +72,7 @@ def lqr_scenario(
     return scenario_of_steps(
         plant, found, loop.make, space, loop.sensitivity, name="lqr", brief=brief,
         title=title or f"LQR of {plant.name}",
-        references={"robust": theta_of(space, found.middle)},
+        references={"robust": theta_of(space, found.middle.tolist())},
     )  # fmt: skip
 
 

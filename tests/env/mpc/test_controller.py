@@ -152,7 +152,7 @@ def test_after_forgetting_it_linearizes_as_a_fresh_one():
         ({"N_p": "x"}, "N_p must be an integer"),
         ({"N_p": np.inf}, "N_p must be an integer"),
         ({"T_s": None}, "T_s must be positive"),
-        ({"Q_y": None}, "Q_y must be a finite square matrix"),
+        ({"Q_y": None}, "Q_y must be numbers"),
         ({"Q_y": [[1.0], [0.0, 1.0]]}, "Q_y must be numbers"),
         ({"tolerances": 1e-3}, "tolerances must be Tolerances"),
         ({"linearization": "tangent"}, "linearization must be one of"),

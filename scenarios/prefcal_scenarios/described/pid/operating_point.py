@@ -165,7 +165,7 @@ def _middles(channels: tuple[Channel, ...]) -> Float[np.ndarray, " n"]:
     low, high = _limits(channels)
     whole = np.isfinite(low) & np.isfinite(high)
     with np.errstate(invalid="ignore"):
-        return np.where(whole, (low + high) / 2, np.minimum(np.maximum(0.0, low), high))
+        return np.asarray(np.where(whole, (low + high) / 2, np.clip(0.0, low, high)))
 
 
 def _guesses(plant: Plant) -> Iterator[X]:
