@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 
 from prefcal_agents import minimize_by_preference
-from prefcal_env import Channel, Knob, KnobSpace, Move, PlantEnv, Task
+from prefcal_env import Channel, ClosedLoop, Knob, KnobSpace, Move, PlantEnv, Task
 from prefcal_env.plants import FunctionPlant
 
 # A DC motor that turns a load: angle, speed and current, driven by a voltage.
@@ -39,9 +39,8 @@ knobs = KnobSpace(
         Knob("K_d", 0.01, 10, "V s/rad", scale="log10"),
     ]
 )
-env = gym.make(
-    "prefcal_env:prefcal/Experiment-v0", space=knobs, env=PlantEnv(motor, turn), controller=PID
-)
+loop = ClosedLoop(PlantEnv(motor, turn), PID)
+env = gym.make("prefcal_env:prefcal/Experiment-v0", space=knobs, run=loop)
 
 
 runs = {}  # θ to its experiment: nothing runs twice

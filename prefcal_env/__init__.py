@@ -27,7 +27,7 @@ if _TYPE_CHECKING:
     from .envs import LTILoop as LTILoop
     from .envs import PlantEnv as PlantEnv
     from .envs import Task as Task
-    from .envs.experiment_env import ClosedLoop as ClosedLoop
+    from .envs.closed_loop import ClosedLoop as ClosedLoop
     from .envs.preference_reward import PreferenceReward as PreferenceReward
     from .envs.tuning_env import TuningEnv as TuningEnv
     from .errors import PrefcalError as PrefcalError
@@ -79,7 +79,7 @@ _HOMES = {
         "controllers.lqr": "LQR",
         "controllers.pid": "PID",
         "envs": "LTILoop PlantEnv Task",
-        "envs.experiment_env": "ClosedLoop",
+        "envs.closed_loop": "ClosedLoop",
         "envs.preference_reward": "PreferenceReward",
         "envs.tuning_env": "TuningEnv",
         "errors": "PrefcalError",
@@ -127,6 +127,6 @@ _register("prefcal/CSTR-v0", "prefcal_env.envs.cstr:cstr_env")
 _register("prefcal/Overtake-v0", "prefcal_env.envs.overtake.env:OvertakeEnv")
 _register(
     "prefcal/Experiment-v0",
-    "prefcal_env.envs.experiment_env:experiment_env",
-    vector_entry_point="prefcal_env.envs.experiment_env:experiment_vector",
+    "prefcal_env.envs.tuning_env:TuningEnv",
+    vector_entry_point="prefcal_env.envs.tuning_env:experiment_vector",
 )

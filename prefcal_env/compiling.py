@@ -41,7 +41,22 @@ class Kernel:
 
     title: str
     function: Any
-    types: tuple[Any, ...]
+    types: Any
+
+
+_TYPES = {
+    "equations": "Tuple((i8, i8, i8, vector, i8[::1], i8[::1]))",
+    "vector": "f8[::1]",
+    "matrix": "f8[:,::1]",
+    "cube": "f8[:,:,::1]",
+}
+"""Words for types in signatures; the others are those of numba."""
+
+
+def _kernel(title: str, function: Any, signature: str) -> Kernel:
+    for word, meaning in _TYPES.items():
+        signature = signature.replace(word, meaning)
+    return Kernel(title, function, f"({signature},)")
 
 
 def compile_missing(report: Callable[[Compiling], None]) -> None:
@@ -88,87 +103,61 @@ def kernels() -> Iterator[Kernel]:
 
 def _of_the_solver() -> Iterator[Kernel]:
     """Yield what PIQP needs; other controllers need them only if a step is not solved."""
-    from numba import float64
-
     from prefcal_env.qp import _kernels
 
-    matrix, vector = float64[:, ::1], float64[::1]
-    yield Kernel("check of the limits", _kernels.check_rows, (matrix, vector, vector))
-    terms = (matrix, vector, matrix, vector, vector, vector, vector)
-    yield Kernel("check of the solution", _kernels.residuals, terms)
+    arguments = "matrix, vector, matrix, vector, vector, vector, vector"
+    yield _kernel("check of the solution", _kernels.residuals, arguments)
 
 
 def _of_the_mpc() -> Iterator[Kernel]:
-    import numba
-    from numba import boolean, float64, int64
-
     from prefcal_env.mpc.kernels import hold, riccati, rows, step
     from prefcal_env.qp import _active_set
 
-    several: Any = numba.types.UniTuple
-    mixed: Any = numba.types.Tuple
-    cube, matrix, vector, chosen = float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1]
-    equations = mixed((int64, int64, int64, vector, chosen, chosen))
-    hard, soft = several(vector, 4), several(vector, 3)
-    yield Kernel("discrete model", hold.discretize, (matrix, matrix, vector, float64))
-    yield Kernel("triangular factors", riccati.triangularize, (matrix, int64, int64, int64))
-    yield Kernel("inputs", rows.inputs, (cube, vector, vector, hard))
-    nearest = (matrix, vector, vector, float64, float64, int64)
-    yield Kernel("active limits", _active_set.nearest, nearest)
+    yield _kernel("discrete model", hold.discretize, "matrix, matrix, vector, f8")
+    yield _kernel("triangular factors", riccati.triangularize, "matrix, i8, i8, i8")
+    yield _kernel("inputs", rows.inputs, "cube, vector, vector, UniTuple(vector, 4)")
+    yield _kernel("active limits", _active_set.nearest, "matrix, vector, vector, f8, f8, i8")
     # Not `in_inputs`, which is as large and hardly ever needed.
-    whole = (
-        equations, mixed((vector, vector, matrix, matrix)), mixed((cube, cube, matrix) * 2),
-        mixed((float64, int64, int64, int64)), several(matrix, 4), hard, soft,
-        mixed((boolean, float64, float64, int64)),
-    )  # fmt: skip
-    yield Kernel("control step", step.decide, whole)
+    yield _kernel(
+        "control step",
+        step.decide,
+        "equations, Tuple((vector, vector, matrix, matrix)), "
+        "Tuple((cube, cube, matrix, cube, cube, matrix)), Tuple((f8, i8, i8, i8)), "
+        "UniTuple(matrix, 4), UniTuple(vector, 4), UniTuple(vector, 3), Tuple((b1, f8, f8, i8))",
+    )
 
 
 def of_the_filter() -> Iterator[Kernel]:
     """Yield what an MPC with an estimator calls besides."""
-    import numba
-    from numba import float64, int64
-
     from prefcal_env.mpc.kernels import filter as _filter
 
-    mixed: Any = numba.types.Tuple
-    matrix, vector, chosen = float64[:, ::1], float64[::1], int64[::1]
-    equations = mixed((int64, int64, int64, vector, chosen, chosen))
-    point = (vector, vector, vector)
-    yield Kernel("linearized plant", _filter.linearize, (equations, *point, int64))
-    ahead = (equations, matrix, vector, vector, matrix, matrix, float64, int64)
-    yield Kernel("prediction of the estimator", _filter.carried, ahead)
-    update = (equations, *point, matrix, matrix, vector)
-    yield Kernel("correction of the estimator", _filter.updated, update)
+    point = "equations, vector, vector, vector"
+    yield _kernel("linearized plant", _filter.linearize, f"{point}, i8")
+    ahead = "equations, matrix, vector, vector, matrix, matrix, f8, i8"
+    yield _kernel("prediction of the estimator", _filter.carried, ahead)
+    update = f"{point}, matrix, matrix, vector"
+    yield _kernel("correction of the estimator", _filter.updated, update)
 
 
 def _of_the_reactor() -> Iterator[Kernel]:
-    from numba import boolean, float64, int64
+    from prefcal_env.plants import CSTR, _dop853
 
-    # Importing the equations compiles them.
-    from prefcal_env.plants import _cstr_kernels, _dop853  # noqa: F401
-
-    arrays = (float64[::1],) * 5
-    hold = (int64, *arrays, float64, boolean)
-    yield Kernel("simulation", _dop853.integrate, hold)
+    CSTR().equations  # noqa: B018  # asking for the equations compiles them
+    hold = "i8, vector, vector, vector, vector, vector, f8, b1"
+    yield _kernel("simulation", _dop853.integrate, hold)
 
 
 def _of_the_road() -> Iterator[Kernel]:
-    import numba
-    from numba import float64
-
     from prefcal_env.envs.overtake import _kernels
-    from prefcal_env.plants import _car_kernels
+    from prefcal_env.plants.bicycle import compiled_hold
 
     yield from _of_the_solver()
-    cube, matrix, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
-    edges: Any = numba.types.UniTuple(float64, 2)  # type: ignore[no-untyped-call]
-    yield Kernel("car", _car_kernels.hold_bicycle, (*(float64,) * 6, vector))
-    yield Kernel("edge of the road", _kernels.kept, (matrix, edges, float64))
-    yield Kernel("contacts", _kernels.surely_apart, (matrix, cube, float64, float64))
-    yield Kernel("separation", _kernels.separation, (matrix, matrix))
-    yield Kernel("distance", _kernels.distance, (matrix, matrix))
-    yield Kernel("distance off the road", _kernels.outside, (matrix, edges))
+    yield _kernel("car", compiled_hold(), "f8, f8, f8, f8, f8, f8, vector")
+    yield _kernel("edge of the road", _kernels.kept, "matrix, UniTuple(f8, 2), f8")
+    yield _kernel("contacts", _kernels.surely_apart, "matrix, cube, f8, f8")
+    yield _kernel("separation", _kernels.separation, "matrix, matrix")
+    yield _kernel("distance", _kernels.distance, "matrix, matrix")
+    yield _kernel("distance off the road", _kernels.outside, "matrix, UniTuple(f8, 2)")
 
 
 _KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {

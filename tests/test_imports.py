@@ -23,7 +23,7 @@ AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain")
 
 LAYERS = {
     "prefcal_env": (
-        {"errors", "jit", "wording"},
+        {"arrays", "errors", "jit", "wording"},
         {"knobs", "experiments", "qp", "plain", "described", "parquet"},
         {"preferences", "plants", "tables"},
         {"mpc", "envs", "rig", "live", "calibrators", "study", "fmu"},

@@ -82,7 +82,7 @@ def first_unlimited(mpc: LinearMPC, m: Measurement) -> Move:
     for U, qp in mpc._both(how, arrays, data):
         low, high = qp.lower.copy(), qp.upper.copy()
         low[:n_u], high[:n_u] = -np.inf, np.inf
-        solution = mpc._backend.solve(qp.under(qp.G, low, high))
+        solution = mpc._backend.solve(replace(qp, lower=low, upper=high))
         if solution.solved:
             v = solution.z[: U.shape[2] - 1]
             return Move(m.u + U[0] @ np.append(v, 1.0), solution.iterations)

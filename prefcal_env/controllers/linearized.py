@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import vector
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
 
@@ -73,9 +74,12 @@ def linearized(plant: Plant, x0: Any, u0: Any, d0: Any, T_s: float) -> Linearize
     Raises:
         SettingsError: If the plant does not rest there.
     """
-    x = _vector("x0", x0, [c.name for c in plant.states])
-    u = _vector("u0", u0, [c.name for c in plant.inputs])
-    d = _vector("d0", d0, [c.name for c in plant.disturbances])
+    x, u, d = (
+        vector(name, np.zeros(len(channels)) if value is None else value, len(channels), "finite")
+        for name, value, channels in (
+            ("x0", x0, plant.states), ("u0", u0, plant.inputs), ("d0", d0, plant.disturbances)
+        )
+    )  # fmt: skip
     rate = np.asarray(plant.f(x, u, d), dtype=float)
     if not np.abs(rate).max(initial=0.0) * T_s <= _RESTS * (1 + np.abs(x).max(initial=0.0)):
         raise SettingsError(
@@ -85,10 +89,3 @@ def linearized(plant: Plant, x0: Any, u0: Any, d0: Any, T_s: float) -> Linearize
     J = plant.jacobians(x, u, d)
     low, high = (np.array([getattr(c, k) for c in plant.inputs]) for k in ("low", "high"))
     return Linearized(J.A, J.B, J.C, J.D, x, u, np.asarray(plant.g(x, u, d)), low, high)
-
-
-def _vector(name: str, value: Any, names: list[str]) -> Float[np.ndarray, " n"]:
-    found = np.zeros(len(names)) if value is None else np.array(value, dtype=float)
-    if found.shape != (len(names),) or not np.isfinite(found).all():
-        raise SettingsError(f"{name} must hold one finite number for each of {names}, got {value}")
-    return found

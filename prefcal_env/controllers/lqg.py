@@ -1,18 +1,18 @@
 """A linear quadratic regulator that estimates the state from measured outputs."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import vector
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems.matrices import held
 
 from .linearized import Linearized
 from .lqr import LQR, output
-from .sampled import held
 
 
 class LQG:
@@ -38,8 +38,8 @@ class LQG:
         from prefcal_env.mpc.estimator import Estimate, ExtendedKalmanFilter
 
         self.lqr, m = lqr, lqr.model
-        self.noise = _deviations("noise", noise, len(m.y0), above=True)
-        self.process = _deviations("process", process, len(m.x0))
+        self.noise = vector("noise", noise, len(m.y0), "above 0")
+        self.process = vector("process", process, len(m.x0), "at least 0")
         Q, R = np.diag(self.process**2) * lqr.T_s, np.diag(self.noise**2)
         plant = Plant.of((m.A, m.B, m.C, m.D))  # deviations from the steady state
         self._filter = ExtendedKalmanFilter(plant, lqr.T_s, Q=Q, R=R)
@@ -82,16 +82,3 @@ def _lasting(m: Linearized, T_s: float, Q: np.ndarray, R: np.ndarray) -> Float[n
             "that does not decay by itself a process deviation above 0"
         ) from error
     return np.asarray((P + P.T) / 2)
-
-
-def _deviations(name: str, value: Any, n: int, *, above: bool = False) -> Float[np.ndarray, " n"]:
-    found = np.array(value, dtype=float)
-    if (
-        found.shape != (n,)
-        or not np.isfinite(found).all()
-        or np.any(found < 0)
-        or (above and np.any(found == 0))
-    ):
-        kind = "above" if above else "at least"
-        raise SettingsError(f"{name} must hold {n} finite numbers, {kind} 0, got {value}")
-    return found

@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import weights
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.knobs.knob import is_number
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems.matrices import held
 
 from .linearized import Linearized, linearized
 from .measured import index_of, reference_of
-from .sampled import held
 
 
 class LQR:
@@ -69,9 +70,9 @@ class LQR:
         self.model = m
         self._T_s = float(T_s)
         self.Q = weights("Q", Q, len(m.x0))
-        self.R = weights("R", R, len(m.u0), positive=True)
+        self.R = weights("R", R, len(m.u0), definite=True)
         self.integral = tuple(index_of(i, channels, "output") for i in integral)
-        self.Q_i = weights("Q_i", Q_i, len(self.integral), positive=True)
+        self.Q_i = weights("Q_i", Q_i, len(self.integral), definite=True)
         if any(i >= len(m.y0) for i in self.integral) or np.any(m.D[list(self.integral)]):
             raise SettingsError(
                 f"integral must name outputs that inputs reach through states only, got {integral}"
@@ -142,25 +143,6 @@ def output(m: Linearized, measurement: Measurement) -> Float[np.ndarray, " n_y"]
     if len(measurement.y):
         return np.asarray(measurement.y, dtype=float)
     return np.asarray(m.y0 + m.C @ (measurement.x - m.x0) + m.D @ (measurement.u - m.u0))
-
-
-def weights(name: str, value: Any, n: int, *, positive: bool = False) -> Float[np.ndarray, "n n"]:
-    """Return a symmetric matrix of weights, shape (n, n); a vector is its diagonal.
-
-    Raises:
-        SettingsError: If it has another shape, or is not positive (semi)definite.
-    """
-    matrix = np.array(value, dtype=float)
-    matrix = np.diag(matrix) if matrix.shape == (n,) else matrix
-    kind = f"{name} must hold {n} weights or be a symmetric matrix of shape ({n}, {n})"
-    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
-        raise SettingsError(f"{kind}, got {value}")
-    least = np.linalg.eigvalsh(matrix).min(initial=np.inf)
-    size = max(float(np.abs(matrix).max(initial=0.0)), 1e-300)
-    symmetric = np.abs(matrix - matrix.T).max(initial=0.0) <= 1e-12 * size
-    if not symmetric or least < -1e-12 * size or (positive and least <= 0):
-        raise SettingsError(f"{kind}, {'above' if positive else 'at least'} 0, got {value}")
-    return matrix
 
 
 def _unstable(integral: tuple[int, ...]) -> SettingsError:

@@ -26,12 +26,10 @@ class PID:
     - Anti-windup is back-calculation with the tracking time T_t. u_k is the input that acted, read
       from the next measurement, so limits of the actuator need not be known here.
     - The start is bumpless: the integral starts as if the loop had been at rest with the last input
-      and the first measured output. So the first move is K_p b (r - y). `transfer` suppresses
-      that, too, as for a switch from manual to automatic.
-    - `retune` changes parameters without a jump of the input.
+      and the first measured output. So the first move is K_p b (r - y).
 
     Source: Åström, Hägglund (2006), Advanced PID Control: filter, set-point weights,
-    back-calculation with T_t = √(T_i T_d), sampling and bumpless changes.
+    back-calculation with T_t = √(T_i T_d), and sampling.
     Deviation: T_t = T_i if T_d is below T_i / 25, since √(T_i T_d) would be close to 0.
 
     Args:
@@ -76,7 +74,13 @@ class PID:
             channel = plant.inputs[self.input]
             low, high = max(low, channel.low), min(high, channel.high)
         self._plant = plant
-        self._set(K_p=K_p, T_i=T_i, T_d=T_d, T_s=T_s, N=N, b=b, c=c, T_t=T_t, low=low, high=high)
+        given = {"K_p": K_p, "T_i": T_i, "T_d": T_d, "T_s": T_s, "N": N, "b": b, "c": c}
+        p = _checked(given | {"T_t": T_t, "low": low, "high": high})
+        self.parameters: dict[str, Any] = p
+        """Parameters by name, as given."""
+        self._law = PIDLaw.of(p["K_p"], p["T_i"], p["T_d"], N=p["N"], T_s=p["T_s"])
+        rule = np.sqrt(p["T_i"] * p["T_d"]) if 25 * p["T_d"] >= p["T_i"] else p["T_i"]
+        self._tracking = float(rule if p["T_t"] is None else p["T_t"])
         self._integral: float | None = None
         self._derivative, self._v = 0.0, 0.0
         self._r, self._y = 0.0, 0.0
@@ -105,38 +109,7 @@ class PID:
     @property
     def T_s(self) -> float:
         """Sampling time, in the plant's unit of time."""
-        return float(self._p["T_s"])
-
-    @property
-    def parameters(self) -> dict[str, float | None]:
-        """Parameters by name, as given."""
-        return dict(self._p)
-
-    def retune(self, **changes: float) -> None:
-        """Change parameters by name without a jump of the input.
-
-        Raises:
-            SettingsError: If a parameter does not exist or is not valid.
-        """
-        unknown = sorted(set(changes) - set(self._p))
-        if unknown:
-            raise SettingsError(f"PID: parameters are {list(self._p)}, got {unknown}")
-        before = self._proportional()
-        scale = float(self._p["K_p"])
-        self._set(**(self._p | changes))
-        if self._integral is not None:
-            self._integral += before - self._proportional()
-            # The derivative part is proportional to K_p; the integral takes up the difference.
-            derivative = self._derivative * self._p["K_p"] / scale if scale else 0.0
-            self._integral += self._derivative - derivative
-            self._derivative = derivative
-
-    def transfer(self, measurement: Measurement) -> None:
-        """Start so that the next move is the last input, whatever the error, as from manual."""
-        self._begin(measurement)
-        assert self._integral is not None
-        self._r = float(reference_of(measurement)[self.output])
-        self._integral = self._v - self._proportional()
+        return float(self.parameters["T_s"])
 
     def move(self, measurement: Measurement) -> Move:
         """Decide the input; a reference that is NaN leaves it as it is."""
@@ -144,63 +117,40 @@ class PID:
         if r != r:
             self._integral = None
             return Move(np.array(measurement.u, dtype=float))
-        if self._integral is None:
-            self._begin(measurement)
-        else:
-            self._integrate(float(measurement.u[self.input]))
         y = float(outputs_of(measurement, self._plant)[self.output])
-        p, before = self._p, _error(self._p["c"], self._r, self._y)
+        p, applied = self.parameters, float(measurement.u[self.input])
+        if self._integral is None:  # as if at rest: r = y, with the last input
+            self._r, self._y, self._derivative = y, y, 0.0
+            self._integral = applied - self._proportional()
+        elif np.isfinite(p["T_i"]):  # to this instant, with the input that acted since the last
+            self._integral += self._law.integral * (self._r - self._y)
+            self._integral += min(p["T_s"] / self._tracking, 1.0) * (applied - self._v)
+        before = p["c"] * self._r - self._y
         self._r, self._y = r, y
-        law, change = self._law, _error(p["c"], r, y) - before
-        self._derivative = float(law.pole * (self._derivative + law.rise * change))
-        assert self._integral is not None
+        change = (p["c"] * r - y) - before
+        self._derivative = float(self._law.pole * (self._derivative + self._law.rise * change))
         self._v = self._proportional() + self._integral + self._derivative
         u = np.array(measurement.u, dtype=float)
         u[self.input] = min(max(self._v, p["low"]), p["high"])
         return Move(u)
 
-    def _begin(self, m: Measurement) -> None:
-        """Take the loop to be at rest: r = y, with the last input."""
-        self._y = float(outputs_of(m, self._plant)[self.output])
-        self._r, self._derivative, self._v = self._y, 0.0, float(m.u[self.input])
-        self._integral = self._v - self._proportional()
-
-    def _integrate(self, applied: float) -> None:
-        """Move the integral to this sampling instant, with the input that acted since the last."""
-        p = self._p
-        if not np.isfinite(p["T_i"]) or self._integral is None:
-            return
-        self._integral += self._law.integral * (self._r - self._y)
-        self._integral += min(p["T_s"] / self._tracking, 1.0) * (applied - self._v)
-
     def _proportional(self) -> float:
-        return float(self._p["K_p"] * (self._p["b"] * self._r - self._y))
-
-    def _set(self, **parameters: Any) -> None:
-        """Check the parameters, and keep them."""
-        for name, value in parameters.items():
-            missing = name == "T_t" and value is None
-            if not missing and (not is_number(value) or value != value):
-                raise SettingsError(f"PID: {name} must be a number, got {value!r}")
-        for name in ("T_s", "T_i", "N", "T_t"):
-            value = parameters[name]
-            if value is not None and not value > 0:
-                raise SettingsError(f"PID: {name} must be above 0, got {value}")
-        for name in ("K_p", "T_d", "T_s", "N", "b", "c"):
-            if not np.isfinite(parameters[name]):
-                raise SettingsError(f"PID: {name} must be finite, got {parameters[name]}")
-        if parameters["T_d"] < 0:
-            raise SettingsError(f"PID: T_d must be 0 or more, got {parameters['T_d']}")
-        if not parameters["low"] < parameters["high"]:
-            limits = f"[{parameters['low']}, {parameters['high']}]"
-            raise SettingsError(f"PID: low must be below high, got {limits}")
-        self._p: dict[str, Any] = {k: v if v is None else float(v) for k, v in parameters.items()}
-        T_i, T_d = self._p["T_i"], self._p["T_d"]
-        self._law = PIDLaw.of(self._p["K_p"], T_i, T_d, N=self._p["N"], T_s=self._p["T_s"])
-        rule = np.sqrt(T_i * T_d) if 25 * T_d >= T_i else T_i
-        self._tracking = float(rule if self._p["T_t"] is None else self._p["T_t"])
+        p = self.parameters
+        return float(p["K_p"] * (p["b"] * self._r - self._y))
 
 
-def _error(weight: float, r: float, y: float) -> float:
-    """Return the weighted error, weight · r - y."""
-    return weight * r - y
+def _checked(p: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters as floats; T_t may be None."""
+    for name, value in p.items():
+        missing = name == "T_t" and value is None
+        if not missing and (not is_number(value) or value != value):
+            raise SettingsError(f"PID: {name} must be a number, got {value!r}")
+        if name in ("T_s", "T_i", "N", "T_t") and not missing and not value > 0:
+            raise SettingsError(f"PID: {name} must be above 0, got {value}")
+        if name in ("K_p", "T_d", "T_s", "N", "b", "c") and not np.isfinite(value):
+            raise SettingsError(f"PID: {name} must be finite, got {value}")
+    if p["T_d"] < 0:
+        raise SettingsError(f"PID: T_d must be 0 or more, got {p['T_d']}")
+    if not p["low"] < p["high"]:
+        raise SettingsError(f"PID: low must be below high, got [{p['low']}, {p['high']}]")
+    return {name: value if value is None else float(value) for name, value in p.items()}

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
-from .sampled import Sampled
+from prefcal_env.plants.systems import LinearSystem
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +76,9 @@ class LinearPIDs:
         K_p, T_i, T_d = np.array([(t.K_p, t.T_i, t.T_d) for t in tunings]).T[:, None]
         return cls(K_p, T_i, T_d, N)
 
-    def loops(self, plant: Sampled) -> Float[np.ndarray, "m n n"]:
+    def loops(self, plant: LinearSystem) -> Float[np.ndarray, "m n n"]:
         """Return the closed loops, x⁺ = M x; x holds the plant's states, then I, then s."""
-        law, p, n = self._law(plant.T_s), self.K_p.shape[1], len(plant.A)
+        law, p, n = self._law(plant.dt), self.K_p.shape[1], len(plant.A)
         direct, slope = law.of_output
         M = np.zeros((len(self.K_p), n + 2 * p, n + 2 * p))
         M[:, :n, :n] = plant.A + (plant.B * direct[:, None, :]) @ plant.C
@@ -89,48 +89,35 @@ class LinearPIDs:
         M[:, n + k, n + k], M[:, n + p + k, n + p + k] = 1.0, law.pole
         return M
 
-    def responses(
-        self, plant: Sampled, count: int
-    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Return the output after a unit step of reference (b = 1) and load, each (count,).
+    def drive(self, plant: LinearSystem) -> Float[np.ndarray, "n 2"]:
+        """Return what a unit step of reference (b = 1) and of load add to x of the first loop.
 
-        For the first set, of one PID.
+        For one PID.
         """
-        M, n = self.loops(plant)[0], len(plant.A)
-        law = self._law(plant.T_s)
+        law, n = self._law(plant.dt), len(plant.A)
         drive = np.zeros((n + 2, 2))
         drive[:n] = np.column_stack([plant.B[:, 0] * law.K_p[0, 0], plant.B[:, 0]])
         drive[n, 0] = law.integral[0, 0]
-        x, outputs = np.zeros((n + 2, 2)), np.zeros((count, 2))
-        for k in range(count):
-            outputs[k] = plant.C[0] @ x[:n]
-            x = M @ x + drive
-        return outputs[:, 0], outputs[:, 1]
+        return drive
 
-    def stable(self, plant: Sampled) -> np.ndarray:
+    def stable(self, plant: LinearSystem) -> np.ndarray:
         """Return whether all poles of each closed loop are within the unit circle, shape (m,)."""
         return np.asarray(np.abs(np.linalg.eigvals(self.loops(plant))).max(axis=1) < 1 - 1e-9)
 
-    def sensitivity(self, plant: Sampled, omega: Float[np.ndarray, " k"]) -> np.ndarray:
+    def sensitivity(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
         """Return max σ((1 + G C)^-1) over `omega`, infinite for unstable loops, shape (m,).
 
         Source: Skogestad, Postlethwaite, Multivariable Feedback Control.
         """
-        difference = self._difference(plant, omega)
+        z = np.exp(1j * omega * plant.dt)[:, None]
+        C = self._law(plant.dt, each=True).at(z)  # (m, k, p)
+        difference = np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[:, :, None, :]
         if difference.shape[-1] == 1:
             least = np.abs(difference[..., 0, 0]).min(axis=1)
         else:
             least = np.linalg.svd(difference, compute_uv=False)[..., -1].min(axis=1)
         with np.errstate(divide="ignore"):
             return np.where(self.stable(plant), 1 / least, np.inf)
-
-    def _difference(
-        self, plant: Sampled, omega: Float[np.ndarray, " k"]
-    ) -> Complex[np.ndarray, "m k p p"]:
-        """Return 1 + G C."""
-        z = np.exp(1j * omega * plant.T_s)[:, None]
-        C = self._law(plant.T_s, each=True).at(z)  # (m, k, p)
-        return np.asarray(np.eye(self.K_p.shape[1]) + plant.at(omega) * C[:, :, None, :])
 
     def _law(self, T_s: float, *, each: bool = False) -> PIDLaw:
         """Return the law of each PID, shape (m, p); with `each` for every frequency, (m, 1, p)."""

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.plants.systems import LinearSystem
+
 from .pid_law import LinearPIDs, PIDLaw, Tuning
-from .sampled import Sampled
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,9 @@ def simc(process: Process, *, derivative: bool = True) -> Tuning | None:
     return Tuning(K * factor, T_i * factor, T_d / factor)
 
 
-def ziegler_nichols(plant: Sampled, omega: Float[np.ndarray, " m"], sign: float) -> Tuning | None:
+def ziegler_nichols(
+    plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: float
+) -> Tuning | None:
     """Return the tuning by the ultimate gain K_u and period T_u; None if there is none.
 
     K_p = 0.6 K_u, T_i = T_u / 2, T_d = T_u / 8.
@@ -72,11 +75,11 @@ def ziegler_nichols(plant: Sampled, omega: Float[np.ndarray, " m"], sign: float)
     759-768.
 
     Args:
-        plant: Sampled plant of one input and one output, stable or integrating.
+        plant: LinearSystem plant of one input and one output, stable or integrating.
         omega: Increasing angular frequencies to search, shape (m,).
         sign: Sign of the controller's gain.
     """
-    G = sign * plant.at(omega)[:, 0, 0]
+    G = sign * plant.at(1j * omega)[:, 0, 0]
     crossing = np.flatnonzero((G.imag[:-1] < 0) & (G.imag[1:] >= 0) & (G.real[1:] < 0))
     if not len(crossing):
         return None
@@ -98,7 +101,7 @@ _DERIVATIVE_TIMES = (0.05, 0.15, 0.4, 1.0, 2.0)
 
 
 def robust(
-    plant: Sampled,
+    plant: LinearSystem,
     omega: Float[np.ndarray, " m"],
     crossover: Float[np.ndarray, " k"],
     *,
@@ -114,18 +117,18 @@ def robust(
     Deviation: on a grid, for the sampled loop, so any linear plant will do.
 
     Args:
-        plant: Sampled plant of one input and one output.
+        plant: LinearSystem plant of one input and one output.
         omega: Angular frequencies at which the sensitivity is evaluated, shape (m,).
         crossover: Crossover frequencies to try, shape (k,).
         largest: Largest |K_p|, by the input's range; ignored if nothing else is stable.
         N: Filter of the derivative, as in `PID`.
     """
-    T_s = plant.T_s
+    T_s = plant.dt
     shapes = [(i, d) for i in _INTEGRAL_TIMES for d in _DERIVATIVE_TIMES]
     w = np.repeat(crossover, len(shapes))
     T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
     unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)
-    size = np.abs(plant.at(w)[:, 0, 0] * unit.at(np.exp(1j * w * T_s)))
+    size = np.abs(plant.at(1j * w)[:, 0, 0] * unit.at(np.exp(1j * w * T_s)))
     w, T_i, T_d, size = (v[size > 0] for v in (w, T_i, T_d, size))
     K = np.concatenate([1 / size, -1 / size])  # either sign
     w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))

@@ -1,47 +1,18 @@
 """A linear plant as a digital controller sees it: sampled, with dead time and held inputs."""
 
-from dataclasses import dataclass
-
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
 from prefcal_env.plants.systems import LinearSystem
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sampled:
-    """A model x⁺ = A x + B u, y = C x, with u held for T_s; x holds delayed inputs, too."""
-
-    A: Float[np.ndarray, "n n"]
-    B: Float[np.ndarray, "n n_u"]
-    C: Float[np.ndarray, "n_y n"]
-    T_s: float
-
-    def at(self, omega: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n_y n_u"]:
-        """Return the frequency response at angular frequencies, shape (m,)."""
-        z = np.exp(1j * omega * self.T_s)
-        resolvent = z[:, None, None] * np.eye(len(self.A)) - self.A
-        return np.asarray(self.C @ np.linalg.solve(resolvent, np.broadcast_to(
-            self.B.astype(complex), (len(z), *self.B.shape))))  # fmt: skip
-
-
-def held(
-    A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n n_u"], T: float
-) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n_u"]]:
-    """Return A_d and B_d of ẋ = A x + B u over T with u held, by the matrix exponential."""
-    from scipy.linalg import expm  # takes a while to import
-
-    n, m = B.shape
-    E = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * T)
-    return E[:n, :n], E[:n, n:]
-
-
 def sampled(
     J: LinearSystem, T_s: float, delay: Float[np.ndarray, "n_y n_u"] | None = None
-) -> Sampled:
-    """Return the sampled model of a linear plant, exact also for fractions of T_s.
+) -> LinearSystem:
+    """Return x⁺ = A x + B u, y = C x of a linear plant, exact also for fractions of T_s.
 
-    With a direct feedthrough D, an output is measured before the next input acts.
+    u is held for T_s, and x holds delayed inputs, too. With a direct feedthrough D, an output is
+    measured before the next input acts.
 
     Source: Åström, Wittenmark (1997), Computer-Controlled Systems, section 2.3 (sampling a
     continuous-time state-space system), with dead time.
@@ -59,50 +30,32 @@ def sampled(
     # Each output has states of its own, which its dead times reach.
     each = [_sampled(J.part([i], range(J.D.shape[1])), T_s, row) for i, row in enumerate(delays)]
     A, C = (block_diag(*(getattr(s, name) for s in each)) for name in "AC")
-    return Sampled(A, np.vstack([s.B for s in each]), C, T_s)
+    return LinearSystem(A, np.vstack([s.B for s in each]), C, np.zeros(J.D.shape), T_s)
 
 
-def _sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, " n_u"]) -> Sampled:
-    """Return the sampled model with a dead time for each input."""
-    n, n_u = J.B.shape
-    A, B_now = _over(J, T_s)
-    C, B = J.C, np.zeros((n, n_u))
-    blocks: list[tuple[int, int, np.ndarray, np.ndarray]] = []  # input, samples, older, newer
-    for i in range(n_u):
-        samples, rest = divmod(float(delay[i]), T_s)
-        late = np.zeros(n)
-        if rest > 1e-9 * T_s:
-            Phi, Gamma = _over(J, T_s - rest)
-            late, now = Phi @ _over(J, rest)[1][:, i], Gamma[:, i]
-        else:
-            now = B_now[:, i]
-        blocks.append((i, int(samples), late, now))
-    lengths = [samples + 1 for _, samples, _, _ in blocks]  # inputs of the past, newest first
+def _sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, " n_u"]) -> LinearSystem:
+    """Return the sampled model with a dead time for each input: a number of samples and a rest."""
+    n, n_u, n_y = J.sizes
+    parts = [divmod(float(d), T_s) for d in delay]
+    lengths = [int(samples) + 1 for samples, _ in parts]  # inputs of the past, newest first
     size = n + sum(lengths)
-    A_all, B_all, C_all = np.zeros((size, size)), np.zeros((size, n_u)), np.zeros((len(C), size))
-    A_all[:n, :n], B_all[:n], C_all[:, :n] = A, B, C
+    A, B, C = np.zeros((size, size)), np.zeros((size, n_u)), np.zeros((n_y, size))
+    (A[:n, :n], acting), C[:, :n] = J.held(T_s), J.C
     start = n
-    for (i, samples, late, now), length in zip(blocks, lengths, strict=True):
-        A_all[:n, start + samples] += late  # u of samples + 1 steps ago
-        if samples:
-            A_all[:n, start + samples - 1] += now
+    for i, ((_, rest), length) in enumerate(zip(parts, lengths, strict=True)):
+        end, now = start + length, acting[:, i]
+        if rest > 1e-9 * T_s:
+            Phi, Gamma = J.held(T_s - rest)
+            A[:n, end - 1], now = Phi @ J.held(rest)[1][:, i], Gamma[:, i]
+        if length > 1:
+            A[:n, end - 2] = now
         else:
-            B_all[:n, i] += now
-        B_all[start, i] = 1.0
-        A_all[start + 1 : start + length, start : start + length - 1] = np.eye(length - 1)
-        C_all[:, start + samples] += J.D[:, i]
-        start += length
-    return Sampled(A_all, B_all, C_all, T_s)
-
-
-def _over(J: LinearSystem, T: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return A_d and B_d over T with u held; T is a multiple of the sample time if J has one."""
-    if not J.dt:
-        return held(J.A, J.B, T)
-    n, m = J.B.shape
-    once = np.block([[J.A, J.B], [np.zeros((m, n)), np.eye(m)]])
-    E = np.linalg.matrix_power(once, round(T / J.dt))
-    return E[:n, :n], E[:n, n:]
+            B[:n, i] = now
+        B[start, i] = 1.0
+        A[start + 1 : end, start : end - 1] = np.eye(length - 1)
+        C[:, end - 1] = J.D[:, i]
+        start = end
+    return LinearSystem(A, B, C, np.zeros((n_y, n_u)), T_s)
 
 
 def minimal(J: LinearSystem) -> LinearSystem:

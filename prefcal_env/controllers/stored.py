@@ -48,9 +48,8 @@ def from_data(data: Mapping[str, Any]) -> Controller:
     content = {k: v for k, v in data.items() if k != "controller"}
     try:
         if kind == "PID":
-            infinite = {"T_i": np.inf, "low": -np.inf, "high": np.inf}
-            for name in infinite.keys() & content.keys():
-                content[name] = infinite[name] if content[name] is None else content[name]
+            for name in _INFINITE.keys() & content.keys():
+                content[name] = _INFINITE[name] if content[name] is None else content[name]
             return PID(**content)
         if kind == "Decentralized":
             pids = [from_data(each) for each in content["pids"]]
@@ -66,6 +65,8 @@ def from_data(data: Mapping[str, Any]) -> Controller:
 
 KINDS = ("PID", "Decentralized", "LQR", "LQG")
 """Kinds of controllers that `from_data` makes."""
+_INFINITE = {"T_i": np.inf, "low": -np.inf, "high": np.inf}
+"""Numbers that may be infinite, which are None in the data."""
 
 
 def _finite(value: float | None) -> float | None:
@@ -83,8 +84,8 @@ def _of_lqr(lqr: LQR) -> dict[str, Any]:
 def _lqr(content: Mapping[str, Any]) -> LQR:
     model = dict(content["model"])
     n_x, n_u, n_y = (len(model[name]) for name in ("x0", "u0", "y0"))
-    for name, limit in (("low", -np.inf), ("high", np.inf)):
-        model[name] = [limit if value is None else value for value in model[name]]
+    for name in ("low", "high"):
+        model[name] = [_INFINITE[name] if value is None else value for value in model[name]]
     # Lists without rows have no columns.
     for name, shape in {"A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x)}.items():
         model[name] = np.reshape(model[name], shape)

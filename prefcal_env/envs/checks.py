@@ -7,25 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import PlantError, PrefcalError, SettingsError
-
-
-def numbers(
-    value: Any, what: str, error: type[PrefcalError] = PlantError
-) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return `value` as an array of floats. Raises `error` unless it holds plain real numbers.
-
-    Masked arrays have values that do not count, complex numbers have a part that would be dropped,
-    and dates, strings and booleans would silently become numbers.
-    """
-    try:
-        array = np.asarray(value)
-        plain = array.dtype.kind in "iuf" and not isinstance(value, np.ma.MaskedArray)
-    except (TypeError, ValueError, RuntimeError):
-        plain = False
-    if not plain:
-        raise error(f"{what} must be numbers, got {value!r:.120}")
-    return array.astype(float)
+from prefcal_env.arrays import numbers as numbers
+from prefcal_env.errors import PlantError, SettingsError
 
 
 def vector(value: Any, n: int, what: str, *, finite: bool = True) -> Float[np.ndarray, " n"]:
@@ -34,7 +17,7 @@ def vector(value: Any, n: int, what: str, *, finite: bool = True) -> Float[np.nd
     Raises PlantError if it is not numeric, has the wrong shape, or is NaN or (if `finite`)
     infinite.
     """
-    array = numbers(value, what)
+    array = numbers(value, what, PlantError)
     if array.shape != (n,):
         raise PlantError(f"{what} must have shape ({n},), got {array.shape}")
     values = array.tolist()  # a few numbers: faster than array operations

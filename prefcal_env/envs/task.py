@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from prefcal_env.errors import SettingsError
+from prefcal_env.knobs.knob import is_number
 
 from .checks import numbers
 
@@ -138,7 +139,7 @@ class Task:
             if not np.all(np.isfinite(array) | (np.isnan(array) & (name == "y_ref"))):
                 raise SettingsError(f"task: {name} must be finite, got {value!r}")
             object.__setattr__(self, name, array)
-        if not _is_number(self.horizon):
+        if not is_number(self.horizon):
             raise SettingsError(f"task: horizon must be a number, got {self.horizon!r}")
         self._derive()
         for name in ("horizon", "dense_step"):
@@ -171,7 +172,7 @@ class Task:
     def sampling_time(self, T_s: Any) -> float:
         """Return `T_s` as a number. Raises SettingsError if it is no number or out of range."""
         low, high = self.T_s_range
-        if not _is_number(T_s) or not (0 < low <= T_s <= high):
+        if not is_number(T_s) or not (0 < low <= T_s <= high):
             raise SettingsError(f"T_s must be a number in [{low}, {high}], above 0, got {T_s!r}")
         return float(T_s)
 
@@ -204,7 +205,3 @@ class Task:
 
 def _at(signal: Signal, t: float) -> Vector:
     return np.array(signal(t), dtype=float) if callable(signal) else signal
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

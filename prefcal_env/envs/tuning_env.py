@@ -26,7 +26,7 @@ class Run(Protocol):
 
 
 class TuningEnv(gym.Env[Array, Array]):
-    """An environment in which you choose θ and see the experiment. One step is one episode.
+    """`prefcal/Experiment-v0`: you choose θ and see the experiment. One step is one episode.
 
     - Action, float, shape (n,): θ in the unit cube scaled to [-1, 1]; action = 2 z - 1 with
       z = `space.encode(theta)`. Several actions give the same θ if a knob is an integer or frozen.
@@ -42,7 +42,8 @@ class TuningEnv(gym.Env[Array, Array]):
 
     Args:
         space: Space of the knobs.
-        run: Function that runs one experiment of a physical θ.
+        run: Function that runs one experiment of a physical θ, such as a `ClosedLoop` of your own
+            plant and controller.
         score: Function that rates an experiment; lower is better.
         panels: Curves to draw; None draws all states, inputs and outputs.
         title: Title of the pictures.
@@ -179,3 +180,8 @@ def same_step_vector(env_id: str, num_envs: int, **kwargs: Any) -> gym.vector.Sy
         [lambda: gym.make(env_id, **kwargs) for _ in range(num_envs)],
         autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
     )
+
+
+def experiment_vector(num_envs: int = 1, **kwargs: Any) -> gym.vector.SyncVectorEnv:
+    """Make several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""
+    return same_step_vector("prefcal/Experiment-v0", num_envs, **kwargs)

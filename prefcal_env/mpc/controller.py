@@ -1,11 +1,13 @@
 """The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import vector, weights
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.equations import equations_of
@@ -13,7 +15,6 @@ from prefcal_env.plants.plant import Plant
 from prefcal_env.qp import QP, make_backend
 
 from .kernels import model, rows, step
-from .limits import Limits
 from .settings import ACTIVE_SET, MPCSettings
 
 _SMALLEST_MOVE_WEIGHT = 1e-10
@@ -46,8 +47,8 @@ class LinearMPC:
     def __init__(self, plant: Plant, settings: MPCSettings) -> None:
         self.plant, self.settings = plant, settings
         n_u, n_y = len(plant.inputs), len(plant.outputs)
-        Q_u = _weight("Q_u", settings.Q_u, n_u)
-        Q_y, Q_du = _weight("Q_y", settings.Q_y, n_y), _weight("Q_du", settings.Q_du, n_u)
+        Q_u = weights("Q_u", np.zeros(n_u) if settings.Q_u is None else settings.Q_u, n_u)
+        Q_y, Q_du = weights("Q_y", settings.Q_y, n_y), weights("Q_du", settings.Q_du, n_u)
         floor = _SMALLEST_MOVE_WEIGHT * max(Q_y.max(), Q_u.max(), Q_du.max())
         if floor <= 0:
             raise SettingsError("Q_y, Q_u and Q_du must not all be zero: there is nothing to weigh")
@@ -58,22 +59,23 @@ class LinearMPC:
         self._plan: Float[np.ndarray, "N_u n_u"] | None = None
         self._shapes: tuple[Any, ...] = ()
 
-    def _prepare(self, *weights: Float[np.ndarray, "_ _"]) -> None:
+    def _prepare(self, *roots: Float[np.ndarray, "_ _"]) -> None:
         """Arrange what does not change from step to step for the compiled functions."""
         s, n_u = self.settings, self._sizes[1]
-        limits = Limits.of(self.plant, s)
+        hard, (y_min, y_max, give) = _limits(self.plant, s)
+        soft = bool(np.isfinite(y_min).any() or np.isfinite(y_max).any())
         self._equations = equations_of(self.plant)
         cube, matrix = np.zeros((0, 0, 0)), np.zeros((0, 0))
         self._at_point = cube, cube, matrix, cube, cube, matrix
-        horizons = float(s.T_s), s.N_p, s.N_u, s.N_p if limits.soft else 0
-        self._problem = horizons, weights, limits.hard, limits.give
+        horizons = float(s.T_s), s.N_p, s.N_u, s.N_p if soft else 0
+        self._problem = horizons, roots, hard, (y_min, y_max, give)
         self._solver = (
             s.backend == ACTIVE_SET, float(s.tolerances.absolute), float(s.tolerances.relative),
             s.tolerances.max_iterations,
         )  # fmt: skip
         # What the compiled method does not solve, PIQP may.
         self._backend = make_backend(s.tolerances)
-        n = s.N_u * n_u + (1 if limits.soft else 0)
+        n = s.N_u * n_u + (1 if soft else 0)
         self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
 
     @property
@@ -130,7 +132,8 @@ class LinearMPC:
     ) -> Iterator[tuple[Float[np.ndarray, "N_u n_u n_v1"], QP]]:
         """Yield U and the QP in deviations, whose arrays are `first`, then those in inputs."""
         if how != step.NOT_TRUSTED:
-            yield first[0], self._cost.under(*first[1:])
+            G, lower, upper = first[1:]
+            yield first[0], replace(self._cost, G=G, lower=lower, upper=upper)
         trusted, U, *rows, T = step.in_inputs(*data, *self._problem)
         if trusted:
             P, q = self._cost.P.copy(), self._cost.q.copy()
@@ -205,11 +208,38 @@ def _not_finite(m: Measurement) -> PlantError:
     return PlantError(f"measurement: {name} must be finite, got {array}")
 
 
-def _weight(name: str, Q: object, n: int) -> Float[np.ndarray, "n n"]:
-    matrix = np.zeros((n, n)) if Q is None else np.array(Q, dtype=float)
-    if matrix.shape != (n, n):
-        raise SettingsError(f"{name} must have shape ({n}, {n}), got {matrix.shape}")
-    return matrix
+def _limits(plant: Plant, s: MPCSettings) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Return the limits of inputs and moves, which are hard, and of outputs, which give way.
+
+    That is u_min, u_max, Δu_min and Δu_max; y_min, y_max and how far each output's limits give way
+    for the one slack of eq. MPC_constraints: softness / √Q_ε. Infinite for no limit; missing limits
+    of inputs are the plant's.
+    """
+
+    def limit(name: str, n: int, default: Any) -> Any:
+        given = getattr(s, name)
+        return vector(name, np.broadcast_to(default, n) if given is None else given, n)
+
+    n_u, n_y = len(plant.inputs), len(plant.outputs)
+    u_min, u_max = (
+        limit("u_min", n_u, [c.low for c in plant.inputs]),
+        limit("u_max", n_u, [c.high for c in plant.inputs]),
+    )
+    du_min, du_max = limit("du_min", n_u, -np.inf), limit("du_max", n_u, np.inf)
+    softness = limit("softness", n_y, 1.0)
+    if np.any(u_min > u_max):
+        raise SettingsError(
+            f"u_min must not be above u_max (the plant's where none is given), got {u_min}, {u_max}"
+        )
+    if np.any(du_min > 0) or np.any(du_max < 0):
+        raise SettingsError(
+            "du_min must not be above 0 and du_max not below 0 (an input may always be held), "
+            f"got {du_min}, {du_max}"
+        )
+    if np.any(softness < 0):
+        raise SettingsError(f"softness must be 0 or more, got {softness}")
+    soft = limit("y_min", n_y, -np.inf), limit("y_max", n_y, np.inf), softness / np.sqrt(s.Q_eps)
+    return (u_min, u_max, du_min, du_max), soft
 
 
 def _root(Q: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:

@@ -1,17 +1,17 @@
 """Offset-free MPC: a `LinearMPC` with an estimator of state and disturbances."""
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import vector
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
+from prefcal_env.plants.disturbed import Disturbed
 from prefcal_env.plants.plant import Plant
 
 from .controller import LinearMPC
-from .disturbed import Disturbed
 from .estimator import Estimate, ExtendedKalmanFilter
 from .kernels.hold import discretize
 from .settings import MPCSettings
@@ -51,13 +51,9 @@ class EstimatorSettings:
             if value is not None:
                 object.__setattr__(self, field.name, tuple(value))
         for name in ("noise", "process", "drift", "start"):
-            values = np.array(getattr(self, name) or (), dtype=float)
+            value = getattr(self, name) or ()
             above = name in ("noise", "drift")
-            if not np.isfinite(values).all() or np.any(values < 0) or (above and 0 in values):
-                raise SettingsError(
-                    f"estimator: {name} must be finite and {'above' if above else 'at least'} 0, "
-                    f"got {getattr(self, name)}"
-                )
+            vector(f"estimator: {name}", value, len(value), "above 0" if above else "at least 0")
 
 
 class DisturbanceEstimator:
@@ -90,9 +86,9 @@ class DisturbanceEstimator:
         n_x, n_y, n_o = len(plant.states), len(plant.outputs), len(self.model.offsets)
         if n_o > n_y:
             raise SettingsError(f"estimator: {n_o} disturbances are too many for {n_y} outputs")
-        process, drift = _vector("process", s.process, n_x), _vector("drift", s.drift, n_o)
-        noise = _vector("noise", s.noise, n_y)
-        start = process if s.start is None else _vector("start", s.start, n_x)
+        process, drift = vector("process", s.process, n_x), vector("drift", s.drift, n_o)
+        noise = vector("noise", s.noise, n_y)
+        start = process if s.start is None else vector("start", s.start, n_x)
         self._n_x = n_x
         self._filter = ExtendedKalmanFilter(
             self.model, T_s,
@@ -179,9 +175,3 @@ class EstimatingMPC:
     def move(self, measurement: Measurement) -> Move:
         """Estimate, then decide the next input. Raises as `DisturbanceEstimator.see`."""
         return self._mpc.move(self.estimator.see(measurement))
-
-
-def _vector(name: str, values: Any, n: int) -> Float[np.ndarray, " n"]:
-    if len(values) != n:
-        raise SettingsError(f"estimator: {name} must hold {n} numbers, got {values}")
-    return np.array(values, dtype=float)

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import weights
 from prefcal_env.errors import SettingsError
+from prefcal_env.plants.disturbed import Disturbed
 from prefcal_env.plants.jacobians import D, U, Y
 from prefcal_env.plants.plant import Plant
 
-from .disturbed import Disturbed
 from .kernels import filter as kernels
 
 _PIECES = 4
@@ -83,10 +84,8 @@ class ExtendedKalmanFilter:
         self.plant, self.T_s = plant, T_s
         model = self._model = plant if isinstance(plant, Disturbed) else Disturbed(plant)
         self._n_x, n_y = len(plant.states), len(plant.outputs)
-        self._Q = _covariance("Q", Q, self._n_x + len(model.offsets))
-        self._R = _covariance("R", R, n_y)
-        if np.linalg.eigvalsh(self._R)[0] <= 0:
-            raise SettingsError("R must be positive definite: every output has some noise")
+        self._Q = weights("Q", Q, self._n_x + len(model.offsets))
+        self._R = weights("R", R, n_y, definite=True)  # every output has some noise
         # Middle and end of each piece.
         self._instants = np.arange(1, 2 * _PIECES + 1) * (T_s / (2 * _PIECES))
 
@@ -131,15 +130,3 @@ class ExtendedKalmanFilter:
         mean = estimate.mean
         u = np.array(u, dtype=float, order="C")
         return mean[: self._n_x].copy(), u, np.concatenate([d, mean[self._n_x :]], dtype=float)
-
-
-def _covariance(name: str, value: object, n: int) -> Float[np.ndarray, "n n"]:
-    matrix = np.array(value, dtype=float, order="C")
-    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
-        raise SettingsError(f"{name} must be finite, shape ({n}, {n}), got {matrix.shape}")
-    scale = max(float(np.abs(matrix).max()), 1e-300)
-    if np.abs(matrix - matrix.T).max() > 1e-12 * scale:
-        raise SettingsError(f"{name} must be symmetric, got {matrix.tolist()}")
-    if np.linalg.eigvalsh(matrix)[0] < -1e-12 * scale:
-        raise SettingsError(f"{name} must be positive semidefinite, got {matrix.tolist()}")
-    return matrix

@@ -6,7 +6,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from prefcal_env.arrays import weights
 from prefcal_env.errors import SettingsError
+from prefcal_env.knobs.knob import is_number
 from prefcal_env.qp import Tolerances
 
 Linearization = Literal["point", "trajectory"]
@@ -79,16 +81,15 @@ class MPCSettings:
         for f in fields(self):
             object.__setattr__(self, f.name, _tuple(getattr(self, f.name)))
         for name in ("T_s", "Q_eps"):
-            if not (_is_number(getattr(self, name)) and 0 < getattr(self, name) < np.inf):
+            if not (is_number(getattr(self, name)) and 0 < getattr(self, name) < np.inf):
                 raise SettingsError(f"{name} must be positive, got {getattr(self, name)}")
         self._check_horizons()
         for name in ("Q_y", "Q_du", "Q_u"):
             if name != "Q_u" or self.Q_u is not None:
-                _check_weight(name, _array(name, getattr(self, name)))
+                weights(name, getattr(self, name))
         for what in ("u", "du", "y"):
             low, high = getattr(self, f"{what}_min"), getattr(self, f"{what}_max")
-            bounds = [_array(f"{what} limits", v) for v in (low, high) if v is not None]
-            if len(bounds) == 2 and not np.all(bounds[0] <= bounds[1]):
+            if None not in (low, high) and not np.all(np.asarray(low) <= np.asarray(high)):
                 raise SettingsError(f"{what}_min must not be above {what}_max, got {low}, {high}")
         if self.linearization not in get_args(Linearization):
             raise SettingsError(
@@ -109,34 +110,11 @@ class MPCSettings:
     def _check_horizons(self) -> None:
         for name in ("N_p", "N_u"):
             value = getattr(self, name)
-            if not (_is_number(value) and 1 <= value < np.inf and value == int(value)):
+            if not (is_number(value) and 1 <= value < np.inf and value == int(value)):
                 raise SettingsError(f"{name} must be an integer of 1 or more, got {value}")
             object.__setattr__(self, name, int(value))
         if self.N_u > self.N_p:
             raise SettingsError(f"N_u must not be above N_p = {self.N_p}, got {self.N_u}")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-
-
-def _array(name: str, value: Any) -> np.ndarray:
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise SettingsError(f"{name} must be numbers, got {value!r}") from error
-
-
-def _check_weight(name: str, Q: np.ndarray) -> None:
-    if Q.ndim != 2 or Q.shape[0] != Q.shape[1] or not np.all(np.isfinite(Q)):
-        raise SettingsError(f"{name} must be a finite square matrix, got shape {Q.shape}")
-    if np.any(np.abs(Q - Q.T) > 1e-12 * np.abs(Q)):
-        raise SettingsError(f"{name} must be symmetric, got {Q.tolist()}")
-    smallest = float(np.linalg.eigvalsh(Q)[0])
-    if smallest < -1e-12 * max(float(np.abs(Q).max()), 1e-300):
-        raise SettingsError(
-            f"{name} must be positive semidefinite, its smallest eigenvalue is {smallest:.3g}"
-        )
 
 
 def control_horizon(share: float, N_p: int) -> int:

@@ -1,8 +1,8 @@
 """The continuous stirred tank reactor of section IV-A."""
 
+import math
 from dataclasses import astuple, dataclass
-from functools import cached_property, lru_cache
-from math import exp
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
-from .equations import Equations, compiled
+from .equations import Equations, compiled, matrices_of, rates_of
 from .integrate import integrate
 from .plant import Jacobians
 
@@ -42,6 +42,25 @@ class CSTRParams:
                 raise PlantError(
                     f"CSTR parameter {name} must be positive and finite, got {getattr(self, name)}"
                 )
+
+
+def _f(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write ẋ of eq. cstr_system_eqn; p are the parameters, in the order of `CSTRParams`."""
+    r = p[1] * math.exp(-p[3] / (p[6] * x[0])) * x[1] if x[0] > 0 else 0.0  # eq. ratelaw
+    out[0] = p[0] * (d[0] - x[0]) + p[2] / p[4] * r - p[5] / p[4] * (x[0] - u[0])
+    out[1] = p[0] * (d[1] - x[1]) - r
+
+
+def _jacobians(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write A, B, C = 1 and D = 0, row by row."""
+    k = p[1] * math.exp(-p[3] / (p[6] * x[0])) if x[0] > 0 else 0.0
+    slope = k * x[1] * p[3] / (p[6] * x[0] ** 2)
+    heat, cooling = p[2] / p[4], p[5] / p[4]
+    out[0], out[1] = -p[0] + heat * slope - cooling, heat * k
+    out[2], out[3] = -slope, -p[0] - k
+    out[4], out[5] = cooling, 0.0
+    out[6], out[7], out[8], out[9] = 1.0, 0.0, 0.0, 1.0
+    out[10], out[11] = 0.0, 0.0
 
 
 @dataclass(frozen=True)
@@ -79,21 +98,9 @@ class CSTR:
         """Return the compiled equations."""
         return _equations(self.params)
 
-    @cached_property
-    def _constant_jacobians(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return B, C and D."""
-        cooling = self.params.US_V / self.params.rho_Cp
-        return np.array([[cooling], [0.0]]), np.eye(2), np.zeros((2, 1))
-
     def f(self, x: X, u: U, d: D) -> X:
         """Return ẋ of eq. cstr_system_eqn, (K/h, kgmol/(m³ h))."""
-        (T, C_A), (T_c,), (T_f, C_Af) = x.tolist(), u.tolist(), d.tolist()
-        p = self.params
-        r = self._rate(T) * C_A
-        return np.array([
-            p.F_V * (T_f - T) + p.H / p.rho_Cp * r - p.US_V / p.rho_Cp * (T - T_c),
-            p.F_V * (C_Af - C_A) - r,
-        ])  # fmt: skip
+        return rates_of(_f, astuple(self.params), x, u, d)
 
     def g(self, x: X, u: U, d: D) -> X:
         """Return the outputs: both states."""
@@ -101,21 +108,11 @@ class CSTR:
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the analytic derivatives of eq. cstr_system_eqn."""
-        T, C_A = x.tolist()
-        p = self.params
-        k = self._rate(T)
-        dr_dT = k * C_A * p.E / (p.R * T**2)
-        heat, cooling = p.H / p.rho_Cp, p.US_V / p.rho_Cp
-        A = np.array([[-p.F_V + heat * dr_dT - cooling, heat * k], [-dr_dT, -p.F_V - k]])
-        return Jacobians(A, *self._constant_jacobians)
+        return matrices_of(_jacobians, astuple(self.params), x, u, d)
 
     def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times` [h]."""
         return integrate(self.equations, x, u, d, times)
-
-    def _rate(self, T: float) -> float:
-        """Return the Arrhenius factor of eq. ratelaw, 1/h; 0 for impossible temperatures."""
-        return self.params.k_0 * exp(-self.params.E / (self.params.R * T)) if T > 0 else 0.0
 
     def steady_state_at_concentration(self, C_A: float, d: D = FEED) -> tuple[X, U]:
         """Return the only steady state (x, u) with concentration `C_A` [kgmol/m³], stable or not.
@@ -147,7 +144,8 @@ class CSTR:
         p, u = self.params, np.array([T_c])
 
         def concentration(T: float) -> float:
-            return float(p.F_V * d[1] / (p.F_V + self._rate(T)))
+            k = p.k_0 * math.exp(-p.E / (p.R * T)) if T > 0 else 0.0  # eq. ratelaw
+            return float(p.F_V * d[1] / (p.F_V + k))
 
         def imbalance(T: float) -> float:
             return float(self.f(np.array([T, concentration(T)]), u, d)[0])
@@ -165,6 +163,4 @@ class CSTR:
 
 @lru_cache(maxsize=64)  # not an attribute of the plant: addresses mean nothing in another process
 def _equations(params: CSTRParams) -> Equations:
-    from . import _cstr_kernels  # loads the compiler
-
-    return compiled(_cstr_kernels.f, None, _cstr_kernels.jacobians, np.array(astuple(params)))
+    return compiled(_f, None, _jacobians, np.array(astuple(params)))

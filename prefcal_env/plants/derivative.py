@@ -56,21 +56,16 @@ def _complex_step(
 def _differences(
     function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "m n"]:
+    def central(i: int, h: float) -> Float[np.ndarray, " m"]:
+        ends = [point.copy(), point.copy()]
+        ends[0][i] += h
+        ends[1][i] -= h
+        ahead, behind = (np.asarray(function(p), dtype=float) for p in ends)
+        # Divide by the distance of the rounded points, not of the intended ones.
+        return np.asarray((ahead - behind) / (ends[0][i] - ends[1][i]))
+
     columns = []
     for i in range(len(point)):
         h = _STEP * max(abs(point[i]), 1.0)
-        coarse, fine = (_central(function, point, i, step) for step in (h, h / 2))
-        columns.append((4 * fine - coarse) / 3)  # Richardson: the h² terms cancel
+        columns.append((4 * central(i, h / 2) - central(i, h)) / 3)  # the h² terms cancel
     return np.array(columns, dtype=float).T
-
-
-def _central(
-    function: Callable[[Vector], Any], point: Float[np.ndarray, " n"], i: int, h: float
-) -> Float[np.ndarray, " m"]:
-    ahead, behind = point.copy(), point.copy()
-    ahead[i] += h
-    behind[i] -= h
-    values = [np.asarray(function(p), dtype=float) for p in (ahead, behind)]
-    # Divide by the distance of the rounded points, not of the intended ones.
-    difference: Float[np.ndarray, " m"] = (values[0] - values[1]) / (ahead[i] - behind[i])
-    return difference

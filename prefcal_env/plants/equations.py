@@ -4,6 +4,7 @@ import ctypes
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from jaxtyping import Float, Int
 
 from prefcal_env.errors import PlantError
 
+from .jacobians import D, Jacobians, U, X
 from .plant import Plant
 
 _NONE = np.zeros(0, dtype=np.int64)
@@ -65,8 +67,42 @@ class Equations:
 
 
 def compiled(f: Any, g: Any, jacobians: Any, parameters: Float[np.ndarray, " _"]) -> Equations:
-    """Return equations made by `_calls.equation`; `g` may be None: y = x."""
-    return Equations(f.address, 0 if g is None else g.address, jacobians.address, parameters)
+    """Return equations `(x, u, d, p, out)`, made by `_calls.equation` or in plain Python.
+
+    Args:
+        f: Function that writes ẋ.
+        g: Function that writes y; None means y = x.
+        jacobians: Function that writes A, B, C and D, row by row.
+        parameters: The parameters p.
+    """
+    made = [e if hasattr(e, "address") or e is None else _native(e) for e in (f, g, jacobians)]
+    rates, outputs, matrices = (0 if e is None else e.address for e in made)
+    return Equations(rates, outputs, matrices, parameters)
+
+
+@cache  # forever: who holds an address does not hold the function
+def _native(function: Callable[..., None]) -> Any:
+    from ._calls import equation  # loads the compiler
+
+    return equation()(function)
+
+
+def rates_of(f: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D) -> X:
+    """Return ẋ by an equation in plain Python that `compiled` takes."""
+    out = np.empty(len(x))
+    f(x.tolist(), u.tolist(), d.tolist(), p, out)
+    return out
+
+
+def matrices_of(
+    jacobians: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D
+) -> Jacobians:
+    """Return A, B, C and D of a plant with y = x, likewise."""
+    n, m = len(x), len(u)
+    out = np.empty(2 * n * (n + m))
+    jacobians(x.tolist(), u.tolist(), d.tolist(), p, out)
+    A, B, C, D = np.split(out, np.cumsum([n * n, n * m, n * n]))
+    return Jacobians(*(part.reshape(n, -1) for part in (A, B, C, D)))
 
 
 class Callbacks:

@@ -11,7 +11,7 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
 from .derivative import derivative
-from .equations import Callbacks, Equations
+from .equations import Equations, equations_of
 from .integrate import integrate
 from .jacobians import D, Jacobians, States, Times, U, X, Y
 from .systems.casadi import CasadiEquation, is_function
@@ -49,7 +49,6 @@ class FunctionPlant:
         u0: Input before the start, shape (n_u,) or one number; None for 0.
         max_step: Largest step of the integrator, in `time_unit`; None means that only the error
             counts. Set it if f is so different in a short range that a step could miss it.
-        compiled: Function that returns f as a C function, for a faster simulation.
 
     Raises:
         PlantError: If there is no state or no input, only one of `g` and `outputs` is given,
@@ -73,7 +72,6 @@ class FunctionPlant:
         x0: Numbers | None = None,
         u0: Numbers | None = None,
         max_step: float | None = None,
-        compiled: Callable[[], Equations] | None = None,
     ) -> None:
         if not states or not inputs:
             raise PlantError("a plant needs at least one state and one input")
@@ -91,13 +89,17 @@ class FunctionPlant:
         self.x0 = None if x0 is None else numbers("x0", x0, len(self.states))
         self.u0 = None if u0 is None else numbers("u0", u0, len(self.inputs))
         self._f, self._g = self._of_casadi(f), self._of_casadi(g)
-        self._compiled = compiled
         self._equations: Equations | None = None
-        self._called_back: tuple[Equations, Callbacks] | None = None
+        self._called_back: Equations | None = None
 
     def f(self, x: X, u: U, d: D) -> X:
-        """Return the state derivative, per `time_unit`."""
-        return np.asarray(self._values("f", x, u, d), dtype=float)
+        """Return the state derivative, per `time_unit`; NaN where it overflows."""
+        try:
+            values = np.asarray(self._f(x, u, d), dtype=float)
+        except ArithmeticError:
+            return np.full(len(self.states), np.nan)
+        whole = values.shape == (len(self.states),)
+        return values if whole else np.asarray(self._values("f", x, u, d))  # raises
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the controlled outputs."""
@@ -116,33 +118,27 @@ class FunctionPlant:
         integrator. It is raised if the states are not finite in the end, except an ArithmeticError.
         """
         step = np.inf if self.max_step is None else self.max_step
-        equations = self.equations if self._compiled is None else self._compiled()
-        if equations is not None:
-            states = integrate(equations, x, u, d, times, step)
-            if np.isnan(states[:1]).any():
-                self._rates()(x, u, d)  # raises if the number of values is wrong
-            return states
-        if self._called_back is None:
-            sizes = len(self.states), len(self.inputs), len(self.disturbances)
-            callbacks = Callbacks(*sizes)
-            f = callbacks.address(self._rates(), sizes[0])
-            self._called_back = Equations(f, 0, 0, callbacks=callbacks), callbacks
-        called_back, callbacks = self._called_back
+        equations = self.equations or self._called_back
+        if equations is None:
+            equations = self._called_back = equations_of(self)
         with np.errstate(all="ignore"):
-            states = integrate(called_back, x, u, d, times, step)
-        callbacks.check(states)
+            states = integrate(equations, x, u, d, times, step)
+        if equations.callbacks is not None:
+            equations.callbacks.check(states)
+        elif np.isnan(states[:1]).any():
+            self.f(x, u, d)  # raises if the number of values is wrong
         return states
 
     @property
     def equations(self) -> Equations | None:
         """Return the compiled equations, or None if f or g is plain Python."""
         if self._equations is None and "numba" in sys.modules:  # else nobody has compiled f
-            from ._compiled import all_compiled, equations_of
+            from . import _compiled
 
-            if all_compiled(self._f, self._g):
+            if _compiled.all_compiled(self._f, self._g):
                 n_x, n_u = len(self.states), len(self.inputs)
                 sizes = n_x, n_u, len(self.disturbances), len(self.outputs)
-                self._equations = equations_of(self._f, self._g, sizes)
+                self._equations = _compiled.equations_of(self._f, self._g, sizes)
         return self._equations
 
     def __getstate__(self) -> dict[str, Any]:
@@ -164,19 +160,6 @@ class FunctionPlant:
         return CasadiEquation(
             equation, (len(self.states), len(self.inputs), len(self.disturbances))
         )
-
-    def _rates(self) -> Equation:
-        """Return f with NaN where it overflows; it checks and calls no more than it must."""
-        f, shape = self._f, (len(self.states),)
-
-        def rates(x: Any, u: Any, d: Any) -> Any:
-            try:
-                values = np.asarray(f(x, u, d))
-            except ArithmeticError:
-                return np.nan
-            return values if values.shape == shape else self._values("f", x, u, d)  # raises
-
-        return rates
 
     def _values(self, name: str, x: Any, u: Any, d: Any) -> Any:
         """Return the result of f or g as a float or complex array of the right shape."""

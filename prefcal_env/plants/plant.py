@@ -65,9 +65,9 @@ class _PlantType(_ProtocolType):
         Raises:
             PlantError: If `system` is no such system or is improper, or an argument does not fit.
         """
-        from prefcal_env.plants.systems.linear import linear_plant
+        from prefcal_env.plants.systems.linear import LinearPlant
 
-        return linear_plant(
+        return LinearPlant(
             system, states=states, inputs=inputs, outputs=outputs, disturbances=disturbances,
             delay=delay, output_delay=output_delay, x0=x0, u0=u0, name=name, time_unit=time_unit,
         )  # fmt: skip

@@ -4,7 +4,6 @@ from .problem import QP as QP
 from .problem import Backend as Backend
 from .problem import Box as Box
 from .problem import Solution as Solution
-from .problem import Status as Status
 from .problem import Tolerances as Tolerances
 
 

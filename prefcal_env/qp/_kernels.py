@@ -1,6 +1,6 @@
-"""Compiled checks before and after a solve; in numpy they cost as much as the solve itself.
+"""The compiled check after a solve; in numpy it costs as much as the solve itself.
 
-They loop over numbers only: whole-array expressions take several times as long to compile.
+It loops over numbers only: whole-array expressions take several times as long to compile.
 """
 
 import numpy as np
@@ -62,16 +62,3 @@ def residuals(P, q, G, lower, upper, z, y):  # type: ignore[no-untyped-def]
         abs(curvature + slope + push),
         1.0 + abs(curvature) + abs(slope) + abs(push),
     )
-
-
-@kernel()
-def check_rows(G, lower, upper):  # type: ignore[no-untyped-def]
-    """Return (G is finite, first row with crossed or NaN bounds or -1, any row is unbounded)."""
-    finite, crossed, free = True, -1, False
-    for i in range(G.shape[0]):
-        for j in range(G.shape[1]):
-            finite = finite and np.isfinite(G[i, j])
-        if not lower[i] <= upper[i] and crossed < 0:
-            crossed = i
-        free = free or (lower[i] == -np.inf and upper[i] == np.inf)
-    return finite, crossed, free

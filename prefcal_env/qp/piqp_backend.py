@@ -1,14 +1,13 @@
 """PIQP, a proximal interior-point solver: the agents' backend, and the only import of piqp.
 
-PIQP reports few errors: wrong shapes and rows without a bound only print a message, NaN and an
-indefinite P pass unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is a
-view into memory that the next solve overwrites. Therefore `QP` refuses malformed problems, this
-adapter always sets up before it solves, and `verified` copies and checks the result.
+PIQP reports few errors: rows without a bound only print a message, NaN and an indefinite P pass
+unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is a view into memory
+that the next solve overwrites. Therefore this adapter always sets up before it solves, and
+`Solution.checked` copies and checks the result.
 """
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any
 
 import numpy as np
 import piqp
@@ -16,13 +15,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import QPError
 
-from .problem import QP, Box, Solution, Status, Tolerances, failed, verified
-
-_STATUS = {
-    piqp.PIQP_MAX_ITER_REACHED: Status.ITERATION_LIMIT,
-    piqp.PIQP_PRIMAL_INFEASIBLE: Status.INFEASIBLE,
-    piqp.PIQP_DUAL_INFEASIBLE: Status.UNBOUNDED,
-}
+from .problem import QP, Box, Solution, Tolerances
 
 
 class PIQPBackend:
@@ -37,13 +30,14 @@ class PIQPBackend:
         settings.max_iter = self._tolerances.max_iterations
 
     def solve(self, qp: QP) -> Solution:
-        """Solve a QP once; see `Backend`."""
+        """Solve a QP once; see `Backend`. One that is not finite is not solved."""
+        whole = np.isfinite(qp.G).all() and np.isfinite(qp.P).all() and np.isfinite(qp.q).all()
+        if not whole or np.isnan(qp.lower).any() or np.isnan(qp.upper).any():
+            return Solution.none(qp, 0)
         P = np.asfortranarray(qp.P.T)  # symmetric, so this makes no copy
         solver, m, n = self._solver, len(qp.lower), len(qp.q)
         box = m == n and n > 1 and np.array_equal(qp.G, np.eye(n))
-        bounded: Any = slice(None)
-        if qp.has_free_rows:  # PIQP prints a message about them
-            bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
+        bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)  # PIQP prints about others
         lower, upper = qp.lower[bounded], qp.upper[bounded]
         if not len(lower):
             solver.setup(P, qp.q)
@@ -52,14 +46,14 @@ class PIQPBackend:
         else:
             box = False
             solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G[bounded]), lower, upper)
-        status = solver.solve()
+        solved = solver.solve() == piqp.PIQP_SOLVED
         result = solver.result
         iterations = int(result.info.iter)
-        if status != piqp.PIQP_SOLVED:
-            return failed(qp, _STATUS.get(status, Status.FAILED), iterations)
+        if not solved:
+            return Solution.none(qp, iterations)
         multipliers = np.zeros(m)
         multipliers[bounded] = result.z_bu - result.z_bl if box else result.z_u - result.z_l
-        return verified(qp, result.x, multipliers, iterations)
+        return Solution.checked(qp, result.x, multipliers, iterations)
 
     def solve_boxes(self, boxes: Sequence[Box]) -> list[Float[np.ndarray, " n"] | None]:
         """Solve over boxes; see `Backend`."""

@@ -1,27 +1,13 @@
-"""A dense quadratic program, its solution, and the protocol of a solver."""
+"""Dense quadratic programs, their solutions, and the protocol of a solver."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from enum import Enum
-from functools import cache
-from math import isfinite
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import QPError, SettingsError
-
-
-class Status(Enum):
-    """How a solve ended. Only SOLVED means that the residuals passed the check."""
-
-    SOLVED = "solved"
-    INACCURATE = "residuals above tolerance"
-    INFEASIBLE = "no feasible point"
-    UNBOUNDED = "unbounded below"
-    ITERATION_LIMIT = "iteration limit"
-    FAILED = "numerical failure"
+from prefcal_env.errors import SettingsError
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +39,7 @@ class Tolerances:
 class QP:
     """The problem min ½ zᵀP z + qᵀz subject to lower <= G z <= upper.
 
-    Equal bounds define an equality.
+    Equal bounds define an equality. Nothing is checked: who makes it knows that it is convex.
 
     Args:
         P: Symmetric positive semidefinite matrix of the cost, shape (n, n).
@@ -61,10 +47,6 @@ class QP:
         G: Matrix of the rows, shape (m, n).
         lower: Lower bounds, shape (m,), -inf for no bound.
         upper: Upper bounds, shape (m,), inf for no bound.
-
-    Raises:
-        QPError: If a shape is wrong, data is NaN or infinite, bounds are crossed, or P is not
-            symmetric positive semidefinite.
     """
 
     P: Float[np.ndarray, "n n"]
@@ -72,74 +54,6 @@ class QP:
     G: Float[np.ndarray, "m n"]
     lower: Float[np.ndarray, " m"]
     upper: Float[np.ndarray, " m"]
-    has_free_rows: bool = field(init=False, default=False, compare=False)
-
-    def __post_init__(self) -> None:
-        n = len(self.q)
-        if n == 0 or self.P.shape != (n, n) or self.q.shape != (n,):
-            raise QPError(
-                "the cost of a QP needs P (n, n) and q (n,) with n of 1 or more, "
-                f"got {self.P.shape}, {self.q.shape}"
-            )
-        if not isfinite(self.P.sum() + self.q.sum()):
-            raise QPError("P and q of a QP must be finite")
-        _check_convex(self.P)
-        self._check_rows()
-
-    def under(
-        self,
-        G: Float[np.ndarray, "m2 n"],
-        lower: Float[np.ndarray, " m2"],
-        upper: Float[np.ndarray, " m2"],
-    ) -> "QP":
-        """Return the same cost with other rows; the cost is not checked again."""
-        qp = object.__new__(QP)
-        put = object.__setattr__
-        put(qp, "P", self.P), put(qp, "q", self.q)
-        put(qp, "G", G), put(qp, "lower", lower), put(qp, "upper", upper)
-        qp._check_rows()
-        return qp
-
-    def _check_rows(self) -> None:
-        m = len(self.lower)
-        if self.G.shape != (m, len(self.q)) or self.lower.shape != self.upper.shape:
-            raise QPError(
-                f"the rows of a QP need G (m, {len(self.q)}), lower (m,) and upper (m,), got "
-                f"{self.G.shape}, {self.lower.shape}, {self.upper.shape}"
-            )
-        if not m:
-            object.__setattr__(self, "has_free_rows", False)
-            return
-        finite, crossed, free = _kernels().check_rows(self.G, self.lower, self.upper)
-        if not finite:
-            raise QPError("G of a QP must be finite")
-        if crossed >= 0:
-            raise QPError(
-                f"lower must not be above upper: row {crossed} has "
-                f"[{self.lower[crossed]}, {self.upper[crossed]}]"
-            )
-        object.__setattr__(self, "has_free_rows", free)
-
-
-@cache
-def _kernels() -> Any:
-    from . import _kernels  # imported here: load the compiler only when needed
-
-    return _kernels
-
-
-def _check_convex(P: Float[np.ndarray, "n n"]) -> None:
-    scale = max(float(np.abs(P).max()), 1e-300)
-    if np.abs(P - P.T).max() > 1e-10 * scale:
-        raise QPError("P of a QP must be symmetric")
-    try:
-        # Semidefinite up to rounding: the shift accepts an eigenvalue of zero.
-        np.linalg.cholesky(P + 1e-10 * scale * np.eye(len(P)))
-    except np.linalg.LinAlgError as error:
-        smallest = float(np.linalg.eigvalsh(P)[0])
-        raise QPError(
-            f"P of a QP must be positive semidefinite, its smallest eigenvalue is {smallest:.3g}"
-        ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,25 +61,43 @@ class Solution:
     """The result of a solve.
 
     Args:
-        z: Minimizer, shape (n,); meaningful only if `status` is SOLVED.
+        z: Minimizer, shape (n,); meaningful only if `solved`.
         multipliers: Multipliers of the rows of G, shape (m,), positive at the upper bound.
-        status: How the solve ended, after the check of the residuals.
         iterations: Number of solver iterations.
-        primal_residual: Largest violation of a row.
-        dual_residual: Largest entry of P z + q + Gᵀ multipliers.
+        solved: Whether the solver found it, and its residuals passed the check.
     """
 
     z: Float[np.ndarray, " n"]
     multipliers: Float[np.ndarray, " m"]
-    status: Status
     iterations: int
-    primal_residual: float
-    dual_residual: float
+    solved: bool
 
-    @property
-    def solved(self) -> bool:
-        """Whether `z` may be used."""
-        return self.status is Status.SOLVED
+    @classmethod
+    def checked(
+        cls,
+        qp: QP,
+        z: Float[np.ndarray, " n"],
+        multipliers: Float[np.ndarray, " m"],
+        iterations: int,
+    ) -> "Solution":
+        """Return a solution that is "solved" only if the optimality conditions hold to 1e-6.
+
+        The conditions are feasibility, stationarity and the duality gap, each relative to the size
+        of its terms. `z` and `multipliers` are copied.
+        """
+        from ._kernels import TOLERANCE, residuals  # imported here: they load the compiler
+
+        z, y = z.copy(), multipliers.copy()
+        primal, reach, dual, force, gap, value = residuals(
+            qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y
+        )
+        good = primal <= TOLERANCE * reach and dual <= TOLERANCE * force
+        return cls(z, y, iterations, bool(good and gap <= TOLERANCE * value))
+
+    @classmethod
+    def none(cls, qp: QP, iterations: int) -> "Solution":
+        """Return that there is none."""
+        return cls(np.full(len(qp.q), np.nan), np.full(len(qp.lower), np.nan), iterations, False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +116,7 @@ class Box:
 
 
 class Backend(Protocol):
-    """A QP solver. It never raises for an unsolvable QP: read `Solution.status`."""
+    """A QP solver. It never raises for an unsolvable QP: read `Solution.solved`."""
 
     def solve(self, qp: QP) -> Solution:
         """Solve once, check the residuals, and return copies that later solves do not change."""
@@ -198,31 +130,3 @@ class Backend(Protocol):
         Raises:
             QPError: If data is NaN or infinite.
         """
-
-
-def verified(
-    qp: QP,
-    z: Float[np.ndarray, " n"],
-    multipliers: Float[np.ndarray, " m"],
-    iterations: int,
-) -> Solution:
-    """Return a solution that is "solved" only if the optimality conditions hold to 1e-6.
-
-    The conditions are feasibility, stationarity and the duality gap, each relative to the size of
-    its terms. `z` and `multipliers` are copied.
-    """
-    z, y = z.copy(), multipliers.copy()
-    primal, reach, dual, force, gap, value = _kernels().residuals(
-        qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y
-    )
-    tolerance = _kernels().TOLERANCE
-    good = primal <= tolerance * reach and dual <= tolerance * force and gap <= tolerance * value
-    return Solution(z, y, Status.SOLVED if good else Status.INACCURATE, iterations, primal, dual)
-
-
-def failed(qp: QP, status: Status, iterations: int) -> Solution:
-    """Return a solution that only says how the solve failed."""
-    nan = float("nan")
-    return Solution(
-        np.full(len(qp.q), nan), np.full(len(qp.lower), nan), status, iterations, nan, nan
-    )

@@ -8,14 +8,13 @@ import pytest
 
 import prefcal_scenarios as prefcal_scenarios  # registers the tuning environments
 from contracts.environments import environment_contract
-from prefcal_env import Knob, KnobSpace, LatentCost, PrefcalError, PreferenceReward
+from prefcal_env import ClosedLoop, Knob, KnobSpace, LatentCost, PrefcalError, PreferenceReward
 from support.short_runs import final_level
 from support.tank import pi_of, tank_env
 
 OWN = {
     "space": KnobSpace([Knob("K_p", 0.1, 2.0), Knob("K_i", 0.0, 1.0)]),
-    "env": tank_env,
-    "controller": pi_of,
+    "run": ClosedLoop(tank_env, pi_of),
     "score": final_level,
 }
 SUBJECTS = {

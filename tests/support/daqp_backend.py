@@ -3,10 +3,8 @@
 import daqp
 import numpy as np
 
-from prefcal_env.qp import QP, Solution, Status, Tolerances
-from prefcal_env.qp.problem import failed, verified
+from prefcal_env.qp import QP, Solution, Tolerances
 
-_STATUS = {-1: Status.INFEASIBLE, -3: Status.UNBOUNDED, -4: Status.ITERATION_LIMIT}
 _INFINITY = 1e30  # DAQP ignores bounds beyond this
 
 
@@ -28,5 +26,5 @@ class DAQPBackend:
         )
         iterations = int(info["iterations"])
         if exit_flag != 1:
-            return failed(qp, _STATUS.get(exit_flag, Status.FAILED), iterations)
-        return verified(qp, np.asarray(z), np.asarray(info["lam"]), iterations)
+            return Solution.none(qp, iterations)
+        return Solution.checked(qp, np.asarray(z), np.asarray(info["lam"]), iterations)

@@ -1,7 +1,7 @@
 """The extended Kalman filter of a plant with constant disturbances, compiled.
 
 The estimated state is (x, p, w): disturbances p are added to outputs, w to inputs, and both stay as
-they are (see `prefcal_env.mpc.disturbed`).
+they are (see `prefcal_env.plants.disturbed`).
 """
 
 import math

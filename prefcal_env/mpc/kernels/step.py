@@ -91,7 +91,7 @@ def _feedback(equations, measured, model, horizons, weights):  # type: ignore[no
 
 @inlined()
 def _checked(G, low, high, z, y):  # type: ignore[no-untyped-def]
-    """Return whether the residuals pass the check of `prefcal_env.qp.problem.verified`."""
+    """Return whether the residuals pass the check of `prefcal_env.qp.Solution.checked`."""
     n = len(z)
     P = np.zeros((n, n))
     for i in range(n):

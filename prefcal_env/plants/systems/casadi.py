@@ -53,11 +53,11 @@ class CasadiEquation:
 
     def __call__(self, x: Any, u: Any, d: Any) -> Float[np.ndarray, " m"]:
         """Return the values at one point, shape (m,)."""
-        return self._evaluated("values", (x, u, d))[0].copy()
+        return self._evaluate("values", (x, u, d)).copy()
 
     def jacobian(self, x: Any, u: Any, d: Any) -> Float[np.ndarray, "m n"]:
         """Return the exact derivatives with respect to (x, u), shape (m, n_x + n_u)."""
-        flat = self._evaluated("jacobian", (x, u, d))[0]
+        flat = self._evaluate("jacobian", (x, u, d))
         return flat.reshape(sum(self.sizes[:2]), -1).T.copy()  # CasADi stores columns
 
     def __getstate__(self) -> dict[str, Any]:
@@ -68,60 +68,41 @@ class CasadiEquation:
         self.__dict__.update(state)
         self._local = threading.local()
 
-    def _evaluated(self, kind: str, point: Sequence[Any]) -> list[np.ndarray]:
-        """Return the outputs of the function or of its derivative, as views of its buffers."""
-        buffers = getattr(self._local, kind, None)
-        if buffers is None:
-            function = _dense(self.function) if kind == "values" else _derivative(self.function)
-            buffers = _Buffers(function)
-            setattr(self._local, kind, buffers)
-        return buffers.evaluated(point)
+    def _evaluate(self, kind: str, point: Sequence[Any]) -> np.ndarray:
+        """Return the output of the function or of its derivative, which the next call overwrites.
 
-
-class _Buffers:
-    """Arrays that a CasADi function reads and writes. One thread at a time may use them."""
-
-    def __init__(self, function: Any) -> None:
-        self._buffer, self._evaluate = function.buffer()
-        self._function = function
-        self._inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        self._outputs = [np.zeros(function.numel_out(0))]
-        for i, array in enumerate(self._inputs):
-            self._buffer.set_arg(i, _memory(array))
-        self._buffer.set_res(0, _memory(self._outputs[0]))
-
-    def evaluated(self, point: Sequence[Any]) -> list[np.ndarray]:
-        for array, values in zip(self._inputs, point, strict=False):  # d may be left out
+        Each thread has buffers of its own, which CasADi reads and writes.
+        """
+        kept = getattr(self._local, kind, None)
+        if kept is None:
+            kept = _buffers(_dense(self.function, derived=kind == "jacobian"))
+            setattr(self._local, kind, kept)
+        inputs, output, evaluate, _ = kept
+        for array, values in zip(inputs, point, strict=False):  # d may be left out
             array[:] = values
-        self._evaluate()
-        return self._outputs
+        evaluate()
+        found: np.ndarray = output
+        return found
 
 
-def _derivative(function: Any) -> Any:
-    """Return a dense function of the same inputs: the derivative by x and u."""
-    import casadi
-
-    symbols, values = _column(function)
-    jacobian = casadi.densify(casadi.jacobian(values, casadi.vertcat(*symbols[:2])))
-    return casadi.Function("derivative", symbols, [jacobian])
-
-
-def _dense(function: Any) -> Any:
-    """Return `function` with dense inputs and its first output dense and in one column."""
-    import casadi
-
-    symbols, values = _column(function)
-    return casadi.Function(function.name(), symbols, [values])
+def _buffers(function: Any) -> tuple[list[np.ndarray], np.ndarray, Any, Any]:
+    """Return arrays for the inputs and the output, what evaluates them, and what owns all that."""
+    buffer, evaluate = function.buffer()
+    inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+    output: np.ndarray = np.zeros(function.numel_out(0))
+    for i, array in enumerate(inputs):
+        buffer.set_arg(i, memoryview(array))  # type: ignore[arg-type]
+    buffer.set_res(0, memoryview(output))  # type: ignore[arg-type]
+    return inputs, output, evaluate, (buffer, function)
 
 
-def _column(function: Any) -> tuple[list[Any], Any]:
-    """Return dense symbols for the inputs, and the first output as a dense column of them."""
+def _dense(function: Any, *, derived: bool) -> Any:
+    """Return a dense function of dense inputs: the first output as a column, or its derivative."""
     import casadi
 
     symbols = [casadi.MX.sym(f"v{i}", function.numel_in(i)) for i in range(function.n_in())]
     shaped = [casadi.reshape(v, *function.size_in(i)) for i, v in enumerate(symbols)]
-    return symbols, casadi.vec(casadi.densify(function.call(shaped)[0]))
-
-
-def _memory(array: Any) -> memoryview:
-    return memoryview(array)
+    values = casadi.vec(casadi.densify(function.call(shaped)[0]))
+    if derived:  # by x and u
+        values = casadi.densify(casadi.jacobian(values, casadi.vertcat(*symbols[:2])))
+    return casadi.Function("dense", symbols, [values])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env import arrays
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
@@ -38,7 +39,7 @@ class LinearPlant:
 
     def __init__(
         self,
-        system: LinearSystem,
+        system: Any,
         *,
         states: Named | None = None,
         inputs: Named | None = None,
@@ -51,20 +52,21 @@ class LinearPlant:
         name: str = "plant",
         time_unit: str = "s",
     ) -> None:
-        n_all, n_y = system.sizes[1:]
+        made = system_of(system)
+        n_all, n_y = made.sizes[1:]
         n_d = len(_listed(disturbances))
         if n_all <= n_d or n_y == 0:
             raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
         shared, entries = _shared(delay, n_y, n_all - n_d)
-        before = len(system.A)
-        system = system.separated() if entries.any() else system
-        n_x, names = len(system.A), system.inputs or None
-        self.system, self.name, self.time_unit = system, name, time_unit
-        self.has_named_states = states is not None or bool(system.states)
-        self.states = _channels("states", states, system.states or None, n_x, "x")
+        before = len(made.A)
+        made = made.separated() if entries.any() else made
+        n_x, names = len(made.A), made.inputs or None
+        self.system, self.name, self.time_unit = made, name, time_unit
+        self.has_named_states = states is not None or bool(made.states)
+        self.states = _channels("states", states, made.states or None, n_x, "x")
         split = (names[: n_all - n_d], names[n_all - n_d :]) if names else (None, None)
         self.inputs = _channels("inputs", inputs, split[0], n_all - n_d, "u")
-        self.outputs = _channels("outputs", outputs, system.outputs or None, n_y, "y")
+        self.outputs = _channels("outputs", outputs, made.outputs or None, n_y, "y")
         self.disturbances = _channels("disturbances", disturbances, split[1], n_d, "d")
         self.x0 = _start(0.0 if x0 is None else x0, before, n_x)
         self.u0 = numbers("u0", 0.0 if u0 is None else u0, n_all - n_d)
@@ -73,7 +75,7 @@ class LinearPlant:
         late = self._delays("delay", entries.ravel(), entries.size)
         self.entry_delay = tuple(map(tuple, np.reshape(late, entries.shape).tolist()))
         self._kept: dict[float, np.ndarray] = {}
-        self._direct = bool(system.D.any())
+        self._direct = bool(made.D.any())
 
     @property
     def sample_time(self) -> float:
@@ -132,27 +134,8 @@ class LinearPlant:
         if found is None:
             if len(self._kept) >= _MOST_KEPT:
                 self._kept.clear()
-            found = self._kept[key] = self._power(int(key)) if dt else self._exponential(key)
+            found = self._kept[key] = np.hstack(self.system.held(key * dt if dt else key))
         return found
-
-    def _exponential(self, t: float) -> Float[np.ndarray, "n_x n"]:
-        from scipy.linalg import expm  # takes a while to import
-
-        return np.ascontiguousarray(expm(self._augmented * t)[: len(self.states)])
-
-    def _power(self, steps: int) -> Float[np.ndarray, "n_x n"]:
-        full = self._augmented + np.diag(
-            np.repeat([0.0, 1.0], [len(self.states), self.system.sizes[1]])
-        )
-        return np.linalg.matrix_power(full, steps)[: len(self.states)]
-
-    @cached_property
-    def _augmented(self) -> Float[np.ndarray, "n n"]:
-        """The rates of (x, u, d), of which u and d are held."""
-        n_x, n_u, _ = self.system.sizes
-        full = np.zeros((n_x + n_u, n_x + n_u))
-        full[:n_x, :n_x], full[:n_x, n_x:] = self.system.A, self.system.B
-        return full
 
     @cached_property
     def _owned(self) -> Float[np.ndarray, "n_x n_u"]:
@@ -166,16 +149,15 @@ class LinearPlant:
             return self.system.A, self.system.B
         from scipy.linalg import logm
 
-        n_x = len(self.states)
-        full = self._augmented.copy()
-        full[n_x:, n_x:] = np.eye(len(full) - n_x)
+        n_x, n_u, _ = self.system.sizes
         values = np.linalg.eigvals(self.system.A)
         if n_x and np.any((np.abs(values.imag) < 1e-12) & (values.real < 1e-12)):
             raise PlantError(
                 f"discrete plant {self.name!r} has a pole at 0 or on the negative axis, so it has "
                 "no ẋ = f(x, u): use a controller that needs no continuous model"
             )
-        rates = np.real(logm(full)) / self.system.dt
+        once = np.block([[self.system.A, self.system.B], [np.zeros((n_u, n_x)), np.eye(n_u)]])
+        rates = np.real(logm(once)) / self.system.dt
         return rates[:n_x, :n_x], rates[:n_x, n_x:]
 
     def _delays(self, what: str, value: Numbers, n: int) -> tuple[float, ...]:
@@ -189,11 +171,6 @@ class LinearPlant:
                 f"{self.time_unit}, got {found.tolist()}"
             )
         return tuple(found.tolist())
-
-
-def linear_plant(system: Any, **how: Any) -> LinearPlant:
-    """Return `system`, which `system_of` takes, as a plant; see `Plant.of`."""
-    return LinearPlant(system_of(system), **how)
 
 
 def local_system(plant: Any, x: X, u: U, d: D) -> LinearSystem:
@@ -279,10 +256,7 @@ def _start(x0: Numbers, before: int, n: int) -> X:
 
 def numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:
     """Return a number or `n` of them, shape (n,). Raises PlantError if they are anything else."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise PlantError(f"{what} must be numbers, got {value!r:.80}") from error
+    array = arrays.numbers(value, what, PlantError)
     if array.ndim == 0:
         array = np.full(n, float(array))
     if array.shape != (n,) or not np.isfinite(array).all():

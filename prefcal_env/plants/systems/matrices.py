@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from prefcal_env.arrays import numbers
 from prefcal_env.errors import PlantError
 
 _FORMS = (
@@ -77,11 +78,21 @@ class LinearSystem:
         poles = (np.linalg.eigvals(self.A) if len(self.A) else np.zeros(0)).astype(complex)
         return rates_of(poles, self.dt)
 
-    def at(self, s: complex) -> Complex[np.ndarray, "n_y n_u"]:
-        """Return the transfer function at s, for a discrete system at z = exp(s dt)."""
-        point = np.exp(s * self.dt) if self.dt else s
-        resolvent = point * np.eye(len(self.A)) - self.A
-        return np.asarray(self.C @ np.linalg.solve(resolvent, self.B + 0j) + self.D)
+    def at(self, s: Any) -> Complex[np.ndarray, "*m n_y n_u"]:
+        """Return the transfer function at numbers s, for a discrete system at z = exp(s dt)."""
+        point = np.asarray(np.exp(s * self.dt) if self.dt else s)
+        resolvent = point[..., None, None] * np.eye(len(self.A)) - self.A
+        B = np.broadcast_to(self.B.astype(complex), (*point.shape, *self.B.shape))
+        return np.asarray(self.C @ np.linalg.solve(resolvent, B) + self.D)
+
+    def held(self, T: float) -> tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, "n_x n_u"]]:
+        """Return A_d and B_d over T with u held; T is a multiple of the sample time if any."""
+        if not self.dt:
+            return held(self.A, self.B, T)
+        n, m, _ = self.sizes
+        once = np.block([[self.A, self.B], [np.zeros((m, n)), np.eye(m)]])
+        E = np.linalg.matrix_power(once, round(T / self.dt))
+        return E[:n, :n], E[:n, n:]
 
     @property
     def owned(self) -> Bool[np.ndarray, "n_x n_u"]:
@@ -105,6 +116,17 @@ class LinearSystem:
         rows, columns = list(outputs), list(inputs)
         D = self.D[np.ix_(rows, columns)]
         return LinearSystem(self.A, self.B[:, columns], self.C[rows], D, self.dt)
+
+
+def held(
+    A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n n_u"], T: float
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n_u"]]:
+    """Return A_d and B_d of ẋ = A x + B u over T with u held, by the matrix exponential."""
+    from scipy.linalg import expm  # takes a while to import
+
+    n, m = B.shape
+    E = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * T)
+    return E[:n, :n], E[:n, n:]
 
 
 def rates_of(points: Complex[np.ndarray, " n"], dt: float) -> Complex[np.ndarray, " n"]:
@@ -140,7 +162,7 @@ def system_of(system: Any) -> LinearSystem:
     if isinstance(inner, LinearSystem):  # a plant made of one
         return inner
     if hasattr(system, "A") and hasattr(system, "D"):
-        return _of_arrays([system.A, system.B, system.C, system.D], system)
+        return _of_arrays([system.A, system.B, system.C, system.D], _time_of(system), system)
     if hasattr(system, "num") and hasattr(system, "den"):
         return _of_fractions(*_fractions(system), system)
     if hasattr(system, "to_ss"):  # zeros, poles and gain of scipy
@@ -151,33 +173,27 @@ def system_of(system: Any) -> LinearSystem:
         if len(system) == 2:
             return _of_fractions([[system[0]]], [[system[1]]], None)
         if len(system) in (4, 5):
-            dt = _sample_time(system[4]) if len(system) == 5 else 0.0
-            return _of_arrays(system[:4], None, dt)
+            return _of_arrays(system[:4], _sample_time(system[4]) if system[4:] else 0.0)
     if isinstance(system, int | float | np.ndarray | np.number) and not isinstance(system, bool):
-        D = np.atleast_2d(_matrix("a gain", system))
-        n_y, n_u = D.shape
-        return LinearSystem(np.zeros((0, 0)), np.zeros((0, n_u)), np.zeros((n_y, 0)), D)
+        return _of_arrays([[], [], [], _matrix("a gain", system)], 0.0)
     raise PlantError(
         f"a linear system must be {_FORMS}, got {type(system).__name__} {system!r:.80}"
     )
 
 
-def _of_arrays(arrays: Sequence[Any], source: Any, dt: float | None = None) -> LinearSystem:
+def _of_arrays(arrays: Sequence[Any], dt: float, source: Any = None) -> LinearSystem:
     A, B, C, D = (_matrix(name, value) for name, value in zip("ABCD", arrays, strict=True))
     if A.size == 0:
-        A = np.zeros((0, 0))
-    n_x = len(A)
-    # Vectors of one input or one output, as scipy accepts them.
-    B = B.reshape(n_x, -1) if B.ndim < 2 and n_x else B
-    C = C.reshape(-1, n_x) if C.ndim < 2 and n_x else C
-    n_y, n_u = (len(C) if n_x else len(np.atleast_2d(D))), (B.shape[1] if n_x else D.shape[-1])
-    D = np.full((n_y, n_u), D.item()) if D.size == 1 and D.item() == 0 else np.atleast_2d(D)
-    if not n_x:
-        B, C = np.zeros((0, n_u)), np.zeros((n_y, 0))
+        D = np.atleast_2d(D)
+        A, B, C = np.zeros((0, 0)), np.zeros((0, D.shape[1])), np.zeros((len(D), 0))
+    else:  # vectors of one input or one output, as scipy accepts them
+        B = B.reshape(len(A), -1) if B.ndim < 2 else B
+        C = C.reshape(-1, len(A)) if C.ndim < 2 else C
+        zero = D.size == 1 and D.item() == 0
+        D = np.full((len(C), B.shape[1]), 0.0) if zero else np.atleast_2d(D)
     if A.ndim != 2 or B.ndim != 2 or C.ndim != 2 or D.ndim != 2:
         raise PlantError(f"A, B, C and D must be matrices, got {[np.shape(v) for v in arrays]}")
-    step = _sample_time(getattr(source, "dt", None)) if dt is None else dt
-    return LinearSystem(A, B, C, D, step, *_labels(source))
+    return LinearSystem(A, B, C, D, dt, *_labels(source))
 
 
 def _fractions(system: Any) -> tuple[list[list[Any]], list[list[Any]]]:
@@ -197,7 +213,7 @@ def _of_fractions(num: list[list[Any]], den: list[list[Any]], source: Any) -> Li
     rows = zip(num, den, strict=True)
     grid = [[_canonical(*entry) for entry in zip(*row, strict=True)] for row in rows]
     inputs, outputs, _ = _labels(source)
-    return _assembled(grid, _sample_time(getattr(source, "dt", None)), inputs, outputs)
+    return _assembled(grid, _time_of(source), inputs, outputs)
 
 
 def _grid(system: Sequence[Any]) -> bool:
@@ -263,6 +279,10 @@ def _canonical(num: Any, den: Any) -> LinearSystem:
     return LinearSystem(A, np.eye(n, 1), (b[1:] - b[0] * a[1:])[None], b[:1, None])
 
 
+def _time_of(source: Any) -> float:
+    return _sample_time(getattr(source, "dt", None))
+
+
 def _sample_time(dt: Any) -> float:
     if dt is None:
         return 0.0
@@ -284,12 +304,5 @@ def _labels(source: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, .
 
 
 def _matrix(name: str, value: Any) -> np.ndarray:
-    try:
-        array = np.array(value)
-        if array.dtype.kind == "c" and not array.imag.any():
-            array = array.real
-        if array.dtype.kind not in "iuf":
-            raise TypeError
-    except (TypeError, ValueError) as error:
-        raise PlantError(f"{name} must be real numbers, got {value!r:.80}") from error
-    return np.asarray(array, dtype=float)
+    real = isinstance(value, np.ndarray) and value.dtype.kind == "c" and not value.imag.any()
+    return numbers(value.real if real else value, name, PlantError)

@@ -1,7 +1,7 @@
 """Make a scenario of an FMU, with nothing but names and numbers."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -151,14 +151,9 @@ def _shown(
 
 def _is_input(variable: Variable) -> bool:
     """Return whether causality or the last part of the name make it a control signal."""
-    return variable.causality == "input" or any(
-        _ACTUATORS.fullmatch(part) for part in _parts(variable.name)
-    )
-
-
-def _parts(name: str) -> Iterator[str]:
-    for part in _PART.findall(name.rpartition(".")[2]):
-        yield part.lower()
+    parts = _PART.findall(variable.name.rpartition(".")[2])
+    named = any(_ACTUATORS.fullmatch(part.lower()) for part in parts)
+    return variable.causality == "input" or named
 
 
 def _is_quick(loop: FMULoop) -> bool:

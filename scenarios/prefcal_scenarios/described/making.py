@@ -45,16 +45,8 @@ def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
             )
         raise ScenarioError(f"{name}: timeout is for an FMU; --run-timeout limits other runs")
     knobs = [_knob(key, value, name) for key, value in description.knobs.items()]
-    made = _maker(description)(description, knobs, name)
-    return _dressed(made, description, name)
-
-
-def _maker(d: Description) -> Callable[[Description, list[Knob], str], Scenario]:
-    if d.fmu is not None:
-        return _of_fmu
-    if d.controller is not None:
-        return _of_controller
-    return _of_rig if d.rig is not None else _of_live_rig
+    subject = next(key for key in _MAKERS if getattr(description, key) is not None)
+    return _dressed(_MAKERS[subject](description, knobs, name), description, name)
 
 
 def _of_fmu(d: Description, knobs: list[Knob], where: str) -> Scenario:
@@ -93,19 +85,17 @@ def _of_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
     assert d.rig is not None
     if d.stop_time is not None:
         raise ScenarioError(f"{where}: a rig has no stop_time: say it in its instructions")
-    rig = rig_of(d.rig, d.reference, where)
-    title = d.title or f"Rig {Path(where).stem}"
-    return Scenario(Path(where).stem, title, _space(knobs, where), rig)
+    rig, name = rig_of(d.rig, d.reference, where), Path(where).stem
+    if not knobs:
+        raise ScenarioError(f"{where}: it needs knobs, for example [knobs] with {_ENTRY}")
+    return Scenario(name, f"Rig {name}", KnobSpace(knobs), rig)
 
 
 def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
     assert d.opcua is not None
+    knob = '[opcua.knobs] with K_p = { node = "...", low = 1, high = 5, rate = 1 }'
     for key, given, instead in (
-        (
-            "[knobs]",
-            knobs,
-            '[opcua.knobs] with K_p = { node = "...", low = 1, high = 5, rate = 1 }',
-        ),
+        ("[knobs]", knobs, knob),
         ("[reference]", d.reference, "[opcua.references], since it is read from the plant"),
         ("stop_time", d.stop_time is not None, "duration in [opcua]"),
     ):
@@ -117,16 +107,16 @@ def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
         raise ScenarioError(f"{where}, [opcua]: {error}") from error
     measured = dict.fromkeys(tracking_rows(rig.channels), 0.0)  # only the names count
     kpis = tuple(KPI(**row) for row in found_rows(rig.channels, measured))
-    title, name = d.title or f"Live plant {Path(where).stem}", Path(where).stem
-    return Scenario(name, title, rig.space, rig, kpis=kpis)
+    name = Path(where).stem
+    return Scenario(name, f"Live plant {name}", rig.space, rig, kpis=kpis)
 
 
-def _space(knobs: list[Knob], where: str) -> KnobSpace:
-    if not knobs:
-        raise ScenarioError(f"{where}: it needs knobs, for example [knobs] with {_ENTRY}")
-    return KnobSpace(knobs)
-
-
+_MAKERS: dict[str, Callable[[Description, list[Knob], str], Scenario]] = {
+    "fmu": _of_fmu,
+    "controller": _of_controller,
+    "rig": _of_rig,
+    "opcua": _of_live_rig,
+}
 _ENTRY = 'K_p = "0.1:100:log %/m"'
 
 
@@ -154,12 +144,8 @@ def _dressed(made: Scenario, d: Description, where: str) -> Scenario:
         changes["kpis"] = () if isinstance(d.kpis, str) else _kpis(d.kpis, made, where)
     if d.panels or (d.show and d.fmu is None):
         changes["panels"] = _panels(d, made, where)
-    if d.starts:
-        changes["references"] = {
-            **made.references,
-            **{name: _start(name, theta, made.space, where) for name, theta in d.starts.items()},
-        }
-    return replace(made, **changes)
+    starts = {name: _start(name, theta, made.space, where) for name, theta in d.starts.items()}
+    return replace(made, **changes, references={**made.references, **starts})
 
 
 def _name(where: str, d: Description) -> str:
@@ -207,9 +193,7 @@ def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:
 
 
 def _start(name: str, theta: Mapping[str, float], space: KnobSpace, where: str) -> Any:
-    strange = [knob for knob in theta if knob not in space.names]
-    missing = [knob for knob in space.names if knob not in theta]
-    if strange or missing:
+    if theta.keys() != set(space.names):
         raise ScenarioError(
             f"{where}, [starts] {name}: expected a value for each of {', '.join(space.names)}, "
             f"got {', '.join(theta) or 'none'}"

@@ -1,24 +1,37 @@
 """A scenario made of nothing but a plant: its PID is tuned, everything else is found."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.controllers.decentralized import Decentralized
 from prefcal_env.controllers.pid import PID
+from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
+from prefcal_env.controllers.rules import robust, simc, ziegler_nichols
 from prefcal_env.controllers.sampled import sampled
+from prefcal_env.errors import ScenarioError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems import LinearSystem
 from prefcal_scenarios.scenario import Scenario
 
-from .pid.design import Design, design
-from .pid.knobs import space_of, theta_of
-from .pid.kpis import PIDSensitivity
-from .pid.steps import plant_of, scenario_of_steps
-from .pid.tuning import N, tuned_pids
+from .pid.design import SAMPLES, Design, Single, design, settling
+from .pid.steps import plant_of, scenario_of_steps, space_of, theta_of
+
+N = 10.0
+"""Filter of the derivative part: its largest gain relative to K_p."""
+_FARTHEST = 6.0
+"""Largest ratio of a rule's gain or integral time to those of the robust tuning."""
+_REACH = 5.0
+"""Least ratio of the end of a range to its middle."""
+_ABOUT = {
+    "K_p": "Gain: a larger one reacts more strongly to errors and to noise.",
+    "T_i": "Integral time: a shorter one removes lasting errors sooner, but may oscillate.",
+    "T_d": "Derivative time: a longer one brakes more, and amplifies noise; 0 is off.",
+    "b": "Share of the reference's step that acts at once; a small one starts gently.",
+}
 
 
 def pid_scenario(
@@ -41,7 +54,7 @@ def pid_scenario(
     The knobs are K_p (without its sign), T_i, T_d and the set-point weight b; with several loops
     they are called K_p_1, T_i_1 and so on.
 
-    Source: see `prefcal_env.controllers.rules` and `own.pid.design.pairs_of`.
+    Source: see `prefcal_env.controllers.rules` and `described.pid.design.pairs_of`.
 
     Args:
         plant: Plant, or a linear system that `Plant.of` takes.
@@ -58,45 +71,143 @@ def pid_scenario(
         PlantError: If `plant` is neither a plant nor a linear system.
     """
     plant = plant_of(plant, horizon)
-    found = design(plant, tuned_pids, reference, horizon)
-    space = space_of(found, plant.outputs, plant.time_unit, knobs)
-    rows = [loop.output for loop in found.loops]
-    columns = [loop.input for loop in found.loops]
+    found = design(plant, _tuned, reference, horizon)
+    made = [knob for k in range(len(found.loops)) for knob in _knobs(plant, found, k)]
+    space = space_of(made, knobs, "PID")
+    # The rules that apply to every loop.
+    named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
+    references = {
+        name: theta_of(space, [v for loop in found.loops for v in _values(loop.tunings[name])])
+        for name in named
+    }
+    rows, columns = [p.output for p in found.loops], [p.input for p in found.loops]
     delay = found.delay[np.ix_(rows, columns)]
-    model = sampled(found.J.part(rows, columns), found.T_s, delay)
+    pids = PIDs(found, sampled(found.J.part(rows, columns), found.T_s, delay))
     return scenario_of_steps(
-        plant, found, MakePID(found), space, PIDSensitivity(found, model, N), name="pid",
-        title=title or f"PID of {plant.name}", references=_references(found, space), brief=brief,
+        plant, found, pids.make, space, pids.sensitivity, name="pid",
+        title=title or f"PID of {plant.name}", references=references, brief=brief,
     )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MakePID:
-    """Function of θ that makes the PID, or one for each loop."""
+class PIDs:
+    """Functions of θ, which holds K_p, T_i, T_d and b of each loop in turn.
+
+    Args:
+        design: What was chosen for the plant.
+        plant: Sampled linear plant, from the inputs to the outputs of the loops.
+    """
 
     design: Design
+    plant: LinearSystem
 
-    def __call__(self, theta: Float[np.ndarray, " n"]) -> PID | Decentralized:
-        """Return the controller for a physical θ, shape (n,)."""
-        rows = np.reshape(np.asarray(theta, dtype=float), (-1, 4)).tolist()
-        pids = []
-        for (K_p, T_i, T_d, b), loop, tuned in zip(
-            rows, self.design.loops, self.design.tunings, strict=True
-        ):
-            sign, c = float(np.sign(tuned.center.K_p)), loop.channel
-            pids.append(
-                PID(
-                    sign * K_p, T_i, T_d, T_s=self.design.T_s, N=N, b=b, low=c.low, high=c.high,
-                    output=loop.output, input=loop.input,
-                )
-            )  # fmt: skip
+    def make(self, theta: Float[np.ndarray, " n"]) -> PID | Decentralized:
+        """Return the controller for a physical θ, shape (n,): a PID, or one for each loop."""
+        pids = [
+            PID(
+                t.K_p, t.T_i, t.T_d, T_s=self.design.T_s, N=N, b=b,
+                low=loop.channel.low, high=loop.channel.high, output=loop.output, input=loop.input,
+            )
+            for loop, t, b in self._tunings(theta)
+        ]  # fmt: skip
         return pids[0] if len(pids) == 1 else Decentralized(pids)
 
+    def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
+        """Return the largest σ((1 + G C)^-1), infinite if the loop is unstable."""
+        omega = np.geomspace(1e-4, 0.999, 300) * np.pi / self.plant.dt
+        pids = LinearPIDs.of([tuning for _, tuning, _ in self._tunings(theta)], N)
+        return float(pids.sensitivity(self.plant, omega)[0])
 
-def _references(found: Design, space: Any) -> dict[str, Float[np.ndarray, " n"]]:
-    """Return tunings by name: the robust one, and rules that apply to every loop."""
-    named = {"robust": [tuned.center for tuned in found.tunings]}
-    for name in found.tunings[0].known:
-        if all(name in tuned.known for tuned in found.tunings):
-            named[name] = [tuned.known[name] for tuned in found.tunings]
-    return {name: theta_of(space, tunings) for name, tunings in named.items()}
+    def _tunings(self, theta: Float[np.ndarray, " n"]) -> list[tuple[Single, Tuning, float]]:
+        """Return each loop with its tuning, which has the sign of the robust one, and with b."""
+        rows = np.reshape(np.asarray(theta, dtype=float), (-1, 4)).tolist()
+        return [
+            (loop, Tuning(float(np.sign(loop.tunings["robust"].K_p)) * K_p, T_i, T_d), b)
+            for loop, (K_p, T_i, T_d, b) in zip(self.design.loops, rows, strict=True)
+        ]
+
+
+def _tuned(plant: Plant, found: Design) -> Design:
+    """Return the design with tunings of its PIDs, and the loads and phases that suit them.
+
+    Raises:
+        ScenarioError: If no PID stabilizes the plant.
+    """
+    return replace(found, loops=tuple(_tune(plant, found, loop) for loop in found.loops))
+
+
+def _tune(plant: Plant, found: Design, loop: Single) -> Single:
+    i, j, T_s, channel, point = loop.output, loop.input, found.T_s, loop.channel, found.point
+    model = sampled(found.J.part([i], [j]), T_s, found.delay[[i]][:, [j]])
+    omega = np.geomspace(1e-4 * np.pi / T_s, 0.999 * np.pi / T_s, 400)
+    largest = max(channel.high - point.u[j], point.u[j] - channel.low) / abs(loop.step)
+    best = robust(model, omega, np.geomspace(2e-3, 0.25, 26) * np.pi / T_s, largest=largest)
+    if best is None:
+        pairs = zip(plant.states, point.x, strict=True)
+        state = ", ".join(f"{c.name} = {v:.4g} {c.unit}".rstrip() for c, v in pairs)
+        raise ScenarioError(
+            f"no PID from {channel.name!r} to {plant.outputs[i].name!r} was found that stabilizes "
+            f"plant {plant.name!r} at its steady state {state}: choose another output by its "
+            "reference, or another kind of controller"
+        )
+    pid = LinearPIDs.of([best[0]], N)
+    M, rows = pid.loops(model)[0], np.zeros((2, len(model.A) + 2))
+    rows[0, : len(model.A)] = model.C[0]
+    try:
+        time, peak, _ = settling(M, pid.drive(model), rows, T_s)
+    except FloatingPointError:
+        time, peak = 200 * T_s, 0.0
+    return replace(loop, tunings=_tunings(loop, model, omega, best[0])).settling(time, peak)
+
+
+def _tunings(
+    loop: Single, model: LinearSystem, omega: Float[np.ndarray, " m"], center: Tuning
+) -> dict[str, Tuning]:
+    """Return the robust tuning, and those by rules that apply, are stable and near it.
+
+    Near means that a range around it can hold them without becoming useless.
+    """
+    process, T_s = loop.process, model.dt
+    # Sampling delays by T_s / 2; without any dead time the rules would ask for infinite gains.
+    half = replace(process, delay=max(process.delay + T_s / 2, SAMPLES / 2 * T_s))
+    rules = {"SIMC": simc(half), "SIMC without T_d": simc(half, derivative=False)}
+    if not process.unstable:
+        rules["Ziegler-Nichols"] = ziegler_nichols(model, omega, float(np.sign(center.K_p)))
+    found = {"robust": center}
+    for name, t in rules.items():
+        # T_d starts at 0, so a longer range would move its middle.
+        if t is not None and t.T_d <= 2 * center.T_d:
+            ratios = np.array([t.K_p / center.K_p, t.T_i / center.T_i])
+            near = np.all((ratios >= 1 / _FARTHEST) & (ratios <= _FARTHEST))
+            if near and LinearPIDs.of([t], N).stable(model)[0]:
+                found[name] = t
+    return found
+
+
+def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
+    """Return K_p, T_i, T_d and b of loop k, with ranges around the robust tuning."""
+    loop, end, time = found.loops[k], found.suffix(k), plant.time_unit
+    y, u, center = plant.outputs[loop.output], loop.channel, loop.tunings["robust"]
+    where = f"Loop {end[1:]}, {y.name} by {u.name}. " if end else ""
+    about = {name: where + text for name, text in _ABOUT.items()}
+    unit = f"{u.unit or '1'}/{y.unit}" if y.unit else u.unit
+    gain = _around([abs(t.K_p) for t in loop.tunings.values()])
+    times = _around([t.T_i for t in loop.tunings.values()])
+    return [
+        Knob(f"K_p{end}", *gain, unit, scale="log10", about=about["K_p"]),
+        Knob(f"T_i{end}", *times, time, scale="log10", about=about["T_i"]),
+        Knob(f"T_d{end}", 0.0, float(f"{2 * center.T_d:.2g}"), time, about=about["T_d"]),
+        Knob(f"b{end}", 0.0, 1.0, about=about["b"]),
+    ]
+
+
+def _around(values: Sequence[float]) -> tuple[float, float]:
+    """Return a range around the first value, equally wide on both sides, that holds the others."""
+    middle = values[0]
+    reach = max([_REACH, *(1.2 * max(v / middle, middle / v) for v in values)])
+    return float(f"{middle / reach:.2g}"), float(f"{middle * reach:.2g}")
+
+
+def _values(tuning: Tuning) -> tuple[float, float, float, float]:
+    """Return the knobs' values of a tuning, with b = 1."""
+    return abs(tuning.K_p), tuning.T_i, tuning.T_d, 1.0

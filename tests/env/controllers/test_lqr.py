@@ -5,9 +5,9 @@ import pytest
 
 from prefcal_env import LQG, LQR, Channel, FunctionPlant, Measurement, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data, from_data
-from prefcal_env.controllers.sampled import held
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems.matrices import held
 
 A = np.array([[0.0, 1.0], [0.5, -0.4]])  # unstable
 B, C = np.array([[0.0], [2.0]]), np.array([[1.0, 0.0]])
@@ -134,13 +134,13 @@ def test_without_a_reference_it_stays_at_rest():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"Q": [1.0]}, "Q must hold 2 weights"),
-        ({"Q": [-1.0, 1.0]}, "at least 0"),
-        ({"R": [0.0]}, "above 0"),
+        ({"Q": [1.0]}, "Q must be a finite square matrix, shape .2, 2."),
+        ({"Q": [-1.0, 1.0]}, "Q must be positive semidefinite"),
+        ({"R": [0.0]}, "R must be positive definite"),
         ({"T_s": 0.0}, "T_s must be above 0"),
         ({"integral": ["z"], "Q_i": [1.0]}, "output must be one of"),
-        ({"integral": ["y"]}, "Q_i must hold 1 weights"),
-        ({"x0": [1.0]}, "x0 must hold one finite number"),
+        ({"integral": ["y"]}, "Q_i must be a finite square matrix, shape .1, 1."),
+        ({"x0": [1.0]}, "x0 must hold 2 numbers"),
     ],
 )
 def test_what_does_not_fit_is_refused(wrong, said):
@@ -157,7 +157,7 @@ def test_a_plant_that_cannot_be_stabilized_or_observed_is_refused():
     lqr = LQR(hidden, [1.0, 1.0], [1.0], T_s=T_S)
     with pytest.raises(SettingsError, match="do not tell the plant's state"):
         LQG(lqr, [0.1], [0.1, 0.1])
-    with pytest.raises(SettingsError, match="noise must hold 1"):
+    with pytest.raises(SettingsError, match="noise must be finite and above 0"):
         LQG(feedback(), [0.0], [0.1, 0.1])
 
 

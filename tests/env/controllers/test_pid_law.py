@@ -20,7 +20,12 @@ def test_a_step_of_the_reference_is_answered_as_by_the_running_pid():
     pid = PID(TUNING.K_p, TUNING.T_i, TUNING.T_d, T_s=0.25, N=8.0)
     task = Task(x0=np.zeros(2), u0=np.zeros(1), y_ref=np.ones(1), horizon=20.0, dense_step=0.25)
     e = rollout(PlantEnv(LAG, task), pid, np.zeros(1))
-    step, _ = LinearPIDs.of([TUNING], 8.0).responses(lag_sampled(), len(e.t))
+    plant, law = lag_sampled(), LinearPIDs.of([TUNING], 8.0)
+    M, drive = law.loops(plant)[0], law.drive(plant)[:, 0]
+    x, step = np.zeros(len(M)), []
+    for _ in e.t:
+        step.append(plant.C[0] @ x[: len(plant.A)])
+        x = M @ x + drive
     assert np.abs(e.output(0) - step).max() < 1e-9
 
 

@@ -152,7 +152,7 @@ def test_after_forgetting_it_linearizes_as_a_fresh_one():
         ({"N_p": "x"}, "N_p must be an integer"),
         ({"N_p": np.inf}, "N_p must be an integer"),
         ({"T_s": None}, "T_s must be positive"),
-        ({"Q_y": None}, "Q_y must be a finite square matrix"),
+        ({"Q_y": None}, "Q_y must be numbers"),
         ({"Q_y": [[1.0], [0.0, 1.0]]}, "Q_y must be numbers"),
         ({"tolerances": 1e-3}, "tolerances must be Tolerances"),
         ({"linearization": "tangent"}, "linearization must be one of"),
@@ -167,9 +167,9 @@ def test_impossible_settings_are_refused(change, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"Q_y": np.eye(3)}, r"Q_y must have shape \(2, 2\)"),
+        ({"Q_y": np.eye(3)}, r"Q_y must be a finite square matrix, shape \(2, 2\)"),
         ({"u_ref": [1, 2, 3]}, "u_ref must be finite"),
-        ({"y_min": [1]}, "y_min must have shape"),
+        ({"y_min": [1]}, "y_min must hold 2 numbers"),
         ({"u_min": [2, 0]}, "u_min must not be above u_max .the plant's"),
         ({"Q_y": np.zeros((2, 2)), "Q_du": np.zeros((2, 2))}, "must not all be zero"),
         ({"du_min": [0.1, -1]}, "an input may always be held"),

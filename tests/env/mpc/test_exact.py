@@ -105,20 +105,3 @@ def test_the_move_is_right_where_no_plan_stabilizes_the_model(backend):
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_campaign_the_move_is_right_over_the_whole_grid(backend):
     check(grid(36), backend)
-
-
-def test_the_reference_agrees_with_plain_numbers_where_plain_numbers_do():
-    """A short horizon is well conditioned: a dense float QP may check the 300 digits."""
-    mpc = settings(0.25, 6, -0.91)
-    (x, u), search = VISITED[20], None
-    problem = with_precision(single_input_problem, PLANT, x, u, FEED, TARGET, mpc)
-    search = np.array([float(v) for v in with_precision(minimize, problem, np.zeros(mpc.N_u))])
-    H, h = problem.H.astype(float), problem.h.astype(float)
-    G, g = problem.G.astype(float), problem.g.astype(float)
-    assert np.all(G @ search <= g + 1e-9)
-    rng = np.random.default_rng(0)
-    value = search @ H @ search / 2 + h @ search
-    for _ in range(200):  # no feasible neighbor is better
-        z = search + rng.normal(scale=0.05, size=len(search))
-        if np.all(G @ z <= g):
-            assert z @ H @ z / 2 + h @ z >= value - 1e-9

@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 
 from prefcal_env.errors import PlantError
 from prefcal_env.plants.cstr import CSTR, FEED, CSTRParams
-from support.equations import evaluated
 
 PLANT = CSTR()
 states = st.tuples(st.floats(290, 400), st.floats(0.05, 9.95)).map(np.array)
@@ -86,17 +85,6 @@ def test_every_interval_agrees_with_dop853(x, u, T_s):
     ours = PLANT.hold(x, u, FEED, np.array([T_s]))[0]
     np.testing.assert_allclose(ours[1], precise[1], atol=1e-6)
     np.testing.assert_allclose(ours[0], precise[0], rtol=1e-6)  # K, also in an explosion
-
-
-@given(x=states, u=inputs)
-def test_the_compiled_equations_are_the_plain_ones(x, u):
-    compiled = PLANT.equations
-    J = PLANT.jacobians(x, u, FEED)
-    matrices = np.concatenate([J.A.ravel(), J.B.ravel(), J.C.ravel(), J.D.ravel()])
-    np.testing.assert_allclose(evaluated(compiled, "f", 2, x, u, FEED), PLANT.f(x, u, FEED), 1e-12)
-    np.testing.assert_allclose(
-        evaluated(compiled, "jacobians", 12, x, u, FEED), matrices, rtol=1e-13
-    )
 
 
 @pytest.mark.parametrize("C_A", [0.0, 10.0, -1.0, np.nan, 1e-9])

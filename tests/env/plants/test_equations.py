@@ -15,7 +15,7 @@ from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.plants import FunctionPlant
 from prefcal_env.plants._calls import call
 from prefcal_env.plants.bicycle import Bicycle
-from prefcal_env.plants.equations import Callbacks, Equations
+from prefcal_env.plants.equations import Callbacks
 
 SETTINGS = MPCSettings(T_s=0.1, N_p=5, N_u=2, Q_y=[[1.0]], Q_du=[[0.1]])
 HERE = Measurement(0.0, np.array([1.0]), np.zeros(1), np.zeros(0), np.zeros(1))
@@ -121,12 +121,6 @@ def test_a_finite_simulation_raises_mistakes_and_interruptions_only(errors, stat
 def test_what_the_equations_raise_reaches_the_caller_of_the_mpc(f, error, words):
     with pytest.raises(error, match=words):
         LinearMPC(plant(f), SETTINGS).move(HERE)
-
-
-def test_parameters_are_floats():
-    parameters = Equations(0, 0, 0, np.array([[1, 2], [3, 4]]).T[0]).parameters
-    assert parameters.dtype == float
-    assert parameters.flags.c_contiguous
 
 
 def test_equations_cannot_be_pickled():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.errors import QPError, SettingsError
-from prefcal_env.qp import QP, Box, Status, Tolerances, make_backend
+from prefcal_env.qp import QP, Box, Tolerances, make_backend
 from support.daqp_backend import DAQPBackend
 
 INF = np.inf
@@ -61,13 +61,17 @@ def test_a_row_without_any_bound_is_no_row(backend, capfd):
 def test_infeasible_is_data_and_no_exception(backend):
     solution = backend.solve(qp([[1.0]], [0], [[1.0], [1.0]], [1, -INF], [INF, 0]))
     assert not solution.solved
-    assert solution.status in (Status.INFEASIBLE, Status.ITERATION_LIMIT)
     assert np.isnan(solution.z).all()
 
 
+@pytest.mark.parametrize("G", [[[np.nan]], [[np.inf]]])
+def test_numbers_that_are_not_finite_are_not_solved(G):
+    assert not make_backend().solve(qp([[1.0]], [0], G, [0], [1])).solved
+    assert not make_backend().solve(qp([[1.0]], [0], [[1.0]], [-INF], [np.nan])).solved
+
+
 def test_unbounded_is_data(backend):
-    solution = backend.solve(qp([[0.0]], [-1], [[1.0]], [0], [INF]))
-    assert solution.status is Status.UNBOUNDED
+    assert not backend.solve(qp([[0.0]], [-1], [[1.0]], [0], [INF])).solved
 
 
 def test_a_later_solve_leaves_an_earlier_solution_alone(backend):
@@ -80,7 +84,7 @@ def test_a_later_solve_leaves_an_earlier_solution_alone(backend):
 def test_iteration_limit_is_reported():
     box = qp(np.eye(3), [-1, 2, -3], np.eye(3), [-0.1] * 3, [0.1] * 3)
     solution = make_backend(Tolerances(max_iterations=1)).solve(box)
-    assert solution.status is Status.ITERATION_LIMIT
+    assert (solution.solved, solution.iterations) == (False, 1)
 
 
 def test_looser_tolerances_take_fewer_iterations():
@@ -90,32 +94,6 @@ def test_looser_tolerances_take_fewer_iterations():
     loose = make_backend(Tolerances(absolute=1e-3, relative=1e-3)).solve(problem)
     tight = make_backend(Tolerances(absolute=1e-10, relative=1e-10)).solve(problem)
     assert loose.iterations < tight.iterations
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"P": np.eye(3)}, "needs P"),
-        ({"q": np.array([np.nan, 0])}, "finite"),
-        ({"P": np.array([[np.inf, 0], [0, 1]])}, "finite"),
-        ({"P": np.array([[1.0, 2], [0, 1]])}, "symmetric"),
-        ({"P": np.array([[1.0, 0], [0, -1]])}, "semidefinite.*-1"),
-        ({"G": np.eye(3)}, "rows of a QP"),
-        ({"G": np.array([[np.nan, 0], [0, 1]])}, "G of a QP must be finite"),
-        ({"lower": np.array([2.0, 0])}, r"row 0 has \[2.0, 1.0\]"),
-        ({"upper": np.array([np.nan, 1])}, "row 0"),
-    ],
-)
-def test_a_malformed_qp_is_refused_with_the_reason(change, message):
-    good = {"P": np.eye(2), "q": np.zeros(2), "G": np.eye(2), "lower": np.zeros(2)}
-    with pytest.raises(QPError, match=message):
-        QP(**{**good, "upper": np.ones(2), **change})
-
-
-def test_rows_are_checked_also_when_the_cost_is_reused():
-    problem = qp(np.eye(2), [0, 0])
-    with pytest.raises(QPError, match="row 0"):
-        problem.under(np.eye(2), np.ones(2), np.zeros(2))
 
 
 def test_impossible_tolerances_are_refused():

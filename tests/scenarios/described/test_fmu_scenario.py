@@ -4,7 +4,6 @@ import pytest
 from prefcal_env import End, Knob
 from prefcal_env.errors import KnobError, PlantError, RunError, ScenarioError
 from prefcal_scenarios.described.fmu_scenario import fmu_scenario
-from prefcal_scenarios.many.simulate import simulate_many
 from support.fmus import built, changed
 
 pytest.importorskip("fmpy")
@@ -73,13 +72,6 @@ def test_everything_else_is_found_in_the_fmu(tank):
 def test_many_are_simulated_unseen_if_one_is_quick(tank, monkeypatch, longest, simulated):
     monkeypatch.setattr("prefcal_scenarios.described.fmu_scenario._QUICK", longest)
     assert fmu_scenario(tank, knobs=KNOBS).simulated is simulated
-
-
-def test_many_runs_on_all_cores_give_the_same_as_one_by_one(tank):
-    made = fmu_scenario(tank, knobs=KNOBS, reference={"level": 2})
-    thetas = made.space.decode(np.array([0.3, 0.7])) * np.linspace(0.9, 1.1, 6)[:, None]
-    together = simulate_many(made, thetas, jobs=2, trajectories=True)
-    assert together == [made.run(theta) for theta in thetas]
 
 
 def test_a_run_that_crashes_or_hangs_says_so(folder):

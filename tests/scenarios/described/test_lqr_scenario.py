@@ -3,7 +3,6 @@ import pytest
 from scipy import signal
 
 from prefcal_env import Channel, End, FunctionPlant, Knob
-from prefcal_env.controllers import as_data, from_data
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios.described.lqr_scenario import lqr_scenario
@@ -69,7 +68,7 @@ def test_the_linear_loop_of_the_sensitivity_is_the_one_that_is_simulated():
     theta, loop = scenario.references["robust"], scenario.run.kpis.sensitivity.__self__
     run = scenario.run(theta)
     M, drive, y, _ = loop._loop(loop.make(theta))
-    d = loop.make.design
+    d = loop.design
     x, n = np.zeros(len(M)), round(d.phase / d.T_s)
     outputs = []
     for _ in range(n):
@@ -77,13 +76,6 @@ def test_the_linear_loop_of_the_sensitivity_is_the_one_that_is_simulated():
         x = M @ x + drive[0][:, 0]
     step = d.loops[0].target - d.loops[0].start
     assert np.allclose(run.y[:n, 0] - d.loops[0].start, step * np.array(outputs)[:, 0], atol=1e-6)
-
-
-def test_the_controller_is_made_again_from_its_data_alone():
-    scenario = lqr_scenario(PENDULUM)
-    data = scenario.settings(scenario.references["robust"])
-    assert data["controller"] == "LQR"
-    assert as_data(from_data(data)) == data
 
 
 def test_own_knobs_replace_those_found_and_others_are_refused():

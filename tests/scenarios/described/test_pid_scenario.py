@@ -183,8 +183,8 @@ def test_a_column_with_a_dead_time_for_each_entry_is_tuned():
     robust = scenario.run(scenario.references["robust"]).kpis
     assert np.isfinite(list(robust.values())).all()
     # The linear model of the KPI M_s is the plant that is simulated.
-    model = scenario.run.kpis.sensitivity.plant
-    T_s = model.T_s
+    model = scenario.run.kpis.sensitivity.__self__.plant
+    T_s = model.dt
     states, y = np.zeros(len(model.A)), []
     for _ in range(30):
         y.append(model.C @ states)
@@ -209,14 +209,7 @@ def test_own_knobs_and_horizon_replace_what_is_found():
     assert (scenario.space.knobs[0].low, scenario.space.knobs[0].high) == (1, 5)
     assert scenario.run(np.array([2.0, 1.0, 0.1, 1.0])).duration == pytest.approx(30.0, abs=0.1)
     assert scenario.title == "Mine"
-
-
-def test_the_exported_pid_is_loaded_without_the_plant(tmp_path):
-    scenario, theta = pid_scenario(PLANTS["integrator"]), np.array([2.0, 9.0, 0.5, 0.4])
-    content = {"format": 1, "scenario": "gone.py:plant", "theta": {}}
-    path = tmp_path / "best.json"
-    path.write_text(json.dumps({**content, "settings": scenario.settings(theta)}))
-    assert load_controller(path).parameters == scenario.controller(theta).parameters
+    assert scenario.run.kpis.design.loops[0].load > 0  # also in a given time a load acts
 
 
 def test_a_file_with_an_lqg_is_loaded_without_the_plant(tmp_path):
@@ -240,13 +233,6 @@ def test_a_file_with_an_lqg_is_loaded_without_the_plant(tmp_path):
 def test_what_does_not_fit_is_refused(wrong, said):
     with pytest.raises(ScenarioError, match=said):
         pid_scenario(PLANTS["double lag"], **wrong)
-
-
-def test_the_same_tuning_gives_the_same_experiment():
-    theta = np.array([1.0, 9.0, 0.5, 0.4])
-    assert pid_scenario(PLANTS["unstable"]).run(theta) == pid_scenario(PLANTS["unstable"]).run(
-        theta
-    )
 
 
 def test_a_run_that_had_not_arrived_when_the_load_came_never_recovers():

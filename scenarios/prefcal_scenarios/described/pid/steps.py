@@ -1,27 +1,28 @@
 """Make the scenario of a plant whose references step one after the other, then loads act."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.controllers.stored import as_data
-from prefcal_env.envs.experiment_env import ClosedLoop
+from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import Task
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.panels import Panel
+from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.plants.disturbed import Disturbed
 from prefcal_env.plants.plant import Plant
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
 from .design import Design
-from .kpis import Measure, kpis_of
-from .loaded import Loaded
-from .words import brief_of
+from .kpis import Measure, Sensitivity, kpis_of
 
 _AWAY = 10.0
 """Distance from the start, in steps, at which an output has run away."""
@@ -44,12 +45,35 @@ def plant_of(plant: Any, horizon: float | None) -> Plant:
     return found
 
 
+def space_of(knobs: Sequence[Knob], own: Sequence[Knob], kind: str) -> KnobSpace:
+    """Return the space of `knobs`, where those of the same name in `own` replace them.
+
+    Raises:
+        ScenarioError: If an own knob has another name.
+    """
+    names, given = [knob.name for knob in knobs], {knob.name: knob for knob in own}
+    for name in given:
+        if name not in names:
+            raise ScenarioError(
+                f"no knob of this {kind} is called {name!r}.{did_you_mean(name, names)} "
+                f"Expected one of {names}"
+            )
+    chosen = [(given.get(knob.name, knob), knob.about) for knob in knobs]
+    return KnobSpace([replace(knob, about=knob.about or about) for knob, about in chosen])
+
+
+def theta_of(space: KnobSpace, values: Sequence[float]) -> Float[np.ndarray, " n"]:
+    """Return values of the knobs, rounded and moved into their ranges, shape (n,)."""
+    pairs = zip(space, values, strict=True)
+    return np.array([knob.round(min(max(v, knob.low), knob.high)) for knob, v in pairs])
+
+
 def scenario_of_steps(
     plant: Plant,
     found: Design,
     make: Make,
     space: KnobSpace,
-    sensitivity: Callable[[Float[np.ndarray, " n"]], float],
+    sensitivity: Sensitivity,
     **said: Any,
 ) -> Scenario:
     """Return the scenario of a plant and its controllers.
@@ -63,19 +87,20 @@ def scenario_of_steps(
         said: Name, title, references and brief of the scenario; an empty brief is found, and the
             first reference is the middle of the ranges.
     """
-    middle = next(iter(said["references"].values()))
-    run = ClosedLoop(
-        PlantEnv(_loaded(plant, found), task_of(plant, found)), make, Measure(found, sensitivity)
-    )
+    middle, inputs = next(iter(said["references"].values())), list(plant.inputs)
+    for loop in found.loops:
+        inputs[loop.input] = loop.channel
+    loaded = Disturbed(plant, on_inputs=range(len(inputs)), inputs=tuple(inputs))
+    env = PlantEnv(loaded, _task(plant, found))
     return Scenario(
         space=space,
-        run=run,
+        run=ClosedLoop(env, make, Measure(found, sensitivity)),
         kpis=kpis_of(found, plant.outputs, plant.time_unit, sensitivity(middle)),
         panels=_panels(plant, found),
         controller=make,
         settings=Settings(make),
         simulated=True,
-        **(said | {"brief": said["brief"] or brief_of(plant, found)}),
+        **(said | {"brief": said["brief"] or _brief(plant, found)}),
     )
 
 
@@ -90,44 +115,41 @@ class Settings:
         return as_data(self.make(theta))
 
 
-def task_of(plant: Plant, found: Design) -> Task:
+def _task(plant: Plant, found: Design) -> Task:
     """Return the task: one step for each loop, then the loads."""
-    point, phase, n = found.point, found.phase, len(found.loops)
-    start = np.full(len(plant.outputs), np.nan)
-    alone, y_ref, loads = n == 1, start.copy(), np.zeros(len(plant.inputs))
-    for loop in found.loops:
-        y_ref[loop.output], loads[loop.input] = loop.target, loop.load
-    none, acting = (np.concatenate([point.d, part]) for part in (0 * loads, loads))
-    schedule = Schedule(found, start, none, acting)
+    schedule, n = Schedule(plant, found), len(found.loops)
     return Task(
-        x0=point.x, u0=point.u, y_ref=y_ref if alone else schedule.reference,
-        d=schedule.disturbance, horizon=(n + 1) * phase, T_s=found.T_s, dense_step=found.T_s,
+        x0=found.point.x,
+        u0=found.point.u,
+        y_ref=schedule.reference if n > 1 else schedule.reference(0.0),
+        d=schedule.disturbance,
+        horizon=(n + 1) * found.phase,
+        T_s=found.T_s,
+        dense_step=found.T_s,
         unsafe=RunsAway(plant, found),
         tracked=tuple(loop.output for loop in found.loops),
-    )  # fmt: skip
+    )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """References and disturbances over time."""
+    """References and disturbances over time: loop k steps after k phases, then the loads act."""
 
-    design: Design
-    nothing: Float[np.ndarray, " n_y"]
-    unloaded: Float[np.ndarray, " n_d"]
-    loaded: Float[np.ndarray, " n_d"]
+    def __init__(self, plant: Plant, design: Design) -> None:
+        n, loads = len(design.loops), np.zeros(len(plant.inputs))
+        self._starts = [(k - 1e-9) * design.phase for k in range(1, n + 1)]
+        self._y_ref = np.full((n, len(plant.outputs)), np.nan)
+        for k, loop in enumerate(design.loops):
+            self._y_ref[:k, loop.output], self._y_ref[k:, loop.output] = loop.start, loop.target
+            loads[loop.input] = loop.load
+        self._d = [np.concatenate([design.point.d, part]) for part in (0 * loads, loads)]
 
     def reference(self, t: float) -> Float[np.ndarray, " n_y"]:
-        """Return the references at time `t`: loop k steps after k phases."""
-        y_ref = self.nothing.copy()
-        for k, loop in enumerate(self.design.loops):
-            stepped = t >= (k - 1e-9) * self.design.phase
-            y_ref[loop.output] = loop.target if stepped else loop.start
-        return y_ref
+        """Return the references at time `t`."""
+        return np.asarray(self._y_ref[sum(t >= start for start in self._starts[:-1])])
 
     def disturbance(self, t: float) -> Float[np.ndarray, " n_d"]:
         """Return the measured disturbances, which rest, and the loads at time `t`."""
-        acting = t >= (len(self.design.loops) - 1e-9) * self.design.phase
-        return self.loaded if acting else self.unloaded
+        return self._d[t >= self._starts[-1]]
 
 
 class RunsAway:
@@ -139,17 +161,13 @@ class RunsAway:
     """
 
     def __init__(self, plant: Plant, design: Design) -> None:
-        self._plant, self._point, x = plant, design.point, design.point.x
-        low, high = (np.array([getattr(c, end) for c in plant.states]) for end in ("low", "high"))
-        inside = (low < x) & (x < high)
+        self._plant, self._point = plant, design.point
         self._limits = [
-            (k, float(low[k]), float(high[k]))
-            for k in np.flatnonzero(inside & (np.isfinite(low) | np.isfinite(high))).tolist()
+            (k, c.low, c.high)
+            for k, (c, start) in enumerate(zip(plant.states, design.point.x, strict=True))
+            if c.low < start < c.high and (np.isfinite(c.low) or np.isfinite(c.high))
         ]
-        self._outputs = [
-            (loop.output, loop.start, _AWAY * abs(loop.target - loop.start))
-            for loop in design.loops
-        ]
+        self._outputs = [(loop.output, loop.start, _AWAY * abs(loop.step)) for loop in design.loops]
 
     def __call__(self, x: Float[np.ndarray, " n_x"]) -> bool:
         """Return whether the experiment ends."""
@@ -160,20 +178,35 @@ class RunsAway:
         return any(abs(y[k] - start) > reach for k, start, reach in self._outputs)
 
 
-def _loaded(plant: Plant, found: Design) -> Loaded:
-    """Return the plant with loads, and with limits for every input."""
-    inputs = list(plant.inputs)
-    for loop in found.loops:
-        inputs[loop.input] = loop.channel
-    return Loaded(plant, tuple(inputs))
-
-
 def _panels(plant: Plant, found: Design) -> tuple[Panel, ...]:
     """Return a panel for each output and input; limits far from the step would dwarf it."""
     panels = []
     for loop in found.loops:
-        c, room = plant.outputs[loop.output], 2 * abs(loop.target - loop.start)
+        c, room = plant.outputs[loop.output], 2 * abs(loop.step)
         low = c.low if abs(c.low - loop.target) <= room else -np.inf
         high = c.high if abs(c.high - loop.target) <= room else np.inf
         panels.append(Panel(c.name, kind="y", low=low, high=high, target=loop.target))
     return (*panels, *(Panel(loop.channel.name, kind="u") for loop in found.loops))
+
+
+def _brief(plant: Plant, design: Design) -> str:
+    """Return the brief: steps, loads, what was assumed, and what to judge by."""
+    time, phase, said = plant.time_unit, design.phase, []
+    for k, loop in enumerate(design.loops):
+        y, when = plant.outputs[loop.output], f"at {k * phase:.4g} {time}" if k else "at the start"
+        target = f"{loop.target:.4g} {y.unit}".rstrip()
+        said.append(f"The reference of {y.name} steps from {loop.start:.4g} to {target} {when}.")
+    loads = [(f"{p.load:g} {p.channel.unit}".rstrip(), p.channel.name) for p in design.loops]
+    acting = ", ".join(f"{load} on {name}" for load, name in loads)
+    said.append(f"From {len(design.loops) * phase:.4g} {time} on a load acts: {acting}.")
+    said.append(f"The controller moves every {design.T_s:g} {time}.")
+    for loop in design.loops:
+        c, own = loop.channel, plant.inputs[loop.input]
+        if (own.low, own.high) != (c.low, c.high):
+            limits = f"{c.low:g} to {c.high:g} {c.unit}".rstrip()
+            said.append(f"The plant does not limit {c.name}; {limits} is assumed.")
+    said.append(
+        "Good control reaches the reference soon, without overshoot or oscillation, rejects the "
+        "load, and spares the actuator. What counts more is up to you."
+    )
+    return " ".join(said)

@@ -6,6 +6,7 @@ import pytest
 
 import prefcal_env
 from prefcal_env.envs import PlantEnv
+from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.rollout import rollout
@@ -21,9 +22,11 @@ ID = "prefcal/Experiment-v0"
 @pytest.mark.parametrize("source", [tank_env, tank_env()])
 def test_an_environment_and_a_controller_make_an_experiment(source):
     env = gym.make(
-        ID, space=SPACE, env=source, controller=pi_of, score=lambda e: e.duration,
-        kpis=lambda e: {"final": float(e.x[-1, 0])},
-    )  # fmt: skip
+        ID,
+        space=SPACE,
+        run=ClosedLoop(source, pi_of, lambda e: {"final": float(e.x[-1, 0])}),
+        score=lambda e: e.duration,
+    )
     env.reset()
     _, reward, *_, info = env.step(np.array([0.0, 0.0]))
     e = info["experiment"]
@@ -44,7 +47,7 @@ def test_the_environment_may_be_an_id():
             return prefcal_env.Move(self.u)
 
     space = KnobSpace([Knob("T_c", 284, 310, "K")])
-    env = gym.make(ID, space=space, env="prefcal/CSTR-v0", controller=Constant)
+    env = gym.make(ID, space=space, run=ClosedLoop("prefcal/CSTR-v0", Constant))
     env.reset()
     e = env.step(np.array([0.0]))[4]["experiment"]
     assert np.all(e.u == 297.0)
@@ -57,34 +60,18 @@ def test_a_run_alone_is_enough():
     assert env.step(np.zeros(2))[4]["experiment"] == short_run([1.05, 0.5])
 
 
-@pytest.mark.parametrize(
-    "parts",
-    [
-        {},
-        {"env": tank_env},
-        {"controller": pi_of},
-        {"run": short_run, "env": tank_env},
-        {"run": short_run, "controller": pi_of},
-        {"run": short_run, "env": tank_env, "controller": pi_of},
-        {"run": short_run, "kpis": dict},
-    ],
-)
-def test_half_and_double_definitions_are_refused(parts):
-    with pytest.raises(SettingsError, match="either run, or env and controller"):
-        gym.make(ID, space=SPACE, **parts)
-
-
-@pytest.mark.parametrize(
-    "parts", [{"env": 3, "controller": pi_of}, {"env": tank_env, "controller": 3}]
-)
+@pytest.mark.parametrize("parts", [(3, pi_of), (tank_env, 3)])
 def test_what_is_neither_environment_nor_factory_is_refused(parts):
     with pytest.raises(SettingsError, match="got 3"):
-        gym.make(ID, space=SPACE, **parts)
+        ClosedLoop(*parts)
 
 
 def test_the_last_experiment_is_drawn():
     env = gym.make(
-        ID, space=SPACE, env=PlantEnv(TANK, tank_task()), controller=pi_of, render_mode="rgb_array"
+        ID,
+        space=SPACE,
+        run=ClosedLoop(PlantEnv(TANK, tank_task()), pi_of),
+        render_mode="rgb_array",
     )
     env.reset()
     blank = env.render()

@@ -1,6 +1,6 @@
-"""`prefcal/Experiment-v0`: tune your own controller on your own plant or rig."""
+"""A plant and a controller as a function from θ to an experiment."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -10,12 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.panels import Panel
 from prefcal_env.experiments.rollout import KPIs, rollout
-from prefcal_env.knobs.space import KnobSpace
-
-from .rendering import makes
-from .tuning_env import Run, TuningEnv, same_step_vector
 
 EnvSource = gym.Env[Any, Any] | str | Callable[[], gym.Env[Any, Any]]
 ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]
@@ -59,46 +54,3 @@ class ClosedLoop:
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run a physical θ, shape (n,)."""
         return rollout(self._env, self.controller(theta), theta, seed=seed, kpis=self.kpis)
-
-
-@makes(TuningEnv)
-def experiment_env(
-    space: KnobSpace,
-    *,
-    run: Run | None = None,
-    env: EnvSource | None = None,
-    controller: ControllerFactory | None = None,
-    kpis: KPIs | None = None,
-    score: Callable[[Experiment], float] | None = None,
-    panels: Sequence[Panel] | None = None,
-    render_mode: str | None = None,
-) -> TuningEnv:
-    """Make `prefcal/Experiment-v0`. Give either `run`, or `env` and `controller`.
-
-    Args:
-        space: Space of the knobs.
-        run: Function that runs one experiment: `run(theta, seed=0)` with a physical θ, shape (n,).
-        env: Plant environment (such as `PlantEnv`), its id, or a function that makes it.
-        controller: Function that makes a new controller from a physical θ, shape (n,).
-        kpis: With `env`: function that returns the key performance indicators by name.
-        score: Function that rates an experiment, lower is better; without it the reward is 0.
-        panels: Curves to draw.
-        render_mode: None or "rgb_array".
-
-    Raises:
-        SettingsError: If neither or both ways of running an experiment are given.
-    """
-    closed_loop = env is not None and controller is not None
-    partly = env is not None or controller is not None or kpis is not None
-    if (run is None) != closed_loop or (run is not None and partly):
-        raise SettingsError("give either run, or env and controller (and kpis, if wanted)")
-    if run is None:
-        assert env is not None
-        assert controller is not None
-        run = ClosedLoop(env, controller, kpis)
-    return TuningEnv(space, run, score=score, panels=panels, render_mode=render_mode)
-
-
-def experiment_vector(num_envs: int = 1, **kwargs: Any) -> gym.vector.SyncVectorEnv:
-    """Make several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""
-    return same_step_vector("prefcal/Experiment-v0", num_envs, **kwargs)

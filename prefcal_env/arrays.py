@@ -1,0 +1,85 @@
+"""Check the arrays that settings hold: one message for each mistake."""
+
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from .errors import PrefcalError, SettingsError
+
+
+def numbers(
+    value: Any, what: str, error: type[PrefcalError] = SettingsError
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return `value` as an array of floats. Raises `error` unless it holds plain real numbers.
+
+    Masked arrays have values that do not count, complex numbers have a part that would be dropped,
+    and dates, strings and booleans would silently become numbers.
+    """
+    try:
+        array = np.asarray(value)
+        plain = array.dtype.kind in "iuf" and not isinstance(value, np.ma.MaskedArray)
+    except (TypeError, ValueError, RuntimeError):
+        plain = False
+    if not plain:
+        raise error(f"{what} must be numbers, got {value!r:.120}")
+    return array.astype(float)
+
+
+Kind = Literal["any", "finite", "at least 0", "above 0"]
+
+
+def vector(name: str, value: Any, n: int, kind: Kind = "any") -> Float[np.ndarray, " n"]:
+    """Return `n` numbers as an array, shape (n,).
+
+    Args:
+        name: Its name, for messages.
+        value: The numbers.
+        n: How many are expected.
+        kind: What is allowed beside NaN, which never is.
+
+    Raises:
+        SettingsError: If there are more or fewer, or one is not allowed.
+    """
+    array = numbers(value, name)
+    if array.shape != (n,) or np.isnan(array).any():
+        raise SettingsError(f"{name} must hold {n} numbers, shape ({n},), got {value!r:.80}")
+    fine = np.isfinite(array) | (kind == "any")
+    if kind in ("at least 0", "above 0"):
+        fine &= array > 0 if kind == "above 0" else array >= 0
+    if not fine.all():
+        more = "" if kind == "finite" else f" and {kind}"
+        raise SettingsError(f"{name} must be finite{more}, got {value!r:.80}")
+    return array
+
+
+def weights(
+    name: str, value: Any, n: int | None = None, *, definite: bool = False
+) -> Float[np.ndarray, "n n"]:
+    """Return a symmetric positive semidefinite matrix, shape (n, n); a vector is its diagonal.
+
+    Args:
+        name: Its name, for messages.
+        value: The matrix, or its diagonal.
+        n: Expected size; None for any.
+        definite: Whether it must be positive definite.
+
+    Raises:
+        SettingsError: If it is something else.
+    """
+    array = numbers(value, name)
+    Q = np.diag(array) if array.ndim == 1 and n is not None else array
+    shape = (n, n) if n is not None else (len(np.atleast_1d(Q)),) * 2
+    if Q.shape != shape or not np.isfinite(Q).all():
+        size = "" if n is None else f", shape ({n}, {n})"
+        raise SettingsError(f"{name} must be a finite square matrix{size}, got {value!r:.80}")
+    scale = max(float(np.abs(Q).max(initial=0.0)), 1e-300)
+    if np.abs(Q - Q.T).max(initial=0.0) > 1e-12 * scale:
+        raise SettingsError(f"{name} must be symmetric, got {Q.tolist()}")
+    smallest = float(np.linalg.eigvalsh(Q).min(initial=np.inf))
+    if smallest < -1e-12 * scale or (definite and smallest <= 0):
+        kind = "definite" if definite else "semidefinite"
+        raise SettingsError(
+            f"{name} must be positive {kind}, its smallest eigenvalue is {smallest:.3g}"
+        )
+    return np.ascontiguousarray(Q)
