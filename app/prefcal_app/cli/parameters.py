@@ -1,16 +1,19 @@
 """Parameters of a command, each declared once as a field of a dataclass.
 
-A field is annotated with a `typer.Option` or `typer.Argument`, and with `Kept` if the study file
-keeps its value. The command line, the checks of the file and all messages use that declaration.
+A field is made by `option` or `argument`, with `Kept` if the study file keeps its value. The
+command line, the checks of the file and all messages use that declaration.
 """
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
-from functools import cache
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from dataclasses import MISSING, dataclass, field, fields
+from functools import cache, partial
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
+from typer import Argument, Option
 from typer.models import ArgumentInfo, OptionInfo
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +41,31 @@ class Kept:
     feeds: str = ""
 
 
+def argument(metavar: str, help: str, *, kept: Kept | None = None) -> Any:
+    """Return the field of a required argument; `metavar` is its placeholder."""
+    return field(metadata={"info": Argument(metavar=metavar, help=help), "kept": kept})
+
+
+def option(default: Any, help: str, metavar: str = "", **more: Any) -> Any:
+    """Return the field of an option.
+
+    Args:
+        default: Default value; a flag of type bool inverts it.
+        help: Help text.
+        metavar: Placeholder of the value; empty for a flag.
+        more: `flag`, if it is not --NAME; `shown`, the default as the help shows it; `kept`, see
+            `Kept`; and further arguments of `typer.Option`.
+    """
+    flag, kept, shown = more.pop("flag", ""), more.pop("kept", None), more.pop("shown", True)
+    names = (flag,) if flag else ()
+    info = Option(*names, help=help, metavar=metavar, show_default=shown, **more)
+    return field(default=default, metadata={"info": info, "kept": kept})
+
+
+scenario_option = partial(option, rich_help_panel="Scenario")
+"""An option that describes a scenario, under a heading of its own in the help."""
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """Parameter of a command.
@@ -45,15 +73,15 @@ class Parameter:
     Args:
         name: Name of the field.
         type: Type of the value.
-        info: Declaration for the parser: flag, help, placeholder.
         default: Default value; MISSING if the parameter is required.
+        info: Declaration for the parser: flag, help, placeholder.
         kept: Rules if the study file keeps the value; None if it applies to a single run.
     """
 
     name: str
     type: Any
-    info: OptionInfo | ArgumentInfo
     default: Any
+    info: OptionInfo | ArgumentInfo
     kept: Kept | None
 
     @property
@@ -127,25 +155,15 @@ class Parameter:
 @cache
 def parameters_of(options: type) -> Mapping[str, Parameter]:
     """Return the parameters that the dataclass `options` declares, by name and in order."""
-    hints = get_type_hints(options, include_extras=True)
-    return {field.name: _parameter(field.name, hints[field.name], field.default)
-            for field in fields(options)}  # fmt: skip
-
-
-def _parameter(name: str, hint: Any, default: Any) -> Parameter:
-    type_, *extras = get_args(hint)
-    (info,) = (extra for extra in extras if isinstance(extra, OptionInfo | ArgumentInfo))
-    kept = next((extra for extra in extras if isinstance(extra, Kept)), None)
-    return Parameter(name, type_, info, default, kept)
+    hints = get_type_hints(options)
+    return {f.name: Parameter(f.name, hints[f.name], f.default, **f.metadata)
+            for f in fields(options)}  # fmt: skip
 
 
 def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:
     """Return the parameters whose values a study file keeps, by name."""
-    return {
-        name: (parameter, parameter.kept)
-        for name, parameter in parameters_of(options).items()
-        if parameter.kept is not None
-    }
+    parameters = parameters_of(options).items()
+    return {name: (each, each.kept) for name, each in parameters if each.kept is not None}
 
 
 def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -167,3 +185,15 @@ def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]
 def given(options: type, typed: Mapping[str, Any]) -> dict[str, Any]:
     """Return values for the fields of `options` from the typed ones; None if a study decides."""
     return {name: p.given(typed[name]) for name, p in parameters_of(options).items()}
+
+
+def made(options: type[_T], typed: Mapping[str, Any]) -> _T:
+    """Return `options` of the typed values, with defaults for those that were not typed."""
+    values = given(options, typed)
+    return options(**{name: value for name, value in values.items() if value is not None})
+
+
+def examples(*shown: tuple[str, str], more: str = "") -> str:
+    """Return an epilog with example commands, an explanation of each, and `more`."""
+    lines = (f"[cyan]prefcal {line}[/cyan]\n  {words}" for line, words in shown)
+    return "\n\n".join(["[bold]Examples[/bold]", *lines, *([more] if more else [])])

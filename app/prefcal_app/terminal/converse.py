@@ -7,24 +7,29 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
 from prefcal_app.session.live.state import LiveNow, Recovery
 from prefcal_app.session.view import GOOD_ENOUGH, UNSAFE
 from prefcal_app.view import Seen, preview_view
-from prefcal_env.errors import PrefcalError, RecordError, StaleError
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.live import Stage
 from prefcal_env.study import Suggested
 from prefcal_scenarios.isolated import in_time
 from prefcal_scenarios.presentation.wording import theta_text
 
-from .briefing import show_brief
-from .lines import END, ask_line, typed
-from .looking import show_history, show_status
-from .showing import show_changes, show_keys, show_next, show_question
+from .lines import END, ask_line, theta_of, typed
+from .showing import (
+    say,
+    show_brief,
+    show_changes,
+    show_history,
+    show_keys,
+    show_next,
+    show_question,
+    show_status,
+)
 
 ANSWER = "answer"
 """Words that ask for an answer."""
@@ -193,10 +198,10 @@ class _Conversation:
         elif said == "failed":
             self.interview.fail(now.pending.index)
         elif said.startswith("set "):
-            self.dialed = dialed(
-                said.removeprefix("set "), self.interview.scenario.space, now.pending
-            )
-            self._say(f"Its θ is now {theta_text(self.interview.scenario.space, self.dialed)}.")
+            space = self.interview.scenario.space
+            theta = theta_of(said.removeprefix("set "), space, now.pending.theta)
+            self.dialed = tuple(theta.tolist())
+            self._say(f"Its θ is now {theta_text(space, self.dialed)}.")
         elif said:
             self._file(said, now.pending)
         return True
@@ -303,7 +308,7 @@ class _Conversation:
         return True
 
     def _say(self, words: str) -> None:
-        self.console.print(words, markup=False, highlight=False, soft_wrap=True)
+        say(self.console, words)
 
 
 def _waiting(now: Now) -> str:
@@ -345,27 +350,6 @@ def _live_words(live: LiveNow) -> str:
     shown = f" ({values})" if values else ""
     problem = f"; {progress.problem}" if progress.problem else ""
     return f": {progress.stage.value}{time}{shown}{problem}; k and Enter stops it"
-
-
-def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:
-    """Return θ of `sample` with the values actually set: "KNOB=VALUE, ...", _ for spaces.
-
-    Raises:
-        RecordError: If a knob is unknown, or a value is not a number.
-        KnobError: If θ is outside the space.
-    """
-    values = dict(zip(space.names, sample.theta, strict=True))
-    plain = {name.replace(" ", "_"): name for name in space.names}
-    for part in text.split(","):
-        word, _, value = (piece.strip() for piece in part.partition("="))
-        name = plain.get(word.replace(" ", "_"))
-        if name is None:
-            raise RecordError(f"a knob must be one of {list(plain)}, got {word!r}")
-        try:
-            values[name] = float(value)
-        except ValueError as error:
-            raise RecordError(f"knob {name!r} must be a number, got {value!r}") from error
-    return tuple(space.check(np.array(list(values.values()))).tolist())
 
 
 def converse(

@@ -2,14 +2,21 @@
 
 import json
 from dataclasses import dataclass
-from typing import Annotated
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
 from prefcal_app.cli.options import Options
-from prefcal_app.cli.parameters import Kept, given, kept_by, parameters_of, takes
+from prefcal_app.cli.parameters import (
+    Kept,
+    argument,
+    given,
+    kept_by,
+    option,
+    parameters_of,
+    takes,
+)
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import StudyFile, study_path
 from support.interviews import clock
@@ -20,12 +27,12 @@ from toy_study import TOY
 class Toy:
     """One option of each kind."""
 
-    name: Annotated[str, typer.Argument(metavar="NAME")]
-    rounds: Annotated[int, typer.Option(help="How often."), Kept(least=1)] = 3
-    tags: Annotated[tuple[str, ...], typer.Option("--tag"), Kept()] = ()
-    learns: Annotated[bool, typer.Option("--no-learning"), Kept()] = True
-    opens: Annotated[bool, typer.Option("--no-opening")] = True
-    folder: Annotated[str | None, typer.Option()] = None
+    name: str = argument("NAME", "")
+    rounds: int = option(3, "How often.", "N", kept=Kept(least=1))
+    tags: tuple[str, ...] = option((), "", "TAG", flag="--tag", kept=Kept())
+    learns: bool = option(True, "", flag="--no-learning", kept=Kept())
+    opens: bool = option(True, "", flag="--no-opening")
+    folder: str | None = option(None, "", "FOLDER")
 
 
 @pytest.fixture

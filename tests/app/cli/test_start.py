@@ -5,7 +5,7 @@ import shlex
 
 import pytest
 
-from prefcal_app.cli.choices import knob_called, theta_of
+from prefcal_app.terminal.lines import knob_called, theta_of
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_app.cli.starters.kinds import KINDS
+from prefcal_app.cli.starters.new import KINDS
 from prefcal_env.live import Journal
 from prefcal_scenarios.catalog import load
 

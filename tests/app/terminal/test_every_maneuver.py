@@ -12,7 +12,7 @@ import pytest
 from prefcal_app import figure, look
 from prefcal_app.cli.checkup import Checkup
 from prefcal_app.report.trajectories import alone
-from prefcal_app.terminal.pairs import show_kpis
+from prefcal_app.terminal.showing import show_kpis
 from prefcal_app.view.maneuvers import largest_difference, pairs_of
 from prefcal_env.errors import ScenarioError
 from prefcal_env.study import export_csv
