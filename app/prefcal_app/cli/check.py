@@ -37,18 +37,17 @@ too: only you know whether the curves are those of your plant.
 
 @dataclass(frozen=True, slots=True)
 class CheckOptions(Described):
-    """Options of `prefcal check`, in the order of its help."""
+    """Options of `prefcal check`, in the order of its help.
 
-    theta: str | None = option(
-        None,
-        'What to run: "KNOB=VALUE, ..." for every knob, or the name of a reference.',
-        "THETA",
-        shown="the middle of the box",
-    )
-    out: Path | None = option(None, "File of the picture.", "FILE.png", shown="./check-NAME.png")
-    json: bool = option(
-        False, "Print the result as JSON, and nothing else, on stdout.", flag="--json"
-    )
+    Args:
+        theta: What to run: "KNOB=VALUE, ..." for every knob, or the name of a reference.
+        out: File of the picture.
+        json: Print the result as JSON, and nothing else, on stdout.
+    """
+
+    theta: str | None = option(None, "THETA", shown="the middle of the box")
+    out: Path | None = option(None, "FILE.png", shown="./check-NAME.png")
+    json: bool = option(False, flag="--json")
 
 
 @takes(CheckOptions)

@@ -37,25 +37,41 @@ of level. All other columns of numbers are outputs.
 
 @dataclass(frozen=True, slots=True)
 class LookOptions:
-    """Options of `prefcal look`, in the order of its help."""
+    """Options of `prefcal look`, in the order of its help.
 
-    runs: tuple[str, ...] = argument("RUN RUN ...", "CSV or Parquet files, or STUDY:3, STUDY:best.")
-    time: str | None = option(None, "Column of time.", "NAME", shown="time, or the first one")
-    time_format: str | None = option(None, "Format of time stamps.", "FORMAT", shown="ISO 8601")
-    outputs: str = option("", "Columns to show.", "NAME,...", shown="all others")
-    inputs: str = option("", "Columns that are inputs, drawn as steps.", "NAME,...")
-    reference: tuple[str, ...] = option(
-        (), "Reference of an output: a number, or a column.", "NAME=VALUE"
-    )
-    unit: tuple[str, ...] = option((), "Unit of a column without one.", "NAME=UNIT")
-    columns: tuple[str, ...] = option((), "Name of your own for a column.", "NAME=HEADING")
-    align: bool = option(False, "Let all runs start at time 0.", flag="--align")
-    terminal: bool = option(False, "Show KPIs in this terminal.", flag="--terminal")
-    browser: bool = option(True, "Only print the link.", flag="--no-browser")
-    host: str = option("127.0.0.1", "Address of the page.", "ADDRESS")
-    port: int = option(0, "Port of the page; 0: any free one.", "N")
-    out: Path | None = option(None, "Write a picture instead.", "FILE.png")
-    json: bool = option(False, "Print the KPIs as JSON instead.", flag="--json")
+    Args:
+        runs: CSV or Parquet files, or STUDY:3, STUDY:best.
+        time: Column of time.
+        time_format: Format of time stamps.
+        outputs: Columns to show.
+        inputs: Columns that are inputs, drawn as steps.
+        reference: Reference of an output: a number, or a column.
+        unit: Unit of a column without one.
+        columns: Name of your own for a column.
+        align: Let all runs start at time 0.
+        terminal: Show KPIs in this terminal.
+        browser: Only print the link.
+        host: Address of the page.
+        port: Port of the page; 0: any free one.
+        out: Write a picture instead.
+        json: Print the KPIs as JSON instead.
+    """
+
+    runs: tuple[str, ...] = argument("RUN RUN ...")
+    time: str | None = option(None, "NAME", shown="time, or the first one")
+    time_format: str | None = option(None, "FORMAT", shown="ISO 8601")
+    outputs: str = option("", "NAME,...", shown="all others")
+    inputs: str = option("", "NAME,...")
+    reference: tuple[str, ...] = option((), "NAME=VALUE")
+    unit: tuple[str, ...] = option((), "NAME=UNIT")
+    columns: tuple[str, ...] = option((), "NAME=HEADING")
+    align: bool = option(False, flag="--align")
+    terminal: bool = option(False, flag="--terminal")
+    browser: bool = option(True, flag="--no-browser")
+    host: str = option("127.0.0.1", "ADDRESS")
+    port: int = option(0, "N")
+    out: Path | None = option(None, "FILE.png")
+    json: bool = option(False, flag="--json")
 
 
 @takes(LookOptions)

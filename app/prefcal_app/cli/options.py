@@ -8,7 +8,7 @@ from typing import Any
 
 from prefcal_agents.registry import WORDS
 
-from .parameters import Kept, argument, kept_by, option, parameters_of, scenario_option
+from .parameters import Kept, argument, kept_by, option, parameters_of
 
 HUMAN = "human"
 """Name of the calibrator that is a person."""
@@ -25,12 +25,6 @@ BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)
 SIMULATING = tuple(word for word, row in WORDS.items() if row.simulates)
 """The agents that simulate experiments which nobody looks at."""
 
-PLANT_HELP = (
-    "Plant of a standard controller: a prefcal plant, a system of python-control or scipy, or "
-    "(A, B, C, D)."
-)
-JSON_HELP = "Print only JSON on standard output (messages go to standard error)."
-
 
 def _who_proposes() -> str:
     """Return the help of --agent: the words of the registry, with their remarks."""
@@ -40,86 +34,90 @@ def _who_proposes() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """Options that say what is tuned, for `calibrate` and `check`."""
+    r"""Options that say what is tuned, for `calibrate` and `check`.
 
-    scenario: str = argument(
-        "SCENARIO",
-        "A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu, or pid "
-        "or lqr with --plant.",
-        kept=Kept("scenario", always=True, anew=True),
+    Args:
+        scenario: A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu,
+            or pid or lqr with --plant.
+        knob: Knob of an FMU or a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example
+            "K_p=0.1:50:log %/m". Repeat the option for more.
+        show: Curves to show, for example level,valve; of an FMU also in another unit, "T \[degC]".
+        reference: Desired value of an output, for example level=2. Repeat the option for more.
+        plant: Plant of a standard controller: a prefcal plant, a system of python-control or scipy,
+            or (A, B, C, D).
+        stop_time: Duration of an experiment, in the model's unit of time.
+        config: Configuration of the scenario, for example the road and traffic of overtake.
+        run_timeout: Time limit for one run of your own scenario; a longer run is ended and counts
+            as failed. inf: no limit.
+    """
+
+    scenario: str = argument("SCENARIO", kept=Kept("scenario", always=True, anew=True))
+    knob: tuple[str, ...] = option((), "KNOB", shown="found, for a standard controller")
+    show: tuple[str, ...] = option((), "NAMES", shown="all outputs and inputs")
+    reference: tuple[str, ...] = option(
+        (), "NAME=NUMBER", shown="none; a standard controller finds one"
     )
-    knob: tuple[str, ...] = scenario_option(
-        (),
-        "Knob of an FMU or a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example "
-        '"K_p=0.1:50:log %/m". Repeat the option for more.',
-        "KNOB",
-        shown="found, for a standard controller",
-    )
-    show: tuple[str, ...] = scenario_option(
-        (),
-        "Curves to show, for example level,valve; of an FMU also in another unit, "
-        r'"T \[degC]".',
-        "NAMES",
-        shown="all outputs and inputs",
-    )
-    reference: tuple[str, ...] = scenario_option(
-        (),
-        "Desired value of an output, for example level=2. Repeat the option for more.",
-        "NAME=NUMBER",
-        shown="none; a standard controller finds one",
-    )
-    plant: str | None = scenario_option(None, PLANT_HELP, "FILE.py:NAME")
-    stop_time: float | None = scenario_option(
-        None,
-        "Duration of an experiment, in the model's unit of time.",
-        "TIME",
-        shown="that of the model",
-    )
-    config: Path | None = scenario_option(
-        None,
-        "Configuration of the scenario, for example the road and traffic of overtake.",
-        "FILE.json",
-    )
-    run_timeout: float = scenario_option(
-        3600.0,
-        "Time limit for one run of your own scenario; a longer run is ended and counts as failed. "
-        "inf: no limit.",
-        "SECONDS",
-        shown="3600, an hour",
-    )
+    plant: str | None = option(None, "FILE.py:NAME")
+    stop_time: float | None = option(None, "TIME", shown="that of the model")
+    config: Path | None = option(None, "FILE.json")
+    run_timeout: float = option(3600.0, "SECONDS", shown="3600, an hour")
 
 
 @dataclass(frozen=True, slots=True)
 class Options(Described):
     """Options of `prefcal calibrate`, in the order of its help.
 
-    To add an option, add a field with its default, help and placeholder. One with `kept` is stored
-    and checked in the study file and cannot change on resuming unless `anew` is set; one without
-    applies to a single run. None stands for the default of the component that takes the value.
+    To add an option, add a field with its default and placeholder, and its help below. One with
+    `kept` is stored and checked in the study file and cannot change on resuming unless `anew` is
+    set; one without applies to a single run. None stands for the default of the component that
+    takes the value.
+
+    Args:
+        calibrator: Who compares: human, or one of the scenario's synthetic calibrators.
+        agent: Who proposes.
+        simulate: Number of experiments to simulate unseen. The agent screening learns from your
+            answers which of them you would like, and shows only a few. 0: run only what is shown,
+            with the agent glisp.
+        twin: A rough model of the plant: simulate unseen on this scenario, and run only what is
+            shown. It has the plant's knobs and KPIs; prefcal learns how both differ.
+        study: Study to start or to resume: a name in your data folder, or a file (with a / or a
+            suffix).
+        seed: Seed of the agent, the calibrator and the order of the two sides.
+        n_init: Number of experiments before learning starts.
+        n_max: Number of experiments shown; you can add more later.
+        questions_per_experiment: Maximum number of comparisons per experiment (glisp only). If
+            experiments are expensive, 3 or more comparisons save some. You can change it when you
+            resume.
+        start: θ of the first experiment, for example your current tuning: "KNOB=VALUE, ..." for
+            every knob, or the name of one of the scenario's references. Repeat the option for more.
+        earlier: An earlier study, for example by another person or of a similar plant: its best θ
+            is one of the first experiments. A name or the path of a file.
+        outcomes: Let glisp learn from θ only, not from the KPIs of the experiments.
+        cost: What the calibrator synthetic or the agent glis goes by: own.py:NAME, a function of an
+            experiment, lower is better; or the name of a KPI.
+        out: Folder of the report; must not hold the report of another study.
+        at_once: Number of experiments that run at the same time, each in a process of its own: for
+            simulations that take minutes, with the agent glisp.
+        terminal: Ask in this terminal instead of on a page.
+        browser: Print the link of the page, but open no browser.
+        host: Address to serve the page on. 0.0.0.0 makes it reachable from other machines.
+        port: Port of the page.
+        json: Print only JSON on standard output (messages go to standard error).
 
     Raises:
         SettingsError: If a number is too small, or `n_init` is above `n_max`.
     """
 
-    calibrator: str = option(
-        HUMAN,
-        "Who compares: human, or one of the scenario's synthetic calibrators.",
-        "NAME",
-        shown="human",
-        kept=Kept("calibrator", always=True),
-    )
+    calibrator: str = option(HUMAN, "NAME", shown="human", kept=Kept("calibrator", always=True))
     agent: str = option(
         "glisp",
-        _who_proposes(),
         "NAME",
         shown="screening; glisp if the scenario is not a quick simulation",
         kept=Kept("agent", always=True),
+        help=_who_proposes(),
     )
     simulate: int = option(
         0,
-        "Number of experiments to simulate unseen. The agent screening learns from your answers "
-        "which of them you would like, and shows only a few. 0: run only what is shown, with the "
-        "agent glisp.",
         "N",
         shown="1000; 0 if the scenario is not a quick simulation",
         kept=Kept(
@@ -131,46 +129,25 @@ class Options(Described):
             feeds="n_simulated",
         ),
     )
-    twin: str | None = option(
-        None,
-        "A rough model of the plant: simulate unseen on this scenario, and run only what is shown. "
-        "It has the plant's knobs and KPIs; prefcal learns how both differ.",
-        "SCENARIO",
-        shown="none",
-        kept=Kept("twin", agents=SIMULATING),
-    )
+    twin: str | None = option(None, "SCENARIO", shown="none", kept=Kept("twin", agents=SIMULATING))
     study: str | None = option(
-        None,
-        "Study to start or to resume: a name in your data folder, or a file (with a / or a "
-        "suffix).",
-        "NAME_OR_PATH",
-        shown="a new one, SCENARIO-1; unattended: none",
+        None, "NAME_OR_PATH", shown="a new one, SCENARIO-1; unattended: none"
     )
-    seed: int = option(
-        0,
-        "Seed of the agent, the calibrator and the order of the two sides.",
-        "N",
-        shown="0",
-        kept=Kept("seed", always=True, least=0),
-    )
+    seed: int = option(0, "N", shown="0", kept=Kept("seed", always=True, least=0))
     n_init: int = option(
         10,
-        "Number of experiments before learning starts.",
         "N",
         shown="10; glisp: 2 per knob; screening: 1; at most half of --n-max",
         kept=Kept("initial experiments", always=True, least=1),
     )
     n_max: int = option(
         50,
-        "Number of experiments shown; you can add more later.",
         "N",
         shown="50; screening: 11",
         kept=Kept("experiments", always=True, anew=True, least=1),
     )
     questions_per_experiment: int = option(
         1,
-        "Maximum number of comparisons per experiment (glisp only). If experiments are expensive, "
-        "3 or more comparisons save some. You can change it when you resume.",
         "N",
         min=1,
         shown="1",
@@ -182,25 +159,10 @@ class Options(Described):
             feeds="settings.questions_per_experiment",
         ),
     )
-    start: tuple[str, ...] = option(
-        (),
-        'θ of the first experiment, for example your current tuning: "KNOB=VALUE, ..." for every '
-        "knob, or the name of one of the scenario's references. Repeat the option for more.",
-        "THETA",
-        shown="the agent's",
-        kept=Kept("begins with"),
-    )
-    earlier: str | None = option(
-        None,
-        "An earlier study, for example by another person or of a similar plant: its best θ is one "
-        "of the first experiments. A name or the path of a file.",
-        "STUDY",
-        flag="--from",
-        kept=Kept("earlier study"),
-    )
+    start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
+    earlier: str | None = option(None, "STUDY", flag="--from", kept=Kept("earlier study"))
     outcomes: bool = option(
         True,
-        "Let glisp learn from θ only, not from the KPIs of the experiments.",
         flag="--no-outcomes",
         kept=Kept(
             "learns from KPIs",
@@ -209,39 +171,16 @@ class Options(Described):
             feeds="settings.kpis",
         ),
     )
-    cost: str | None = option(
-        None,
-        "What the calibrator synthetic or the agent glis goes by: own.py:NAME, a function of an "
-        "experiment, lower is better; or the name of a KPI.",
-        "COST",
-        shown="the scenario's score",
-        kept=Kept("cost"),
-    )
+    cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))
     out: Path | None = option(
-        None,
-        "Folder of the report; must not hold the report of another study.",
-        "FOLDER",
-        shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED",
+        None, "FOLDER", shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED"
     )
-    at_once: int = option(
-        1,
-        "Number of experiments that run at the same time, each in a process of its own: for "
-        "simulations that take minutes, with the agent glisp.",
-        "N",
-        min=1,
-        shown="1",
-    )
-    terminal: bool = option(False, "Ask in this terminal instead of on a page.", flag="--terminal")
-    browser: bool = option(
-        True, "Print the link of the page, but open no browser.", flag="--no-browser"
-    )
-    host: str = option(
-        "127.0.0.1",
-        "Address to serve the page on. 0.0.0.0 makes it reachable from other machines.",
-        "ADDRESS",
-    )
-    port: int = option(0, "Port of the page.", "N", min=0, max=65535, shown="a free one")
-    json: bool = option(False, JSON_HELP, flag="--json")
+    at_once: int = option(1, "N", min=1, shown="1")
+    terminal: bool = option(False, flag="--terminal")
+    browser: bool = option(True, flag="--no-browser")
+    host: str = option("127.0.0.1", "ADDRESS")
+    port: int = option(0, "N", min=0, max=65535, shown="a free one")
+    json: bool = option(False, flag="--json")
 
     def __post_init__(self) -> None:
         wrong = (p.problem(getattr(self, name)) for name, p in parameters_of(Options).items())

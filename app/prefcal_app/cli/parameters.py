@@ -1,13 +1,16 @@
 """Parameters of a command, each declared once as a field of a dataclass.
 
-A field is made by `option` or `argument`, with `Kept` if the study file keeps its value. The
-command line, the checks of the file and all messages use that declaration.
+A field is made by `option` or `argument`, with `Kept` if the study file keeps its value, and its
+line under "Args" in the docstring of the dataclass is its help. The command line, the checks of the
+file and all messages use that declaration.
 """
 
 import inspect
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
+from copy import copy
 from dataclasses import MISSING, dataclass, field, fields
-from functools import cache, partial
+from functools import cache
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from typer import Argument, Option
@@ -41,29 +44,25 @@ class Kept:
     feeds: str = ""
 
 
-def argument(metavar: str, help: str, *, kept: Kept | None = None) -> Any:
+def argument(metavar: str, *, kept: Kept | None = None) -> Any:
     """Return the field of a required argument; `metavar` is its placeholder."""
-    return field(metadata={"info": Argument(metavar=metavar, help=help), "kept": kept})
+    return field(metadata={"info": Argument(metavar=metavar), "kept": kept})
 
 
-def option(default: Any, help: str, metavar: str = "", **more: Any) -> Any:
+def option(default: Any, metavar: str = "", *, kept: Kept | None = None, **more: Any) -> Any:
     """Return the field of an option.
 
     Args:
         default: Default value; a flag of type bool inverts it.
-        help: Help text.
         metavar: Placeholder of the value; empty for a flag.
-        more: `flag`, if it is not --NAME; `shown`, the default as the help shows it; `kept`, see
-            `Kept`; and further arguments of `typer.Option`.
+        kept: Rules if the study file keeps the value.
+        more: `flag`, if it is not --NAME; `shown`, the default as the help shows it; and further
+            arguments of `typer.Option`, such as a help that is computed.
     """
-    flag, kept, shown = more.pop("flag", ""), more.pop("kept", None), more.pop("shown", True)
-    names = (flag,) if flag else ()
-    info = Option(*names, help=help, metavar=metavar, show_default=shown, **more)
+    flag, shown = more.pop("flag", None), more.pop("shown", True)
+    names = [] if flag is None else [flag]
+    info = Option(*names, metavar=metavar, show_default=shown, **more)
     return field(default=default, metadata={"info": info, "kept": kept})
-
-
-scenario_option = partial(option, rich_help_panel="Scenario")
-"""An option that describes a scenario, under a heading of its own in the help."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +153,31 @@ class Parameter:
 
 @cache
 def parameters_of(options: type) -> Mapping[str, Parameter]:
-    """Return the parameters that the dataclass `options` declares, by name and in order."""
-    hints = get_type_hints(options)
-    return {f.name: Parameter(f.name, hints[f.name], f.default, **f.metadata)
-            for f in fields(options)}  # fmt: skip
+    """Return the parameters that the dataclass `options` declares, by name and in order.
+
+    Options that it inherits come last.
+    """
+    hints, own, inherited = get_type_hints(options), {}, {}
+    helps = {name: words for base in options.__mro__ for name, words in _args(base.__doc__ or "")}
+    for f in fields(options):
+        parameter = _parameter(f.name, hints[f.name], f, helps)
+        known = isinstance(parameter.info, ArgumentInfo) or f.name in options.__annotations__
+        (own if known else inherited)[f.name] = parameter
+    return {**own, **inherited}
+
+
+def _parameter(name: str, type_: Any, declared: Any, helps: Mapping[str, str]) -> Parameter:
+    """Return the parameter that the field `declared` stands for."""
+    info = copy(declared.metadata["info"])
+    info.help = info.help or helps[name]
+    return Parameter(name, type_, declared.default, info, declared.metadata["kept"])
+
+
+def _args(docstring: str) -> Iterator[tuple[str, str]]:
+    """Yield names and words of the section "Args" of a docstring."""
+    section = inspect.cleandoc(docstring).partition("\nArgs:\n")[2].partition("\n\n")[0]
+    for name, words in re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", section, re.MULTILINE):
+        yield name, " ".join(words.split())
 
 
 def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:

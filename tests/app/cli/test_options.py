@@ -25,14 +25,24 @@ from toy_study import TOY
 
 @dataclass(frozen=True)
 class Toy:
-    """One option of each kind."""
+    """One option of each kind.
 
-    name: str = argument("NAME", "")
-    rounds: int = option(3, "How often.", "N", kept=Kept(least=1))
-    tags: tuple[str, ...] = option((), "", "TAG", flag="--tag", kept=Kept())
-    learns: bool = option(True, "", flag="--no-learning", kept=Kept())
-    opens: bool = option(True, "", flag="--no-opening")
-    folder: str | None = option(None, "", "FOLDER")
+    Args:
+        name: Name.
+        rounds: How often, in words
+            of two lines.
+        tags: Tags.
+        learns: Do not learn.
+        opens: Do not open.
+        folder: Folder.
+    """
+
+    name: str = argument("NAME")
+    rounds: int = option(3, "N", kept=Kept(least=1))
+    tags: tuple[str, ...] = option((), "TAG", flag="--tag", kept=Kept())
+    learns: bool = option(True, flag="--no-learning", kept=Kept())
+    opens: bool = option(True, flag="--no-opening")
+    folder: str | None = option(None, "FOLDER")
 
 
 @pytest.fixture
@@ -66,6 +76,10 @@ def test_what_is_typed_arrives_with_the_type_of_its_field(typed):
         "name": "x", "rounds": 4, "tags": ("a", "b"), "learns": False, "opens": False,
         "folder": "f",
     }  # fmt: skip
+
+
+def test_the_help_of_an_option_is_its_line_in_the_docstring():
+    assert parameters_of(Toy)["rounds"].info.help == "How often, in words of two lines."
 
 
 def test_messages_name_an_option_as_it_is_typed():

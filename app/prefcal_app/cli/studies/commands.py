@@ -6,7 +6,6 @@ from typing import Annotated
 
 from typer import Argument, Exit, Option, Typer, echo
 
-from prefcal_app.cli.options import JSON_HELP, PLANT_HELP
 from prefcal_app.cli.parameters import examples
 
 app = Typer(
@@ -17,7 +16,7 @@ app = Typer(
 )
 
 _Name = Annotated[str, Argument(metavar="STUDY", help="A name, or the path of a file.")]
-_Json = Annotated[bool, Option("--json", metavar="", help=JSON_HELP)]
+_Json = Annotated[bool, Option("--json", metavar="", help="Print only JSON on standard output.")]
 _Texts = list[str] | None
 _Scenario = Annotated[
     str | None,
@@ -28,7 +27,10 @@ _Scenario = Annotated[
         show_default="the built-in one that the study names",
     ),
 ]
-_Plant = Annotated[str | None, Option(metavar="FILE.py:NAME", help=PLANT_HELP)]
+_Plant = Annotated[
+    str | None,
+    Option(metavar="FILE.py:NAME", help="Plant of a standard controller, as for calibrate."),
+]
 
 
 def _named(scenario: str | None, plant: str | None) -> str | None:
