@@ -14,10 +14,7 @@ EPILOG = examples(
         "The paper's reactor: 1,000 experiments are simulated unseen, and a page asks 10 to 13 "
         "times which of two is better.",
     ),
-    (
-        "calibrate cstr --study mine",
-        "The same in a study called mine; the same command resumes it.",
-    ),
+    ("calibrate cstr --study mine", "The same in a study called mine; run it again to resume."),
     ("calibrate cstr --terminal", "Answer in this terminal, on a machine without a browser."),
     (
         "calibrate cstr --calibrator synthetic --seed 7 --out reactor",
@@ -27,30 +24,12 @@ EPILOG = examples(
         'calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"',
         "Start from your current tuning: the first experiment runs it.",
     ),
-    (
-        "calibrate cstr --from mine --study second",
-        "For another person or a similar plant: try the best θ of the study mine early.",
-    ),
-    (
-        "calibrate cstr --simulate 0",
-        "Run only what is shown: 50 experiments, with the agent glisp.",
-    ),
-    (
-        "calibrate cstr --agent glisp-paper",
-        "The algorithm as published, without the additions of this project.",
-    ),
+    ("calibrate cstr --simulate 0", "Run only what is shown: 50 experiments, with agent glisp."),
     (
         "calibrate cstr --agent glis --cost mine_index.py:cost",
         "Unattended, scored by the cost learned from your answers (`prefcal studies index`).",
     ),
-    (
-        "calibrate overtake --config traffic.json",
-        "The overtaking on a wider road, among highway-env's drivers (see docs/overtaking.md).",
-    ),
-    (
-        "calibrate own.py:plant --agent random --n-max 20",
-        "Your own scenario, simulated or a rig that you run yourself; random search.",
-    ),
+    ("calibrate own.py:plant", "Your own scenario, simulated or a rig that you run yourself."),
     (
         'calibrate loop.fmu --knob "K_p=0.1:50:log" --reference level=2',
         "An FMU with a controller in it, exported from Simulink, Modelica or Dymola.",
@@ -60,10 +39,7 @@ EPILOG = examples(
         "A PID on your own plant; knobs, set point and duration are found.",
     ),
     ("calibrate tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
-    (
-        "calibrate cstr --host 0.0.0.0 --no-browser",
-        "Answer from another machine: prints a link for it.",
-    ),
+    ("calibrate cstr --host 0.0.0.0 --no-browser", "Answer from another machine, by a link."),
 )
 
 

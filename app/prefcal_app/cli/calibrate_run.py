@@ -1,13 +1,12 @@
 """Run `prefcal calibrate`: open the study, collect the answers, and write the report."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
+from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import (
     BarColumn,
@@ -230,36 +229,36 @@ def _answer_all(work: Calibration, ctrl_c: Interruption) -> None:
             ctrl_c.check()
 
 
-class _Display:
+class _Display(Progress):
     """Progress bar with the current θ, the best θ and the verdicts so far, used with `with`."""
 
     def __init__(self, work: Calibration) -> None:
-        self._interview, self._console = work.interview, work.messages
+        self._interview = work.interview
         self._rows = {"θ now": "none yet", "best θ": "none yet", "verdicts": ""}
-        self._compiling = False
-        self._bar = Progress(
+        super().__init__(
             TextColumn("[bold]{task.description}"), BarColumn(bar_width=None),
-            MofNCompleteColumn(), TimeRemainingColumn(compact=True), console=self._console,
+            MofNCompleteColumn(), TimeRemainingColumn(compact=True), console=work.messages,
             expand=True,
         )  # fmt: skip
         name = escape(printable(self._interview.scenario.name))
-        self._task = self._bar.add_task(f"calibrating {name}", total=self._interview.n_max)
-        self._live = Live(console=self._console, get_renderable=self._lines, refresh_per_second=8)
+        self._bar = self.add_task(f"calibrating {name}", total=self._interview.n_max)
 
-    def __enter__(self) -> Self:
-        self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._live.stop()
-        if not self._console.is_terminal:
-            self._console.print()  # outside a terminal, rich leaves the last line open
+    def get_renderables(self) -> Iterator[RenderableType]:
+        """Yield the bar, and a line for each row below it."""
+        yield from super().get_renderables()
+        rows = dict(self._rows)
+        if (simulated := self._interview.simulated) is not None:
+            rows["unseen"] = simulated.line
+        elif (running := self._interview.now().running) > 1:
+            rows["at once"] = f"{running} experiments are running"
+        for name, text in rows.items():
+            style = "bold blue" if name == "best θ" else ""
+            yield Text.assemble((f"{name:<9} ", "dim"), (printable(text), style))
 
     def compiling(self, part: Compiling) -> None:
-        """Print what is being compiled, only once without a live display."""
-        if not self._console.is_terminal and not self._compiling:
-            self._console.print(part.words, markup=False, highlight=False, soft_wrap=True)
-        self._compiling = True
+        """Show what is being compiled; without a live display, print it once."""
+        if not self.console.is_terminal and self._rows["θ now"] == "none yet":
+            say(self.console, part.words)
         self._rows["θ now"] = part.words
 
     def running(self, theta: Float[np.ndarray, " n"]) -> None:
@@ -268,22 +267,10 @@ class _Display:
 
     def compared(self, count: int = 1) -> None:
         """Count experiments; show the verdicts and what the study would return now."""
-        self._bar.advance(self._task, count)
+        self.advance(self._bar, count)
         now, verdicts = self._interview.now(), self._interview.counts.verdicts
         self._rows["verdicts"] = " · ".join(f"{VERDICTS[v]} {n}" for v, n in verdicts.items())
         if (index := now.incumbent) is not None:
             theta = np.array(now.state.history.samples[index].theta)
             best = theta_text(self._interview.scenario.space, theta)
             self._rows["best θ"] = f"{best} (experiment {index + 1})"
-
-    def _lines(self) -> RenderableType:
-        rows = dict(self._rows)
-        if (simulated := self._interview.simulated) is not None:
-            rows["unseen"] = simulated.line
-        elif (running := self._interview.now().running) > 1:
-            rows["at once"] = f"{running} experiments are running"
-        styles = {"best θ": "bold blue"}
-        return Group(self._bar, *(
-            Text.assemble((f"{name:<9} ", "dim"), (printable(text), styles.get(name, "")))
-            for name, text in rows.items()
-        ))  # fmt: skip

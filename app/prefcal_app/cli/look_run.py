@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -23,14 +23,16 @@ from prefcal_scenarios.presentation.wording import printable
 from prefcal_scenarios.scenario import KPI
 
 from .interrupt import interruption
-from .look import LookOptions
 from .studies.files import existing, open_described
+
+if TYPE_CHECKING:
+    from .look import LookOptions
 
 _SQLITE = b"SQLite format 3\0"
 _STUDY = re.compile(r"(.+):(\d+|best)")
 
 
-def run(options: LookOptions) -> int:
+def run(options: "LookOptions") -> int:
     """Show the runs; return the exit code.
 
     Raises:
@@ -152,7 +154,7 @@ def _finite(run: Run, kpi: KPI) -> float | None:
     return value if isfinite(value) else None
 
 
-def _serve(runs: Sequence[Run], options: LookOptions) -> None:
+def _serve(runs: Sequence[Run], options: "LookOptions") -> None:
     """Serve the page until Ctrl-C."""
     # Imported here: pictures need no web server.
     from prefcal_app.looking.window import LookWindow

@@ -157,20 +157,15 @@ def parameters_of(options: type) -> Mapping[str, Parameter]:
 
     Options that it inherits come last.
     """
-    hints, own, inherited = get_type_hints(options), {}, {}
+    hints, own = get_type_hints(options), options.__annotations__
     helps = {name: words for base in options.__mro__ for name, words in _args(base.__doc__ or "")}
+    found = {}
     for f in fields(options):
-        parameter = _parameter(f.name, hints[f.name], f, helps)
-        known = isinstance(parameter.info, ArgumentInfo) or f.name in options.__annotations__
-        (own if known else inherited)[f.name] = parameter
-    return {**own, **inherited}
-
-
-def _parameter(name: str, type_: Any, declared: Any, helps: Mapping[str, str]) -> Parameter:
-    """Return the parameter that the field `declared` stands for."""
-    info = copy(declared.metadata["info"])
-    info.help = info.help or helps[name]
-    return Parameter(name, type_, declared.default, info, declared.metadata["kept"])
+        info, kept = copy(f.metadata["info"]), f.metadata["kept"]
+        info.help = info.help or helps[f.name]
+        found[f.name] = Parameter(f.name, hints[f.name], f.default, info, kept)
+    first = [n for n, p in found.items() if n in own or isinstance(p.info, ArgumentInfo)]
+    return {name: found[name] for name in dict.fromkeys([*first, *found])}
 
 
 def _args(docstring: str) -> Iterator[tuple[str, str]]:

@@ -41,16 +41,6 @@ def test_json_has_both_and_their_differences_and_names_a_picture(tmp_path):
     assert (row["left"]["text"], row["right"]["text"], row["difference"]) == ("0", "1", "+1 m")
 
 
-def test_a_picture_is_written_and_one_run_is_refused(tmp_path):
-    tables(tmp_path)
-    code, out, _ = done(tmp_path, "a.csv", "b.csv", "--out", "pair.png")
-    assert (code, out.splitlines()[-1]) == (0, "Picture: pair.png")
-    assert (tmp_path / "pair.png").read_bytes()[:4] == b"\x89PNG"
-    code, _, errors = done(tmp_path, "a.csv")
-    assert code == 2
-    assert "name two runs or more" in errors
-
-
 def test_experiments_of_a_study_are_runs_too(tmp_path):
     tables(tmp_path)
     process = start(tmp_path, "calibrate", "cstr", "--calibrator", "synthetic", "--n-max", "3",

@@ -58,12 +58,6 @@ def test_a_study_goes_on_with_more_experiments(prefcal, done, study):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([TOY, "--study", "mine", "--seed", "4"], "started with --seed 0, got --seed 4"),
-        (
-            [TOY, "--study", "mine", "--agent", "lhs"],
-            "--agent random, got --agent lhs",
-        ),
-        ([TOY, "--study", "mine", "--n-max", "3"], "must not be below"),
         (["cstr", "--study", "mine"], "calibrates 'toy', not 'cstr'"),
         ([TOY, "--study", "no/such/folder/x.prefcal", *SYNTHETIC], "no/such/folder"),
         ([TOY, "--study", "so bad!", *SYNTHETIC], "so bad!"),
@@ -163,11 +157,6 @@ def test_a_report_writes_nothing_to_a_study_that_is_being_answered(prefcal, done
     assert json.loads(out)["questions"] == 2
     assert proceed(interview).question.number == 3, interview.now().problem
     interview.study.close()
-
-
-@pytest.mark.parametrize("command", [["studies", "show"], ["studies", "verify"], ["report"]])
-def test_a_study_that_is_not_there_is_named(refused, command):
-    assert "there is no study 'nowhere'" in refused(*command, "nowhere")
 
 
 def test_a_taken_port_is_told_before_there_is_a_study(prefcal, tmp_path):

@@ -94,11 +94,15 @@ def _read(texts: Sequence[str], form: str, scenario: KnobSpace) -> Iterator[tupl
         ends = value.split(":")
         if not (word and equals) or len(ends) != form.count(":") + 1:
             raise SettingsError(f"expected {form}, got {text!r}")
-        try:
-            low, high = float(ends[0]), float(ends[-1])
-        except ValueError as error:
-            raise SettingsError(f"expected a number, got {value!r} in {text!r}") from error
-        yield knob_called(word.strip(), scenario), (low, high)
+        numbers = [_number(end, text) for end in ends]
+        yield knob_called(word.strip(), scenario), (numbers[0], numbers[-1])
+
+
+def _number(text: str, whole: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise SettingsError(f"expected a number, got {text!r} in {whole!r}") from error
 
 
 def in_words(space: KnobSpace) -> Iterator[str]:

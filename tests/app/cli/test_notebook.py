@@ -120,7 +120,7 @@ def test_what_a_run_raises_is_raised_by_wait():
 
 def reported(asking, name):
     """A file of the report as it is on the disk."""
-    return (asking._reporter.claim.folder / name).read_text(encoding="utf-8")
+    return (asking._work.claim.folder / name).read_text(encoding="utf-8")
 
 
 def test_a_study_that_goes_on_is_not_over_and_gets_a_new_report_at_its_new_end():
