@@ -28,7 +28,7 @@ from prefcal_env.study.codec import decode, encode
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.options import words_of
 from prefcal_scenarios.kpis import grouped
-from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
+from prefcal_scenarios.own.checks import check_experiment, kpi_problems, returned, theta_problems
 from prefcal_scenarios.own.own_line import as_exception, in_words, located
 from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.presentation.folder import picture_at, put
@@ -89,7 +89,7 @@ class Checkup:
         """Take all steps, each of which adds its findings; `tell` is told what is being done."""
         for words, what, step in (
             ("looking at the knobs", "knobs", self._knobs),
-            (f"running θ …{_FIRST}", "run", self._run),
+            ("running θ", "run", self._run),
             ("looking at its record", "record", self._record),
             ("looking at the panels", "panels", self._panels),
             ("looking at the KPIs", "KPIs", self._kpis),
@@ -102,7 +102,7 @@ class Checkup:
         ):
             if self.experiment is None and what not in ("knobs", "run"):
                 return
-            tell(words)
+            tell(f"{words} …{_FIRST if what == 'run' else ''}")
             try:
                 self.findings += step()
             except KeyboardInterrupt:
@@ -138,15 +138,12 @@ class Checkup:
             return
         result: object = self.scenario.run(self.theta.copy(), seed=0)
         took = time.perf_counter() - start
-        if not isinstance(result, Experiment):
-            check_experiment(self.scenario, self.theta, result)  # raises if anything is wrong
-            return
-        self.experiment = result
-        self.scenario = with_found_kpis(self.scenario, result)
-        yield Finding("run", True, f"{took:.2g} s, ended: {result.end.value}")
-        wrong = list(theta_problems(self.scenario.space, self.theta, result))
-        rounded = not wrong and not np.allclose(result.theta, self.theta, rtol=1e-9, atol=0)
-        words = f"it ran {result.theta.tolist()}: rounded" if rounded else "as requested"
+        experiment = self.experiment = returned(result)
+        self.scenario = with_found_kpis(self.scenario, experiment)
+        yield Finding("run", True, f"{took:.2g} s, ended: {experiment.end.value}")
+        wrong = list(theta_problems(self.scenario.space, self.theta, experiment))
+        rounded = not wrong and not np.allclose(experiment.theta, self.theta, rtol=1e-9, atol=0)
+        words = f"it ran {experiment.theta.tolist()}: rounded" if rounded else "as requested"
         yield Finding("θ of the experiment", not wrong, "; ".join(wrong) or words)
 
     def _record(self) -> Iterator[Finding]:

@@ -179,10 +179,13 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Age
     _raise_first(_agent_problems(options, scenario))
     import prefcal_agents
 
-    extra = _fed(options)
-    settings = extra.pop("settings", None)
-    if settings:
-        extra["settings"] = prefcal_agents.GLISpSettings(**settings)
+    extra: dict[str, Any] = {}
+    if options.agent in SIMULATING:
+        extra["n_simulated"] = options.simulate
+    if options.agent == "glisp":
+        extra["settings"] = prefcal_agents.GLISpSettings(
+            questions_per_experiment=options.questions_per_experiment, kpis=options.outcomes
+        )
     if start:
         extra["start"] = start
     agent: Agent = WORDS[options.agent].load()(
@@ -261,21 +264,6 @@ def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:
             f"agent {options.agent!r} learns from the scenario's score and needs no answers: "
             f"leave --calibrator out, got {options.calibrator!r}"
         )
-
-
-def _fed(options: Options) -> dict[str, Any]:
-    """Return the agent's keyword arguments that come from the options."""
-    arguments: dict[str, Any] = {}
-    for name, (_, kept) in kept_by(Options).items():
-        if not kept.feeds or not options.changed(name):
-            continue
-        value = getattr(options, name)
-        where, _, setting = kept.feeds.partition(".")
-        if setting:
-            arguments.setdefault(where, {})[setting] = value
-        else:
-            arguments[where] = value
-    return arguments
 
 
 def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:

@@ -126,7 +126,6 @@ class Options(Described):
             agents=SIMULATING,
             refusal="--agent {agent} simulates nothing unseen: leave --simulate out, or choose "
             "--agent screening",
-            feeds="n_simulated",
         ),
     )
     twin: str | None = option(None, "SCENARIO", shown="none", kept=Kept("twin", agents=SIMULATING))
@@ -156,7 +155,6 @@ class Options(Described):
             anew=True,
             agents=("glisp",),
             refusal="only the agent glisp takes --questions-per-experiment above 1, not {agent!r}",
-            feeds="settings.questions_per_experiment",
         ),
     )
     start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
@@ -168,7 +166,6 @@ class Options(Described):
             "learns from KPIs",
             agents=("glisp",),
             refusal="only the agent glisp learns from KPIs: leave --no-outcomes out for {agent!r}",
-            feeds="settings.kpis",
         ),
     )
     cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))

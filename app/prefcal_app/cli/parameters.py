@@ -31,8 +31,6 @@ class Kept:
         least: Smallest value; None if there is no limit.
         agents: Agents that accept a value other than the default; empty for all.
         refusal: Error message for other agents, with `{agent}`; empty for the default message.
-        feeds: Keyword argument of the agent that receives the value, or "settings.NAME" for one of
-            its settings; empty for none.
     """
 
     label: str = ""
@@ -41,7 +39,6 @@ class Kept:
     least: int | None = None
     agents: tuple[str, ...] = ()
     refusal: str = ""
-    feeds: str = ""
 
 
 def argument(metavar: str, *, kept: Kept | None = None) -> Any:

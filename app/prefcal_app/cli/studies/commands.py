@@ -1,8 +1,9 @@
 """`prefcal studies ...` and `prefcal report`: commands that work on studies."""
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Exit, Option, Typer, echo
 
@@ -43,6 +44,12 @@ def _named(scenario: str | None, plant: str | None) -> str | None:
     return joined_source(name, {**(config or {}), "plant": plant})
 
 
+def _command(*shown: tuple[str, str], name: str | None = None) -> Callable[..., Any]:
+    """Return a decorator that makes a function a command of `prefcal studies`, with examples."""
+    epilog = examples(*((f"studies {line}", words) for line, words in shown))
+    return app.command(name, epilog=epilog)
+
+
 class Format(StrEnum):
     """Format of an exported study."""
 
@@ -51,12 +58,10 @@ class Format(StrEnum):
     PARQUET = "parquet"
 
 
-@app.command(
-    "list",
-    epilog=examples(
-        ("studies list", "All studies in your data folder."),
-        ("studies list --json", "The same for programs, with the file of each study."),
-    ),
+@_command(
+    ("list", "All studies in your data folder."),
+    ("list --json", "The same for programs, with the file of each study."),
+    name="list",
 )
 def list_(json: _Json = False) -> None:
     """List the studies in your data folder."""
@@ -65,11 +70,9 @@ def list_(json: _Json = False) -> None:
     print_list(json=json)
 
 
-@app.command(
-    epilog=examples(
-        ("studies show mine", "The best θ so far, and every answer."),
-        ("studies show ./shared.prefcal --json", "A study file from anywhere, for programs."),
-    )
+@_command(
+    ("show mine", "The best θ so far, and every answer."),
+    ("show ./shared.prefcal --json", "A study file from anywhere, for programs."),
 )
 def show(study: _Name, json: _Json = False) -> None:
     """Show one study: its progress, its best θ and every answer."""
@@ -78,11 +81,9 @@ def show(study: _Name, json: _Json = False) -> None:
     print_study(study, json=json)
 
 
-@app.command(
-    epilog=examples(
-        ("studies rename cstr-1 mine", "Call the study cstr-1 mine."),
-        ("studies rename mine ./mine.prefcal", "Move it out of the data folder, into this one."),
-    )
+@_command(
+    ("rename cstr-1 mine", "Call the study cstr-1 mine."),
+    ("rename mine ./mine.prefcal", "Move it out of the data folder, into this one."),
 )
 def rename(
     old: Annotated[str, Argument(metavar="OLD", help="A name, or the path of a file.")],
@@ -94,11 +95,9 @@ def rename(
     echo(f"Renamed: {rename_study(old, new)}")
 
 
-@app.command(
-    epilog=examples(
-        ("studies rm cstr-1", "Remove the study cstr-1, after you confirm."),
-        ("studies rm cstr-1 cstr-2 --yes", "Remove two without a question, in a script."),
-    )
+@_command(
+    ("rm cstr-1", "Remove the study cstr-1, after you confirm."),
+    ("rm cstr-1 cstr-2 --yes", "Remove two without a question, in a script."),
 )
 def rm(
     study: Annotated[list[str], Argument(metavar="STUDY", help="Names, or paths of files.")],
@@ -110,15 +109,13 @@ def rm(
     raise Exit(remove(study, yes=yes))
 
 
-@app.command(
-    epilog=examples(
-        ("studies export mine", "Write mine.json, one file to pass on."),
-        ("studies export mine --format csv --out tables", "Tables and curves for a spreadsheet."),
-        (
-            "studies export mine --format parquet --out tables",
-            "The same for pandas, polars or DuckDB.",
-        ),
-    )
+@_command(
+    ("export mine", "Write mine.json, one file to pass on."),
+    ("export mine --format csv --out tables", "Tables and curves for a spreadsheet."),
+    (
+        "export mine --format parquet --out tables",
+        "The same for pandas, polars or DuckDB.",
+    ),
 )
 def export(
     study: _Name,
@@ -144,11 +141,9 @@ def export(
     echo(f"Written: {export_study(study, format.value, out)}")
 
 
-@app.command(
-    "import",
-    epilog=examples(
-        ("studies import mine.json --study second", "Make a study called second from an export.")
-    ),
+@_command(
+    ("import mine.json --study second", "Make a study called second from an export."),
+    name="import",
 )
 def import_(
     file: Annotated[Path, Argument(metavar="FILE", help="JSON that `export` has written.")],
@@ -167,11 +162,7 @@ def import_(
     echo(f"Imported: {import_study(file, study)}")
 
 
-@app.command(
-    epilog=examples(
-        ("studies index mine", "Write mine_index.py, which scores experiments as you did.")
-    )
-)
+@_command(("index mine", "Write mine_index.py, which scores experiments as you did."))
 def index(
     study: _Name,
     out: Annotated[
@@ -195,9 +186,7 @@ def index(
     echo(f"Written: {file}")
 
 
-@app.command(
-    epilog=examples(("studies verify mine", "Check the whole file, for example after a copy."))
-)
+@_command(("verify mine", "Check the whole file, for example after a copy."))
 def verify(study: _Name) -> None:
     """Check a study file and everything in it for damage; the exit code is 1 if any is found."""
     from .changes import findings_of
@@ -210,11 +199,9 @@ def verify(study: _Name) -> None:
     echo(f"Sound: {count} events.")
 
 
-@app.command(
-    epilog=examples(
-        ("studies respace mine --knob T_s=0.1:0.5", "Search T_s from 0.1 to 0.5 from now on."),
-        ("studies respace mine --freeze N_p=26", "Keep N_p at 26."),
-    )
+@_command(
+    ("respace mine --knob T_s=0.1:0.5", "Search T_s from 0.1 to 0.5 from now on."),
+    ("respace mine --freeze N_p=26", "Keep N_p at 26."),
 )
 def respace(
     study: _Name,

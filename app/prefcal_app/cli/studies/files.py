@@ -11,7 +11,7 @@ import msgspec
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from prefcal_app.cli.options import Options
 from prefcal_app.cli.parameters import kept_by
@@ -165,19 +165,21 @@ def print_list(*, json: bool) -> None:
         print("No studies yet: `prefcal calibrate cstr` starts one.")
         return
     # Only the state wraps, so that names can be copied.
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for heading in ("study", "scenario", "experiments", "answers", "started"):
-        right = heading in ("experiments", "answers")
-        table.add_column(heading, no_wrap=True, justify="right" if right else "left")
-    table.add_column("state", overflow="fold", min_width=_STATE)
+    columns = [
+        Column(heading, no_wrap=True, justify="right" if heading in _NUMBERS else "left")
+        for heading in ("study", "scenario", "experiments", "answers", "started")
+    ]
+    state = Column("state", overflow="fold", width=_STATE)
+    table = Table(*columns, state, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for row in rows:
         table.add_row(*(escape(printable(cell)) for cell in _cells(row)))
     console = Console(emoji=False)
-    unlimited = console.options.update(width=_WIDEST)
-    wanted = console.measure(table, options=unlimited).minimum
+    wanted = console.measure(table, options=console.options.update(width=_WIDEST)).minimum
+    state.width = None  # it takes what is left
     Console(width=max(console.width, wanted)).print(table, crop=False)
 
 
+_NUMBERS = ("experiments", "answers")
 _STATE = 12
 """Width for "all compared" in characters; problems with a file may take several lines."""
 _WIDEST = 1000
