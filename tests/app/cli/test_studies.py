@@ -187,20 +187,12 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     assert verdicts[-1] == "about the same"
 
 
-def test_a_rig_cannot_be_calibrated_unattended(prefcal, refused, tmp_path):
-    (tmp_path / "own.py").write_text(
-        "from dataclasses import replace\n"
-        "from prefcal_env import Channel, Channels, Rig\n"
-        f"from prefcal_scenarios import load\ntoy = load({TOY!r})\n"
-        "channels = Channels((Channel('level', 'm'),), (), (Channel('level', 'm'),), 'h')\n"
-        "rig = replace(toy, run=Rig(channels, (2.0,)), panels=(), kpis=())\n"
-    )
-    assert "only a person can run" in refused("calibrate", "own.py:rig", *SYNTHETIC, "--n-max", "4")
-    bare = "oven = replace(rig, calibrators={}, cost=None)\n"
-    with (tmp_path / "own.py").open("a") as own:
-        own.write(bare)
-    err = prefcal("calibrate", "own.py:oven", *SYNTHETIC, "--n-max", "4")[2]
-    assert "is a rig that only a person can run: its calibrator is human" in err
+@pytest.mark.usefixtures("rig_file")
+def test_a_rig_cannot_be_calibrated_unattended(refused):
+    words = [*SYNTHETIC, "--n-max", "4"]
+    assert "only a person can run" in refused("calibrate", "own.py:rig", *words)
+    told = "is a rig that only a person can run: its calibrator is human"
+    assert told in refused("calibrate", "own.py:oven", *words)
 
 
 def test_the_same_line_goes_on_with_a_study_that_was_given_more(prefcal, done, refused):
