@@ -7,14 +7,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from prefcal_app.summary.compare import Spread, compared
-from prefcal_app.view import maneuvers
-from prefcal_app.view.seen import Seen
-from prefcal_app.view.sides import numbers_view
-from prefcal_app.view.sides import pair_view as maneuver_view
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_scenarios.presentation.wording import printable
 
 from .kpis import measured_run
@@ -68,27 +62,7 @@ class Look:
 
     def kpis(self) -> list[dict[str, Any]]:
         """Return the KPIs of both runs with their differences, the largest first."""
-        pair = self.pair
-        return compared(pair.left.experiment, pair.right.experiment, pair.kpis, Spread())
-
-    def view(self) -> dict[str, Any]:
-        """Return what the page shows: what `question_view` returns, without a study."""
-        pair = self.pair
-        parts = maneuvers_of(pair.left.experiment, pair.right.experiment)
-        first, *others = (
-            maneuver_view(maneuvers.Pair(name, left, right, pair.panels), pair.kpis, Seen())
-            for name, (left, right) in parts.items()
-        )
-        return {
-            "id": f"{pair.left.name}\n{pair.right.name}",
-            "time_unit": pair.left.experiment.channels.time_unit,
-            "comparison": self.kpis(),
-            **first,
-            "left": {**_side(pair.left, pair), **first["left"]},
-            "right": {**_side(pair.right, pair), **first["right"]},
-            "others": others,
-            "notes": list(pair.notes),
-        }
+        return self.pair.comparison()
 
     def png(self) -> bytes:
         """Return the picture of both runs over each other; references are dotted."""
@@ -158,17 +132,3 @@ class Look:
             f'src="data:image/png;base64,{picture}">'
             f"{table_of(('KPI', left, right, 'difference'), rows)}"
         )
-
-
-def _side(run: Run, pair: Pair) -> dict[str, Any]:
-    """Return one run; it has no θ, no role and no marks."""
-    return {
-        **numbers_view(run.experiment, pair.kpis),
-        "name": run.name,
-        "about": run.about,
-        "number": None,
-        "role": None,
-        "marks": None,
-        "counts_as_unsafe": False,
-        "theta": [],
-    }

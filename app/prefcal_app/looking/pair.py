@@ -1,4 +1,4 @@
-"""Put two runs from anywhere on the same panels, the same time axis and the same KPIs."""
+"""Put two runs from anywhere on the same panels, time axis and KPIs, as plain data."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_app.summary.compare import Spread, compared
+from prefcal_app.view import maneuvers
+from prefcal_app.view.seen import Seen
+from prefcal_app.view.sides import numbers_view, pair_view
 from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.maneuvers import by_maneuver, combined
+from prefcal_env.experiments.maneuvers import by_maneuver, combined, maneuvers_of
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.tables.units import SECONDS
 from prefcal_scenarios.scenario import KPI
@@ -52,6 +56,41 @@ class Pair:
     panels: tuple[Plot, ...]
     kpis: tuple[KPI, ...]
     notes: tuple[str, ...] = ()
+
+    def comparison(self) -> list[dict[str, Any]]:
+        """Return the KPIs of both runs with their differences, the largest first."""
+        return compared(self.left.experiment, self.right.experiment, self.kpis, Spread())
+
+    def view(self) -> dict[str, Any]:
+        """Return what the page shows: what `question_view` returns, without a study."""
+        parts = maneuvers_of(self.left.experiment, self.right.experiment)
+        first, *others = (
+            pair_view(maneuvers.Pair(name, left, right, self.panels), self.kpis, Seen())
+            for name, (left, right) in parts.items()
+        )
+        return {
+            "id": f"{self.left.name}\n{self.right.name}",
+            "time_unit": self.left.experiment.channels.time_unit,
+            "comparison": self.comparison(),
+            **first,
+            "left": {**self._side(self.left), **first["left"]},
+            "right": {**self._side(self.right), **first["right"]},
+            "others": others,
+            "notes": list(self.notes),
+        }
+
+    def _side(self, run: Run) -> dict[str, Any]:
+        """Return one run; it has no θ, no role and no marks."""
+        return {
+            **numbers_view(run.experiment, self.kpis),
+            "name": run.name,
+            "about": run.about,
+            "number": None,
+            "role": None,
+            "marks": None,
+            "counts_as_unsafe": False,
+            "theta": [],
+        }
 
 
 def paired(left: Run, right: Run, *, align: bool | None = None) -> Pair:

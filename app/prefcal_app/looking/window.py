@@ -20,7 +20,6 @@ from prefcal_app.web.server.hosts import Hosts
 from prefcal_app.web.server.site import Site
 from prefcal_app.web.views import encoded
 
-from .look import Look
 from .pair import Run, paired
 
 _KEPT = 8
@@ -58,7 +57,7 @@ class LookWindow(Site):
 def _routes(runs: Sequence[Run], align: bool | None) -> list[Route]:
     @lru_cache(_KEPT)
     def pair(left: int, right: int) -> bytes:
-        return encoded(Look(paired(runs[left], runs[right], align=align)).view())
+        return encoded(paired(runs[left], runs[right], align=align).view())
 
     def listed(query: bytes) -> bytes:
         return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})

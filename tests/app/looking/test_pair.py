@@ -34,7 +34,7 @@ def titles(found):
 def test_curves_share_a_panel_by_name_and_unit_whatever_their_instants():
     found = look(run(), run(0.1, n=77))
     assert titles(found) == [("level", "m"), ("valve", "")]
-    view = found.view()
+    view = found.pair.view()
     assert [len(view[side]["curves"][0][0]["t"]) for side in ("left", "right")] == [101, 77]
 
 
@@ -48,7 +48,7 @@ def test_another_unit_gets_a_panel_and_kpis_of_its_own():
 
 def test_a_curve_of_one_run_only_is_drawn_there():
     found = look(run(), run(flow=np.ones(101)))
-    view = found.view()
+    view = found.pair.view()
     assert titles(found)[1] == ("flow", "")
     assert view["left"]["curves"][1] == []
     assert len(view["right"]["curves"][1]) == 1
@@ -79,7 +79,7 @@ def test_times_are_converted_to_the_unit_of_the_left_run():
 def test_different_constant_references_are_both_drawn():
     other = recorded([0.0], np.arange(3.0), {"level": np.ones(3)}, reference={"level": 1.0},
                      units={"level": "m"})  # fmt: skip
-    view = look(run(), other).view()
+    view = look(run(), other).pair.view()
     assert view["panels"][0]["target"] is None
     assert [view[s]["references"][0]["y"][0] for s in ("left", "right")] == [2, 1]
 
@@ -127,7 +127,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
     found = look(maneuvers(0.2), maneuvers(0.1))
     groups = dict.fromkeys(row["group"] for row in found.kpis())
     assert list(groups) == ["worst", "mean", "step", "load"]
-    view = found.view()
+    view = found.pair.view()
     assert [part["maneuver"] for part in (view, *view["others"])] == ["step", "load"]
     # The target of the first maneuver must not be drawn in the second one.
     assert view["panels"][0]["target"] is None
@@ -135,7 +135,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
 
 
 def test_a_run_without_maneuvers_stands_beside_each_of_the_other():
-    view = look(run(0.3), maneuvers(0.1)).view()
+    view = look(run(0.3), maneuvers(0.1)).pair.view()
     parts = (view, *view["others"])
     assert [part["maneuver"] for part in parts] == ["step", "load"]
     assert all(not part["left"]["empty"] for part in parts)
