@@ -226,9 +226,10 @@ def _agent_problems(options: Options, scenario: Scenario) -> Iterator[str]:
 def _not_taken(options: Options) -> Iterator[str]:
     for name, (parameter, kept) in kept_by(Options).items():
         if kept.agents and options.agent not in kept.agents and options.changed(name):
-            takers = " or ".join(kept.agents)
-            usual = f"only the agent {takers} takes {parameter.flag}, not {{agent!r}}"
-            yield (kept.refusal or usual).format(agent=options.agent)
+            yield (
+                f"only the agent {' or '.join(kept.agents)} takes {parameter.flag}, not "
+                f"{options.agent!r}: leave it out, or choose --agent {kept.agents[0]}"
+            )
 
 
 def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:

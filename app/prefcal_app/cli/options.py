@@ -120,13 +120,7 @@ class Options(Described):
         0,
         "N",
         shown="1000; 0 if the scenario is not a quick simulation",
-        kept=Kept(
-            "simulated unseen",
-            least=0,
-            agents=SIMULATING,
-            refusal="--agent {agent} simulates nothing unseen: leave --simulate out, or choose "
-            "--agent screening",
-        ),
+        kept=Kept("simulated unseen", least=0, agents=SIMULATING),
     )
     twin: str | None = option(None, "SCENARIO", shown="none", kept=Kept("twin", agents=SIMULATING))
     study: str | None = option(
@@ -150,23 +144,12 @@ class Options(Described):
         "N",
         min=1,
         shown="1",
-        kept=Kept(
-            "questions per experiment",
-            anew=True,
-            agents=("glisp",),
-            refusal="only the agent glisp takes --questions-per-experiment above 1, not {agent!r}",
-        ),
+        kept=Kept("questions per experiment", anew=True, agents=("glisp",)),
     )
     start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
     earlier: str | None = option(None, "STUDY", flag="--from", kept=Kept("earlier study"))
     outcomes: bool = option(
-        True,
-        flag="--no-outcomes",
-        kept=Kept(
-            "learns from KPIs",
-            agents=("glisp",),
-            refusal="only the agent glisp learns from KPIs: leave --no-outcomes out for {agent!r}",
-        ),
+        True, flag="--no-outcomes", kept=Kept("learns from KPIs", agents=("glisp",))
     )
     cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))
     out: Path | None = option(

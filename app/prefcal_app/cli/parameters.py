@@ -30,7 +30,6 @@ class Kept:
         anew: Whether the value can change when a study is resumed.
         least: Smallest value; None if there is no limit.
         agents: Agents that accept a value other than the default; empty for all.
-        refusal: Error message for other agents, with `{agent}`; empty for the default message.
     """
 
     label: str = ""
@@ -38,7 +37,6 @@ class Kept:
     anew: bool = False
     least: int | None = None
     agents: tuple[str, ...] = ()
-    refusal: str = ""
 
 
 def argument(metavar: str, *, kept: Kept | None = None) -> Any:

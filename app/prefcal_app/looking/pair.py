@@ -204,8 +204,8 @@ def _with_other_kpis(run: Run, other: Run) -> Run:
     return replace(run, experiment=run.experiment.with_kpis(values), kpis=kpis)
 
 
-_Curve = tuple[str, str]
-"""Name and unit of a curve."""
+_Curve = tuple[str, str, int]
+"""Name and unit of a curve, and its position among the channels of the same name."""
 
 
 def _panels(experiments: Iterable[Experiment]) -> dict[_Curve, Plot]:
@@ -216,14 +216,15 @@ def _panels(experiments: Iterable[Experiment]) -> dict[_Curve, Plot]:
     """
     every = [(_curves(run), _references(run)) for e in experiments for run in (e, *e.runs)]
     found = dict.fromkeys(curve for curves, _ in every for curve in curves)
-    names, panels = [name for name, _ in found], {}
+    panels = {}
     for curve in found:
+        name, unit, nth = curve
         plots = [curves[curve] for curves, _ in every if curve in curves]
         levels = {
             level
             for curves, references in every
             if curve in curves
-            for level in np.unique(references.get(curve[0], [np.nan]))
+            for level in np.unique(references.get(name, [np.nan]))
         }
         target = float(levels.pop()) if len(levels) == 1 else np.nan
         fixed = np.isfinite(target)
@@ -232,7 +233,8 @@ def _panels(experiments: Iterable[Experiment]) -> dict[_Curve, Plot]:
             band=_agreed(plots, "band", None) if fixed else None,
             low=_agreed(plots, "low", -np.inf), high=_agreed(plots, "high", np.inf),
         )  # fmt: skip
-        label = curve[0] if names.count(curve[0]) == 1 else f"{curve[0]} [{curve[1]}]"
+        label = name if len({u for n, u, _ in found if n == name}) == 1 else f"{name} [{unit}]"
+        label += f" ({nth + 1})" if nth else ""
         kind = "u" if all(plot.held for plot in plots) else "signal"
         panels[curve] = Plot(channel, kind, label, reference="" if fixed else f"{label} ref")
     return dict(sorted(panels.items(), key=lambda item: item[1].held))
@@ -244,9 +246,9 @@ def _agreed(plots: Iterable[Plot], name: str, otherwise: float | None) -> Any:
 
 
 def _curves(experiment: Experiment) -> dict[_Curve, Plot]:
-    """Return the curves of a run by name and unit; of two with the same ones, the first."""
-    plots = reversed(plots_of(experiment.channels))
-    return {(plot.channel.name, plot.channel.unit): plot for plot in plots}
+    """Return the curves of a run."""
+    plots = plots_of(experiment.channels)
+    return {(plot.channel.name, plot.channel.unit, plot.nth): plot for plot in plots}
 
 
 def _drawn(experiment: Experiment, panels: dict[_Curve, Plot]) -> Experiment:

@@ -49,7 +49,7 @@ def test_another_unit_gets_a_panel_and_kpis_of_its_own():
 def test_a_curve_of_one_run_only_is_drawn_there():
     found = look(run(), run(flow=np.ones(101)))
     view = found.pair.view()
-    assert titles(found)[1] == ("flow", "")
+    assert titles(found) == [("level", "m"), ("flow", ""), ("valve", "")]
     assert view["left"]["curves"][1] == []
     assert len(view["right"]["curves"][1]) == 1
 
