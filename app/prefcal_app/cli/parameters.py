@@ -157,7 +157,7 @@ def parameters_of(options: type) -> Mapping[str, Parameter]:
     found = {}
     for f in fields(options):
         info, kept = copy(f.metadata["info"]), f.metadata["kept"]
-        info.help = info.help or helps[f.name]
+        info.help = info.help or helps.get(f.name)  # python -OO has no docstrings
         found[f.name] = Parameter(f.name, hints[f.name], f.default, info, kept)
     first = [n for n, p in found.items() if n in own or isinstance(p.info, ArgumentInfo)]
     return {name: found[name] for name in dict.fromkeys([*first, *found])}

@@ -7,6 +7,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from prefcal_app.cli.check import CheckOptions
+from prefcal_app.cli.look import LookOptions
 from prefcal_app.cli.options import Options
 from prefcal_app.cli.parameters import (
     Kept,
@@ -17,6 +19,7 @@ from prefcal_app.cli.parameters import (
     parameters_of,
     takes,
 )
+from prefcal_bench.cli.options import BenchOptions
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import StudyFile, study_path
 from support.interviews import clock
@@ -80,6 +83,11 @@ def test_what_is_typed_arrives_with_the_type_of_its_field(typed):
 
 def test_the_help_of_an_option_is_its_line_in_the_docstring():
     assert parameters_of(Toy)["rounds"].info.help == "How often, in words of two lines."
+
+
+@pytest.mark.parametrize("options", [Options, CheckOptions, LookOptions, BenchOptions])
+def test_every_option_has_its_help(options):
+    assert all(parameter.info.help for parameter in parameters_of(options).values())
 
 
 def test_messages_name_an_option_as_it_is_typed():
