@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Table
 
 from prefcal_app.cli.options import Options
 from prefcal_app.cli.parameters import kept_by
@@ -164,26 +164,15 @@ def print_list(*, json: bool) -> None:
     if not rows:
         print("No studies yet: `prefcal calibrate cstr` starts one.")
         return
-    # Only the state wraps, so that names can be copied.
-    columns = [
-        Column(heading, no_wrap=True, justify="right" if heading in _NUMBERS else "left")
-        for heading in ("study", "scenario", "experiments", "answers", "started")
-    ]
-    state = Column("state", overflow="fold", width=_STATE)
-    table = Table(*columns, state, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for row in rows:
-        table.add_row(*(escape(printable(cell)) for cell in _cells(row)))
-    console = Console(emoji=False)
-    wanted = console.measure(table, options=console.options.update(width=_WIDEST)).minimum
-    state.width = None  # it takes what is left
-    Console(width=max(console.width, wanted)).print(table, crop=False)
+    # Plain lines, however long: a table that breaks names would keep them from being copied.
+    cells = [_HEADINGS, *([printable(cell) for cell in _cells(row)] for row in rows)]
+    widths = [max(map(cell_len, column)) for column in zip(*cells, strict=True)]
+    for line in cells:
+        padded = (set_cell_size(text, width) for text, width in zip(line, widths, strict=True))
+        print("  ".join(padded).rstrip())
 
 
-_NUMBERS = ("experiments", "answers")
-_STATE = 12
-"""Width for "all compared" in characters; problems with a file may take several lines."""
-_WIDEST = 1000
-"""Width of a table in characters, more than any name needs."""
+_HEADINGS = ["study", "scenario", "experiments", "answers", "started", "state"]
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
