@@ -127,7 +127,7 @@ class Asking:
             work = calibration(opened, scenario, Console(quiet=True), keep=not made_here)
             self._work = stack.enter_context(work)
             self._interview, options = self._work.interview, opened.options
-            self._answers = None if options.by_a_person else make_calibrator(options, scenario)
+            self._calibrator = None if options.by_a_person else make_calibrator(options, scenario)
             self._person = options.by_a_person
             window = Window(self._interview, port=options.port, framed=True)
             self._window = stack.enter_context(window)
@@ -154,7 +154,7 @@ class Asking:
         try:
             while not self._closed:
                 if not self._person:
-                    for _ in unattended(self._interview, self._answers):
+                    for _ in unattended(self._interview, self._calibrator):
                         if self._closed:
                             return
                 now = self._interview.now()
