@@ -56,14 +56,15 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
         SettingsError: If an option does not fit the scenario, or differs from the study's.
     """
     source, words = with_config_of(given["scenario"], given.get("config")), _described(given)
-    if words and not is_described(source):
+    if is_described(source):
+        name, config = split_source(source)
+        wanted = {**(config or {}), **words}
+        source = joined_source(name, wanted) if wanted else name
+    elif words:
         raise SettingsError(
             f"{FLAGS[next(iter(words))]} describes an FMU, a TOML file or a standard controller "
             f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
         )
-    if words:
-        name, config = split_source(source)
-        source = joined_source(name, {**(config or {}), **words})
     configuration, cost = _resumed(given.get("study")), given.get("cost")
     if configuration is not None:
         kept = str(configuration["scenario"])
