@@ -184,8 +184,8 @@ class Asking:
     @property
     def best(self) -> dict[str, float] | None:
         """Return the best θ so far by knob name; None before the first experiment."""
-        theta = self._best
-        return None if theta is None else self._interview.scenario.space.named(theta)
+        names, theta = self._interview.scenario.space.names, self._best
+        return None if theta is None else dict(zip(names, map(float, theta), strict=True))
 
     @property
     def _best(self) -> Float[np.ndarray, " n"] | None:
@@ -242,7 +242,7 @@ class Asking:
         """
         make, theta = self._interview.scenario.controller, self._best
         if make is not None and theta is not None:
-            return make(theta)
+            return make(self._interview.scenario.space.check(theta))
         return load_controller(self.report() / "best.json")
 
     def to_frame(self, *, answers: bool = False) -> Any:
