@@ -86,10 +86,7 @@ def show_scenario(scenario: Scenario, console: Console) -> None:
 
 def show_keys(console: Console) -> None:
     """Print what can be answered."""
-    table = Table.grid(padding=(0, 2))
-    for key, words in KEYS:
-        table.add_row(Text(key, style="bold"), words)
-    console.print(table)
+    say(console, *(f"{key:<6}{words}" for key, words in KEYS))
 
 
 def show_question(
