@@ -92,7 +92,7 @@ def first_unlimited(mpc: LinearMPC, m: Measurement) -> Move:
 def heat() -> list[float]:
     """Return C_A of the steady states at T_c = 298 K, with +H (heats) and then with -H."""
     T, p = np.linspace(250, 450, 200_001), CSTR().params
-    k = np.array([CSTR()._rate(float(t)) for t in T])
+    k = p.k_0 * np.exp(-p.E / (p.R * T))  # eq. ratelaw
     C_A = FEED[1] / (1 + k)
     dT = p.F_V * (FEED[0] - T) - p.H / p.rho_Cp * k * C_A - p.US_V / p.rho_Cp * (T - 298.0)
     zeros = np.flatnonzero(np.sign(dT[:-1]) != np.sign(dT[1:]))

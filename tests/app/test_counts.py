@@ -15,7 +15,7 @@ from prefcal_app.report.comparisons import comparisons_as_csv
 from prefcal_app.report.export import best_as_json
 from prefcal_app.report.html import page
 from prefcal_app.session import Choice, Counts
-from prefcal_app.terminal.looking import show_status
+from prefcal_app.terminal.showing import show_status
 from prefcal_app.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
 from support.screened import screening

@@ -27,7 +27,7 @@ EXTENDED = {
         "app/cli/test_[!c]*.py", "app/cli/test_ch*.py",
     ),
     "documents": (
-        "app/cli/notebook/*", "test_claims.py", "test_figures.py", "test_notebooks.py",
+        "test_claims.py", "test_figures.py", "test_notebooks.py",
         "test_own_*.py", "test_parts.py", "test_release_files.py", "test_simulate_page.py",
         "test_site.py",
     ),

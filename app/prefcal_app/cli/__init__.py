@@ -8,16 +8,15 @@ from typing import Annotated
 
 import typer
 
-from prefcal_app.cli.studies.commands import REPORT_EPILOG, report
-from prefcal_app.cli.studies.commands import app as studies
-
 from .calibrate import EPILOG, calibrate
 from .check import EPILOG as CHECK_EPILOG
 from .check import check
-from .look.command import EPILOG as LOOK_EPILOG
-from .look.command import look
-from .starters.command import EPILOG as NEW_EPILOG
-from .starters.command import new
+from .look import EPILOG as LOOK_EPILOG
+from .look import look
+from .starters.new import EPILOG as NEW_EPILOG
+from .starters.new import new
+from .studies.commands import REPORT_EPILOG, report
+from .studies.commands import app as studies
 
 app = typer.Typer(
     name="prefcal",
@@ -78,7 +77,7 @@ def scenarios(
     if name is not None:
         from rich.console import Console
 
-        from prefcal_app.terminal.briefing import show_scenario
+        from prefcal_app.terminal.showing import show_scenario
 
         show_scenario(load(name), Console(emoji=False))
         return
@@ -94,8 +93,10 @@ def scenarios(
 
 def main() -> None:
     """Run the command line; an error of the caller becomes one line and exit code 2."""
+    says = logging.getLogger("prefcal")
+    says.setLevel(logging.INFO)
+    says.handlers = [_Said()]
     try:
-        _listen()
         code = app(standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         _complain("interrupted")
@@ -128,12 +129,6 @@ class _Said(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Print one message."""
         _complain(record.getMessage())
-
-
-def _listen() -> None:
-    says = logging.getLogger("prefcal")
-    says.setLevel(logging.INFO)
-    says.handlers = [_Said()]
 
 
 def _complain(words: str) -> None:

@@ -6,60 +6,41 @@ from typing import Any
 import typer
 
 from .options import Options
-from .parameters import given, takes
+from .parameters import examples, given, takes
 
-EPILOG = """\
-[bold]Examples[/bold]
-
-[cyan]prefcal calibrate cstr[/cyan]
-  The paper's reactor: 1,000 experiments are simulated unseen, and a page asks 10
-  to 13 times which of two is better.
-
-[cyan]prefcal calibrate cstr --study mine[/cyan]
-  The same in a study called mine; the same command resumes it.
-
-[cyan]prefcal calibrate cstr --terminal[/cyan]
-  Answer in this terminal, on a machine without a browser.
-
-[cyan]prefcal calibrate cstr --calibrator synthetic --seed 7 --out reactor[/cyan]
-  Unattended: a synthetic calibrator answers; the report goes to reactor.
-
-[cyan]prefcal calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"[/cyan]
-  Start from your current tuning: the first experiment runs it.
-
-[cyan]prefcal calibrate cstr --from mine --study second[/cyan]
-  For another person or a similar plant: try the best θ of the study mine early.
-
-[cyan]prefcal calibrate cstr --simulate 0[/cyan]
-  Run only what is shown: 50 experiments, with the agent glisp.
-
-[cyan]prefcal calibrate cstr --agent glisp-paper[/cyan]
-  The algorithm as published, without the additions of this project.
-
-[cyan]prefcal calibrate cstr --agent glis[/cyan]
-  What optimization finds when it sees the scenario's score.
-
-[cyan]prefcal calibrate cstr --agent glis --cost mine_index.py:cost[/cyan]
-  Unattended, scored by the cost learned from your answers (`prefcal studies index`).
-
-[cyan]prefcal calibrate overtake --config traffic.json[/cyan]
-  The overtaking on a wider road, among highway-env's drivers (see docs/overtaking.md).
-
-[cyan]prefcal calibrate own.py:plant --agent random --n-max 20[/cyan]
-  Your own scenario, simulated or a rig that you run yourself; random search.
-
-[cyan]prefcal calibrate loop.fmu --knob "K_p=0.1:50:log" --reference level=2[/cyan]
-  An FMU with a controller in it, exported from Simulink, Modelica or Dymola.
-
-[cyan]prefcal calibrate pid --plant model.py:plant[/cyan]
-  A PID on your own plant; knobs, set point and duration are found.
-
-[cyan]prefcal calibrate tank.toml[/cyan]
-  A scenario in a short file (`prefcal new` writes one).
-
-[cyan]prefcal calibrate cstr --host 0.0.0.0 --no-browser[/cyan]
-  Answer from another machine: prints a link for it.
-"""
+EPILOG = examples(
+    (
+        "calibrate cstr",
+        "The paper's reactor: 1,000 experiments are simulated unseen, and a page asks 10 to 13 "
+        "times which of two is better.",
+    ),
+    ("calibrate cstr --study mine", "The same in a study called mine; run it again to resume."),
+    ("calibrate cstr --terminal", "Answer in this terminal, on a machine without a browser."),
+    (
+        "calibrate cstr --calibrator synthetic --seed 7 --out reactor",
+        "Unattended: a synthetic calibrator answers; the report goes to reactor.",
+    ),
+    (
+        'calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"',
+        "Start from your current tuning: the first experiment runs it.",
+    ),
+    ("calibrate cstr --simulate 0", "Run only what is shown: 50 experiments, with agent glisp."),
+    (
+        "calibrate cstr --agent glis --cost mine_index.py:cost",
+        "Unattended, scored by the cost learned from your answers (`prefcal studies index`).",
+    ),
+    ("calibrate own.py:plant", "Your own scenario, simulated or a rig that you run yourself."),
+    (
+        'calibrate loop.fmu --knob "K_p=0.1:50:log" --reference level=2',
+        "An FMU with a controller in it, exported from Simulink, Modelica or Dymola.",
+    ),
+    (
+        "calibrate pid --plant model.py:plant",
+        "A PID on your own plant; knobs, set point and duration are found.",
+    ),
+    ("calibrate tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
+    ("calibrate cstr --host 0.0.0.0 --no-browser", "Answer from another machine, by a link."),
+)
 
 
 @takes(Options)

@@ -2,90 +2,52 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from .describing.options import (
-    KnobOption,
-    PlantOption,
-    ReferenceOption,
-    ShowOption,
-    StopTimeOption,
-)
-from .parameters import given, takes
+from .options import Described
+from .parameters import examples, given, made, option, takes
 
-EPILOG = """\
-[bold]Examples[/bold]
-
-[cyan]prefcal check own.py:plant[/cyan]
-  Your own scenario: the variable plant in the file own.py.
-
-[cyan]prefcal check own.py:plant --theta "K_p=2, K_i=0.1"[/cyan]
-  The same at your current tuning, every knob given.
-
-[cyan]prefcal check cstr --out reactor.png[/cyan]
-  A built-in scenario, with the picture in a file of your choice.
-
-[cyan]prefcal check loop.fmu --knob "K_p=0.1:50:log" --reference level=2[/cyan]
-  An FMU with a controller in it; without knobs, its parameters are listed.
-
-[cyan]prefcal check pid --plant model.py:plant[/cyan]
-  A PID on your own plant.
-
-[cyan]prefcal check tank.toml[/cyan]
-  A scenario in a short file (`prefcal new` writes one).
-
+EPILOG = examples(
+    ("check own.py:plant", "Your own scenario: the variable plant in the file own.py."),
+    (
+        'check own.py:plant --theta "K_p=2, K_i=0.1"',
+        "The same at your current tuning, every knob given.",
+    ),
+    (
+        "check cstr --out reactor.png",
+        "A built-in scenario, with the picture in a file of your choice.",
+    ),
+    (
+        'check loop.fmu --knob "K_p=0.1:50:log" --reference level=2',
+        "An FMU with a controller in it; without knobs, its parameters are listed.",
+    ),
+    ("check pid --plant model.py:plant", "A PID on your own plant."),
+    ("check tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
+    more="""\
 [bold]What you see[/bold]
 
 ✓ passed, ✗ failed (with what was expected), · for your information.
 An error in your own code is shown with its last line there. Look at the picture
 too: only you know whether the curves are those of your plant.
-"""
+""",
+)
 
 
 @dataclass(frozen=True, slots=True)
-class CheckOptions:
-    """Options of `prefcal check`, in the order of its help."""
+class CheckOptions(Described):
+    """Options of `prefcal check`, in the order of its help.
 
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENARIO",
-            help="own.py:name, tank.toml, loop.fmu, pid or lqr with --plant, or a name (see "
-            "`prefcal scenarios`).",
-        ),
-    ]
-    theta: Annotated[
-        str | None,
-        typer.Option(
-            metavar="THETA",
-            help='What to run: "KNOB=VALUE, ..." for every knob, or the name of a reference.',
-            show_default="the middle of the box",
-        ),
-    ] = None
-    knob: KnobOption = ()
-    show: ShowOption = ()
-    reference: ReferenceOption = ()
-    plant: PlantOption = None
-    stop_time: StopTimeOption = None
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.png", help="File of the picture.", show_default="./check-NAME.png"
-        ),
-    ] = None
-    run_timeout: Annotated[
-        float,
-        typer.Option(
-            metavar="SECONDS",
-            help="Time limit for one run of your own scenario. inf: no limit.",
-            show_default="3600, an hour",
-        ),
-    ] = 3600.0
-    json: Annotated[
-        bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
-    ] = False
+    Args:
+        theta: What to run: "KNOB=VALUE, ..." for every knob, or the name of a reference.
+        out: File of the picture.
+        json: Print the result as JSON, and nothing else, on stdout.
+    """
+
+    theta: str | None = option(None, "THETA", shown="the middle of the box")
+    out: Path | None = option(None, "FILE.png", shown="./check-NAME.png")
+    json: bool = option(False, flag="--json")
 
 
 @takes(CheckOptions)
@@ -101,13 +63,10 @@ def check(**typed: Any) -> None:
     from prefcal_scenarios.isolated import isolation
 
     from .checkup import run
-    from .describing.source import source_of
+    from .choices import completed
 
-    options = given(CheckOptions, typed)
-    said = {name: value for name, value in options.items() if value is not None}
-    wanted = CheckOptions(**{**said, "scenario": source_of(options)})
-    with isolation(wanted.scenario, wanted.run_timeout) as isolated:
-        code = run(
-            wanted.scenario, isolated, theta=wanted.theta, out=wanted.out, as_json=wanted.json
-        )
+    options = made(CheckOptions, typed)
+    source = completed(given(CheckOptions, typed))["scenario"]
+    with isolation(source, options.run_timeout) as isolated:
+        code = run(source, isolated, theta=options.theta, out=options.out, as_json=options.json)
     raise typer.Exit(code)

@@ -5,6 +5,7 @@ import shlex
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -15,19 +16,19 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.report.export import jsonable
+from prefcal_app.terminal.showing import say
 from prefcal_env.errors import ConnectionLostError, LiveError, RecordError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import KINDS
-from prefcal_env.knobs.knob import Knob
 from prefcal_env.live import LiveRig
-from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.answer import Answer, Calibrator
 from prefcal_env.rig import Rig
 from prefcal_env.study.codec import decode, encode
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.options import words_of
 from prefcal_scenarios.kpis import grouped
-from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
+from prefcal_scenarios.own.checks import check_experiment, kpi_problems, returned, theta_problems
 from prefcal_scenarios.own.own_line import as_exception, in_words, located
 from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.presentation.folder import picture_at, put
@@ -35,11 +36,12 @@ from prefcal_scenarios.presentation.wording import (
     measured,
     number,
     printable,
+    printable_lines,
     quantity,
     theta_text,
     with_unit,
 )
-from prefcal_scenarios.scenario import KPI, Scenario, with_found_kpis
+from prefcal_scenarios.scenario import Scenario, with_found_kpis
 
 from .choices import start_of
 
@@ -79,22 +81,15 @@ class Checkup:
     findings: list[Finding] = field(default_factory=list)
 
     @property
-    def is_live(self) -> bool:
-        """Return whether prefcal drives the plant itself, so that a check runs nothing."""
-        return isinstance(self.scenario.run, LiveRig)
-
-    @property
     def is_rig(self) -> bool:
         """Return whether only a person can run the scenario; its record is then made up."""
         return isinstance(self.scenario.run, Rig)
 
-    def steps(self) -> Iterator[tuple[str, Callable[[], None]]]:
-        """Yield a description of each step and a function that runs it and adds its findings."""
-        yield "looking at the knobs", self._step("knobs", self._knobs)
-        yield "running θ", self._step("run", self._run)
-        if self.experiment is None:
-            return
-        for words, what, check in (
+    def check(self, tell: Callable[[str], None]) -> None:
+        """Take all steps, each of which adds its findings; `tell` is told what is being done."""
+        for words, what, step in (
+            ("looking at the knobs", "knobs", self._knobs),
+            ("running θ", "run", self._run),
             ("looking at its record", "record", self._record),
             ("looking at the panels", "panels", self._panels),
             ("looking at the KPIs", "KPIs", self._kpis),
@@ -105,18 +100,15 @@ class Checkup:
             ("making the controller", "controller", self._controller),
             ("storing the experiment", "study file", self._stored),
         ):
-            yield words, self._step(what, check)
-
-    def _step(self, what: str, check: Callable[[], Iterator[Finding]]) -> Callable[[], None]:
-        def do() -> None:
+            if self.experiment is None and what not in ("knobs", "run"):
+                return
+            tell(f"{words} …{_FIRST if what == 'run' else ''}")
             try:
-                self.findings += check()
+                self.findings += step()
             except KeyboardInterrupt:
                 raise
             except BaseException as error:  # a user's code can raise anything
                 self.findings.append(Finding(what, False, in_words(as_exception(error, "it"))))
-
-        return do
 
     def _ran(self) -> Experiment:
         assert self.experiment is not None
@@ -124,7 +116,12 @@ class Checkup:
 
     def _knobs(self) -> Iterator[Finding]:
         space = self.scenario.space
-        yield Finding("knobs", True, f"{len(space)}: {', '.join(map(_range_of, space))}")
+        ranges = [
+            f"{knob.name} ({number(knob.low)} to {quantity(knob.high, knob.unit)}"
+            f"{', log' if knob.scale == 'log10' else ''})"
+            for knob in space
+        ]
+        yield Finding("knobs", True, f"{len(space)}: {', '.join(ranges)}")
         if self.scenario.brief:
             yield Finding("brief", None, " ".join(self.scenario.brief.split()))
         if not space.allows(self.theta):
@@ -141,15 +138,12 @@ class Checkup:
             return
         result: object = self.scenario.run(self.theta.copy(), seed=0)
         took = time.perf_counter() - start
-        if not isinstance(result, Experiment):
-            check_experiment(self.scenario, self.theta, result)  # raises if anything is wrong
-            return
-        self.experiment = result
-        self.scenario = with_found_kpis(self.scenario, result)
-        yield Finding("run", True, f"{took:.2g} s, ended: {result.end.value}")
-        wrong = list(theta_problems(self.scenario.space, self.theta, result))
-        rounded = not wrong and not np.allclose(result.theta, self.theta, rtol=1e-9, atol=0)
-        words = f"it ran {result.theta.tolist()}: rounded" if rounded else "as requested"
+        experiment = self.experiment = returned(result)
+        self.scenario = with_found_kpis(self.scenario, experiment)
+        yield Finding("run", True, f"{took:.2g} s, ended: {experiment.end.value}")
+        wrong = list(theta_problems(self.scenario.space, self.theta, experiment))
+        rounded = not wrong and not np.allclose(experiment.theta, self.theta, rtol=1e-9, atol=0)
+        words = f"it ran {experiment.theta.tolist()}: rounded" if rounded else "as requested"
         yield Finding("θ of the experiment", not wrong, "; ".join(wrong) or words)
 
     def _record(self) -> Iterator[Finding]:
@@ -178,14 +172,12 @@ class Checkup:
             except ScenarioError as error:
                 yield Finding(what, False, str(error).removeprefix(f"{what}: "))
                 continue
-            values = plot.values(e)
-            seen = values[np.isfinite(values)]
-            if not len(seen):
+            seen = [float(value) for value in plot.values(e) if np.isfinite(value)]
+            if not seen:
                 yield Finding(what, False, "it has no finite value")
                 continue
-            span = f"from {quantity(float(seen.min()), '')} to"
-            top = quantity(float(seen.max()), plot.channel.unit)
-            yield Finding(what, True, f"one of the {KINDS[plot.kind]}, {span} {top}")
+            low, high = quantity(min(seen), ""), quantity(max(seen), plot.channel.unit)
+            yield Finding(what, True, f"one of the {KINDS[plot.kind]}, from {low} to {high}")
 
     def _kpis(self) -> Iterator[Finding]:
         e = self._ran()
@@ -193,7 +185,9 @@ class Checkup:
             yield Finding("KPIs", e.end.interrupted and None, words)
         for kpi in self.scenario.kpis:
             if kpi.name in e.kpis:
-                yield _kpi(kpi, e)
+                text = with_unit(measured(kpi, e), kpi.unit)
+                met = {True: ", met", False: ", not met", None: ""}[kpi.met_by(e)]
+                yield Finding(f"KPI {kpi.name!r}", True, f"{text}; {_GOALS[kpi.goal]}{met}")
         known = {kpi.name for kpi in self.scenario.kpis} | tracking_rows(e.channels).keys()
         known |= {kpi.name for _, kpi in grouped(self.scenario.shown_kpis, e)}
         spare = sorted(set(e.kpis) - known)
@@ -211,14 +205,11 @@ class Checkup:
 
     def _calibrators(self) -> Iterator[Finding]:
         for name, make in self.scenario.calibrators.items():
-            what = f"calibrator {name!r}"
-            try:
-                given = Answer.of(make(0).prefer(self._ran(), self._ran()))
-            except Exception as error:  # the user's code can raise anything
-                yield Finding(what, False, in_words(located(error)))
-                continue
-            verdict = "abstains" if given.preference is None else given.preference.name.lower()
-            yield Finding(what, True, f"the same experiment twice: {verdict}")
+            yield _tried(f"calibrator {name!r}", partial(self._twice, make))
+
+    def _twice(self, make: Callable[[int], Calibrator[Experiment]]) -> str:
+        given = Answer.of(make(0).prefer(self._ran(), self._ran())).preference
+        return f"the same experiment twice: {'abstains' if given is None else given.name.lower()}"
 
     def _again(self) -> Iterator[Finding]:
         if self.is_rig:
@@ -240,15 +231,12 @@ class Checkup:
             what = f"reference {name!r}"
             if self.is_rig:
                 yield Finding(what, None, "not run: this is a rig")
-                continue
-            try:
-                theta = np.array(theta, dtype=float)
-                result: object = self.scenario.run(theta, seed=0)
-                ended = check_experiment(self.scenario, theta, result).end.value
-            except Exception as error:  # the user's code can raise anything
-                yield Finding(what, False, in_words(located(error)))
-                continue
-            yield Finding(what, True, f"ended: {ended}")
+            else:
+                yield _tried(what, partial(self._reference, np.array(theta, dtype=float)))
+
+    def _reference(self, theta: Float[np.ndarray, " n"]) -> str:
+        result: object = self.scenario.run(theta, seed=0)
+        return f"ended: {check_experiment(self.scenario, theta, result).end.value}"
 
     def _controller(self) -> Iterator[Finding]:
         if self.scenario.controller is not None:
@@ -289,29 +277,37 @@ def run(
     """
     try:
         scenario = isolated(load(source))
-        tried = middle_of(scenario) if theta is None else None
+        middle = middle_of(scenario) if theta is None else None
     except Exception as error:  # raised by the user's file: report it as a finding
-        found = [Finding("scenario", False, in_words(located(error)))]
-        return _end(source, None, found, None, as_json=as_json)
-    if tried is None:
-        assert theta is not None
-        tried = start_of(theta, scenario)
+        return _end(source, None, [_failed("scenario", error)], None, as_json=as_json)
+    tried = start_of(theta or "", scenario) if middle is None else middle
     checkup = Checkup(scenario, tried)
     picture = picture_at(f"check-{scenario.name}.png" if out is None else out)
     with Console(stderr=True, emoji=False).status("") as status:
-        for words, step in checkup.steps():
-            status.update(f"{words} …{_FIRST if words == 'running θ' else ''}")
-            step()
+        checkup.check(status.update)
         status.update("drawing …")
-        drawn = picture if _draw(checkup, picture) else None
+        drawn = _draw(checkup, picture)
     return _end(source, checkup, checkup.findings, drawn, as_json=as_json)
 
 
-def _draw(checkup: Checkup, path: Path) -> bool:
-    """Draw the panels of the trial run; return whether there is a picture."""
+def _failed(what: str, error: Exception) -> Finding:
+    """Return what an error of the user's code says, and the line that raised it."""
+    return Finding(what, False, in_words(located(error)))
+
+
+def _tried(what: str, check: Callable[[], str]) -> Finding:
+    """Return what the user's code gives, in words; it can raise anything."""
+    try:
+        return Finding(what, True, check())
+    except Exception as error:
+        return _failed(what, error)
+
+
+def _draw(checkup: Checkup, path: Path) -> Path | None:
+    """Draw the panels of the trial run; return the picture, if there is one."""
     experiment = checkup.experiment
     if experiment is None or not len(experiment.t) or checkup.is_rig:
-        return False
+        return None
     # Imported here: plotting takes half a second to import.
     from prefcal_app.report.trajectories import alone
     from prefcal_scenarios.presentation.style import save
@@ -320,65 +316,64 @@ def _draw(checkup: Checkup, path: Path) -> bool:
     try:
         save(alone(checkup.scenario, experiment), buffer)
         put(path, buffer.getvalue())
-    except Exception as error:  # panels are the user's code: they can raise anything
-        checkup.findings.append(Finding("picture", False, in_words(located(error))))
-        return False
-    return True
+    except Exception as error:  # panels are the user's code
+        checkup.findings.append(_failed("picture", error))
+        return None
+    return path
 
 
 def _end(
     source: str,
     checkup: Checkup | None,
-    findings: list[Finding],
+    findings: Sequence[Finding],
     picture: Path | None,
     *,
     as_json: bool,
 ) -> int:
     """Print the result; return the exit code."""
-    failed = sum(finding.ok is False for finding in findings)
+    wrong = sum(finding.ok is False for finding in findings)
     if as_json:
         content = {
-            "ok": not failed,
+            "ok": not wrong,
             "scenario": source,
             "theta": None if checkup is None else checkup.scenario.space.named(checkup.theta),
             "checks": [asdict(finding) for finding in findings],
             "picture": None if picture is None else str(picture),
         }
         print(json.dumps(content), flush=True)
-        return int(bool(failed))
+        return int(bool(wrong))
     console = Console(emoji=False)
-    _print_findings(checkup, findings, console)
-    if picture is not None:
-        console.print(f"Picture: {picture}", soft_wrap=True, markup=False, highlight=False)
-    ran = checkup is not None and (checkup.experiment is not None or checkup.is_live)
-    verdict = _verdict(source, failed, sum(f.ok is not None for f in findings), ran=ran)
-    console.print(verdict, soft_wrap=True, markup=False, highlight=False)
-    return int(bool(failed))
-
-
-def _print_findings(checkup: Checkup | None, findings: list[Finding], console: Console) -> None:
-    """Print the scenario and θ, and a line for each check."""
     if checkup is not None:
-        title = Text(printable(checkup.scenario.title), style="bold")
-        console.print(title, Text(theta_text(checkup.scenario.space, checkup.theta)), sep="\n")
+        console.print(Text(printable(checkup.scenario.title), style="bold"))
+        console.print(Text(theta_text(checkup.scenario.space, checkup.theta)))
+    console.print(_table(findings))
+    if picture is not None:
+        say(console, f"Picture: {picture}")
+    ran = checkup is not None and (
+        checkup.experiment is not None or isinstance(checkup.scenario.run, LiveRig)
+    )
+    if wrong and not ran:
+        say(console, "Nothing else can be checked without a run: fix this and check again.")
+    elif wrong:
+        count = sum(finding.ok is not None for finding in findings)
+        say(console, f"{wrong} of {count} checks failed: fix what is marked ✗ and check again.")
+    else:
+        words = shlex.join(["prefcal", "calibrate", *words_of(source)])
+        say(console, f"All in order. Start with: {words}")
+    return int(bool(wrong))
+
+
+def _table(findings: Sequence[Finding]) -> Table:
+    """Return a line for each check."""
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold", max_width=28)
     table.add_column(overflow="fold")
     for finding in findings:
         sign, style = _SIGNS[finding.ok]
-        lines = "\n".join(map(printable, finding.words.splitlines()))
-        words = Text(lines, style="" if finding.ok is not None else "dim")
+        words = Text(printable_lines(finding.words), style="" if finding.ok is not None else "dim")
         table.add_row(Text(sign, style=style), Text(printable(finding.what)), words)
-    console.print(table)
-
-
-def _verdict(source: str, wrong: int, count: int, *, ran: bool) -> str:
-    if wrong and not ran:
-        return "Nothing else can be checked without a run: fix this and check again."
-    if wrong:
-        return f"{wrong} of {count} checks failed: fix what is marked ✗ and check again."
-    return f"All in order. Start with: {shlex.join(['prefcal', 'calibrate', *words_of(source)])}"
+    return table
 
 
 def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
@@ -390,11 +385,9 @@ def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
     space = scenario.space
     lower, upper = space.corners
     middle = (lower + upper) / 2
-    if space.allows(space.decode(middle)):
-        return space.decode(middle)
     draws = lower + np.random.default_rng(0).random((_DRAWS, len(space))) * (upper - lower)
     ordered = draws[np.argsort(np.sum((draws - middle) ** 2, axis=1))]
-    for z in ordered:
+    for z in (middle, *ordered):
         if space.allows(space.decode(z)):
             return space.decode(z)
     names = ", ".join(constraint.name for constraint in space.constraints)
@@ -430,36 +423,21 @@ def _channels(channels: Channels) -> Iterator[Finding]:
         yield Finding(KINDS[kind], not twice, words or "none")
 
 
-def _kpi(kpi: KPI, experiment: Experiment) -> Finding:
-    text = with_unit(measured(kpi, experiment), kpi.unit)
-    met = {True: ", met", False: ", not met", None: ""}[kpi.met_by(experiment)]
-    return Finding(f"KPI {kpi.name!r}", True, f"{text}; {_GOALS[kpi.goal]}{met}")
-
-
 def _made_up(rig: Rig, theta: Float[np.ndarray, " n"]) -> Experiment:
     """Return an experiment of a rig made from an invented record with constant channels."""
-    values = [_plausible(rig, c.name, c.low, c.high) for c in rig.recorded]
-    rows = [[f"{t:g}", *(f"{v!r}" for v in values)] for t in range(60)]
-    text = rig.template() + "\n".join(",".join(row) for row in rows) + "\n"
+    values = []
+    for channel in rig.recorded:
+        limits = rig.ranges.get(channel.name, (channel.low, channel.high))
+        finite = [float(v) for v in limits if np.isfinite(v)]
+        values.append(sum(finite) / len(finite) if finite else 1.0)
+    rows = [",".join([f"{t:g}", *map(repr, values)]) for t in range(60)]
     try:
-        return rig.read(text, theta)
+        return rig.read(rig.template() + "\n".join(rows) + "\n", theta)
     except RecordError as error:
         raise ScenarioError(f"a made-up record is refused: {error}") from error
-
-
-def _plausible(rig: Rig, name: str, low: float, high: float) -> float:
-    limits: Sequence[float] = rig.ranges.get(name, (low, high))
-    finite = [float(v) for v in limits if np.isfinite(v)]
-    return sum(finite) / len(finite) if finite else 1.0
 
 
 def _same(a: object, b: object) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
     return bool(np.all(a == b))
-
-
-def _range_of(knob: Knob) -> str:
-    """Return the name and the range of a knob."""
-    scale = ", log" if knob.scale == "log10" else ""
-    return f"{knob.name} ({number(knob.low)} to {quantity(knob.high, knob.unit)}{scale})"

@@ -1,7 +1,12 @@
-"""Turn command-line values into agents, calibrators and θ."""
+"""Turn command-line values into scenarios, costs, agents, calibrators and θ."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from math import inf, isfinite
+from numbers import Real
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,23 +14,160 @@ from jaxtyping import Float
 
 from prefcal_agents.registry import WORDS
 from prefcal_app.simulating import twin_of
-from prefcal_env.errors import SettingsError
+from prefcal_app.terminal.lines import theta_of
+from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
+from prefcal_env.study import study_path
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.described.options import FLAGS
+from prefcal_scenarios.described.resuming import resumed_source
+from prefcal_scenarios.described.words import knob_of, listed, named_numbers
+from prefcal_scenarios.kpis import outcome
+from prefcal_scenarios.names import CONTROLLERS, is_described, is_own
+from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.own.source import joined_source, split_source, with_config_of
+from prefcal_scenarios.scenario import Scenario, finds_kpis
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
+from .studies.files import open_described
 
 if TYPE_CHECKING:
     from prefcal_agents.protocol.agent import Agent
 
 Thetas = Sequence[Float[np.ndarray, " n"]]
+
+
+def completed(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `given` with the source of the scenario that the options describe, and the cost.
+
+    A study that is resumed keeps what is not given, except programs: a study from another person
+    must not decide which program runs here.
+
+    Args:
+        given: Values of the fields of a command's options, None for options that were not typed.
+
+    Raises:
+        ScenarioError: If an option cannot be read.
+        SettingsError: If an option does not fit the scenario, or differs from the study's.
+    """
+    source, words = with_config_of(given["scenario"], given.get("config")), _described(given)
+    if is_described(source):
+        name, config = split_source(source)
+        wanted = {**(config or {}), **words}
+        source = joined_source(name, wanted) if wanted else name
+    elif words:
+        raise SettingsError(
+            f"{FLAGS[next(iter(words))]} describes an FMU, a TOML file or a standard controller "
+            f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
+        )
+    configuration, cost = _resumed(given.get("study")), given.get("cost")
+    if configuration is not None:
+        kept = str(configuration["scenario"])
+        if is_described(source) and is_described(kept):  # another one is refused on opening
+            source = resumed_source(kept, source)
+        cost = kept_cost(configuration["options"]) if cost is None else cost
+    return {**given, "scenario": source, "cost": cost}
+
+
+def _described(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the typed options as keys of a description."""
+    found = {key: given[key] for key in ("plant", "stop_time") if given.get(key) is not None}
+    if given.get("knob"):
+        names = [knob_of(text).name for text in given["knob"]]
+        texts = [text.partition("=")[2].strip() for text in given["knob"]]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise SettingsError(f"--knob gives {twice[0]!r} twice")
+        found["knobs"] = dict(zip(names, texts, strict=True))
+    if given.get("show"):
+        found["show"] = listed(given["show"])
+    if given.get("reference"):
+        found["reference"] = named_numbers(given["reference"], "--reference")
+    return found
+
+
+def _resumed(study: str | None) -> Mapping[str, Any] | None:
+    """Return what an existing study was started with; None if there is none to resume."""
+    if study is None or not study_path(study).is_file():
+        return None
+    with open_described(study_path(study)) as file:
+        return file.state.configuration
+
+
+def kept_cost(stored: Mapping[str, Any]) -> str | None:
+    """Return the cost to use again from the options that a study keeps; None for a program.
+
+    A study from another person must not decide which program runs here; a KPI's name is none.
+    """
+    cost = stored.get("cost")
+    return None if cost is None or is_own(str(cost)) else str(cost)
+
+
+def with_cost(scenario: Scenario, source: str | None) -> Scenario:
+    """Return `scenario` with another cost, lower is better.
+
+    Args:
+        scenario: Scenario whose cost is replaced.
+        source: PATH:NAME of a function, or the name of a KPI; None leaves the scenario unchanged.
+
+    Raises:
+        ScenarioError: If there is no such KPI, the file or the name in it does not exist, or it
+            cannot be called.
+    """
+    if source is None:
+        return scenario
+    path, _, name = source.rpartition(":")
+    if not (path.endswith(".py") and name):
+        names = [kpi.name for kpi in scenario.kpis if kpi.goal is not None]
+        if source not in names and not finds_kpis(scenario):
+            raise ScenarioError(_no_cost(source, names))
+        return replace(scenario, cost=partial(_kpi_cost, source, scenario))
+    found = getattr(module_at(Path(path)), name, None)
+    if not callable(found):
+        got = "nothing of that name" if found is None else repr(found)
+        raise ScenarioError(f"cost {source!r} must be a function of an experiment, got {got}")
+    return replace(scenario, cost=partial(_function_cost, source, found))
+
+
+def _function_cost(
+    source: str, function: Callable[[Experiment], Any], experiment: Experiment
+) -> float:
+    """Return the cost of `experiment`. Raises ScenarioError if it is not a finite number."""
+    value = function(experiment)
+    if isinstance(value, bool) or not isinstance(value, Real) or not isfinite(float(value)):
+        raise ScenarioError(
+            f"cost {source!r} must give a finite number, got {value!r} at θ = "
+            f"{experiment.theta.tolist()}. A KPI can be infinite, such as a settling time: "
+            "bound it, for example min(kpis['settling_time'], 1e3)"
+        )
+    return float(value)
+
+
+def _kpi_cost(name: str, scenario: Scenario, experiment: Experiment) -> float:
+    """Return a KPI of `experiment`; infinite if it was stopped.
+
+    Raises:
+        ScenarioError: If it ran to its end and has no such KPI.
+    """
+    if not len(experiment.t) or experiment.end.interrupted:
+        return inf  # it may have stopped before the KPI could be measured
+    found = outcome(scenario, experiment)
+    if name not in found:
+        raise ScenarioError(_no_cost(name, found))
+    return found[name]
+
+
+def _no_cost(source: str, names: Iterable[str]) -> str:
+    there = ", ".join(map(repr, names)) or "none"
+    return (
+        f"a cost must be path/to/own.py:NAME or a KPI of the scenario with a good direction "
+        f"({there}), got {source!r}.{did_you_mean(source, names)}".rstrip(".")
+    )
 
 
 def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Agent":
@@ -35,22 +177,16 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Age
         SettingsError: If the agent is unknown, rejects its settings, or does not take an option.
         KnobError: If a θ in `start` is outside the space.
     """
-    if options.agent not in WORDS:
-        hint = did_you_mean(options.agent, WORDS)
-        raise SettingsError(
-            f"--agent must be one of {', '.join(WORDS)}, got {options.agent!r}.{hint}".rstrip(".")
-        )
-    check_agent_takes(options)
-    _check_cost(options)
-    _check_simulates(options, scenario)
-    if WORDS[options.agent].by_value:
-        _check_score(options, scenario)
+    _raise_first(_agent_problems(options, scenario))
     import prefcal_agents
 
-    extra = _fed(options)
-    settings = extra.pop("settings", None)
-    if settings:
-        extra["settings"] = prefcal_agents.GLISpSettings(**settings)
+    extra: dict[str, Any] = {}
+    if options.agent in SIMULATING:
+        extra["n_simulated"] = options.simulate
+    if options.agent == "glisp":
+        extra["settings"] = prefcal_agents.GLISpSettings(
+            questions_per_experiment=options.questions_per_experiment, kpis=options.outcomes
+        )
     if start:
         extra["start"] = start
     agent: Agent = WORDS[options.agent].load()(
@@ -61,95 +197,75 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Age
 
 def check_agent_takes(options: Options) -> None:
     """Raise SettingsError if an option was set that the agent does not take."""
-    for name, (parameter, kept) in kept_by(Options).items():
-        if not kept.agents or options.agent in kept.agents or not options.changed(name):
-            continue
-        usual = f"only the agent {' or '.join(kept.agents)} takes {parameter.flag}, not {{agent!r}}"
-        raise SettingsError((kept.refusal or usual).format(agent=options.agent))
+    _raise_first(_not_taken(options))
 
 
-def _check_cost(options: Options) -> None:
-    """Raise SettingsError if a cost was given and someone else answers."""
+def _raise_first(problems: Iterator[str]) -> None:
+    problem = next(problems, None)
+    if problem is not None:
+        raise SettingsError(problem)
+
+
+def _agent_problems(options: Options, scenario: Scenario) -> Iterator[str]:
+    """Yield what does not fit the agent; each line may rely on those above being in order."""
+    if options.agent not in WORDS:
+        hint = did_you_mean(options.agent, WORDS)
+        known = ", ".join(WORDS)
+        yield f"--agent must be one of {known}, got {options.agent!r}.{hint}".rstrip(".")
+    yield from _not_taken(options)
     if options.cost is not None and options.calibrator not in (SCORE, SYNTHETIC):
-        raise SettingsError(
+        yield (
             "--cost is what the calibrator synthetic and the agent glis go by: add --calibrator "
             f"synthetic, or --agent glis; got --calibrator {options.calibrator}"
         )
+    if options.agent in SIMULATING:
+        yield from _simulating_problems(options, scenario)
+    if WORDS[options.agent].by_value:
+        yield from _score_problems(options, scenario)
 
 
-def _check_simulates(options: Options, scenario: Scenario) -> None:
-    """Raise SettingsError if the options do not fit what may run unseen."""
-    if options.agent not in SIMULATING:
-        return
-    _check_counts(options)
+def _not_taken(options: Options) -> Iterator[str]:
+    for name, (parameter, kept) in kept_by(Options).items():
+        if kept.agents and options.agent not in kept.agents and options.changed(name):
+            yield (
+                f"only the agent {' or '.join(kept.agents)} takes {parameter.flag}, not "
+                f"{options.agent!r}: leave it out, or choose --agent {kept.agents[0]}"
+            )
+
+
+def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
+    agent, name = f"--agent {options.agent}", f"scenario {scenario.name!r}"
+    if options.simulate < 1:
+        yield f"{agent} needs simulations: leave --simulate 0 out, or choose --agent glisp"
+    if options.n_init > 1:
+        yield f"{agent} has no initial experiments: leave --n-init out"
     if options.twin is not None:
         twin_of(scenario, load(options.twin))
-        return
-    if isinstance(scenario.run, Rig | LiveRig):
-        raise SettingsError(
-            f"scenario {scenario.name!r} is a rig, and nothing runs on it unseen: leave --simulate "
-            f"and --agent {options.agent} out, or give a model of it with --twin"
+    elif isinstance(scenario.run, Rig | LiveRig):
+        yield (
+            f"{name} is a rig, and nothing runs on it unseen: leave --simulate and {agent} out, "
+            "or give a model of it with --twin"
         )
-    if not scenario.simulated:
-        raise SettingsError(
-            f"scenario {scenario.name!r} does not let experiments run unseen: leave --simulate and "
-            f"--agent {options.agent} out, or, if it is your own and a run is a quick simulation, "
-            "state Scenario(..., simulated=True)"
-        )
-
-
-def _check_counts(options: Options) -> None:
-    """Raise SettingsError if numbers do not fit an agent that simulates."""
-    if options.simulate < 1:
-        raise SettingsError(
-            f"--agent {options.agent} needs simulations: leave --simulate 0 out, or choose "
-            "--agent glisp"
-        )
-    if options.n_init > 1:
-        raise SettingsError(
-            f"--agent {options.agent} has no initial experiments: leave --n-init out"
+    elif not scenario.simulated:
+        yield (
+            f"{name} does not let experiments run unseen: leave --simulate and {agent} out, or, "
+            "if it is your own and a run is a quick simulation, state "
+            "Scenario(..., simulated=True)"
         )
 
 
-def _fed(options: Options) -> dict[str, Any]:
-    """Return the agent's keyword arguments that come from the options."""
-    arguments: dict[str, Any] = {}
-    for name, (_, kept) in kept_by(Options).items():
-        if not kept.feeds or not options.changed(name):
-            continue
-        value = getattr(options, name)
-        where, _, setting = kept.feeds.partition(".")
-        if setting:
-            arguments.setdefault(where, {})[setting] = value
-        else:
-            arguments[where] = value
-    return arguments
-
-
-def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
-    """Return the error message for a calibrator that the scenario does not have."""
-    if isinstance(scenario.run, Rig | LiveRig):
-        return (
-            f"scenario {scenario.name!r} is a rig that only a person can run: its calibrator is "
-            f"human, got {calibrator!r}"
+def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:
+    if scenario.cost is None:
+        yield (
+            f"agent {options.agent!r} learns from a score, and scenario {scenario.name!r} has "
+            "none: choose another agent, or give a score with --cost, the name of a KPI or "
+            "own.py:NAME"
         )
-    if not known:
-        return (
-            f"scenario {scenario.name!r} has no cost, so only people can compare: leave "
-            f"--calibrator {calibrator} out, or say what to go by: a KPI ({_such_as(scenario)}), "
-            "or a function in own.py with --cost own.py:NAME"
+    if options.calibrator != SCORE:
+        yield (
+            f"agent {options.agent!r} learns from the scenario's score and needs no answers: "
+            f"leave --calibrator out, got {options.calibrator!r}"
         )
-    names = sorted(["human", *known])
-    return (
-        f"--calibrator must be one of {', '.join(names)} for scenario {scenario.name!r}, "
-        f"got {calibrator!r}.{did_you_mean(calibrator, names)}"
-    ).rstrip(".")
-
-
-def _such_as(scenario: Scenario) -> str:
-    """Return the option that makes a KPI the cost, or where their names are."""
-    name = next((kpi.name for kpi in scenario.kpis if kpi.goal is not None), "")
-    return f"--cost {shlex.quote(name)}" if name else "--cost NAME; `prefcal check` lists them"
 
 
 def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:
@@ -171,6 +287,29 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
     return calibrators[options.calibrator](options.seed)
 
 
+def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
+    """Return the error message for a calibrator that the scenario does not have."""
+    name = f"scenario {scenario.name!r}"
+    if isinstance(scenario.run, Rig | LiveRig):
+        return (
+            f"{name} is a rig that only a person can run: its calibrator is human, "
+            f"got {calibrator!r}"
+        )
+    if not known:
+        kpi = next((kpi.name for kpi in scenario.kpis if kpi.goal is not None), "")
+        such_as = f"--cost {shlex.quote(kpi)}" if kpi else "--cost NAME; `prefcal check` lists them"
+        return (
+            f"{name} has no cost, so only people can compare: leave --calibrator {calibrator} out, "
+            f"or say what to go by: a KPI ({such_as}), or a function in own.py with "
+            "--cost own.py:NAME"
+        )
+    names = sorted(["human", *known])
+    return (
+        f"--calibrator must be one of {', '.join(names)} for {name}, "
+        f"got {calibrator!r}.{did_you_mean(calibrator, names)}"
+    ).rstrip(".")
+
+
 def follows_cost(options: Options, scenario: Scenario) -> bool:
     """Return whether the answers follow the scenario's cost, which no person chose.
 
@@ -187,21 +326,6 @@ def follows_cost(options: Options, scenario: Scenario) -> bool:
     return made is not None and isinstance(made(options.seed), LatentCost)
 
 
-def _check_score(options: Options, scenario: Scenario) -> None:
-    """Raise SettingsError for options that do not fit an agent that learns from scores."""
-    if scenario.cost is None:
-        raise SettingsError(
-            f"agent {options.agent!r} learns from a score, and scenario {scenario.name!r} has "
-            "none: choose another agent, or give a score with --cost, the name of a KPI or "
-            "own.py:NAME"
-        )
-    if options.calibrator != SCORE:
-        raise SettingsError(
-            f"agent {options.agent!r} learns from the scenario's score and needs no answers: "
-            f"leave --calibrator out, got {options.calibrator!r}"
-        )
-
-
 def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
     """Return the physical θ that `text` describes, shape (n,).
 
@@ -214,7 +338,7 @@ def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
         KnobError: If a value is outside its knob's range.
     """
     if "=" in text:
-        return scenario.space.check(theta_of(text, scenario.space))
+        return theta_of(text, scenario.space)
     if text not in scenario.references:
         known = sorted(scenario.references)
         raise SettingsError(
@@ -222,47 +346,3 @@ def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
             f"{scenario.name!r}, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
         )
     return np.array(scenario.references[text], dtype=float)
-
-
-def theta_of(text: str, space: KnobSpace) -> Float[np.ndarray, " n"]:
-    """Return the physical θ of `knob=value, ...`, shape (n,), without checking the ranges.
-
-    Raises:
-        SettingsError: If a knob is unknown, missing or given twice, or a value is not a number.
-    """
-    given: dict[str, float] = {}
-    for part in text.split(","):
-        word, sign, value = (piece.strip() for piece in part.rpartition("="))
-        if not sign:
-            raise SettingsError(f"expected KNOB=VALUE, got {part.strip()!r} in {text!r}")
-        name = knob_called(word, space)
-        if name in given:
-            raise SettingsError(f"knob {name!r} is given twice in {text!r}")
-        try:
-            given[name] = float(value)
-        except ValueError as error:
-            raise SettingsError(f"knob {name!r} must be a number, got {value!r}") from error
-    missing = [name for name in space.names if name not in given]
-    if missing:
-        raise SettingsError(f"every knob needs a value, {missing} are missing in {text!r}")
-    return np.array([given[name] for name in space.names])
-
-
-def knob_called(word: str, space: KnobSpace) -> str:
-    """Return the name of the knob that matches `word`, a name or an unambiguous prefix.
-
-    Underscores in `word` match spaces.
-
-    Raises:
-        SettingsError: If no knob or more than one knob matches.
-    """
-    plain = {name.replace(" ", "_"): name for name in space.names}
-    wanted = word.replace(" ", "_")
-    if wanted in plain:
-        return plain[wanted]
-    found = [name for key, name in plain.items() if wanted and key.startswith(wanted)]
-    if len(found) != 1:
-        hint = did_you_mean(word, plain)
-        names = ", ".join(plain)
-        raise SettingsError(f"knob must be one of {names}, got {word!r}.{hint}".rstrip("."))
-    return found[0]

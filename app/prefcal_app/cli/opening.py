@@ -1,20 +1,19 @@
 """Open the study that a command works on: create a new one or resume an existing one."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from rich.console import Console
 
 from prefcal_app.cli.studies.files import existing, open_described, wall_clock
 from prefcal_app.report.export import jsonable, versions
-from prefcal_app.report.ownership import Claim, Owner, claim_default, claim_given
 from prefcal_app.session.memory import (
     QUESTIONS,
     agent_as_dict,
@@ -23,6 +22,7 @@ from prefcal_app.session.memory import (
     knobs_as_dicts,
     questions_of,
 )
+from prefcal_app.terminal.showing import say
 from prefcal_env.errors import KnobError, PrefcalError, SettingsError, StudyError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.rig import Rig
@@ -42,7 +42,6 @@ from prefcal_env.study import (
     make_data_folder,
     remove_study,
     study_path,
-    to_text,
 )
 from prefcal_env.study.connection import left_beside
 from prefcal_scenarios.names import is_built_in
@@ -117,41 +116,6 @@ def _open_new(options: Options, scenario: Scenario) -> Opened:
     raise AssertionError("numbers never end")
 
 
-def identity(file: StudyFile) -> str:
-    """Return a text that is equal for two studies only if they are the same study.
-
-    A file is identified by its configuration and its start time, so a copy is the same study. A
-    study in memory is identified by its configuration alone, since the same command reproduces it
-    bit for bit.
-    """
-    first = next(iter(file.events()))
-    at = "" if file.path == IN_MEMORY else first.at
-    return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
-
-
-def default_folder(opened: Opened, scenario: str) -> Path:
-    """Return the default folder of the report: prefcal-STUDY.
-
-    For a study in memory, the scenario and the seed stand in for the name.
-    """
-    if opened.name is None:
-        return Path(f"prefcal-{scenario}-{opened.options.seed}")
-    return Path(f"prefcal-{study_path(opened.name).stem}")
-
-
-def claim_folder(opened: Opened, scenario: str) -> Claim:
-    """Claim the folder of the report: the requested one, or a free default one.
-
-    Raises:
-        SettingsError: If the folder holds another study's report or cannot be written to.
-    """
-    options = opened.options
-    owner = Owner(identity(opened.file), opened.name, options.scenario)
-    if options.out is not None:
-        return claim_given(options.out, owner)
-    return claim_default(default_folder(opened, scenario), owner)
-
-
 def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile:
     # Check everything before creating the file.
     configuration = _configuration(options, scenario)
@@ -170,12 +134,14 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
     theirs: list[Float[np.ndarray, " n"]] = []
     if options.earlier is not None:
         taken, theirs = _taken_from(options.earlier, options.n_max, scenario.space, mine)
+    names = constraint_names(scenario.space)
     configuration = {
         "scenario": options.scenario,
         "name": scenario.name,
         "title": scenario.title,
         "knobs": knobs_as_dicts(scenario.space),
-        **_constraints(scenario),
+        # Absent without constraints, so that configurations without them stay the same.
+        **({"constraints": names} if names else {}),
         "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
         "agent": agent_as_dict(make_agent(options, scenario, [*mine, *theirs])),
         **({} if taken is None else {"earlier": taken}),
@@ -238,12 +204,6 @@ def _taken_from(
     return recorded, [np.array(theta)] if new else []
 
 
-def _constraints(scenario: Scenario) -> dict[str, Any]:
-    # Absent without constraints, so that configurations without them stay the same.
-    names = constraint_names(scenario.space)
-    return {"constraints": names} if names else {}
-
-
 def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
     with ExitStack() as undo:
         file = undo.enter_context(open_described(path, writing=True))
@@ -294,21 +254,19 @@ def _by_a_person(event: Event) -> bool:
 
 
 @contextmanager
-def kept_if_worth_it(
-    opened: Opened, scenario: Scenario, say: Callable[[str], None]
-) -> Iterator[Opened]:
+def kept_if_worth_it(opened: Opened, scenario: Scenario, messages: Console) -> Iterator[None]:
     """Close a study at the end; remove it if it was started here and is not worth keeping.
 
     Args:
         opened: Study to close.
         scenario: Scenario of the study.
-        say: Function that prints that the study was not kept, unless an error is printed anyway.
+        messages: Where to print that the study was not kept, unless an error is printed anyway.
     """
     keep, refused = True, False
     try:
         with opened.file as file:
             try:
-                yield opened
+                yield
             except PrefcalError:
                 refused = True
                 raise
@@ -317,14 +275,9 @@ def kept_if_worth_it(
                 # Another file that was put in its place is not ours to remove.
                 keep = keep or not file.in_place or file.trouble() is not None
     finally:
-        if not keep and _removed(opened.file.path) and not refused:
-            say(f"No answer was given, so study {opened.name} was not kept.")
-
-
-def _removed(path: str) -> bool:
-    """Remove a study; return whether it was removed."""
-    try:
-        remove_study(path)
-    except StudyError:
-        return False  # open in another process, which may add answers
-    return True
+        # A study that is open in another process, which may add answers, is not removed.
+        with suppress(StudyError):
+            if not keep:
+                remove_study(opened.file.path)
+                if not refused:
+                    say(messages, f"No answer was given, so study {opened.name} was not kept.")

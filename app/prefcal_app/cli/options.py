@@ -4,20 +4,11 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-from typer import Argument, Option
+from typing import Any
 
 from prefcal_agents.registry import WORDS
 
-from .describing.options import (
-    KnobOption,
-    PlantOption,
-    ReferenceOption,
-    ShowOption,
-    StopTimeOption,
-)
-from .parameters import Kept, kept_by, parameters_of
+from .parameters import Kept, argument, kept_by, option, parameters_of
 
 HUMAN = "human"
 """Name of the calibrator that is a person."""
@@ -42,236 +33,134 @@ def _who_proposes() -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class Described:
+    r"""Options that say what is tuned, for `calibrate` and `check`.
+
+    Args:
+        scenario: A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu,
+            or pid or lqr with --plant.
+        knob: Knob of an FMU or a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example
+            "K_p=0.1:50:log %/m". Repeat the option for more.
+        show: Curves to show, for example level,valve; of an FMU also in another unit, "T \[degC]".
+        reference: Desired value of an output, for example level=2. Repeat the option for more.
+        plant: Plant of a standard controller: a prefcal plant, a system of python-control or scipy,
+            or (A, B, C, D).
+        stop_time: Duration of an experiment, in the model's unit of time.
+        config: Configuration of the scenario, for example the road and traffic of overtake.
+        run_timeout: Time limit for one run of your own scenario; a longer run is ended and counts
+            as failed. inf: no limit.
+    """
+
+    scenario: str = argument("SCENARIO", kept=Kept("scenario", always=True, anew=True))
+    knob: tuple[str, ...] = option((), "KNOB", shown="found, for a standard controller")
+    show: tuple[str, ...] = option((), "NAMES", shown="all outputs and inputs")
+    reference: tuple[str, ...] = option(
+        (), "NAME=NUMBER", shown="none; a standard controller finds one"
+    )
+    plant: str | None = option(None, "FILE.py:NAME")
+    stop_time: float | None = option(None, "TIME", shown="that of the model")
+    config: Path | None = option(None, "FILE.json")
+    run_timeout: float = option(3600.0, "SECONDS", shown="3600, an hour")
+
+
+@dataclass(frozen=True, slots=True)
+class Options(Described):
     """Options of `prefcal calibrate`, in the order of its help.
 
-    To add an option, add a field with its type, help and default. An option with `Kept` is stored
-    and checked in the study file and cannot change on resuming unless `anew` is set; one without
-    applies to a single run. None stands for the default of the component that takes the value.
+    To add an option, add a field with its default and placeholder, and its help below. One with
+    `kept` is stored and checked in the study file and cannot change on resuming unless `anew` is
+    set; one without applies to a single run. None stands for the default of the component that
+    takes the value.
+
+    Args:
+        calibrator: Who compares: human, or one of the scenario's synthetic calibrators.
+        agent: Who proposes.
+        simulate: Number of experiments to simulate unseen. The agent screening learns from your
+            answers which of them you would like, and shows only a few. 0: run only what is shown,
+            with the agent glisp.
+        twin: A rough model of the plant: simulate unseen on this scenario, and run only what is
+            shown. It has the plant's knobs and KPIs; prefcal learns how both differ.
+        study: Study to start or to resume: a name in your data folder, or a file (with a / or a
+            suffix).
+        seed: Seed of the agent, the calibrator and the order of the two sides.
+        n_init: Number of experiments before learning starts.
+        n_max: Number of experiments shown; you can add more later.
+        questions_per_experiment: Maximum number of comparisons per experiment (glisp only). If
+            experiments are expensive, 3 or more comparisons save some. You can change it when you
+            resume.
+        start: θ of the first experiment, for example your current tuning: "KNOB=VALUE, ..." for
+            every knob, or the name of one of the scenario's references. Repeat the option for more.
+        earlier: An earlier study, for example by another person or of a similar plant: its best θ
+            is one of the first experiments. A name or the path of a file.
+        outcomes: Let glisp learn from θ only, not from the KPIs of the experiments.
+        cost: What the calibrator synthetic or the agent glis goes by: own.py:NAME, a function of an
+            experiment, lower is better; or the name of a KPI.
+        out: Folder of the report; must not hold the report of another study.
+        at_once: Number of experiments that run at the same time, each in a process of its own: for
+            simulations that take minutes, with the agent glisp.
+        terminal: Ask in this terminal instead of on a page.
+        browser: Print the link of the page, but open no browser.
+        host: Address to serve the page on. 0.0.0.0 makes it reachable from other machines.
+        port: Port of the page.
+        json: Print only JSON on standard output (messages go to standard error).
 
     Raises:
         SettingsError: If a number is too small, or `n_init` is above `n_max`.
     """
 
-    scenario: Annotated[
-        str,
-        Argument(
-            metavar="SCENARIO",
-            help="A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu, "
-            "or pid or lqr with --plant.",
-        ),
-        Kept(label="scenario", always=True, anew=True),
-    ]
-    calibrator: Annotated[
-        str,
-        Option(
-            metavar="NAME",
-            help="Who compares: human, or one of the scenario's synthetic calibrators.",
-            show_default="human",
-        ),
-        Kept(label="calibrator", always=True),
-    ] = HUMAN
-    agent: Annotated[
-        str,
-        Option(
-            metavar="NAME",
-            help=_who_proposes(),
-            show_default="screening; glisp if the scenario is not a quick simulation",
-        ),
-        Kept(label="agent", always=True),
-    ] = "glisp"
-    simulate: Annotated[
-        int,
-        Option(
-            metavar="N",
-            help="Number of experiments to simulate unseen. The agent screening learns from your "
-            "answers which of them you would like, and shows only a few. 0: run only what is "
-            "shown, with the agent glisp.",
-            show_default="1000; 0 if the scenario is not a quick simulation",
-        ),
-        Kept(
-            label="simulated unseen",
-            least=0,
-            agents=SIMULATING,
-            refusal="--agent {agent} simulates nothing unseen: leave --simulate out, or choose "
-            "--agent screening",
-            feeds="n_simulated",
-        ),
-    ] = 0
-    twin: Annotated[
-        str | None,
-        Option(
-            metavar="SCENARIO",
-            help="A rough model of the plant: simulate unseen on this scenario, and run only what "
-            "is shown. It has the plant's knobs and KPIs; prefcal learns how both differ.",
-            show_default="none",
-        ),
-        Kept(label="twin", agents=SIMULATING),
-    ] = None
-    study: Annotated[
-        str | None,
-        Option(
-            metavar="NAME_OR_PATH",
-            help="Study to start or to resume: a name in your data folder, or a file "
-            "(with a / or a suffix).",
-            show_default="a new one, SCENARIO-1; unattended: none",
-        ),
-    ] = None
-    seed: Annotated[
-        int,
-        Option(
-            metavar="N",
-            help="Seed of the agent, the calibrator and the order of the two sides.",
-            show_default="0",
-        ),
-        Kept(label="seed", always=True, least=0),
-    ] = 0
-    n_init: Annotated[
-        int,
-        Option(
-            metavar="N",
-            help="Number of experiments before learning starts.",
-            show_default="10; glisp: 2 per knob; screening: 1; at most half of --n-max",
-        ),
-        Kept(label="initial experiments", always=True, least=1),
-    ] = 10
-    n_max: Annotated[
-        int,
-        Option(
-            metavar="N",
-            help="Number of experiments shown; you can add more later.",
-            show_default="50; screening: 11",
-        ),
-        Kept(label="experiments", always=True, anew=True, least=1),
-    ] = 50
-    questions_per_experiment: Annotated[
-        int,
-        Option(
-            min=1,
-            metavar="N",
-            help="Maximum number of comparisons per experiment (glisp only). If experiments are "
-            "expensive, 3 or more comparisons save some. You can change it when you resume.",
-            show_default="1",
-        ),
-        Kept(
-            label="questions per experiment",
-            anew=True,
-            agents=("glisp",),
-            refusal="only the agent glisp takes --questions-per-experiment above 1, not {agent!r}",
-            feeds="settings.questions_per_experiment",
-        ),
-    ] = 1
-    start: Annotated[
-        tuple[str, ...],
-        Option(
-            metavar="THETA",
-            help="θ of the first experiment, for example your current tuning: "
-            '"KNOB=VALUE, ..." for every knob, or the name of one of the scenario\'s references. '
-            "Repeat the option for more.",
-            show_default="the agent's",
-        ),
-        Kept(label="begins with"),
-    ] = ()
-    earlier: Annotated[
-        str | None,
-        Option(
-            "--from",
-            metavar="STUDY",
-            help="An earlier study, for example by another person or of a similar plant: its best "
-            "θ is one of the first experiments. A name or the path of a file.",
-        ),
-        Kept(label="earlier study"),
-    ] = None
-    outcomes: Annotated[
-        bool,
-        Option(
-            "--no-outcomes",
-            metavar="",
-            help="Let glisp learn from θ only, not from the KPIs of the experiments.",
-        ),
-        Kept(
-            label="learns from KPIs",
-            agents=("glisp",),
-            refusal="only the agent glisp learns from KPIs: leave --no-outcomes out for {agent!r}",
-            feeds="settings.kpis",
-        ),
-    ] = True
-    cost: Annotated[
-        str | None,
-        Option(
-            metavar="COST",
-            help="What the calibrator synthetic or the agent glis goes by: own.py:NAME, a function "
-            "of an experiment, lower is better; or the name of a KPI.",
-            show_default="the scenario's score",
-        ),
-        Kept(label="cost"),
-    ] = None
-    knob: KnobOption = ()
-    show: ShowOption = ()
-    reference: ReferenceOption = ()
-    plant: PlantOption = None
-    stop_time: StopTimeOption = None
-    config: Annotated[
-        Path | None,
-        Option(
-            metavar="FILE.json",
-            help="Configuration of the scenario, for example the road and traffic of overtake.",
-        ),
-    ] = None
-    out: Annotated[
-        Path | None,
-        Option(
-            metavar="FOLDER",
-            help="Folder of the report; must not hold the report of another study.",
-            show_default="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED",
-        ),
-    ] = None
-    run_timeout: Annotated[
-        float,
-        Option(
-            metavar="SECONDS",
-            help="Time limit for one run of your own scenario; a longer run is ended and counts "
-            "as failed. inf: no limit.",
-            show_default="3600, an hour",
-        ),
-    ] = 3600.0
-    at_once: Annotated[
-        int,
-        Option(
-            min=1,
-            metavar="N",
-            help="Number of experiments that run at the same time, each in a process of its own: "
-            "for simulations that take minutes, with the agent glisp.",
-            show_default="1",
-        ),
-    ] = 1
-    terminal: Annotated[
-        bool,
-        Option("--terminal", metavar="", help="Ask in this terminal instead of on a page."),
-    ] = False
-    browser: Annotated[
-        bool,
-        Option("--no-browser", metavar="", help="Print the link of the page, but open no browser."),
-    ] = True
-    host: Annotated[
-        str,
-        Option(
-            metavar="ADDRESS",
-            help="Address to serve the page on. 0.0.0.0 makes it reachable from other machines.",
-        ),
-    ] = "127.0.0.1"
-    port: Annotated[
-        int,
-        Option(min=0, max=65535, metavar="N", help="Port of the page.", show_default="a free one"),
-    ] = 0
-    json: Annotated[
-        bool,
-        Option(
-            "--json",
-            metavar="",
-            help="Print only JSON on standard output (messages go to standard error).",
-        ),
-    ] = False
+    calibrator: str = option(HUMAN, "NAME", shown="human", kept=Kept("calibrator", always=True))
+    agent: str = option(
+        "glisp",
+        "NAME",
+        shown="screening; glisp if the scenario is not a quick simulation",
+        kept=Kept("agent", always=True),
+        help=_who_proposes(),
+    )
+    simulate: int = option(
+        0,
+        "N",
+        shown="1000; 0 if the scenario is not a quick simulation",
+        kept=Kept("simulated unseen", least=0, agents=SIMULATING),
+    )
+    twin: str | None = option(None, "SCENARIO", shown="none", kept=Kept("twin", agents=SIMULATING))
+    study: str | None = option(
+        None, "NAME_OR_PATH", shown="a new one, SCENARIO-1; unattended: none"
+    )
+    seed: int = option(0, "N", shown="0", kept=Kept("seed", always=True, least=0))
+    n_init: int = option(
+        10,
+        "N",
+        shown="10; glisp: 2 per knob; screening: 1; at most half of --n-max",
+        kept=Kept("initial experiments", always=True, least=1),
+    )
+    n_max: int = option(
+        50,
+        "N",
+        shown="50; screening: 11",
+        kept=Kept("experiments", always=True, anew=True, least=1),
+    )
+    questions_per_experiment: int = option(
+        1,
+        "N",
+        min=1,
+        shown="1",
+        kept=Kept("questions per experiment", anew=True, agents=("glisp",)),
+    )
+    start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
+    earlier: str | None = option(None, "STUDY", flag="--from", kept=Kept("earlier study"))
+    outcomes: bool = option(
+        True, flag="--no-outcomes", kept=Kept("learns from KPIs", agents=("glisp",))
+    )
+    cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))
+    out: Path | None = option(
+        None, "FOLDER", shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED"
+    )
+    at_once: int = option(1, "N", min=1, shown="1")
+    terminal: bool = option(False, flag="--terminal")
+    browser: bool = option(True, flag="--no-browser")
+    host: str = option("127.0.0.1", "ADDRESS")
+    port: int = option(0, "N", min=0, max=65535, shown="a free one")
+    json: bool = option(False, flag="--json")
 
     def __post_init__(self) -> None:
         wrong = (p.problem(getattr(self, name)) for name, p in parameters_of(Options).items())
@@ -370,19 +259,15 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     from prefcal_scenarios.names import is_described, is_own
     from prefcal_scenarios.own.source import split_source
 
-    from .cost_file import kept_cost
-
-    if given.get("cost") is None and kept.get("cost") != kept_cost(kept):
-        raise SettingsError(
-            f"the study goes by a cost that was given to it: if you trust it, add "
-            f"--cost {shlex.quote(str(kept['cost']))}"
-        )
-    twin = kept.get("twin")
-    if twin is not None and given.get("twin") is None and is_own(str(twin)):
-        raise SettingsError(
-            f"the study simulates with a program: if you trust it, add --twin "
-            f"{shlex.quote(str(twin))}"
-        )
+    for name, does in (
+        ("cost", "goes by a cost that was given to it"),
+        ("twin", "simulates with a program"),
+    ):
+        program = str(kept.get(name) or "")
+        if given.get(name) is None and is_own(program):
+            raise SettingsError(
+                f"the study {does}: if you trust it, add --{name} {shlex.quote(program)}"
+            )
     if is_described(str(kept.get("scenario", ""))):
         return  # checked when its source was made
     # The configuration's file may have moved, so compare only its content.

@@ -1,16 +1,22 @@
 """Parameters of a command, each declared once as a field of a dataclass.
 
-A field is annotated with a `typer.Option` or `typer.Argument`, and with `Kept` if the study file
-keeps its value. The command line, the checks of the file and all messages use that declaration.
+A field is made by `option` or `argument`, with `Kept` if the study file keeps its value, and its
+line under "Args" in the docstring of the dataclass is its help. The command line, the checks of the
+file and all messages use that declaration.
 """
 
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+import re
+from collections.abc import Callable, Iterator, Mapping
+from copy import copy
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
+from typer import Argument, Option
 from typer.models import ArgumentInfo, OptionInfo
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +30,6 @@ class Kept:
         anew: Whether the value can change when a study is resumed.
         least: Smallest value; None if there is no limit.
         agents: Agents that accept a value other than the default; empty for all.
-        refusal: Error message for other agents, with `{agent}`; empty for the default message.
-        feeds: Keyword argument of the agent that receives the value, or "settings.NAME" for one of
-            its settings; empty for none.
     """
 
     label: str = ""
@@ -34,8 +37,27 @@ class Kept:
     anew: bool = False
     least: int | None = None
     agents: tuple[str, ...] = ()
-    refusal: str = ""
-    feeds: str = ""
+
+
+def argument(metavar: str, *, kept: Kept | None = None) -> Any:
+    """Return the field of a required argument; `metavar` is its placeholder."""
+    return field(metadata={"info": Argument(metavar=metavar), "kept": kept})
+
+
+def option(default: Any, metavar: str = "", *, kept: Kept | None = None, **more: Any) -> Any:
+    """Return the field of an option.
+
+    Args:
+        default: Default value; a flag of type bool inverts it.
+        metavar: Placeholder of the value; empty for a flag.
+        kept: Rules if the study file keeps the value.
+        more: `flag`, if it is not --NAME; `shown`, the default as the help shows it; and further
+            arguments of `typer.Option`, such as a help that is computed.
+    """
+    flag, shown = more.pop("flag", None), more.pop("shown", True)
+    names = [] if flag is None else [flag]
+    info = Option(*names, metavar=metavar, show_default=shown, **more)
+    return field(default=default, metadata={"info": info, "kept": kept})
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +67,15 @@ class Parameter:
     Args:
         name: Name of the field.
         type: Type of the value.
-        info: Declaration for the parser: flag, help, placeholder.
         default: Default value; MISSING if the parameter is required.
+        info: Declaration for the parser: flag, help, placeholder.
         kept: Rules if the study file keeps the value; None if it applies to a single run.
     """
 
     name: str
     type: Any
-    info: OptionInfo | ArgumentInfo
     default: Any
+    info: OptionInfo | ArgumentInfo
     kept: Kept | None
 
     @property
@@ -126,26 +148,32 @@ class Parameter:
 
 @cache
 def parameters_of(options: type) -> Mapping[str, Parameter]:
-    """Return the parameters that the dataclass `options` declares, by name and in order."""
-    hints = get_type_hints(options, include_extras=True)
-    return {field.name: _parameter(field.name, hints[field.name], field.default)
-            for field in fields(options)}  # fmt: skip
+    """Return the parameters that the dataclass `options` declares, by name and in order.
+
+    Options that it inherits come last.
+    """
+    hints, own = get_type_hints(options), options.__annotations__
+    helps = {name: words for base in options.__mro__ for name, words in _args(base.__doc__ or "")}
+    found = {}
+    for f in fields(options):
+        info, kept = copy(f.metadata["info"]), f.metadata["kept"]
+        info.help = info.help or helps.get(f.name)  # python -OO has no docstrings
+        found[f.name] = Parameter(f.name, hints[f.name], f.default, info, kept)
+    first = [n for n, p in found.items() if n in own or isinstance(p.info, ArgumentInfo)]
+    return {name: found[name] for name in dict.fromkeys([*first, *found])}
 
 
-def _parameter(name: str, hint: Any, default: Any) -> Parameter:
-    type_, *extras = get_args(hint)
-    (info,) = (extra for extra in extras if isinstance(extra, OptionInfo | ArgumentInfo))
-    kept = next((extra for extra in extras if isinstance(extra, Kept)), None)
-    return Parameter(name, type_, info, default, kept)
+def _args(docstring: str) -> Iterator[tuple[str, str]]:
+    """Yield names and words of the section "Args" of a docstring."""
+    section = inspect.cleandoc(docstring).partition("\nArgs:\n")[2].partition("\n\n")[0]
+    for name, words in re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", section, re.MULTILINE):
+        yield name, " ".join(words.split())
 
 
 def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:
     """Return the parameters whose values a study file keeps, by name."""
-    return {
-        name: (parameter, parameter.kept)
-        for name, parameter in parameters_of(options).items()
-        if parameter.kept is not None
-    }
+    parameters = parameters_of(options).items()
+    return {name: (each, each.kept) for name, each in parameters if each.kept is not None}
 
 
 def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -167,3 +195,15 @@ def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]
 def given(options: type, typed: Mapping[str, Any]) -> dict[str, Any]:
     """Return values for the fields of `options` from the typed ones; None if a study decides."""
     return {name: p.given(typed[name]) for name, p in parameters_of(options).items()}
+
+
+def made(options: type[_T], typed: Mapping[str, Any]) -> _T:
+    """Return `options` of the typed values, with defaults for those that were not typed."""
+    values = given(options, typed)
+    return options(**{name: value for name, value in values.items() if value is not None})
+
+
+def examples(*shown: tuple[str, str], more: str = "") -> str:
+    """Return an epilog with example commands, an explanation of each, and `more`."""
+    lines = (f"[cyan]prefcal {line}[/cyan]\n  {words}" for line, words in shown)
+    return "\n\n".join(["[bold]Examples[/bold]", *lines, *([more] if more else [])])

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.kpi_units import kinds_of
 from prefcal_env.experiments.kpis import BAND, band_of, entered, tracking_kpis
 from prefcal_env.experiments.maneuvers import MEAN, combined, named
 from prefcal_scenarios.own.tracking import tracking_rows
@@ -53,7 +54,10 @@ def _measured(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
         if (name := f"settling time of {channel.name}") in values:
             values[name] = _settling_time(experiment, j)
             kpis = [_within_band(kpi, channel) if kpi.name == name else kpi for kpi in kpis]
-    for channel, y in _untracked(experiment, values):
+    for j, channel in enumerate(experiment.channels.y):
+        y = experiment.output(j)
+        if y is None or f"integrated error of {channel.name}" in values:
+            continue
         for words, value, about in _statistics(experiment.t, y):
             name = f"{words} of {channel.name}"
             values[name] = value
@@ -105,22 +109,9 @@ def _within_band(kpi: KPI, channel: Channel) -> KPI:
 
 def _tracking(experiment: Experiment, values: Mapping[str, float]) -> list[KPI]:
     """Return what each of the tracking KPIs in `values` means."""
-    rows = [row for name, row in tracking_rows(experiment.channels).items() if name in values]
-    kinds = [next(k for k in _KINDS if row["name"].startswith(f"{k} of ")) for row in rows]
-    ordered = sorted(zip(kinds, rows, strict=True), key=lambda pair: _KINDS.index(pair[0]))
-    return [KPI(**row) for _, row in ordered]
-
-
-def _untracked(
-    experiment: Experiment, known: dict[str, float]
-) -> Iterator[tuple[Channel, Float[np.ndarray, " K"]]]:
-    """Yield the outputs without tracking KPIs, with their values."""
-    for j, channel in enumerate(experiment.channels.y):
-        y = experiment.output(j)
-        if f"integrated error of {channel.name}" in known or y is None:
-            continue
-        if np.isfinite(y).any():
-            yield channel, np.asarray(y)
+    kinds = {kind.of(c): _KINDS.index(kind.name) for kind, c in kinds_of(experiment.channels)}
+    rows = tracking_rows(experiment.channels)
+    return [KPI(**rows[name]) for name in sorted(rows, key=kinds.__getitem__) if name in values]
 
 
 def _statistics(
@@ -128,6 +119,8 @@ def _statistics(
 ) -> Iterator[tuple[str, float, str]]:
     """Yield name, value and meaning of what describes a curve; gaps are left out."""
     there = np.isfinite(y)
+    if not there.any():
+        return
     t, y = t[there], y[there]
     # A value counts for half of the time to each of its neighbors, as in the trapezoidal rule.
     steps = np.diff(t)

@@ -1,4 +1,4 @@
-"""Look at two runs from Python: a picture in a notebook, the page in a browser."""
+"""Look at two runs: as plain data, a picture in a notebook, or the page in a browser."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -62,9 +62,7 @@ class Look:
 
     def kpis(self) -> list[dict[str, Any]]:
         """Return the KPIs of both runs with their differences, the largest first."""
-        from .view import comparison
-
-        return comparison(self.pair)
+        return self.pair.comparison()
 
     def png(self) -> bytes:
         """Return the picture of both runs over each other; references are dotted."""

@@ -1,19 +1,21 @@
-"""Put two runs from anywhere on the same panels, the same time axis and the same KPIs."""
+"""Put two runs from anywhere on the same panels, time axis and KPIs, as plain data."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Channel, Channels, Experiment
-from prefcal_env.experiments.maneuvers import by_maneuver, combined
+from prefcal_app.summary.compare import Spread, compared
+from prefcal_app.view import maneuvers
+from prefcal_app.view.seen import Seen
+from prefcal_app.view.sides import numbers_view, pair_view
+from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.maneuvers import by_maneuver, combined, maneuvers_of
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.tables.units import SECONDS
 from prefcal_scenarios.scenario import KPI
-
-from .units import in_time_unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +34,14 @@ class Run:
     kpis: tuple[KPI, ...] = ()
     about: str = ""
 
+    def changed(self, change: Callable[[Experiment], Experiment]) -> "Run":
+        """Return this run with a change of its experiment, and of each of its maneuvers."""
+        return replace(self, experiment=_each(self.experiment, change))
+
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two runs with the same channels, so that one set of panels draws both.
+    """Two runs with the same curves, so that one set of panels draws both.
 
     Args:
         left: Left run.
@@ -51,6 +57,41 @@ class Pair:
     kpis: tuple[KPI, ...]
     notes: tuple[str, ...] = ()
 
+    def comparison(self) -> list[dict[str, Any]]:
+        """Return the KPIs of both runs with their differences, the largest first."""
+        return compared(self.left.experiment, self.right.experiment, self.kpis, Spread())
+
+    def view(self) -> dict[str, Any]:
+        """Return what the page shows: what `question_view` returns, without a study."""
+        parts = maneuvers_of(self.left.experiment, self.right.experiment)
+        first, *others = (
+            pair_view(maneuvers.Pair(name, left, right, self.panels), self.kpis, Seen())
+            for name, (left, right) in parts.items()
+        )
+        return {
+            "id": f"{self.left.name}\n{self.right.name}",
+            "time_unit": self.left.experiment.channels.time_unit,
+            "comparison": self.comparison(),
+            **first,
+            "left": {**self._side(self.left), **first["left"]},
+            "right": {**self._side(self.right), **first["right"]},
+            "others": others,
+            "notes": list(self.notes),
+        }
+
+    def _side(self, run: Run) -> dict[str, Any]:
+        """Return one run; it has no θ, no role and no marks."""
+        return {
+            **numbers_view(run.experiment, self.kpis),
+            "name": run.name,
+            "about": run.about,
+            "number": None,
+            "role": None,
+            "marks": None,
+            "counts_as_unsafe": False,
+            "theta": [],
+        }
+
 
 def paired(left: Run, right: Run, *, align: bool | None = None) -> Pair:
     """Return two runs on the same panels.
@@ -65,21 +106,21 @@ def paired(left: Run, right: Run, *, align: bool | None = None) -> Pair:
     """
     right, notes = _in_unit_of(left, right)
     left, right = _with_maneuvers_of(left, right), _with_maneuvers_of(right, left)
-    starts = [run.experiment.t[0] if len(run.experiment.t) else 0.0 for run in (left, right)]
     if align or (align is None and _apart(left.experiment, right.experiment)):
-        left, right = (
-            replace(run, experiment=_shifted(run.experiment, -float(start)))
-            for run, start in zip((left, right), starts, strict=True)
-        )
+        starts = [run.experiment.t[0] for run in (left, right) if len(run.experiment.t)]
+        left, right = _from_zero(left), _from_zero(right)
         if any(starts):
             notes = (*notes, "Both runs start at 0 here: their own times are left out.")
     right = _with_other_kpis(right, left)
     kpis = {kpi.name: kpi for run in (left, right) for kpi in run.kpis}
-    layout = _Layout.of(left.experiment, right.experiment)
-    left, right = (
-        replace(run, experiment=layout.applied(run.experiment)) for run in (left, right)
-    )  # fmt: skip
-    return Pair(left, right, layout.panels, tuple(kpis.values()), notes)
+    panels = _panels([left.experiment, right.experiment])
+    left, right = (run.changed(lambda each: _drawn(each, panels)) for run in (left, right))
+    return Pair(left, right, tuple(panels.values()), tuple(kpis.values()), notes)
+
+
+def _each(experiment: Experiment, change: Callable[[Experiment], Experiment]) -> Experiment:
+    runs = tuple(_each(run, change) for run in experiment.runs)
+    return replace(change(experiment), runs=runs)
 
 
 def _in_unit_of(left: Run, right: Run) -> tuple[Run, tuple[str, ...]]:
@@ -90,9 +131,41 @@ def _in_unit_of(left: Run, right: Run) -> tuple[Run, tuple[str, ...]]:
     if wanted not in SECONDS or given not in SECONDS:
         words = f"The times of {left.name} are in {wanted}, those of {right.name} in {given}."
         return right, (words,)
-    experiment, kpis = in_time_unit(right.experiment, right.kpis, wanted)
     words = f"The times of {right.name} are converted from {given} to {wanted}."
-    return replace(right, experiment=experiment, kpis=kpis), (words,)
+    return in_time_unit(right, wanted), (words,)
+
+
+def in_time_unit(run: Run, unit: str) -> Run:
+    """Return a run whose times, and KPIs that depend on time, are in `unit`, such as "s".
+
+    A KPI in minutes becomes one in seconds, one in m min one in m s. Rates such as m/min stay.
+    """
+    given = run.experiment.channels.time_unit
+    factor = SECONDS[given] / SECONDS[unit]
+    powers = {given: (unit, 1), f"{given}²": (f"{unit}²", 2)}
+    factors, kpis = {}, []
+    for kpi in run.kpis:
+        parts = [powers.get(part, (part, 0)) for part in kpi.unit.split(" ")]
+        by = factors[kpi.name] = factor ** sum(power for _, power in parts)
+        kpis.append(
+            replace(
+                kpi, unit=" ".join(part for part, _ in parts),
+                at_most=by * kpi.at_most, at_least=by * kpi.at_least,
+            )
+        )  # fmt: skip
+
+    def of_kpi(name: str) -> float:
+        in_one_maneuver = name.rpartition(" (")[0]
+        return factors.get(name, factors.get(in_one_maneuver, 1.0))
+
+    def scaled(e: Experiment) -> Experiment:
+        return replace(
+            e, t=factor * e.t, t_control=factor * e.t_control,
+            channels=replace(e.channels, time_unit=unit),
+            kpis={name: value * of_kpi(name) for name, value in e.kpis.items()},
+        )  # fmt: skip
+
+    return replace(run.changed(scaled), kpis=tuple(kpis))
 
 
 def _with_maneuvers_of(run: Run, other: Run) -> Run:
@@ -101,15 +174,7 @@ def _with_maneuvers_of(run: Run, other: Run) -> Run:
     if not names or "" not in by_maneuver(run.experiment):
         return run
     alone = replace(run.experiment, runs=())
-    parts = [replace(alone, maneuver=name) for name in names]
-    return replace(run, experiment=combined(parts))
-
-
-def _shifted(experiment: Experiment, by: float) -> Experiment:
-    runs = tuple(_shifted(run, by) for run in experiment.runs)
-    return replace(
-        experiment, t=experiment.t + by, t_control=experiment.t_control + by, runs=runs
-    )  # fmt: skip
+    return replace(run, experiment=combined([replace(alone, maneuver=name) for name in names]))
 
 
 def _apart(left: Experiment, right: Experiment) -> bool:
@@ -117,6 +182,11 @@ def _apart(left: Experiment, right: Experiment) -> bool:
     if not (len(left.t) and len(right.t)):
         return False
     return bool(left.t[-1] < right.t[0] or right.t[-1] < left.t[0])
+
+
+def _from_zero(run: Run) -> Run:
+    start = run.experiment.t[0] if len(run.experiment.t) else 0.0
+    return run.changed(lambda e: replace(e, t=e.t - start, t_control=e.t_control - start))
 
 
 def _with_other_kpis(run: Run, other: Run) -> Run:
@@ -134,123 +204,77 @@ def _with_other_kpis(run: Run, other: Run) -> Run:
     return replace(run, experiment=run.experiment.with_kpis(values), kpis=kpis)
 
 
-_Key = tuple[str, str, int]
-"""Name and unit of a curve, and its position among those of the same name and unit."""
+_Curve = tuple[str, str, int]
+"""Name and unit of a curve, and its position among the channels of the same name."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """The panels that two runs share.
+def _panels(experiments: Iterable[Experiment]) -> dict[_Curve, Plot]:
+    """Return a panel for each curve of either run: those of the left one first, and inputs last.
 
-    Args:
-        panels: Panels from top to bottom.
-        keys: Curve of each panel.
+    What is the same in all runs that have the curve is drawn as its target, band and limits; other
+    references are curves of their own.
     """
-
-    panels: tuple[Plot, ...]
-    keys: tuple[_Key, ...]
-
-    @classmethod
-    def of(cls, left: Experiment, right: Experiment) -> "_Layout":
-        """Return the panels of two runs: those of the left one first, and inputs last."""
-        # Limits and targets may differ between the maneuvers of a run, too.
-        every = [run for e in (left, right) for run in (e, *e.runs)]
-        curves = [_curves(run) for run in every]
-        held = {
-            key: all(side[key].held for side in curves if key in side)
-            for key in dict.fromkeys(key for side in curves for key in side)
+    every = [(_curves(run), _references(run)) for e in experiments for run in (e, *e.runs)]
+    found = dict.fromkeys(curve for curves, _ in every for curve in curves)
+    panels = {}
+    for curve in found:
+        name, unit, nth = curve
+        plots = [curves[curve] for curves, _ in every if curve in curves]
+        levels = {
+            level
+            for curves, references in every
+            if curve in curves
+            for level in np.unique(references.get(name, [np.nan]))
         }
-        keys = sorted(held, key=lambda key: held[key])
-        fixed = _with_fixed_targets(every)
-        panels = []
-        for key in keys:
-            looks = [side[key].channel for side in curves if key in side]
-            look = _look(looks, keeps_target=key[0] in fixed)
-            label = _label(key, keys)
-            reference = "" if look.target is not None else _reference(label)
-            panels.append(Plot(look, "u" if held[key] else "y", label, reference=reference))
-        return cls(tuple(panels), tuple(keys))
-
-    def applied(self, experiment: Experiment) -> Experiment:
-        """Return `experiment` with one channel for each panel; without values if it has none."""
-        known, n = _curves(experiment), len(experiment.t)
-        pairs = list(zip(self.keys, self.panels, strict=True))
-        y = [(p, known[k].values(experiment) if k in known else np.full(n, np.nan))
-             for k, p in pairs if not p.held]  # fmt: skip
-        u = [(p, known[k].values(experiment)) for k, p in pairs if p.held and k in known]
-        channels = Channels(
-            x=(), u=tuple(replace(p.channel, name=p.name) for p, _ in u),
-            y=tuple(replace(p.channel, name=p.name) for p, _ in y),
-            time_unit=experiment.channels.time_unit,
+        target = float(levels.pop()) if len(levels) == 1 else np.nan
+        fixed = np.isfinite(target)
+        channel = replace(
+            plots[0].channel, target=target if fixed else None,
+            band=_agreed(plots, "band", None) if fixed else None,
+            low=_agreed(plots, "low", -np.inf), high=_agreed(plots, "high", np.inf),
         )  # fmt: skip
-        references = _references(experiment)
-        drawn = {
-            panel.reference: references[key[0]]
-            for key, panel in pairs
-            if panel.reference and not panel.held and key in known and key[0] in references
-        }
-        steps = len(experiment.t_control)
-        return replace(
-            experiment, x=np.zeros((n, 0)), y=_table([v for _, v in y], n),
-            u=_table([v for _, v in u], n), u_control=np.zeros((steps, len(u))),
-            y_ref=np.full((steps, len(y)), np.nan), channels=channels, signals=drawn,
-            runs=tuple(self.applied(run) for run in experiment.runs),
-        )  # fmt: skip
+        label = name if len({u for n, u, _ in found if n == name}) == 1 else f"{name} [{unit}]"
+        label += f" ({nth + 1})" if nth else ""
+        kind = "u" if all(plot.held for plot in plots) else "signal"
+        panels[curve] = Plot(channel, kind, label, reference="" if fixed else f"{label} ref")
+    return dict(sorted(panels.items(), key=lambda item: item[1].held))
 
 
-def _curves(experiment: Experiment) -> dict[_Key, Plot]:
-    """Return the curves of a run by name and unit."""
-    found: dict[_Key, Plot] = {}
-    for plot in plots_of(experiment.channels):
-        name, unit, nth = plot.channel.name, plot.channel.unit, 0
-        while (name, unit, nth) in found:
-            nth += 1
-        found[name, unit, nth] = plot
-    return found
+def _agreed(plots: Iterable[Plot], name: str, otherwise: float | None) -> Any:
+    found = {getattr(plot.channel, name) for plot in plots}
+    return found.pop() if len(found) == 1 else otherwise
 
 
-def _label(key: _Key, keys: Sequence[_Key]) -> str:
-    """Return a name that no other curve has."""
-    name, unit, nth = key
-    others = {other for other_name, other, _ in keys if other_name == name}
-    label = name if len(others) == 1 else f"{name} [{unit}]"
-    return f"{label} ({nth + 1})" if nth else label
+def _curves(experiment: Experiment) -> dict[_Curve, Plot]:
+    """Return the curves of a run."""
+    plots = plots_of(experiment.channels)
+    return {(plot.channel.name, plot.channel.unit, plot.nth): plot for plot in plots}
 
 
-def _reference(name: str) -> str:
-    """Return the key of the signal that holds the reference of an output; see `plots_of`."""
-    return f"{name} ref"
+def _drawn(experiment: Experiment, panels: dict[_Curve, Plot]) -> Experiment:
+    """Return a run with the curves that it has under the names of the panels.
 
-
-def _table(columns: Sequence[Float[np.ndarray, " K"]], n: int) -> Float[np.ndarray, "K m"]:
-    return np.stack(columns, axis=1) if columns else np.zeros((n, 0))
-
-
-def _look(looks: Sequence[Channel], *, keeps_target: bool) -> Channel:
-    """Return what all runs agree on of a channel."""
-
-    def agreed(name: str, otherwise: float | None) -> Any:
-        found = {getattr(channel, name) for channel in looks}
-        return found.pop() if len(found) == 1 else otherwise
-
-    target = agreed("target", None) if keeps_target else None
+    Inputs stay inputs, which are held between instants; all others become signals.
+    """
+    known, references = _curves(experiment), _references(experiment)
+    signals, inputs = {}, []
+    for curve, panel in panels.items():
+        if curve not in known:
+            continue
+        values = known[curve].values(experiment)
+        if panel.held:
+            inputs.append((replace(panel.channel, name=panel.name), values))
+        else:
+            signals[panel.name] = values
+            if panel.reference and curve[0] in references:
+                signals[panel.reference] = references[curve[0]]
+    n, steps = len(experiment.t), len(experiment.t_control)
+    u = np.stack([values for _, values in inputs], axis=1) if inputs else np.zeros((n, 0))
+    channels = Channels((), tuple(c for c, _ in inputs), (), experiment.channels.time_unit)
     return replace(
-        looks[0], low=agreed("low", -np.inf), high=agreed("high", np.inf), target=target,
-        band=None if target is None else agreed("band", None),
+        experiment, x=np.zeros((n, 0)), y=None, u=u, u_control=np.zeros((steps, len(inputs))),
+        y_ref=np.zeros((steps, 0)), channels=channels, signals=signals,
     )  # fmt: skip
-
-
-def _with_fixed_targets(experiments: Sequence[Experiment]) -> frozenset[str]:
-    """Return the names of the curves whose reference, if any, is their target all the time."""
-    targets = [{c.name: c.target for c in e.channels.y} for e in experiments]
-    moving = {
-        name
-        for experiment, target in zip(experiments, targets, strict=True)
-        for name, values in _references(experiment).items()
-        if not (values == target.get(name)).all()
-    }
-    names = [name for e in experiments for name, _, _ in _curves(e)]
-    return frozenset(names) - moving
 
 
 def _references(experiment: Experiment) -> dict[str, Float[np.ndarray, " K"]]:

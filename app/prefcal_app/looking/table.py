@@ -1,7 +1,7 @@
 """Guess what the columns of a table are, read them as a run, and say what was taken for what."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,93 +39,52 @@ def run_from(path: Path, about: TableColumns | None = None) -> Run:
         RecordError: If the file is no table, or a column is missing or holds no numbers.
     """
     try:
-        guess = _Guess.of(path, TableColumns() if about is None else about)
-        # θ is not known.
-        experiment = guess.columns().read(guess.sheet, [0.0])
+        return _run_from(path, TableColumns() if about is None else about)
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from error
-    return run_of(path.name, experiment, guess.words())
 
 
-@dataclass(frozen=True, slots=True)
-class _Guess:
-    """What the columns of a table are taken for.
-
-    Args:
-        sheet: The rows that have a time.
-        about: What is known of the columns.
-        time: Number of the column of time.
-        reference: Maps outputs to their constant reference, or to the heading of a column.
-        outputs: Names of the outputs.
-        said: What was mended or left out.
-    """
-
-    sheet: Sheet
-    about: TableColumns
-    time: int
-    reference: Mapping[str, Any]
-    outputs: tuple[str, ...]
-    said: tuple[str, ...]
-
-    @classmethod
-    def of(cls, path: Path, about: TableColumns) -> "_Guess":
-        """Read the file and guess."""
-        heading = about.columns.get("time", about.time)
-        sheet = sheet_of(path, {*about.columns.values(), *about.outputs, *about.inputs})
-        if not len(sheet.frame):
+def _run_from(path: Path, about: TableColumns) -> Run:
+    sheet, time, mended = _timed_sheet(path, about)
+    names = _names(sheet, about)
+    reference = _references(sheet, about, names)
+    beside = {time, *(names[name] for name in about.inputs)}
+    beside |= {sheet.column(r, "") for r in reference.values() if isinstance(r, str)}
+    outputs, left_out = _outputs(sheet, about, {n: i for n, i in names.items() if i not in beside})
+    for name in about.reference:
+        if name not in outputs:  # it would neither be drawn nor measured
+            there = "an input" if name in about.inputs else "not shown"
             raise RecordError(
-                "a table needs a line of headings and rows of values, got headings only"
+                f"{name!r} has a reference but is {there}: the outputs are {', '.join(outputs)}; "
+                f"add it with --outputs, or leave --reference {name}=... out"
             )
-        usual = [] if heading else usual_time_columns(sheet)
-        time = sheet.column(heading, "") if heading else (usual or [0])[0]
-        sheet, mended = _timed(sheet, time, about.time_format)
-        names = _names(sheet, about)
-        reference = _references(sheet, about, names)
-        used = {time, *(names[n] for n in about.inputs)}
-        used |= {sheet.column(r, "") for r in reference.values() if isinstance(r, str)}
-        outputs, left_out = _outputs(sheet, about, names, used)
-        _check_references(about, outputs)
-        return cls(
-            sheet, about, time, {n: r for n, r in reference.items() if n in outputs}, outputs,
-            (*mended, *_bridged(sheet, (*outputs, *about.inputs), names), *left_out),
-        )  # fmt: skip
-
-    def columns(self) -> TableColumns:
-        """Return how to read the table; the page shows times as they are, and needs every row."""
-        used = (*self.outputs, *self.about.inputs)
-        return replace(
-            self.about,
-            columns={n: h for n, h in self.about.columns.items() if n in used},
-            time=self.sheet.headings[self.time],
-            outputs=self.outputs,
-            reference=self.reference,
-            units={n: u for n, u in self.about.units.items() if n in used},
-            from_zero=False,
-            allow=ALLOWED,
-            max_rows=None,
-            # look computes KPIs of its own, and nobody says that the run was unsafe.
-            kpis=None,
-            end=End.TIME_UP,
-        )
-
-    def words(self) -> str:
-        """Return what was taken for what."""
-        heading = parts_of(self.sheet.headings[self.time])[0]
-        unit = time_unit_of(self.sheet, self.time, None)
-        parts = [f"time from {heading!r} in {unit}", f"outputs {_listed(self.outputs)}"]
-        parts += [f"inputs {_listed(self.about.inputs)}"] if self.about.inputs else []
-        parts += [f"references of {_listed(list(self.reference))}"] if self.reference else []
-        return "; ".join([*parts, *self.said])
+    reference = {name: value for name, value in reference.items() if name in outputs}
+    used = (*outputs, *about.inputs)
+    # The page shows times as they are, and needs every row. Look computes KPIs of its own, and
+    # nobody says that the run was unsafe.
+    columns = replace(
+        about, columns={n: h for n, h in about.columns.items() if n in used},
+        time=sheet.headings[time], outputs=outputs, reference=reference,
+        units={n: u for n, u in about.units.items() if n in used},
+        from_zero=False, allow=ALLOWED, max_rows=None, kpis=None, end=End.TIME_UP,
+    )  # fmt: skip
+    experiment = columns.read(sheet, [0.0])  # θ is not known
+    heading, unit = parts_of(sheet.headings[time])[0], experiment.channels.time_unit
+    taken = {"outputs": outputs, "inputs": about.inputs, "references of": reference}
+    words = [f"{what} {', '.join(found)}" for what, found in taken.items() if found]
+    bridged = _bridged({name: sheet.numbers(names[name]) for name in used})
+    said = (f"time from {heading!r} in {unit}", *words, *mended, *bridged, *left_out)
+    return run_of(path.name, experiment, "; ".join(said))
 
 
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names)
-
-
-def _timed(sheet: Sheet, time: int, time_format: str | None) -> tuple[Sheet, list[str]]:
-    """Return the rows that have a time, and what reading them will mend."""
-    said = []
-    column = sheet.frame[time]
+def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, list[str]]:
+    """Return the rows that have a time, the number of its column, and what reading will mend."""
+    sheet = sheet_of(path, {*about.columns.values(), *about.outputs, *about.inputs})
+    if not len(sheet.frame):
+        raise RecordError("a table needs a line of headings and rows of values, got headings only")
+    named = about.columns.get("time", about.time)
+    time = sheet.column(named, "") if named else (usual_time_columns(sheet) or [0])[0]
+    column, said = sheet.frame[time], []
     there = np.asarray(column.notna() & (column.astype(str).str.strip() != ""))
     if not there.any():
         raise RecordError(
@@ -137,28 +96,25 @@ def _timed(sheet: Sheet, time: int, time_format: str | None) -> tuple[Sheet, lis
         frame = sheet.frame[there].reset_index(drop=True)
         lines = None if sheet.lines is None else sheet.lines[there]
         sheet = replace(sheet, frame=frame, lines=lines)
-    t = instants(sheet, time, time_unit_of(sheet, time, None), time_format)
+    unit = time_unit_of(sheet, time, None)
+    t = instants(sheet, time, unit, about.time_format)
     if (np.diff(t) < 0).any():
         said.append("rows sorted by time")
-    repeated = len(t) - len(np.unique(t))
-    if repeated:
-        said.append(f"of rows with the same time only the last one is kept ({repeated} left out)")
     ordered = np.unique(t)
+    if repeated := len(t) - len(ordered):
+        said.append(f"of rows with the same time only the last one is kept ({repeated} left out)")
     if len(long := gaps(ordered)):
-        words = gap_words(ordered, int(long[0]), time_unit_of(sheet, time, None), len(long))
-        said.append(f"{words}: bridged")
-    return sheet, said
+        said.append(f"{gap_words(ordered, int(long[0]), unit, len(long))}: bridged")
+    return sheet, time, said
 
 
 def _names(sheet: Sheet, about: TableColumns) -> dict[str, int]:
     """Return the number of each column by its name; columns without a heading have none."""
-    names: dict[str, int] = {}
-    for name, heading in about.columns.items():
-        names[name] = sheet.column(heading, "")
-    called = set(names.values())
+    names = {name: sheet.column(heading, "") for name, heading in about.columns.items()}
+    renamed = {*names.values()}
     for i, heading in enumerate(sheet.headings):
         plain = parts_of(heading)[0]
-        if plain and i not in called:
+        if plain and i not in renamed:
             names.setdefault(plain, i)
     for name in (*about.outputs, *about.inputs, *about.reference):
         if name not in names:
@@ -168,10 +124,10 @@ def _names(sheet: Sheet, about: TableColumns) -> dict[str, int]:
 
 def _references(sheet: Sheet, about: TableColumns, names: Mapping[str, int]) -> dict[str, Any]:
     """Return the reference of each output: a number, or the heading of a column."""
-    found: dict[str, Any] = {}
-    for name, i in names.items():
-        if name.endswith(" ref") and name.removesuffix(" ref") in names:
-            found[name.removesuffix(" ref")] = sheet.headings[i]
+    bases = {name: name.removesuffix(" ref") for name in names if name.endswith(" ref")}
+    found: dict[str, Any] = {
+        base: sheet.headings[names[name]] for name, base in bases.items() if base in names
+    }
     for name, text in about.reference.items():
         try:
             found[name] = float(text)
@@ -180,36 +136,25 @@ def _references(sheet: Sheet, about: TableColumns, names: Mapping[str, int]) -> 
     return found
 
 
-def _check_references(about: TableColumns, outputs: Sequence[str]) -> None:
-    """Refuse the reference of what is no output: it would neither be drawn nor measured."""
-    for name in about.reference:
-        if name not in outputs:
-            there = "an input" if name in about.inputs else "not shown"
-            raise RecordError(
-                f"{name!r} has a reference but is {there}: the outputs are {_listed(outputs)}; "
-                f"add it with --outputs, or leave --reference {name}=... out"
-            )
-
-
 def _outputs(
-    sheet: Sheet, about: TableColumns, names: Mapping[str, int], used: set[int]
+    sheet: Sheet, about: TableColumns, there: Mapping[str, int]
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Return the outputs, and what was left out."""
+    """Return the outputs among the columns that are `there`, and what was left out."""
     import pandas as pd
 
     if about.outputs:
         return tuple(about.outputs), []
-    there = {n: sheet.frame[i] for n, i in names.items() if i not in used}
-    numeric = [n for n, values in there.items()
-               if pd.api.types.is_numeric_dtype(values.dtype) and values.notna().any()]  # fmt: skip
-    text = [n for n in there if n not in numeric]
+    columns = {name: sheet.frame[i] for name, i in there.items()}
+    is_numeric = pd.api.types.is_numeric_dtype
+    numeric = [n for n, values in columns.items() if is_numeric(values) and values.notna().any()]
+    text = [name for name in there if name not in numeric]
     for name in text:
-        if sheet.is_almost_numeric(names[name]):
-            sheet.numbers(names[name])  # says which cell holds no number
+        if sheet.is_almost_numeric(there[name]):
+            sheet.numbers(there[name])  # says which cell holds no number
     if not numeric:
-        headings = _listed([parts_of(h)[0] for h in sheet.headings])
+        headings = ", ".join(parts_of(h)[0] for h in sheet.headings)
         raise RecordError(f"there is no column of numbers beside the time, only {headings}")
-    said = [f"without numbers and left out: {_listed(text[:5])}"] if text else []
+    said = [f"without numbers and left out: {', '.join(text[:5])}"] if text else []
     if len(numeric) > _MOST:
         said.append(
             f"only the first {_MOST} of {len(numeric)} columns: choose others with --outputs"
@@ -217,15 +162,16 @@ def _outputs(
     return tuple(numeric[:_MOST]), said
 
 
-def _bridged(sheet: Sheet, used: Sequence[str], names: Mapping[str, int]) -> list[str]:
-    """Return which columns have empty cells before and after their last value."""
+def _bridged(columns: Mapping[str, np.ndarray]) -> Iterable[str]:
+    """Yield which columns have empty cells before and after their last value."""
     filled, shorter = [], []
-    for name in used:
-        values = sheet.numbers(names[name])
+    for name, values in columns.items():
         there = np.flatnonzero(np.isfinite(values))
         if len(there) and len(there) <= there[-1]:
             filled.append(name)
         if len(there) and there[-1] < len(values) - 1:
             shorter.append(name)
-    said = [f"empty cells filled from their neighbors in {_listed(filled)}"] if filled else []
-    return said + ([f"no values in the last rows of {_listed(shorter)}"] if shorter else [])
+    if filled:
+        yield f"empty cells filled from their neighbors in {', '.join(filled)}"
+    if shorter:
+        yield f"no values in the last rows of {', '.join(shorter)}"

@@ -1,8 +1,7 @@
 """Serve runs on a local page, two at a time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from functools import lru_cache
-from typing import Any
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -21,7 +20,6 @@ from prefcal_app.web.server.hosts import Hosts
 from prefcal_app.web.server.site import Site
 
 from .pair import Run, paired
-from .view import pair_view
 
 _KEPT = 8
 """Number of pairs whose views are kept: each can take megabytes."""
@@ -56,12 +54,12 @@ class LookWindow(Site):
 
 
 def _routes(runs: Sequence[Run], align: bool | None) -> list[Route]:
-    def listed() -> bytes:
-        return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})
-
     @lru_cache(_KEPT)
     def pair(left: int, right: int) -> bytes:
-        return encoded(pair_view(paired(runs[left], runs[right], align=align)))
+        return encoded(paired(runs[left], runs[right], align=align).view())
+
+    def listed(query: bytes) -> bytes:
+        return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})
 
     def chosen(query: bytes) -> bytes:
         places = read_query(query, {"left": digits, "right": digits})
@@ -70,19 +68,16 @@ def _routes(runs: Sequence[Run], align: bool | None) -> list[Route]:
             raise HTTPException(404)
         return pair(left, right)
 
-    async def every(request: Request) -> Response:
-        return await _answer(listed)
-
-    async def two(request: Request) -> Response:
-        return await _answer(chosen, request.scope["query_string"])
-
-    return [Route("/api/runs", every), Route("/api/pair", two)]
+    return [Route("/api/runs", _endpoint(listed)), Route("/api/pair", _endpoint(chosen))]
 
 
-async def _answer(view: Callable[..., bytes], *arguments: Any) -> Response:
-    try:
-        return as_json(await run_in_threadpool(view, *arguments))
-    except HTTPException:
-        raise
-    except Exception as error:
-        return error_response(*refused(error))
+def _endpoint(view: Callable[[bytes], bytes]) -> Callable[[Request], Awaitable[Response]]:
+    async def answer(request: Request) -> Response:
+        try:
+            return as_json(await run_in_threadpool(view, request.scope["query_string"]))
+        except HTTPException:
+            raise
+        except Exception as error:
+            return error_response(*refused(error))
+
+    return answer

@@ -7,24 +7,29 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
 from prefcal_app.session.live.state import LiveNow, Recovery
 from prefcal_app.session.view import GOOD_ENOUGH, UNSAFE
 from prefcal_app.view import Seen, preview_view
-from prefcal_env.errors import PrefcalError, RecordError, StaleError
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.live import Stage
 from prefcal_env.study import Suggested
 from prefcal_scenarios.isolated import in_time
 from prefcal_scenarios.presentation.wording import theta_text
 
-from .briefing import show_brief
-from .lines import END, ask_line, typed
-from .looking import show_history, show_status
-from .showing import show_changes, show_keys, show_next, show_question
+from .lines import END, ask_line, theta_of, typed
+from .showing import (
+    say,
+    show_brief,
+    show_changes,
+    show_history,
+    show_keys,
+    show_next,
+    show_question,
+    show_status,
+)
 
 ANSWER = "answer"
 """Words that ask for an answer."""
@@ -38,6 +43,7 @@ MARKS = {
     "a": ("left", GOOD_ENOUGH), "d": ("right", GOOD_ENOUGH),
 }  # fmt: skip
 STOP = ("x", "stop")
+UNDO = ("z", "undo")
 STOP_RUN = "k"
 RESTORE = ("g", "again")
 _LOOK = 0.2
@@ -80,31 +86,27 @@ class _Conversation:
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status:
             while now.phase is Phase.RUNNING:
-                self._compiling(now)
+                # Output without animation, such as a file or a pipe, is told once what compiles.
+                if now.preparing is not None and not (self.console.is_terminal or self.compiles):
+                    self.compiles = True
+                    self._say(now.preparing.words)
                 status.update(_waiting(now))
                 can_stop = now.run_limit is not None or now.live is not None
-                said = self.typed()
-                if said == STOP_RUN and can_stop and now.pending is not None:
+                if self.typed() == STOP_RUN and can_stop and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
                         self.interview.stop_run(now.pending.index)
                 now = self.interview.wait(now.version, _LOOK)
 
-    def _compiling(self, now: Now) -> None:
-        """Print once what is compiling, for output without animation such as a file or a pipe."""
-        if now.preparing is not None and not self.console.is_terminal and not self.compiles:
-            self.compiles = True
-            self._say(now.preparing.words)
-
     def _one(self, now: Now) -> bool:
         """Take one step with the person; return False if they stop."""
+        steps = {
+            Phase.QUESTION: self._question,
+            Phase.RECORD: self._record,
+            Phase.CONFIRM: self._confirm,
+            Phase.FAILED: self._failed,
+        }
         try:
-            if now.phase is Phase.QUESTION:
-                return self._question(now)
-            if now.phase is Phase.RECORD:
-                return self._record(now)
-            if now.phase is Phase.CONFIRM:
-                return self._confirm(now)
-            return self._failed(now)
+            return steps[now.phase](now)
         except PrefcalError as error:
             self._say(f"{error}")
             return True
@@ -186,45 +188,40 @@ class _Conversation:
         said = self.line(
             "its file, or: failed, unsafe FILE, set KNOB=VALUE, replace N FILE, undo, stop"
         )
-        if said in STOP:
-            return False
-        if said in ("z", "undo"):
-            self.interview.undo(now.version)
-        elif said == "failed":
-            self.interview.fail(now.pending.index)
-        elif said.startswith("set "):
-            self.dialed = dialed(
-                said.removeprefix("set "), self.interview.scenario.space, now.pending
-            )
-            self._say(f"Its θ is now {theta_text(self.interview.scenario.space, self.dialed)}.")
-        elif said:
+        if said.startswith("set "):
+            space = self.interview.scenario.space
+            theta = theta_of(said.removeprefix("set "), space, now.pending.theta)
+            self.dialed = tuple(theta.tolist())
+            self._say(f"Its θ is now {theta_text(space, self.dialed)}.")
+        elif said and said not in (*STOP, *UNDO, "failed"):
             self._file(said, now.pending)
-        return True
+        return self._instead_of_a_run(said, now)
+
+    def _instead_of_a_run(self, said: str, now: Now, why: str = "") -> bool:
+        """Do what can be said in place of a run or its record; return False to stop."""
+        if said in UNDO:
+            self.interview.undo(now.version)
+        elif said == "failed" and now.pending is not None:
+            self.interview.fail(now.pending.index, why)
+        return said not in STOP
 
     def _confirm(self, now: Now) -> bool:
         """Let the person confirm what is written to the live plant."""
-        assert now.live is not None
-        assert now.pending is not None
-        while now.phase is Phase.CONFIRM and now.live.changes is None and not now.live.problem:
+        while now.live is not None and now.live.changes is None and not now.live.problem:
+            if now.phase is not Phase.CONFIRM:
+                break
             now = self.interview.wait(now.version, _LOOK)
-            assert now.live is not None
-        if now.phase is not Phase.CONFIRM or now.pending is None:
+        if now.phase is not Phase.CONFIRM or now.pending is None or now.live is None:
             return True
         show_changes(self.interview, now, self.console)
         choices = "again (read the plant again), failed, undo, stop"
-        ready = now.live is not None and now.live.changes is not None
+        ready = now.live.changes is not None
         said = self.line(f"write and start? yes, {choices}" if ready else choices)
-        if said in STOP:
-            return False
         if said == "yes" and ready:
             self.interview.write_and_start(now.pending.index)
         elif said == "again":
             self.interview.retry()
-        elif said == "failed":
-            self.interview.fail(now.pending.index, "it was not run")
-        elif said in ("z", "undo"):
-            self.interview.undo(now.version)
-        return True
+        return self._instead_of_a_run(said, now, "it was not run")
 
     def _unrestored(self, now: Now) -> None:
         """Say once beside each question or failed run that the plant lacks its old values."""
@@ -303,7 +300,7 @@ class _Conversation:
         return True
 
     def _say(self, words: str) -> None:
-        self.console.print(words, markup=False, highlight=False, soft_wrap=True)
+        say(self.console, words)
 
 
 def _waiting(now: Now) -> str:
@@ -345,27 +342,6 @@ def _live_words(live: LiveNow) -> str:
     shown = f" ({values})" if values else ""
     problem = f"; {progress.problem}" if progress.problem else ""
     return f": {progress.stage.value}{time}{shown}{problem}; k and Enter stops it"
-
-
-def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:
-    """Return θ of `sample` with the values actually set: "KNOB=VALUE, ...", _ for spaces.
-
-    Raises:
-        RecordError: If a knob is unknown, or a value is not a number.
-        KnobError: If θ is outside the space.
-    """
-    values = dict(zip(space.names, sample.theta, strict=True))
-    plain = {name.replace(" ", "_"): name for name in space.names}
-    for part in text.split(","):
-        word, _, value = (piece.strip() for piece in part.partition("="))
-        name = plain.get(word.replace(" ", "_"))
-        if name is None:
-            raise RecordError(f"a knob must be one of {list(plain)}, got {word!r}")
-        try:
-            values[name] = float(value)
-        except ValueError as error:
-            raise RecordError(f"knob {name!r} must be a number, got {value!r}") from error
-    return tuple(space.check(np.array(list(values.values()))).tolist())
 
 
 def converse(

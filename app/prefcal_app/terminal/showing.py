@@ -1,25 +1,38 @@
-"""Show a question in a terminal: two experiments as a table."""
+"""Show a study in a terminal: its task, a question, answers, progress, and what a plant needs."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.session import Interview, Now, Question, Side
+from prefcal_app.session.kpi_index import trust_text
 from prefcal_app.view import Seen, comparison_view
+from prefcal_app.view.brief import current_tuning, how, knob_view, kpi_view
+from prefcal_app.view.history import history_view
+from prefcal_app.view.sides import theta_view
 from prefcal_app.view.simulated import screening_view
+from prefcal_app.view.status import in_words
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.presentation.wording import (
     INTERRUPTED,
     ended_text,
+    labeled,
     printable,
+    printable_lines,
+    theta_text,
     with_unit,
 )
-
-from .pairs import STYLES, show_kpis, show_theta
+from prefcal_scenarios.scenario import Scenario
 
 NAMES = {"left": "LEFT", "right": "RIGHT"}
+STYLES = {"left": "blue", "right": "dark_orange3"}
 KEYS = (
     ("l", "left is better"), ("r", "right is better"),
     ("=", "about the same"), ("s", "can't tell"),
@@ -35,6 +48,47 @@ KEYS = (
 """What can be answered, and what it means."""
 
 
+def say(console: Console, *lines: str, style: str | None = None) -> None:
+    """Print lines as they are, whatever is in them; long ones are not broken."""
+    for line in lines:
+        console.print(
+            printable_lines(line), style=style, markup=False, highlight=False, soft_wrap=True
+        )
+
+
+def show_brief(interview: Interview, console: Console) -> None:
+    """Print everything that a person should know before the first question."""
+    show_scenario(interview.scenario, console)
+    console.print(Text(how(interview)))
+    if start := current_tuning(interview):
+        console.print(Text(start))
+
+
+def show_scenario(scenario: Scenario, console: Console) -> None:
+    """Print a scenario's task, knobs and KPIs."""
+    console.rule(Text(printable(scenario.title), style="bold"))
+    if scenario.brief:
+        console.print(Text(printable_lines(scenario.brief)))
+    knobs = [knob_view(knob) for knob in scenario.space]
+    kpis = [kpi_view(kpi) for kpi in scenario.shown_kpis]
+    for title, rows in (
+        ("Knobs", [(labeled(k["name"], k["unit"]), k["about"], k["range"]) for k in knobs]),
+        ("KPIs", [(labeled(k["title"], k["unit"]), k["about"], k["wanted"]) for k in kpis]),
+    ):
+        table = Table(
+            title=title, title_justify="left", title_style="bold", box=None, show_header=False
+        )
+        for name, about, wanted in (map(printable, row) for row in rows):
+            table.add_row(Text(name, style="bold"), Text(about), Text(wanted, style="dim"))
+        if rows:
+            console.print(table)
+
+
+def show_keys(console: Console) -> None:
+    """Print what can be answered."""
+    say(console, *(f"{key:<6}{words}" for key, words in KEYS))
+
+
 def show_question(
     interview: Interview, now: Now, console: Console, *, blind: bool, seen: Seen | None = None
 ) -> None:
@@ -43,8 +97,10 @@ def show_question(
     assert question is not None
     seen = (Seen() if seen is None else seen).look(interview)
     console.rule(_headline(interview, question))
-    if (told := _told(interview, now, blind=blind)).plain:
-        console.print(told)
+    if (told := screening_view(interview, now, blind=blind)) is not None:
+        offer = f"{told['offer']} (f, and f again, finishes)" if told["offer"] else ""
+        for line in filter(None, (told["why"], offer)):
+            console.print(Text(printable(line)))
     for name, side in (("left", question.left), ("right", question.right)):
         console.print(Text(_title(name, side, blind=blind), style=STYLES[name]))
     if rows := comparison_view(question, scenario, seen):
@@ -52,20 +108,8 @@ def show_question(
     else:
         console.print("There are no KPIs to compare: the page draws the curves (no --terminal).")
     if not blind:
-        show_theta(question, scenario.space, console, NAMES)
-    console.print(
-        "l left, r right, = same, s can't tell, z undo, ? help, x stop",
-        markup=False, highlight=False,
-    )  # fmt: skip
-
-
-def _told(interview: Interview, now: Now, *, blind: bool) -> Text:
-    """Return why this is asked, and an offer to stop, if the agent simulates; else nothing."""
-    told = screening_view(interview, now, blind=blind)
-    if told is None:
-        return Text()
-    offer = f"{told['offer']} (f, and f again, finishes)" if told["offer"] else ""
-    return Text("\n".join(printable(line) for line in (told["why"], offer) if line))
+        _show_theta(question, scenario.space, console)
+    say(console, "l left, r right, = same, s can't tell, z undo, ? help, x stop")
 
 
 def _headline(interview: Interview, question: Question) -> str:
@@ -89,12 +133,101 @@ def _title(name: str, side: Side, *, blind: bool) -> str:
     return title
 
 
-def show_keys(console: Console) -> None:
-    """Print what can be answered."""
-    table = Table.grid(padding=(0, 2))
-    for key, words in KEYS:
-        table.add_row(Text(key, style="bold"), words)
+def show_kpis(
+    rows: Iterable[Mapping[str, Any]], console: Console, names: Mapping[str, str]
+) -> None:
+    """Print the KPIs of two sides, as `comparison_view` returns them; the better one is bold.
+
+    The title of each group, such as a maneuver, is on a line of its own.
+
+    Args:
+        rows: A row for each KPI.
+        console: Where to print.
+        names: Heading of each side, "left" and "right".
+    """
+    table = _side_by_side("KPI", names)
+    table.add_column("right − left", justify="right")
+    table.add_column("required")
+    group = ""
+    for row in rows:
+        if row["group"] != group:
+            group = row["group"]
+            table.add_row(Text(printable(group), style="bold"))
+        values = []
+        for side in names:
+            sign = {True: " ✓", False: " ✗", None: ""}[row[side]["met"]]
+            text = with_unit(row[side]["text"], row["unit"]) + sign
+            values.append(Text(text, style="bold" if row["better"] == side else ""))
+        table.add_row(
+            Text(printable(row["title"])), *values, row["difference"] or "–",
+            Text(printable(row["objective"])),
+        )  # fmt: skip
     console.print(table)
+
+
+def _show_theta(question: Question, space: KnobSpace, console: Console) -> None:
+    """Print θ of both sides; brackets, not only style, mark values that differ."""
+    table = _side_by_side("θ", NAMES)
+    left, right = (side.experiment for side in (question.left, question.right))
+    for knobs in zip(theta_view(space, left, right), theta_view(space, right, left), strict=True):
+        differs = knobs[0]["differs"]
+        values = [with_unit(each["text"], each["unit"]) for each in knobs]
+        texts = [
+            Text(f"[{value}]", style="bold") if differs else Text(value, style="dim")
+            for value in values
+        ]
+        table.add_row(Text(printable(knobs[0]["name"])), *texts)
+    console.print(table)
+
+
+def _side_by_side(heading: str, names: Mapping[str, str]) -> Table:
+    """Return a table without lines, so that it reads well aloud and through a pipe."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(heading, overflow="fold")
+    for side, name in names.items():
+        table.add_column(Text(printable(name)), header_style=STYLES[side], justify="right")
+    return table
+
+
+def show_history(interview: Interview, console: Console) -> None:
+    """Print every answer."""
+    answers = history_view(interview)["answers"]
+    if not answers:
+        console.print("No answers yet.")
+        return
+    table = Table(title="History", title_justify="left")
+    for heading in ("", "experiment", "against", "verdict", "marks", "comment"):
+        table.add_column(heading, overflow="fold")
+    for answer in answers:
+        said = "retracted" if answer["retracted"] else "again" if answer["repeated"] else ""
+        number = f"+{-answer['answer']}" if answer["further"] else str(answer["answer"])
+        table.add_row(
+            number, str(answer["challenger"]), str(answer["incumbent"]),
+            answer["text"] + (f" ({said})" if said else ""), escape(", ".join(answer["marks"])),
+            escape(printable(answer["comment"])),
+        )  # fmt: skip
+    console.print(table)
+
+
+def show_status(interview: Interview, console: Console) -> None:
+    """Print the best so far, the progress, and how consistent the answers are."""
+    now, counts = interview.now(), interview.counts
+    plural = "" if counts.comparisons == 1 else "s"
+    say(
+        console,
+        f"{counts.experiments} of {interview.n_max} experiments, "
+        f"{counts.comparisons} comparison{plural}",
+    )
+    if now.simulated is not None:
+        say(console, now.simulated.line)
+    if now.incumbent is not None:
+        best = theta_text(interview.scenario.space, interview.experiment(now.incumbent).theta)
+        say(console, f"best so far, experiment {now.incumbent + 1}: {best}")
+    say(console, in_words(interview.consistency))
+    if (outlook := interview.outlook) is not None:
+        say(console, *outlook.lines)
+    if (index := interview.index) is not None:
+        say(console, trust_text(index))
 
 
 def show_next(interview: Interview, now: Now, console: Console) -> None:
@@ -104,14 +237,10 @@ def show_next(interview: Interview, now: Now, console: Console) -> None:
     assert sample is not None
     console.rule(f"Experiment {sample.index + 1}: run your plant with these values")
     for knob, value in zip(interview.scenario.space, np.array(sample.theta), strict=True):
-        line = f"  {knob.name} = {with_unit(repr(float(value)), knob.unit)}"
-        console.print(line, style="bold", markup=False, highlight=False)
+        say(console, f"  {knob.name} = {with_unit(repr(float(value)), knob.unit)}", style="bold")
     if rig.instructions:
-        console.print(rig.instructions, markup=False)
-    columns = ", ".join(rig.columns)
-    console.print(
-        f"The record: a CSV file with the columns {columns}", markup=False, soft_wrap=True
-    )
+        say(console, rig.instructions)
+    say(console, f"The record: a CSV file with the columns {', '.join(rig.columns)}")
 
 
 def show_changes(interview: Interview, now: Now, console: Console) -> None:
@@ -124,12 +253,11 @@ def show_changes(interview: Interview, now: Now, console: Console) -> None:
     for change in live.changes or ():
         part = change.part
         limits = f"limits {part.low:g} to {part.high:g}, at most {part.rate:g} per second"
-        line = f"  {part.name}: {change.old:.6g} → {with_unit(f'{change.new:.6g}', part.unit)}"
-        console.print(f"{line}   ({limits})", style="bold", markup=False, highlight=False)
+        new = with_unit(f"{change.new:.6g}", part.unit)
+        say(console, f"  {part.name}: {change.old:.6g} → {new}   ({limits})", style="bold")
     after = "the old values are restored" if rig.after == "restore" else "the new θ stays"
-    console.print(
+    say(
+        console,
         f"Then {rig.duration:g} s are recorded. Afterward {after}; k and Enter stops the run.",
-        markup=False, highlight=False,
-    )  # fmt: skip
-    for words in filter(None, (rig.instructions, live.problem)):
-        console.print(words, markup=False)
+        *filter(None, (rig.instructions, live.problem)),
+    )

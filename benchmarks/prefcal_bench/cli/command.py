@@ -4,7 +4,7 @@ from typing import Any
 
 import typer
 
-from prefcal_app.cli.parameters import given, takes
+from prefcal_app.cli.parameters import made, takes
 
 from .options import BenchOptions, CompareOptions
 
@@ -75,7 +75,7 @@ def bench(context: typer.Context, **typed: Any) -> None:
     resumes where it was stopped. A run that fails, crashes its process or takes
     too long is reported, and the others continue.
     """
-    options = BenchOptions(**given(BenchOptions, typed))
+    options = made(BenchOptions, typed)
     if context.invoked_subcommand is not None:
         if options != BenchOptions():
             raise typer.BadParameter(f"options come after {context.invoked_subcommand}")
@@ -98,4 +98,4 @@ def compare(**typed: Any) -> None:
     # Imported here to keep --help fast.
     from .compare import compare as run
 
-    raise typer.Exit(run(CompareOptions(**given(CompareOptions, typed))))
+    raise typer.Exit(run(made(CompareOptions, typed)))

@@ -2,145 +2,72 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-Jobs = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="Number of processes.", show_default="one per core"),
-]
-CellTimeout = Annotated[
-    float,
-    typer.Option(
-        metavar="SECONDS",
-        help="Time limit for one cell; a longer one is ended and counts as failed. inf: no limit.",
-        show_default="3600, an hour",
-    ),
-]
-Out = Annotated[
-    Path,
-    typer.Option(
-        metavar="FOLDER", help="Folder of the results; results already in it are not run again."
-    ),
-]
-Json = Annotated[
-    bool,
-    typer.Option(
-        "--json",
-        metavar="",
-        help="Print only JSON on standard output (messages go to standard error).",
-    ),
-]
+from prefcal_app.cli.parameters import argument, option
 
 
 @dataclass(frozen=True, slots=True)
 class BenchOptions:
-    """Options of `prefcal bench`, in the order of its help; None leaves it to the suite."""
+    """Options of `prefcal bench`, in the order of its help; None leaves it to the suite.
 
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick", metavar="", help="Run a small suite, which the options below can change."
-        ),
-    ] = False
-    agents: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Agents, separated by commas: names or own.py:Agent. All are compared with the "
-            "first. Those that simulate (Screening, EqualWeights) run where experiments have KPIs, "
-            "so not on test functions. An unknown name lists all of them.",
-            show_default="all that are installed",
-        ),
-    ] = None
-    problems: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Problems, separated by commas: closed loops such as servo or loop-17, test "
-            "functions, cstr, cstr-guidelines, overtake, or own.py:NAME of a Scenario or a "
-            "Problem. An unknown name lists all of them.",
-            show_default="all",
-        ),
-    ] = None
-    calibrators: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Who answers: tastes (weights, priorities, limits, narrow, hidden, rising; with "
-            "-noisy10 or -noisy20 that percentage of the answers is wrong), perfect (by the "
-            "cost), lexicographic (by ordered criteria), noisy10 or noisy20.",
-            show_default="all",
-        ),
-    ] = None
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="N", help="Number of seeds: 0, 1, ..., N-1.", show_default="20; quick: 3"
-        ),
-    ] = None
-    n_init: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Number of experiments before learning starts.",
-            show_default="10, or half of --n-max if that is less",
-        ),
-    ] = None
-    n_max: Annotated[
-        int | None,
-        typer.Option(min=2, metavar="N", help="Number of experiments.", show_default="50"),
-    ] = None
-    jobs: Jobs = None
-    cell_timeout: CellTimeout = 3600.0
-    out: Out = Path("prefcal-bench")
-    json: Json = False
+    Args:
+        quick: Run a small suite, which the options below can change.
+        agents: Agents, separated by commas: names or own.py:Agent. All are compared with the first.
+            Those that simulate (Screening, EqualWeights) run where experiments have KPIs, so not on
+            test functions. An unknown name lists all of them.
+        problems: Problems, separated by commas: closed loops such as servo or loop-17, test
+            functions, cstr, cstr-guidelines, overtake, or own.py:NAME of a Scenario or a Problem.
+            An unknown name lists all of them.
+        calibrators: Who answers: tastes (weights, priorities, limits, narrow, hidden, rising; with
+            -noisy10 or -noisy20 that percentage of the answers is wrong), perfect (by the cost),
+            lexicographic (by ordered criteria), noisy10 or noisy20.
+        seeds: Number of seeds: 0, 1, ..., N-1.
+        n_init: Number of experiments before learning starts.
+        n_max: Number of experiments.
+        jobs: Number of processes.
+        cell_timeout: Time limit for one cell; a longer one is ended and counts as failed. inf: no
+            limit.
+        out: Folder of the results; results already in it are not run again.
+        json: Print only JSON on standard output (messages go to standard error).
+    """
+
+    quick: bool = option(False, flag="--quick")
+    agents: str | None = option(None, "NAMES", shown="all that are installed")
+    problems: str | None = option(None, "NAMES", shown="all")
+    calibrators: str | None = option(None, "NAMES", shown="all")
+    seeds: int | None = option(None, "N", min=1, shown="20; quick: 3")
+    n_init: int | None = option(None, "N", min=1, shown="10, or half of --n-max if that is less")
+    n_max: int | None = option(None, "N", min=2, shown="50")
+    jobs: int | None = option(None, "N", min=1, shown="one per core")
+    cell_timeout: float = option(3600.0, "SECONDS", shown="3600, an hour")
+    out: Path = option(Path("prefcal-bench"), "FOLDER")
+    json: bool = option(False, flag="--json")
 
 
 @dataclass(frozen=True, slots=True)
 class CompareOptions:
-    """Options of `prefcal bench compare`, in the order of its help; None means all published."""
+    """Options of `prefcal bench compare`, in the order of its help; None means all published.
 
-    agent: Annotated[
-        str, typer.Argument(metavar="AGENT", help="Your own agent as own.py:Agent, or a name.")
-    ]
-    published: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Published runs to compare with, such as your own: see "
-            "benchmarks/campaigns/publish.py.",
-            show_default="those that come with prefcal",
-        ),
-    ] = None
-    problems: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Closed loops to run on, separated by commas. An unknown name lists all of them.",
-            show_default="all that are published",
-        ),
-    ] = None
-    calibrators: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Tastes that answer, separated by commas. An unknown name lists all of them.",
-            show_default="all that are published",
-        ),
-    ] = None
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Number of seeds: 0, 1, ..., N-1.",
-            show_default="as many as are published",
-        ),
-    ] = None
-    jobs: Jobs = None
-    cell_timeout: CellTimeout = 3600.0
-    out: Out = Path("prefcal-compare")
-    json: Json = False
+    Args:
+        agent: Your own agent as own.py:Agent, or a name.
+        published: Published runs to compare with, such as your own: see
+            benchmarks/campaigns/publish.py.
+        problems: Closed loops to run on, separated by commas. An unknown name lists all of them.
+        calibrators: Tastes that answer, separated by commas. An unknown name lists all of them.
+        seeds: Number of seeds: 0, 1, ..., N-1.
+        jobs: Number of processes.
+        cell_timeout: Time limit for one cell; a longer one is ended and counts as failed. inf: no
+            limit.
+        out: Folder of the results; results already in it are not run again.
+        json: Print only JSON on standard output (messages go to standard error).
+    """
+
+    agent: str = argument("AGENT")
+    published: Path | None = option(None, "FILE", shown="those that come with prefcal")
+    problems: str | None = option(None, "NAMES", shown="all that are published")
+    calibrators: str | None = option(None, "NAMES", shown="all that are published")
+    seeds: int | None = option(None, "N", min=1, shown="as many as are published")
+    jobs: int | None = option(None, "N", min=1, shown="one per core")
+    cell_timeout: float = option(3600.0, "SECONDS", shown="3600, an hour")
+    out: Path = option(Path("prefcal-compare"), "FOLDER")
+    json: bool = option(False, flag="--json")

@@ -8,6 +8,7 @@ the fixture `figures` or `own_process`.
 import pytest
 
 from support.calibrated import without_figures
+from toy_study import TOY
 
 
 @pytest.fixture
@@ -26,3 +27,16 @@ def _quick(request, monkeypatch):
         without_figures(monkeypatch)
     if "own_process" not in request.fixturenames:
         monkeypatch.setattr("prefcal_scenarios.isolated.run.is_own", lambda source: False)
+
+
+@pytest.fixture
+def rig_file(tmp_path):
+    """Write own.py with a rig, and the same one without a cost or calibrators: `oven`."""
+    (tmp_path / "own.py").write_text(
+        "from dataclasses import replace\n"
+        "from prefcal_env import Channel, Channels, Rig\n"
+        f"from prefcal_scenarios import load\ntoy = load({TOY!r})\n"
+        "channels = Channels((Channel('level', 'm'),), (), (Channel('level', 'm'),), 'h')\n"
+        "rig = replace(toy, run=Rig(channels, (2.0,)), panels=(), kpis=(), references={})\n"
+        "oven = replace(rig, calibrators={}, cost=None)\n"
+    )

@@ -20,8 +20,3 @@ def test_a_study_runs_two_at_once_and_resumes_with_another_number(prefcal, done)
     assert (json.loads(out)["experiments"], json.loads(out)["questions"]) == (8, 7)
     with StudyFile.open("a.prefcal", clock=clock()) as study:
         assert len({sample.theta for sample in study.state.history.samples}) == 8
-
-
-def test_an_agent_that_simulates_on_all_cores_runs_one_at_a_time(refused):
-    words = ["--calibrator", "weights", "--agent", "screening", "--n-max", "3", "--at-once", "2"]
-    assert "leave --at-once out, or choose --agent glisp" in refused("calibrate", "lag", *words)

@@ -128,19 +128,6 @@ def test_people_get_a_table_and_what_to_do_next(prefcal, done, tmp_path):
     assert "Nothing else can be checked without a run" in out
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--theta", "T_s=1"], "every knob needs a value"),
-        (["--out", "a.jpg"], "ends in .png"),
-        (["--out", "no/a.png"], "must be in an existing folder, got 'no/a.png'"),
-    ],
-)
-def test_an_option_that_cannot_be_is_refused(refused, tmp_path, words, message):
-    (tmp_path / "own.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
-    assert message in refused("check", "own.py:own", *words)
-
-
 def test_the_last_own_line_of_an_error_is_found_below_other_peoples_code():
     def broken():
         json.loads("{")  # raises deep in the standard library

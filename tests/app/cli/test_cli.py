@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from prefcal_scenarios.catalog import load
-from toy_study import TOY, TOY_FILE
+from toy_study import TOY
 
 SYNTHETIC = ["--calibrator", "synthetic"]
 QUICK = [*SYNTHETIC, "--agent", "random", "--n-max", "5"]
@@ -43,35 +43,6 @@ def test_the_same_seed_gives_the_same_folder_byte_by_byte(prefcal, tmp_path):
     assert files == sorted(p.name for p in (tmp_path / "b").iterdir())
     for name in files:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["nowhere"], "no scenario is called 'nowhere'"),
-        ([f"{TOY_FILE}:nothing"], "got nothing of that name; in that file there is toy"),
-        ([f"{TOY_FILE}:not_a_scenario"], "must name a prefcal_scenarios.Scenario"),
-        (["missing.py:toy"], "no file"),
-        ([TOY, "--agent", "oracle"], "--agent must be one of screening, glisp"),
-        ([TOY, "--calibrator", "oracle"], "--calibrator must be one of human, "),
-        ([TOY, "--n-init", "9", "--n-max", "5"], "--n-max must be at least --n-init"),
-        ([TOY, "--n-max", "0"], "--n-max must be at least 1, got 0"),
-        (
-            [TOY, "--agent", "random", "--questions-per-experiment", "2"],
-            "only the agent glisp takes --questions-per-experiment",
-        ),
-        ([TOY, "--seed", "-1"], "--seed must be 0 or above"),
-        ([TOY, *SYNTHETIC, "--out", str(TOY_FILE)], "--out must be a folder"),
-    ],
-)
-def test_bad_input_is_one_clear_line_and_exit_code_2(prefcal, tmp_path, words, message):
-    code, out, err = prefcal("calibrate", *words)
-    assert code == 2
-    assert out == ""
-    assert err.count("\n") == 1
-    assert err.startswith("prefcal: ")
-    assert message in err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_scenarios_are_listed(done):
@@ -111,21 +82,6 @@ def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
     assert json.loads(out)["best"] == json.loads(whole)["best"]
     assert json.loads(out)["experiments"] == 9
     assert prefcal("studies", "verify", "./g.prefcal")[0] == 0
-
-
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (["--calibrator", "human"], "needs no answers"),
-        (["--calibrator", "synthetic"], "needs no answers"),
-    ],
-)
-def test_agents_that_learn_from_scores_take_no_calibrator(refused, words, complaint):
-    assert complaint in refused("calibrate", TOY, "--agent", "glis", *words)
-
-
-def test_an_agent_that_needs_a_score_is_refused_where_there_is_none(refused):
-    assert "'overtake' has none" in refused("calibrate", "overtake", "--agent", "glis")
 
 
 def test_the_papers_algorithm_is_an_agent_of_its_own(prefcal):

@@ -52,9 +52,3 @@ def test_a_file_that_cannot_be_is_refused_by_name(prefcal, tmp_path, text, says)
     code, _, err = calibrate(prefcal, "--config", "bad.json")
     assert code == 2
     assert says in " ".join(err.split())
-
-
-def test_a_scenario_without_configuration_says_so(refused):
-    assert "takes no configuration" in refused(
-        "calibrate", "cstr", *QUICK, "--config", "traffic.json"
-    )

@@ -33,14 +33,3 @@ def test_the_check_of_a_file_that_is_wrong_names_the_key(prefcal, tmp_path):
     code, out, _ = prefcal("check", "oven.toml", "--json")
     assert code == 1
     assert "Did you mean 'knobs'?" in json.loads(out)["checks"][0]["words"]
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["oven.toml", "--knob", "K=1:2", "--knob", "K=1:3"], "--knob gives 'K' twice"),
-        (["cstr", "--stop-time", "3"], "--stop-time describes an FMU"),
-    ],
-)
-def test_options_that_cannot_be_are_refused(refused, words, says):
-    assert says in refused("calibrate", *words)

@@ -62,22 +62,15 @@ def test_experiments_of_somebody_s_own_plant_are_never_lost(prefcal, monkeypatch
     assert len(state_of("toy-1").finished) == 2
 
 
+@pytest.mark.usefixtures("rig_file")
 def test_the_record_of_a_rig_is_never_lost(prefcal, monkeypatch, tmp_path):
-    (tmp_path / "own.py").write_text(
-        "from dataclasses import replace\n"
-        "from prefcal_env import Channel, Channels, Rig\n"
-        f"from prefcal_scenarios import load\ntoy = load({TOY!r})\n"
-        "channels = Channels((Channel('level', 'm'),), (), (Channel('level', 'm'),), 'h')\n"
-        "rig = replace(toy, run=Rig(channels, (2.0,)), panels=(), kpis=(), references={},\n"
-        "    cost=None)\n"
-    )
     # As if the rig were one of ours: its records are not simulations all the same.
     built_in = "prefcal_app.cli.opening.is_built_in"
-    monkeypatch.setattr(built_in, lambda source: source == "own.py:rig")
+    monkeypatch.setattr(built_in, lambda source: source == "own.py:oven")
     (tmp_path / "run.csv").write_text("time [h],level [m]\n0,1\n1,2\n2,2\n")
     for typed, kept in (("", []), ("run.csv\n", ["toy-1"])):
         monkeypatch.setattr("sys.stdin", io.StringIO(typed))
-        code, out, err = prefcal("calibrate", "own.py:rig", "--terminal", "--n-max", "4")
+        code, out, err = prefcal("calibrate", "own.py:oven", "--terminal", "--n-max", "4")
         assert code == 0, err
         assert names(prefcal) == kept, out + err
 

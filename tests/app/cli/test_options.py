@@ -2,14 +2,24 @@
 
 import json
 from dataclasses import dataclass
-from typing import Annotated
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from prefcal_app.cli.check import CheckOptions
+from prefcal_app.cli.look import LookOptions
 from prefcal_app.cli.options import Options
-from prefcal_app.cli.parameters import Kept, given, kept_by, parameters_of, takes
+from prefcal_app.cli.parameters import (
+    Kept,
+    argument,
+    given,
+    kept_by,
+    option,
+    parameters_of,
+    takes,
+)
+from prefcal_bench.cli.options import BenchOptions
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import StudyFile, study_path
 from support.interviews import clock
@@ -18,14 +28,24 @@ from toy_study import TOY
 
 @dataclass(frozen=True)
 class Toy:
-    """One option of each kind."""
+    """One option of each kind.
 
-    name: Annotated[str, typer.Argument(metavar="NAME")]
-    rounds: Annotated[int, typer.Option(help="How often."), Kept(least=1)] = 3
-    tags: Annotated[tuple[str, ...], typer.Option("--tag"), Kept()] = ()
-    learns: Annotated[bool, typer.Option("--no-learning"), Kept()] = True
-    opens: Annotated[bool, typer.Option("--no-opening")] = True
-    folder: Annotated[str | None, typer.Option()] = None
+    Args:
+        name: Name.
+        rounds: How often, in words
+            of two lines.
+        tags: Tags.
+        learns: Do not learn.
+        opens: Do not open.
+        folder: Folder.
+    """
+
+    name: str = argument("NAME")
+    rounds: int = option(3, "N", kept=Kept(least=1))
+    tags: tuple[str, ...] = option((), "TAG", flag="--tag", kept=Kept())
+    learns: bool = option(True, flag="--no-learning", kept=Kept())
+    opens: bool = option(True, flag="--no-opening")
+    folder: str | None = option(None, "FOLDER")
 
 
 @pytest.fixture
@@ -59,6 +79,15 @@ def test_what_is_typed_arrives_with_the_type_of_its_field(typed):
         "name": "x", "rounds": 4, "tags": ("a", "b"), "learns": False, "opens": False,
         "folder": "f",
     }  # fmt: skip
+
+
+def test_the_help_of_an_option_is_its_line_in_the_docstring():
+    assert parameters_of(Toy)["rounds"].info.help == "How often, in words of two lines."
+
+
+@pytest.mark.parametrize("options", [Options, CheckOptions, LookOptions, BenchOptions])
+def test_every_option_has_its_help(options):
+    assert all(parameter.info.help for parameter in parameters_of(options).values())
 
 
 def test_messages_name_an_option_as_it_is_typed():

@@ -157,29 +157,6 @@ def test_the_three_lines_of_best_json_work_in_the_folder_of_the_report(prefcal, 
     assert done.returncode == 0
 
 
-@pytest.mark.parametrize(
-    ("words", "text", "message"),
-    [
-        ("own.py", "own = t.toy", "say which scenario in it, own.py:NAME"),
-        ("own.py:own", "import nowhere_to_be_found", "cannot load 'own.py'"),
-        ("own.py:own", "own = (", "cannot load 'own.py'"),
-        (
-            "own.py:own",
-            "own = replace(t.toy, cost=None, calibrators={})",
-            "only people can compare",
-        ),
-        ("own.py:own", "own = 1 / 0", "'own.py': ZeroDivisionError: division by zero (line 9)"),
-        ("own.py:own", "import prefcal_env as e; e.Knob('k', 2, 1)", "(line 9)"),
-    ],
-)
-def test_a_broken_own_file_is_refused_in_one_line(prefcal, own, words, text, message):
-    own(text)
-    code, _, err = prefcal("calibrate", words, *QUICK)
-    assert code == 2
-    assert message in err
-    assert "Traceback" not in err
-
-
 def test_a_file_that_was_just_edited_is_read_anew(tmp_path):
     own = tmp_path / "just_edited.py"
     for value in ("1", "2", "3"):  # same length, same second

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.cli.studies.changes import Changes, respace
+from prefcal_app.cli.studies.respacing import Changes, respace
 from prefcal_app.session import Choice, Interview, Phase
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs.knob import Knob

@@ -10,7 +10,6 @@ import pytest
 from prefcal_app.cli.options import Options
 from support import unseen as unseen_module
 from support.processes import is_running, start, wait_until
-from toy_study import TOY
 
 UNSEEN = f"{unseen_module.__file__}:unseen"
 UNATTENDED = ["--calibrator", "synthetic", "--json", "--out", "out"]
@@ -42,36 +41,6 @@ def test_where_experiments_are_quick_most_are_simulated_unseen(given, expected):
 def test_elsewhere_all_experiments_are_shown():
     assert chosen(simulated=False) == ("glisp", 0, 6, 50)
     assert chosen(simulated=False, agent="glisp-paper") == ("glisp-paper", 0, 10, 50)
-
-
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (["cstr", "--agent", "glisp", "--simulate", "500"], "--agent glisp simulates nothing"),
-        (["cstr", "--agent", "glis", "--simulate", "500"], "--agent glis simulates nothing"),
-        (["cstr", "--agent", "screening", "--simulate", "0"], "needs simulations"),
-        (["cstr", "--simulate", "-1"], "--simulate must be 0 or above"),
-        (["cstr", "--n-init", "4"], "--agent screening has no initial experiments"),
-        (
-            ["cstr", "--no-outcomes"],
-            "only the agent glisp learns from KPIs: leave --no-outcomes out for 'screening'",
-        ),
-        ([TOY, "--agent", "screening"], "does not let experiments run unseen: leave --simulate"),
-        ([TOY, "--simulate", "500"], "state Scenario(..., simulated=True)"),
-    ],
-)
-def test_contradictions_are_one_clear_line(prefcal, words, complaint):
-    code, _, err = prefcal("calibrate", *words, "--calibrator", "synthetic")
-    assert code == 2
-    assert complaint in err
-    assert len(err.strip().splitlines()) == 1
-
-
-def test_nothing_runs_unseen_on_a_rig(refused):
-    rig = Path(__file__).parents[3] / "docs" / "rig_example.py"
-    assert "is a rig, and nothing runs on it unseen" in refused(
-        "calibrate", f"{rig}:oven", "--simulate", "500"
-    )
 
 
 def test_a_terminal_is_told_at_once_what_is_loaded(prefcal, monkeypatch):

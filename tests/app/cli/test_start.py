@@ -5,11 +5,10 @@ import shlex
 
 import pytest
 
-from prefcal_app.cli.choices import knob_called, theta_of
+from prefcal_app.terminal.lines import knob_called, theta_of
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.study import study_path
 from support.studies import state_of
 from toy_study import TOY, toy_scenario
 
@@ -43,24 +42,6 @@ def test_a_reference_of_the_scenario_is_a_start(done):
     done("calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--study", "mine",
          "--start", name, "--start", PRESENT)  # fmt: skip
     assert state_of("mine").history.samples[0].theta == pytest.approx(tuple(theta))
-
-
-@pytest.mark.parametrize(
-    ("start", "words"),
-    [
-        ("paper?", "one of the references"),
-        ("T_s=0.5,N_p=30", "['gain'] are missing"),
-        ("T_s=0.5,N_p=30,gain=1,size=2", "knob must be one of"),
-        ("T_s=0.5,N_p=30,gain=1,T_s=1", "given twice"),
-        ("T_s=fast,N_p=30,gain=1", "'T_s' must be a number, got 'fast'"),
-        ("T_s=0.5,N_p,gain=1", "expected KNOB=VALUE, got 'N_p'"),
-        ("T_s=3,N_p=30,gain=1", "'T_s' must be in [0.25, 1.5] h, got 3"),
-        ("T_s=nan,N_p=30,gain=1", "must be finite"),
-    ],
-)
-def test_a_start_that_cannot_be_is_refused_before_anything_runs(refused, tmp_path, start, words):
-    assert words in refused("calibrate", TOY, *SYNTHETIC, "--start", start, "--study", "mine")
-    assert not study_path("mine").exists()
 
 
 def test_a_knob_is_called_by_the_beginning_of_its_name():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_app.cli.starters.kinds import KINDS
+from prefcal_app.cli.starters.new import KINDS
 from prefcal_env.live import Journal
 from prefcal_scenarios.catalog import load
 
@@ -159,17 +159,3 @@ def test_a_file_is_never_replaced(refused, tmp_path):
     (tmp_path / "rig.toml").write_text("mine")
     assert "exists: give another name" in refused("new", "rig")
     assert (tmp_path / "rig.toml").read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["mcp"], "Did you mean 'mpc'?"),
-        (["pid", "a.toml"], "a.py, got 'a.toml'"),
-        (["rig", "rig"], "rig.toml, got 'rig'"),
-    ],
-)
-def test_what_cannot_be_written_is_refused(prefcal, words, says):
-    code, out, err = prefcal("new", *words)
-    assert code == 2
-    assert says in out + err

@@ -58,12 +58,6 @@ def test_a_study_goes_on_with_more_experiments(prefcal, done, study):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([TOY, "--study", "mine", "--seed", "4"], "started with --seed 0, got --seed 4"),
-        (
-            [TOY, "--study", "mine", "--agent", "lhs"],
-            "--agent random, got --agent lhs",
-        ),
-        ([TOY, "--study", "mine", "--n-max", "3"], "must not be below"),
         (["cstr", "--study", "mine"], "calibrates 'toy', not 'cstr'"),
         ([TOY, "--study", "no/such/folder/x.prefcal", *SYNTHETIC], "no/such/folder"),
         ([TOY, "--study", "so bad!", *SYNTHETIC], "so bad!"),
@@ -165,11 +159,6 @@ def test_a_report_writes_nothing_to_a_study_that_is_being_answered(prefcal, done
     interview.study.close()
 
 
-@pytest.mark.parametrize("command", [["studies", "show"], ["studies", "verify"], ["report"]])
-def test_a_study_that_is_not_there_is_named(refused, command):
-    assert "there is no study 'nowhere'" in refused(*command, "nowhere")
-
-
 def test_a_taken_port_is_told_before_there_is_a_study(prefcal, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
@@ -198,20 +187,12 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     assert verdicts[-1] == "about the same"
 
 
-def test_a_rig_cannot_be_calibrated_unattended(prefcal, refused, tmp_path):
-    (tmp_path / "own.py").write_text(
-        "from dataclasses import replace\n"
-        "from prefcal_env import Channel, Channels, Rig\n"
-        f"from prefcal_scenarios import load\ntoy = load({TOY!r})\n"
-        "channels = Channels((Channel('level', 'm'),), (), (Channel('level', 'm'),), 'h')\n"
-        "rig = replace(toy, run=Rig(channels, (2.0,)), panels=(), kpis=())\n"
-    )
-    assert "only a person can run" in refused("calibrate", "own.py:rig", *SYNTHETIC, "--n-max", "4")
-    bare = "oven = replace(rig, calibrators={}, cost=None)\n"
-    with (tmp_path / "own.py").open("a") as own:
-        own.write(bare)
-    err = prefcal("calibrate", "own.py:oven", *SYNTHETIC, "--n-max", "4")[2]
-    assert "is a rig that only a person can run: its calibrator is human" in err
+@pytest.mark.usefixtures("rig_file")
+def test_a_rig_cannot_be_calibrated_unattended(refused):
+    words = [*SYNTHETIC, "--n-max", "4"]
+    assert "only a person can run" in refused("calibrate", "own.py:rig", *words)
+    told = "is a rig that only a person can run: its calibrator is human"
+    assert told in refused("calibrate", "own.py:oven", *words)
 
 
 def test_the_same_line_goes_on_with_a_study_that_was_given_more(prefcal, done, refused):

@@ -40,19 +40,3 @@ def test_it_goes_on_with_its_twin_only(done, refused, study):
     assert "was started with --twin" in refused(*words, "--twin", "lag")
     out = done(*words, "--twin", MODEL)
     assert json.loads(out)["experiments"] == 5
-
-
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (["--twin", PLANT], "the twin 'plant' does not let experiments run unseen"),
-        (["--twin", "nothing"], "no scenario is called 'nothing'"),
-        (["--twin", MODEL, "--agent", "glisp"], "only the agent screening takes --twin"),
-        (["--twin", MODEL, "--simulate", "0"], "only the agent screening takes --twin"),
-    ],
-)
-def test_a_wrong_twin_is_one_clear_line(prefcal, words, complaint):
-    code, _, err = prefcal("calibrate", PLANT, "--calibrator", "synthetic", *words)
-    assert code == 2
-    assert complaint in err
-    assert len(err.strip().splitlines()) == 1

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_app import look
-from prefcal_app.looking.units import in_time_unit
-from prefcal_app.looking.view import pair_view
+from prefcal_app.looking.pair import Run, in_time_unit
 from prefcal_app.report.trajectories import Curve, overlaid
 from prefcal_env import combined, recorded
 from prefcal_env.errors import ExperimentError
@@ -35,7 +34,7 @@ def titles(found):
 def test_curves_share_a_panel_by_name_and_unit_whatever_their_instants():
     found = look(run(), run(0.1, n=77))
     assert titles(found) == [("level", "m"), ("valve", "")]
-    view = pair_view(found.pair)
+    view = found.pair.view()
     assert [len(view[side]["curves"][0][0]["t"]) for side in ("left", "right")] == [101, 77]
 
 
@@ -49,8 +48,8 @@ def test_another_unit_gets_a_panel_and_kpis_of_its_own():
 
 def test_a_curve_of_one_run_only_is_drawn_there():
     found = look(run(), run(flow=np.ones(101)))
-    view = pair_view(found.pair)
-    assert titles(found)[1] == ("flow", "")
+    view = found.pair.view()
+    assert titles(found) == [("level", "m"), ("flow", ""), ("valve", "")]
     assert view["left"]["curves"][1] == []
     assert len(view["right"]["curves"][1]) == 1
 
@@ -80,7 +79,7 @@ def test_times_are_converted_to_the_unit_of_the_left_run():
 def test_different_constant_references_are_both_drawn():
     other = recorded([0.0], np.arange(3.0), {"level": np.ones(3)}, reference={"level": 1.0},
                      units={"level": "m"})  # fmt: skip
-    view = pair_view(look(run(), other).pair)
+    view = look(run(), other).pair.view()
     assert view["panels"][0]["target"] is None
     assert [view[s]["references"][0]["y"][0] for s in ("left", "right")] == [2, 1]
 
@@ -110,9 +109,10 @@ def test_runs_in_minutes_and_seconds_share_the_rows_of_their_kpis():
 def test_limits_of_kpis_are_converted_with_the_time():
     limited = KPI("rise", "rise", "min", at_most=2.0)
     made = run(time_unit="min").with_kpis({"rise": 1.5, "rise (load)": 1.0})
-    experiment, (kpi,) = in_time_unit(made, [limited], "s")
+    converted = in_time_unit(Run("", made, (limited,)), "s")
+    (kpi,) = converted.kpis
     assert (kpi.unit, kpi.at_most) == ("s", 120)
-    assert dict(experiment.kpis) == {"rise": 90, "rise (load)": 60}
+    assert dict(converted.experiment.kpis) == {"rise": 90, "rise (load)": 60}
 
 
 def maneuvers(speed):
@@ -127,7 +127,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
     found = look(maneuvers(0.2), maneuvers(0.1))
     groups = dict.fromkeys(row["group"] for row in found.kpis())
     assert list(groups) == ["worst", "mean", "step", "load"]
-    view = pair_view(found.pair)
+    view = found.pair.view()
     assert [part["maneuver"] for part in (view, *view["others"])] == ["step", "load"]
     # The target of the first maneuver must not be drawn in the second one.
     assert view["panels"][0]["target"] is None
@@ -135,7 +135,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
 
 
 def test_a_run_without_maneuvers_stands_beside_each_of_the_other():
-    view = pair_view(look(run(0.3), maneuvers(0.1)).pair)
+    view = look(run(0.3), maneuvers(0.1)).pair.view()
     parts = (view, *view["others"])
     assert [part["maneuver"] for part in parts] == ["step", "load"]
     assert all(not part["left"]["empty"] for part in parts)

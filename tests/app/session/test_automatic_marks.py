@@ -14,8 +14,7 @@ from prefcal_app.report.comparisons import comparisons_as_csv
 from prefcal_app.report.html import page
 from prefcal_app.session import Choice, Phase, flow
 from prefcal_app.session import view as moment
-from prefcal_app.terminal.looking import show_history
-from prefcal_app.terminal.showing import show_question
+from prefcal_app.terminal.showing import show_history, show_question
 from prefcal_app.view import history_view, now_view, status_view
 from prefcal_env.experiments.end import End
 from prefcal_env.preferences.answer import Mark

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.cli.studies.changes import Changes, respace
+from prefcal_app.cli.studies.respacing import Changes, respace
 from prefcal_app.session import Choice
 from prefcal_app.summary.outlook import at_end, falls_outward, outlook, study_name
 from prefcal_env.knobs.knob import Knob

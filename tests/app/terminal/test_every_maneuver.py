@@ -12,7 +12,7 @@ import pytest
 from prefcal_app import figure, look
 from prefcal_app.cli.checkup import Checkup
 from prefcal_app.report.trajectories import alone
-from prefcal_app.terminal.pairs import show_kpis
+from prefcal_app.terminal.showing import show_kpis
 from prefcal_app.view.maneuvers import largest_difference, pairs_of
 from prefcal_env.errors import ScenarioError
 from prefcal_env.study import export_csv
@@ -55,8 +55,7 @@ def test_a_study_as_tables_names_the_maneuver_of_each_row(tank, tmp_path):
 
 def test_check_and_report_draw_every_maneuver(tank, pair):
     checkup = Checkup(tank, np.array([3.0, 6.0]))
-    for _, step in checkup.steps():
-        step()
+    checkup.check(lambda words: None)
     words = {finding.what: finding.words for finding in checkup.findings}
     assert "3 maneuvers (step, load, warm)" in words["record"]
     assert "other KPIs" not in words

@@ -1,32 +1,36 @@
 """`prefcal studies ...` and `prefcal report`: commands that work on studies."""
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-import typer
+from typer import Argument, Exit, Option, Typer, echo
 
-from prefcal_app.cli.describing.options import PlantOption
+from prefcal_app.cli.parameters import examples
 
-app = typer.Typer(
+app = Typer(
     name="studies",
     help="List, show, rename, remove, export, import, verify and change studies.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
 
-_Name = Annotated[str, typer.Argument(metavar="STUDY", help="A name, or the path of a file.")]
-_Json = Annotated[
-    bool, typer.Option("--json", metavar="", help="Print only JSON on standard output.")
-]
+_Name = Annotated[str, Argument(metavar="STUDY", help="A name, or the path of a file.")]
+_Json = Annotated[bool, Option("--json", metavar="", help="Print only JSON on standard output.")]
+_Texts = list[str] | None
 _Scenario = Annotated[
     str | None,
-    typer.Option(
+    Option(
         metavar="SCENARIO",
         help="Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never "
         "makes prefcal run a program.",
         show_default="the built-in one that the study names",
     ),
+]
+_Plant = Annotated[
+    str | None,
+    Option(metavar="FILE.py:NAME", help="Plant of a standard controller, as for calibrate."),
 ]
 
 
@@ -40,6 +44,12 @@ def _named(scenario: str | None, plant: str | None) -> str | None:
     return joined_source(name, {**(config or {}), "plant": plant})
 
 
+def _command(*shown: tuple[str, str], name: str | None = None) -> Callable[..., Any]:
+    """Return a decorator that makes a function a command of `prefcal studies`, with examples."""
+    epilog = examples(*((f"studies {line}", words) for line, words in shown))
+    return app.command(name, epilog=epilog)
+
+
 class Format(StrEnum):
     """Format of an exported study."""
 
@@ -48,18 +58,10 @@ class Format(StrEnum):
     PARQUET = "parquet"
 
 
-def _examples(*pairs: tuple[str, str]) -> str:
-    """Return an epilog with example commands and an explanation of each."""
-    shown = (f"[cyan]prefcal studies {line}[/cyan]\n  {words}" for line, words in pairs)
-    return "[bold]Examples[/bold]\n\n" + "\n\n".join(shown)
-
-
-@app.command(
-    "list",
-    epilog=_examples(
-        ("list", "All studies in your data folder."),
-        ("list --json", "The same for programs, with the file of each study."),
-    ),
+@_command(
+    ("list", "All studies in your data folder."),
+    ("list --json", "The same for programs, with the file of each study."),
+    name="list",
 )
 def list_(json: _Json = False) -> None:
     """List the studies in your data folder."""
@@ -68,11 +70,9 @@ def list_(json: _Json = False) -> None:
     print_list(json=json)
 
 
-@app.command(
-    epilog=_examples(
-        ("show mine", "The best θ so far, and every answer."),
-        ("show ./shared.prefcal --json", "A study file from anywhere, for programs."),
-    )
+@_command(
+    ("show mine", "The best θ so far, and every answer."),
+    ("show ./shared.prefcal --json", "A study file from anywhere, for programs."),
 )
 def show(study: _Name, json: _Json = False) -> None:
     """Show one study: its progress, its best θ and every answer."""
@@ -81,61 +81,54 @@ def show(study: _Name, json: _Json = False) -> None:
     print_study(study, json=json)
 
 
-@app.command(
-    epilog=_examples(
-        ("rename cstr-1 mine", "Call the study cstr-1 mine."),
-        ("rename mine ./mine.prefcal", "Move it out of the data folder, into this one."),
-    )
+@_command(
+    ("rename cstr-1 mine", "Call the study cstr-1 mine."),
+    ("rename mine ./mine.prefcal", "Move it out of the data folder, into this one."),
 )
 def rename(
-    old: Annotated[str, typer.Argument(metavar="OLD", help="A name, or the path of a file.")],
-    new: Annotated[
-        str, typer.Argument(metavar="NEW", help="A name or a path that does not exist yet.")
-    ],
+    old: Annotated[str, Argument(metavar="OLD", help="A name, or the path of a file.")],
+    new: Annotated[str, Argument(metavar="NEW", help="A name or a path that does not exist yet.")],
 ) -> None:
     """Rename a study. Existing reports keep their folders."""
     from .changes import rename as rename_study
 
-    typer.echo(f"Renamed: {rename_study(old, new)}")
+    echo(f"Renamed: {rename_study(old, new)}")
 
 
-@app.command(
-    epilog=_examples(
-        ("rm cstr-1", "Remove the study cstr-1, after you confirm."),
-        ("rm cstr-1 cstr-2 --yes", "Remove two without a question, in a script."),
-    )
+@_command(
+    ("rm cstr-1", "Remove the study cstr-1, after you confirm."),
+    ("rm cstr-1 cstr-2 --yes", "Remove two without a question, in a script."),
 )
 def rm(
-    study: Annotated[list[str], typer.Argument(metavar="STUDY", help="Names, or paths of files.")],
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", metavar="", help="Remove without asking.")
-    ] = False,
+    study: Annotated[list[str], Argument(metavar="STUDY", help="Names, or paths of files.")],
+    yes: Annotated[bool, Option("--yes", "-y", metavar="", help="Remove without asking.")] = False,
 ) -> None:
     """Remove studies for good. Existing reports stay."""
     from .changes import remove
 
-    raise typer.Exit(remove(study, yes=yes))
+    raise Exit(remove(study, yes=yes))
 
 
-@app.command(
-    epilog=_examples(
-        ("export mine", "Write mine.json, one file to pass on."),
-        ("export mine --format csv --out tables", "Tables and curves for a spreadsheet."),
-        ("export mine --format parquet --out tables", "The same for pandas, polars or DuckDB."),
-    )
+@_command(
+    ("export mine", "Write mine.json, one file to pass on."),
+    ("export mine --format csv --out tables", "Tables and curves for a spreadsheet."),
+    (
+        "export mine --format parquet --out tables",
+        "The same for pandas, polars or DuckDB.",
+    ),
 )
 def export(
     study: _Name,
     format: Annotated[
         Format,
-        typer.Option(
+        Option(
             help="json: one file that `import` reads back; csv, parquet: a folder of tables and "
             "curves, with a dictionary of their columns."
         ),
     ] = Format.JSON,
     out: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="PATH",
             help="File (json) or folder (csv, parquet).",
             show_default="STUDY.json or ./STUDY",
@@ -145,20 +138,39 @@ def export(
     """Write a study as JSON, CSV or Parquet."""
     from .changes import export_study
 
-    typer.echo(f"Written: {export_study(study, format.value, out)}")
+    echo(f"Written: {export_study(study, format.value, out)}")
 
 
-@app.command(
-    epilog=_examples(("index mine", "Write mine_index.py, which scores experiments as you did."))
+@_command(
+    ("import mine.json --study second", "Make a study called second from an export."),
+    name="import",
 )
+def import_(
+    file: Annotated[Path, Argument(metavar="FILE", help="JSON that `export` has written.")],
+    study: Annotated[
+        str | None,
+        Option(
+            metavar="NAME_OR_PATH",
+            help="Name or path of the new study.",
+            show_default="the file's name",
+        ),
+    ] = None,
+) -> None:
+    """Make a study from an exported file. It is only data: nothing in it is executed."""
+    from .changes import import_study
+
+    echo(f"Imported: {import_study(file, study)}")
+
+
+@_command(("index mine", "Write mine_index.py, which scores experiments as you did."))
 def index(
     study: _Name,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py"),
+        Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py"),
     ] = None,
     scenario: _Scenario = None,
-    plant: PlantOption = None,
+    plant: _Plant = None,
 ) -> None:
     """Write what the answers have taught as a Python function, `cost(experiment)`.
 
@@ -169,111 +181,76 @@ def index(
 
     from .changes import export_index
 
-    file, index = export_index(study, _named(scenario, plant), out)
-    typer.echo(trust_text(index))
-    typer.echo(f"Written: {file}")
+    file, learned = export_index(study, _named(scenario, plant), out)
+    echo(trust_text(learned))
+    echo(f"Written: {file}")
 
 
-@app.command(
-    "import",
-    epilog=_examples(
-        ("import mine.json --study second", "Make a study called second from an exported file.")
-    ),
-)
-def import_(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="JSON that `export` has written.")],
-    study: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME_OR_PATH",
-            help="Name or path of the new study.",
-            show_default="the file's name",
-        ),
-    ] = None,
-) -> None:
-    """Make a study from an exported file. It is only data: nothing in it is executed."""
-    from .changes import import_study
-
-    typer.echo(f"Imported: {import_study(file, study)}")
-
-
-@app.command(epilog=_examples(("verify mine", "Check the whole file, for example after a copy.")))
+@_command(("verify mine", "Check the whole file, for example after a copy."))
 def verify(study: _Name) -> None:
     """Check a study file and everything in it for damage; the exit code is 1 if any is found."""
     from .changes import findings_of
 
     count, findings = findings_of(study)
     for finding in findings:
-        typer.echo(finding)
+        echo(finding)
     if findings:
-        raise typer.Exit(1)
-    typer.echo(f"Sound: {count} events.")
+        raise Exit(1)
+    echo(f"Sound: {count} events.")
 
 
-_Texts = list[str] | None
-
-
-@app.command(
-    epilog=_examples(
-        ("respace mine --knob T_s=0.1:0.5", "Search T_s from 0.1 to 0.5 from now on."),
-        ("respace mine --freeze N_p=26", "Keep N_p at 26."),
-    )
+@_command(
+    ("respace mine --knob T_s=0.1:0.5", "Search T_s from 0.1 to 0.5 from now on."),
+    ("respace mine --freeze N_p=26", "Keep N_p at 26."),
 )
 def respace(
     study: _Name,
     knob: Annotated[
-        _Texts,
-        typer.Option(metavar="KNOB=LOW:HIGH", help="Search this range, narrower or wider."),
+        _Texts, Option(metavar="KNOB=LOW:HIGH", help="Search this range, narrower or wider.")
     ] = None,
     freeze: Annotated[
-        _Texts, typer.Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")
+        _Texts, Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")
     ] = None,
     add: Annotated[
         _Texts,
-        typer.Option(
+        Option(
             metavar="KNOB=VALUE",
             help="A knob that is new in the scenario, and its value in the experiments so far.",
         ),
     ] = None,
     scenario: _Scenario = None,
-    plant: PlantOption = None,
+    plant: _Plant = None,
 ) -> None:
     """Change the knobs of a running study; every experiment and answer stays.
 
     Close its page first. Experiments outside a narrowed range still count for
     learning; only new proposals stay inside. Each option can be repeated.
     """
-    from .changes import Changes, in_words
-    from .changes import respace as respace_study
+    from .respacing import Changes, in_words
+    from .respacing import respace as respace_study
 
-    space = respace_study(
-        study, _named(scenario, plant), Changes(knob or (), freeze or (), add or ())
-    )
-    for name, words in in_words(space).items():
-        typer.echo(f"{name}: {words}")
+    changes = Changes(knob or (), freeze or (), add or ())
+    for line in in_words(respace_study(study, _named(scenario, plant), changes)):
+        echo(line)
 
 
-REPORT_EPILOG = """\
-[bold]Examples[/bold]
-
-[cyan]prefcal report mine[/cyan]
-  Write the report of the study called mine into the folder prefcal-mine.
-
-[cyan]prefcal report plant-1 --scenario own.py:plant --out latest[/cyan]
-  For a study of your own scenario, into a folder of your choice.
-
-[cyan]prefcal report pid-1 --plant model.py:plant[/cyan]
-  For a PID on your own plant.
-"""
+REPORT_EPILOG = examples(
+    ("report mine", "Write the report of the study called mine into the folder prefcal-mine."),
+    (
+        "report plant-1 --scenario own.py:plant --out latest",
+        "For a study of your own scenario, into a folder of your choice.",
+    ),
+    ("report pid-1 --plant model.py:plant", "For a PID on your own plant."),
+)
 
 
 def report(
     study: _Name,
     scenario: _Scenario = None,
-    plant: PlantOption = None,
+    plant: _Plant = None,
     cost: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="COST",
             help="The cost that the study was started with, if any.",
             show_default="the scenario's score",
@@ -281,22 +258,15 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="FOLDER",
             help="Folder of the report; must not hold the report of another study.",
             show_default="./prefcal-STUDY",
         ),
     ] = None,
-    json: Annotated[
-        bool,
-        typer.Option(
-            "--json",
-            metavar="",
-            help="Print only JSON on standard output (messages go to standard error).",
-        ),
-    ] = False,
+    json: _Json = False,
 ) -> None:
     """Write the report of a study as it stands, complete or not."""
-    from prefcal_app.cli.report import report_of
+    from prefcal_app.cli.calibration import report_of
 
     report_of(study, _named(scenario, plant), cost, out=out, json=json)

@@ -2,15 +2,13 @@
 
 import json as json_
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
-import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.cells import cell_len
+from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -22,7 +20,6 @@ from prefcal_app.report.record import VERDICTS
 from prefcal_app.summary.counts import Counts
 from prefcal_env.errors import PrefcalError, SettingsError, StudyError
 from prefcal_env.preferences.answer import Mark
-from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.described.options import words_to_resume
@@ -167,34 +164,15 @@ def print_list(*, json: bool) -> None:
     if not rows:
         print("No studies yet: `prefcal calibrate cstr` starts one.")
         return
-    console, narrowest = Console(emoji=False), _list([{**row, "state": ""} for row in rows])
-    wanted = console.measure(narrowest, options=console.options.update(width=_WIDEST)).minimum
-    Console(width=max(console.width, wanted)).print(_list(rows), crop=False)
+    # Plain lines, however long: a table that breaks names would keep them from being copied.
+    cells = [_HEADINGS, *([printable(cell) for cell in _cells(row)] for row in rows)]
+    widths = [max(map(cell_len, column)) for column in zip(*cells, strict=True)]
+    for line in cells:
+        padded = (set_cell_size(text, width) for text, width in zip(line, widths, strict=True))
+        print("  ".join(padded).rstrip())
 
 
-def _list(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return a table of `rows`; only its last column wraps, so that names can be copied."""
-    texts = [[escape(printable(cell)) for cell in _cells(row)] for row in rows]
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for i, (heading, justify) in enumerate(_COLUMNS.items()):
-        free = heading == "state"
-        width = _STATE if free else max(map(cell_len, [heading, *(row[i] for row in texts)]))
-        table.add_column(
-            heading, no_wrap=not free, min_width=width, justify=justify, overflow="fold"
-        )
-    for row in texts:
-        table.add_row(*row)
-    return table
-
-
-_STATE = 12
-"""Width for "all compared" in characters; problems with a file may take several lines."""
-_COLUMNS: Mapping[str, Literal["left", "right"]] = {
-    "study": "left", "scenario": "left", "experiments": "right", "answers": "right",
-    "started": "left", "state": "left",
-}  # fmt: skip
-_WIDEST = 1000
-"""Width of a table in characters, more than any name needs."""
+_HEADINGS = ["study", "scenario", "experiments", "answers", "started", "state"]
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
@@ -219,11 +197,12 @@ def _row(path: Path) -> dict[str, Any]:
 
 def summary(state: State) -> dict[str, Any]:
     """Return a summary of a study, for people and programs."""
+    counts = Counts.of(state)
     return {
         "scenario": state.configuration["scenario"],
-        "experiments": Counts.of(state).experiments,
+        "experiments": counts.experiments,
         "n_max": state.n_max,
-        "answers": Counts.of(state).comparisons,
+        "answers": counts.comparisons,
         "begun": _minute(state.created),
         "state": state.ended or "open",
     }
@@ -234,31 +213,30 @@ def print_study(name: str, *, json: bool) -> None:
     path = existing(name)
     with open_described(path) as file:
         state = file.state
+    configuration = state.configuration
     content = {
         "study": name, "file": str(path), **summary(state), "best": best_theta(state),
-        "calibrator": state.configuration["options"]["calibrator"],
-        "agent": state.configuration["agent"]["agent"], "seed": state.configuration["seed"],
-        "versions": state.configuration["versions"],
+        "calibrator": configuration["options"]["calibrator"],
+        "agent": configuration["agent"]["agent"], "seed": configuration["seed"],
+        "versions": configuration["versions"],
         "questions": list(_answers(state)),
-        "earlier": state.configuration.get("earlier"),
+        "earlier": configuration.get("earlier"),
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }  # fmt: skip
     if json:
         print(_dumps(content))
         return
     console = Console(emoji=False)
-    for key in ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state"):
-        line = printable(f"{key:<12}{content[key]}")
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    shown = ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state")
+    lines = [f"{key:<12}{content[key]}" for key in shown]
     if content["earlier"]:
-        line = printable(f"{'from':<12}{earlier_text(content['earlier'])}")
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    done = f"{content['experiments']} of {state.n_max}"
-    console.print(f"{'experiments':<12}{done}", highlight=False)
-    units = {knob["name"]: knob["unit"] for knob in state.configuration["knobs"]}
+        lines.append(f"{'from':<12}{earlier_text(content['earlier'])}")
+    lines.append(f"{'experiments':<12}{content['experiments']} of {state.n_max}")
+    units = {knob["name"]: knob["unit"] for knob in configuration["knobs"]}
     for knob, value in (content["best"] or {}).items():
-        text = f"best {labeled(knob, units[knob])} = {number(value)}"
-        console.print(printable(text), markup=False, highlight=False)
+        lines.append(f"best {labeled(knob, units[knob])} = {number(value)}")
+    for line in lines:
+        console.print(printable(line), markup=False, highlight=False, soft_wrap=True)
     if content["questions"]:
         console.print(_table(content["questions"]))
 
@@ -274,11 +252,12 @@ def best_theta(state: State) -> dict[str, float] | None:
     if best is None:
         return None
     names = [knob["name"] for knob in state.configuration["knobs"]]
-    return dict(zip(names, map(float, np.array(state.history.samples[best].theta)), strict=True))
+    return dict(zip(names, map(float, state.history.samples[best].theta), strict=True))
 
 
 def _answers(state: State) -> Iterator[dict[str, Any]]:
     for closed in state.answers:
+        again = closed.repeats is not None
         yield {
             "at": _minute(closed.at),
             "challenger": closed.challenger + 1,
@@ -288,14 +267,8 @@ def _answers(state: State) -> Iterator[dict[str, Any]]:
             "automatic": [mark.value for mark in closed.answer.automatic],
             "comment": closed.comment,
             "blind": closed.blind,
-            "said": _said(closed),
+            "said": "asked again" if again else "retracted" if closed.retracted else "",
         }
-
-
-def _said(closed: Comparison) -> str:
-    if closed.repeats is not None:
-        return "asked again"
-    return "retracted" if closed.retracted else ""
 
 
 def _table(answers: list[Mapping[str, Any]]) -> Table:

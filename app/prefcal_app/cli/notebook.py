@@ -1,4 +1,7 @@
-"""Run a study beside a notebook: it asks on the page, while the notebook's cells stay free."""
+"""Ask inside a notebook: the page of a study in a frame below the cell, and the study in Python.
+
+The study runs beside the notebook, whose cells stay free.
+"""
 
 import threading
 from collections.abc import Mapping
@@ -8,15 +11,16 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from jaxtyping import Float
+from jinja2 import Environment
 from rich.console import Console
 
-from prefcal_app.cli.calibrate_run import simulator_of
+from prefcal_app.cli.calibration import calibration
 from prefcal_app.cli.choices import make_calibrator
-from prefcal_app.cli.opening import claim_folder, open_study
+from prefcal_app.cli.opening import open_study
 from prefcal_app.cli.options import Options
-from prefcal_app.cli.report import Reporter
 from prefcal_app.report.export import load_controller
-from prefcal_app.session import Background, Interview, Phase, unattended
+from prefcal_app.session import Background, Phase, unattended
 from prefcal_app.web import Window
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.experiments.control import Controller
@@ -25,21 +29,9 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.scenario import Scenario
 
-from .frame import framed
-
 _OWN = ("scenario", "study", "out")
 """Options of `prefcal calibrate` that `ask` takes itself."""
-_NOT_HERE = (
-    "terminal",
-    "browser",
-    "json",
-    "host",
-    "config",
-    "plant",
-    "twin",
-    "cost",
-    "at_once",
-)
+_NOT_HERE = {"terminal", "browser", "json", "host", "config", "plant", "twin", "cost", "at_once"}
 """Options of `prefcal calibrate` that mean nothing in a notebook, or are Python objects there."""
 _PATIENCE = 0.5
 """Longest wait for the next change, in seconds."""
@@ -47,6 +39,24 @@ _LAST_RUN = 5.0
 """Longest wait for a run that cannot be ended, or for the report, in `close`, in seconds."""
 _OPEN: dict[Path, "Asking"] = {}
 """Studies that this process asks about, by file: a cell that runs again closes the earlier one."""
+
+_HTML = """
+<div id="{{ name }}"><p><a href="{{ link }}" target="_blank" rel="noopener">Open the questions in a
+tab of their own</a></p></div>
+<script>
+(() => {
+  const place = document.getElementById({{ name | tojson }});
+  const link = new URL({{ link | tojson }});
+  const here = location.hostname;
+  if (!place || location.protocol !== "http:" || !["127.0.0.1", "localhost"].includes(here)) return;
+  link.hostname = here;  // the cookie of another name would not be sent
+  const frame = document.createElement("iframe");
+  Object.assign(frame, { src: link.href, title: "prefcal: which of two runs is better?" });
+  Object.assign(frame.style, { width: "100%", height: {{ height | tojson }}, border: "0" });
+  place.append(frame);
+})();
+</script>
+"""
 
 
 def ask(
@@ -84,7 +94,7 @@ def ask(
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return a value for each option of `prefcal calibrate`, None if it is not given."""
-    names = [f.name for f in fields(Options) if f.name not in (*_OWN, *_NOT_HERE)]
+    names = [f.name for f in fields(Options) if f.name not in {*_OWN, *_NOT_HERE}]
     unknown = [name for name in options if name not in names]
     if unknown:
         raise SettingsError(f"ask has no option {unknown[0]!r}: expected one of {names}")
@@ -113,34 +123,26 @@ class Asking:
                 scenario = stack.enter_context(isolation(source, limit))(load(source))
             opened = open_study(given, scenario, given["study"])
             stack.enter_context(opened.file)
-            claim = claim_folder(opened, scenario.name)
-            stack.callback(claim.release)
             # Of a scenario that was made here, the file of the study does not know the code.
-            simulator = stack.enter_context(simulator_of(opened, scenario, keep=not made_here))
-            person = opened.options.by_a_person
-            self._interview = Interview(scenario, opened.file, ahead=person, simulator=simulator)
-            self._reporter = Reporter(self._interview, opened, claim, Console(quiet=True))
-            self._calibrator = None if person else make_calibrator(opened.options, scenario)
-            self._person = person
-            self._window = stack.enter_context(
-                Window(self._interview, port=opened.options.port, framed=True)
-            )
+            work = calibration(opened, scenario, Console(quiet=True), keep=not made_here)
+            self._work = stack.enter_context(work)
+            self._interview, options = self._work.interview, opened.options
+            self._calibrator = None if options.by_a_person else make_calibrator(options, scenario)
+            self._person = options.by_a_person
+            window = Window(self._interview, port=options.port, framed=True)
+            self._window = stack.enter_context(window)
             if opened.name is not None:
                 path = Path(opened.file.path).resolve()
                 _OPEN[path] = self
                 stack.callback(_OPEN.pop, path, None)
-            self._start(stack)
+            if self._person:
+                stack.enter_context(Background(self._interview))
+            watch = threading.Thread(target=self._watch, name="report", daemon=True)
+            stack.callback(watch.join, _LAST_RUN)
+            stack.callback(self._interview.close)
+            stack.callback(self._stop)
+            watch.start()
             self._stack = stack.pop_all()
-
-    def _start(self, stack: ExitStack) -> None:
-        """Begin to run experiments, and to write the report once the study is over."""
-        if self._person:
-            stack.enter_context(Background(self._interview))
-        watch = threading.Thread(target=self._watch, name="report", daemon=True)
-        stack.callback(watch.join, _LAST_RUN)
-        stack.callback(self._interview.close)
-        stack.callback(self._stop)
-        watch.start()
 
     def _stop(self) -> None:
         """Wake `wait`: nothing is asked any more."""
@@ -177,16 +179,20 @@ class Asking:
     @property
     def study(self) -> str | None:
         """Return the name of the study, as in `prefcal calibrate --study`; None if not kept."""
-        return self._reporter.opened.name
+        return self._work.opened.name
 
     @property
     def best(self) -> dict[str, float] | None:
         """Return the best θ so far by knob name; None before the first experiment."""
+        names, theta = self._interview.scenario.space.names, self._best
+        return None if theta is None else dict(zip(names, map(float, theta), strict=True))
+
+    @property
+    def _best(self) -> Float[np.ndarray, " n"] | None:
         now = self._interview.now()
         if now.incumbent is None:
             return None
-        theta = now.state.history.samples[now.incumbent].theta
-        return dict(zip(self._interview.scenario.space.names, map(float, theta), strict=True))
+        return np.array(now.state.history.samples[now.incumbent].theta)
 
     @property
     def over(self) -> bool:
@@ -219,8 +225,8 @@ class Asking:
         """
         if not self._interview.study.state.history.answered:
             raise StudyError("nothing to report: no experiment was compared yet")
-        self._reporter.write()
-        folder = self._reporter.claim.folder
+        self._work.write()
+        folder = self._work.claim.folder
         if not (folder / "report.html").is_file():
             raise StudyError("nothing to report: no question was answered yet")
         if self._interview.now().phase is Phase.OVER:
@@ -234,10 +240,9 @@ class Asking:
             StudyError: If no experiment is compared yet.
             ScenarioError: If the scenario does not say how to build a controller.
         """
-        make, best = self._interview.scenario.controller, self.best
-        if make is not None and best is not None:
-            space = self._interview.scenario.space
-            return make(space.check(np.array([best[name] for name in space.names])))
+        make, theta = self._interview.scenario.controller, self._best
+        if make is not None and theta is not None:
+            return make(self._interview.scenario.space.check(theta))
         return load_controller(self.report() / "best.json")
 
     def to_frame(self, *, answers: bool = False) -> Any:
@@ -258,9 +263,24 @@ class Asking:
         self.close()
 
     def _repr_html_(self) -> str:
-        return framed(self.link, self._height)
+        return _framed(self.link, self._height)
 
     def __repr__(self) -> str:
         counts = self._interview.counts
         name = self.study or "not kept"
         return f"<study {name}: {counts.experiments} experiments, {counts.comparisons} answers>"
+
+
+def _framed(link: str, height: int) -> str:
+    """Return HTML with a link to the page, and a frame with it where browsers allow that.
+
+    A frame works if the notebook's own page comes from localhost or 127.0.0.1: browsers keep the
+    page's cookie from frames on pages of other sites. Elsewhere the link remains.
+
+    Args:
+        link: Link of the page, with its secret.
+        height: Height of the frame in pixels.
+    """
+    name = f"prefcal-{link.rpartition('/')[2][:12]}"
+    template = Environment(autoescape=True).from_string(_HTML)
+    return template.render(link=link, name=name, height=f"{height}px")

@@ -5,13 +5,14 @@ import re
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from prefcal_app.cli.interrupt import interruption
-from prefcal_app.cli.studies.files import existing, open_described
 from prefcal_app.looking import Look
 from prefcal_app.looking.pair import Run, paired
 from prefcal_app.looking.table import run_from
@@ -21,13 +22,17 @@ from prefcal_env.tables import TableColumns
 from prefcal_scenarios.presentation.wording import printable
 from prefcal_scenarios.scenario import KPI
 
-from .options import LookOptions
+from .interrupt import interruption
+from .studies.files import existing, open_described
+
+if TYPE_CHECKING:
+    from .look import LookOptions
 
 _SQLITE = b"SQLite format 3\0"
 _STUDY = re.compile(r"(.+):(\d+|best)")
 
 
-def run(options: LookOptions) -> int:
+def run(options: "LookOptions") -> int:
     """Show the runs; return the exit code.
 
     Raises:
@@ -37,32 +42,7 @@ def run(options: LookOptions) -> int:
         raise SettingsError(
             "name two runs or more: CSV or Parquet files, or STUDY:3 for experiment 3 of a study"
         )
-    about = _about(options)
-    runs = _named([_run(words, about) for words in options.runs])
-    look = Look(paired(runs[0], runs[1], align=options.align or None))
-    picture = None if options.out is None else look.save(options.out)
-    if options.json:
-        written = {} if picture is None else {"picture": str(picture)}
-        print(json.dumps(_as_dict(runs, look) | written), flush=True)
-        return 0
-    for each in runs:
-        print(printable(f"{each.name}: {each.about}"), flush=True)
-    for note in look.pair.notes:
-        print(printable(note), flush=True)
-    if picture is not None:
-        print(f"Picture: {picture}", flush=True)
-    elif options.terminal:
-        from prefcal_app.terminal.pairs import show_kpis
-
-        names = {"left": look.pair.left.name, "right": look.pair.right.name}
-        show_kpis(look.kpis(), Console(emoji=False), names)
-    else:
-        _serve(runs, options)
-    return 0
-
-
-def _about(options: LookOptions) -> TableColumns:
-    return TableColumns(
+    about = TableColumns(
         time=options.time,
         time_format=options.time_format,
         outputs=_listed(options.outputs),
@@ -71,6 +51,25 @@ def _about(options: LookOptions) -> TableColumns:
         units=_mapped("--unit", options.unit, "level=m"),
         columns=_mapped("--columns", options.columns, "level=TI-101.PV"),
     )
+    runs = _named([_run(words, about) for words in options.runs])
+    look = Look(paired(runs[0], runs[1], align=options.align or None))
+    picture = None if options.out is None else look.save(options.out)
+    if options.json:
+        written = {} if picture is None else {"picture": str(picture)}
+        print(json.dumps(_as_dict(runs, look) | written), flush=True)
+        return 0
+    for line in (*(f"{each.name}: {each.about}" for each in runs), *look.pair.notes):
+        print(printable(line), flush=True)
+    if picture is not None:
+        print(f"Picture: {picture}", flush=True)
+    elif options.terminal:
+        from prefcal_app.terminal.showing import show_kpis
+
+        names = {"left": look.pair.left.name, "right": look.pair.right.name}
+        show_kpis(look.kpis(), Console(emoji=False), names)
+    else:
+        _serve(runs, options)
+    return 0
 
 
 def _listed(text: str) -> tuple[str, ...]:
@@ -90,16 +89,16 @@ def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
 def _run(words: str, about: TableColumns) -> Run:
     """Return the run that a word names: a file, or an experiment of a study."""
     path, study = Path(words).expanduser(), _STUDY.fullmatch(words)
+    if study is not None and not path.is_file():
+        return _of_study(study[1], study[2])
     if path.is_file() and path.suffix == ".json":
         raise SettingsError(
             f"{words} holds a controller, not a run: name an experiment of the study instead, "
             "such as mine:best"
         )
-    if path.is_file() or study is None:
-        if _is_study(path if path.is_file() else study_path(words)):
-            raise SettingsError(f"{words} is a study: say which experiment of it, as {words}:3")
-        return run_from(path, about)
-    return _of_study(study[1], study[2])
+    if _is_study(path if path.is_file() else study_path(words)):
+        raise SettingsError(f"{words} is a study: say which experiment of it, as {words}:3")
+    return run_from(path, about)
 
 
 def _is_study(path: Path) -> bool:
@@ -112,8 +111,7 @@ def _is_study(path: Path) -> bool:
 def _of_study(name: str, which: str) -> Run:
     with open_described(existing(name)) as file:
         state = file.state
-        best = state.history.incumbent
-        index = best if which == "best" else int(which) - 1
+        index = state.history.incumbent if which == "best" else int(which) - 1
         if index is None or index not in state.finished:
             there = ", ".join(str(k + 1) for k in sorted(state.finished)) or "none"
             raise SettingsError(f"study {name!r} has no experiment {which}; there are {there}")
@@ -125,8 +123,6 @@ def _of_study(name: str, which: str) -> Run:
 
 def _named(runs: Sequence[Run]) -> list[Run]:
     """Return the runs with different names: files of the same name are numbered."""
-    from dataclasses import replace
-
     names = [run.name for run in runs]
     return [
         run if names.count(run.name) == 1
@@ -155,21 +151,17 @@ def _as_dict(runs: Sequence[Run], look: Look) -> dict[str, Any]:
 def _finite(run: Run, kpi: KPI) -> float | None:
     """Return a KPI's value; None if it is not finite, which JSON cannot hold."""
     value = float(run.experiment.kpis[kpi.name])
-    return value if abs(value) < float("inf") else None
+    return value if isfinite(value) else None
 
 
-def _serve(runs: Sequence[Run], options: LookOptions) -> None:
+def _serve(runs: Sequence[Run], options: "LookOptions") -> None:
     """Serve the page until Ctrl-C."""
     # Imported here: pictures need no web server.
     from prefcal_app.looking.window import LookWindow
     from prefcal_app.web import open_browser
 
-    with (
-        interruption(others=True) as ctrl_c,
-        LookWindow(
-            runs, align=options.align or None, host=options.host, port=options.port
-        ) as window,
-    ):
+    served = LookWindow(runs, align=options.align or None, host=options.host, port=options.port)
+    with interruption(others=True) as ctrl_c, served as window:
         if window.warning:
             print(window.warning, file=sys.stderr)
         # On a line of its own, unwrapped and flushed, so that programs can read it.
@@ -178,9 +170,6 @@ def _serve(runs: Sequence[Run], options: LookOptions) -> None:
             print(f"From other machines:\n{window.link_for_others}", flush=True)
         if options.browser and not open_browser(window.link):
             print("No browser found: open the link yourself. Ctrl-C ends.", file=sys.stderr)
-        try:
-            with ctrl_c.allowed():
-                while True:
-                    time.sleep(0.5)
-        except KeyboardInterrupt:
-            pass
+        with suppress(KeyboardInterrupt), ctrl_c.allowed():
+            while True:
+                time.sleep(0.5)
