@@ -15,6 +15,7 @@ from typing import Any, Literal
 from prefcal_agents.registry import AGENTS as REGISTRY
 from prefcal_agents.registry import AgentRow
 from prefcal_agents.screening.simulations import Simulate
+from prefcal_bench.peers import PEERS
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -173,7 +174,7 @@ def _row_entry(row: AgentRow) -> Entry:
         return ", ".join([str(row.load().version), *found])
 
     kind: Kind = "value" if row.by_value else "preference"
-    needs = (*row.packages, f"prefcal_agents.{row.module}") if row.extra else ()
+    needs = (*row.packages, f"{row.package}.{row.module}") if row.extra else ()
     return Entry(
         row.label or row.name, kind, make, version, needs, row.extra, row.learns, row.simulates
     )
@@ -222,7 +223,7 @@ VARIANTS = (
 
 def _make_roster() -> Mapping[str, Entry]:
     """Return all agents; GLISp comes first, since others are compared with the first agent."""
-    entries = [_row_entry(row) for row in REGISTRY]
+    entries = [_row_entry(row) for row in (*REGISTRY, *PEERS)]
     first = [one for one in entries if one.name.startswith("GLISp")]
     rest = [one for one in entries if one not in first]
     return MappingProxyType({one.name: one for one in (*first, *VARIANTS, *rest)})

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_bench.people import Runs, Taste, runs_of, worth
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_scenarios.kpis import INTERRUPTED
-from prefcal_scenarios.tastes import Runs, Taste, runs_of, worth
 
 Judge = Calibrator[Any]
 
@@ -57,7 +57,7 @@ class Person:
         cost: Function that returns what value-based agents are told, lower is better.
         gap: Function that returns the difference of the cost to the best known one; None if it is
             not known.
-        worth: Function that returns the worth, see `prefcal_scenarios.tastes.worth`; None if there
+        worth: Function that returns the worth, see `prefcal_bench.people.worth`; None if there
             is no pool.
         told: Function that returns the KPIs that agents are told besides the answers.
         withheld: Names of KPIs that agents are not told, also not of what they simulate.

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from prefcal_bench.people import TASTES, VERSION
 from prefcal_bench.problems import (
     CALIBRATORS,
     GUIDELINES,
@@ -14,7 +15,6 @@ from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
-from prefcal_scenarios.tastes import TASTES, VERSION
 
 OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from prefcal_bench.people import TASTES, Runs, taste
 from prefcal_bench.problems import Outcome, judges, prefer, problem
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.preferences.answer import Preference
-from prefcal_scenarios.tastes import TASTES, Runs, taste
 
 OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"
 module = import_module("prefcal_bench.problems.problem")
