@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from prefcal_bench.cells.suite import Suite
-from prefcal_bench.results.curves import COLUMNS, curves_of
+from prefcal_bench.results.campaign import COLUMNS, campaign_of
 from prefcal_env.errors import SettingsError
 from prefcal_env.wording import did_you_mean
 
@@ -24,7 +24,7 @@ class Plan:
 
     Args:
         suite: Suite of the agent alone, on the loops and tastes of the published studies.
-        published: Published studies to compare with, with the columns of `frame_of`.
+        published: Published studies to compare with, see `campaign_of`.
         notes: Where the published studies are of other versions than this prefcal's.
     """
 
@@ -50,7 +50,7 @@ def publish(raw: Iterable[str | Path], out: str | Path) -> pd.DataFrame:
     frame = pd.concat(found, ignore_index=True).drop_duplicates() if found else pd.DataFrame()
     if not len(frame):
         raise SettingsError("there are no studies with a worth to publish")
-    curves_of(frame)  # raises if two studies contradict each other
+    campaign_of((), frame)  # raises if two studies contradict each other
     frame = frame.sort_values(_SORTED, ignore_index=True)
     words = ["agent", "loop", "taste", *VERSIONS]
     try:

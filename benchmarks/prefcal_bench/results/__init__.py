@@ -4,9 +4,8 @@ The worth of a θ is how many random experiments it takes on average to find one
 so higher is better; 1 is the worst.
 """
 
-from .curves import Curves as Curves
-from .curves import curves_of as curves_of
-from .curves import frame_of as frame_of
+from .campaign import Campaign as Campaign
+from .campaign import campaign_of as campaign_of
 from .duelling import duel_table as duel_table
 from .rows import as_csv as as_csv
 from .rows import table as table

@@ -11,11 +11,10 @@ from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.folder import folder_for, put
 
 from .campaign import campaign_of
-from .curves import curves_of, frame_of, joined
 from .duelling import duel_table, tallies
-from .rows import BASELINE, as_csv, plain, plain_gaps
+from .rows import BASELINE, as_csv, plain
 
-_OURS = re.compile(r"(ranking|gaps|profiles|questions|duels|seconds|worth)(-[\w.-]+)?\.png")
+_OURS = re.compile(r"(ranking|gaps?|profiles|questions|duels|seconds|worth)(-[\w.-]+)?\.png")
 
 
 def write(
@@ -44,30 +43,31 @@ def write(
         digest: Digest of the results, for the page.
         notes: Combinations that were left out on purpose, with reasons, and other remarks.
         baseline: Agent that all others are compared with.
-        published: Worth of other agents' studies to compare with, see `frame_of`.
+        published: Worth of other agents' studies to compare with, see `campaign_of`.
 
     Raises:
         SettingsError: If results or duels contradict each other, or the folder cannot be written
             to.
     """
     # Imported here: a table alone needs no plotting.
-    from .page import draw_all, page
+    from .page import page, parts
     from .pictures import Material
 
-    results, duels = list(results), list(duels)
-    curves = curves_of(joined(frame_of(results), published))
-    material = Material(campaign_of(results), curves, tallies(duels), baseline)
-    target, drawn = folder_for(folder), draw_all(material)
-    kept = [one for group in drawn for one in group]
-    _remove_others(target, {one.file for one in kept})
-    for picture in kept:
-        put(target / picture.file, picture.content)
-    put(target / "table.csv", as_csv(plain_gaps(material.rows)).encode())
-    put(target / "worth.csv", as_csv(plain(material.worths.rows)).encode())
-    put(target / "duels.csv", as_csv(duel_table(duels)).encode())
-    index = target / "index.html"
-    put(index, page(material, drawn, command, digest, notes).encode())
-    return index
+    duels = list(duels)
+    material = Material(campaign_of(results, published), tallies(duels), baseline)
+    target, found = folder_for(folder), parts(material)
+    pictures = {part.picture.file: part.picture.content for part in found if part.picture}
+    _remove_others(target, set(pictures))
+    content = {
+        **pictures,
+        "table.csv": as_csv(plain(material.gaps)).encode(),
+        "worth.csv": as_csv(plain(material.worths)).encode(),
+        "duels.csv": as_csv(duel_table(duels)).encode(),
+        "index.html": page(material, found, command, digest, notes).encode(),
+    }
+    for name, written in content.items():
+        put(target / name, written)
+    return target / "index.html"
 
 
 def _remove_others(folder: Path, kept: set[str]) -> None:

@@ -10,14 +10,13 @@ import pytest
 
 from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.results import write
-from prefcal_bench.results.curves import frame_of
 from prefcal_env.errors import SettingsError
 from support.campaigns import duel, failed, grid, result
 from support.pages import Outline, assert_accessible
-from support.worths import walks
+from support.worths import published, walks
 
 FACTORS = {"GLISp": 1.0, "<Own> & co": 3.0, "RandomSearch": 100.0}
-FIGURES = ["duels.png", "gaps.png", "profiles.png", "questions.png", "ranking.png", "seconds.png"]
+FIGURES = ["duels.png", "gap-answers.png", "gap-experiments.png", "ranking.png"]
 
 
 def campaign():
@@ -123,8 +122,8 @@ def test_a_smaller_campaign_takes_the_figures_of_a_larger_one_away(tmp_path):
         (tmp_path / name).write_bytes(b"")
     write([result("GLISp", "p", s, (1.0, 0.1)) for s in range(2)], [], tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {
-        "index.html", "table.csv", "worth.csv", "duels.csv", "gaps.png", "profiles.png",
-        "questions.png", "holiday.png", "duels.txt",
+        "index.html", "table.csv", "worth.csv", "duels.csv", "gap-answers.png",
+        "gap-experiments.png", "holiday.png", "duels.txt",
     }  # fmt: skip
     text = (tmp_path / "index.html").read_text()
     assert "a ranking needs two agents and two problems" in text
@@ -140,7 +139,9 @@ def test_several_calibrators_have_figures_each(tmp_path):
     ]
     write(results, [], tmp_path)
     text = (tmp_path / "index.html").read_text()
-    assert {p.name for p in tmp_path.glob("gaps*")} == {"gaps-perfect.png", "gaps-noisy.png"}
+    assert {p.name for p in tmp_path.glob("gap-e*")} == {
+        "gap-experiments-perfect.png", "gap-experiments-noisy.png"
+    }  # fmt: skip
     assert text.index("Median gaps (perfect calibrator)") < text.index("(noisy calibrator)")
 
 
@@ -172,9 +173,7 @@ def test_closed_loops_come_first_and_have_no_gaps(tmp_path):
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert_accessible(page)
     headings = re.findall(r"<h2>(.*?)</h2>", page)
-    assert headings[:4] == [
-        "Worth after 5 experiments", "Who beats GLISp", "Worth along the study", "Worth: weights"
-    ]  # fmt: skip
+    assert headings[:3] == ["Worth after 5 experiments", "Worth along the study", "Worth: weights"]
     assert headings.index("Worth: weights") < headings.index("Median gaps")
     assert {row["problem"] for row in csv.DictReader((tmp_path / "table.csv").open())} == {
         "bowl", "valley", "waves"
@@ -189,17 +188,16 @@ def test_of_closed_loops_alone_the_page_does_not_speak_of_gaps(tmp_path):
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert " gap" not in page[page.index("</style>") :]
     assert {p.name for p in tmp_path.glob("*.png")} == {
-        "worth-summary.png", "worth-improvement.png", "worth-drift.png",
-        "worth-experiments.png", "worth-answers.png",
+        "worth-summary.png", "worth-drift.png", "worth-experiments.png", "worth-answers.png",
     }  # fmt: skip
 
 
 def test_published_studies_stand_beside_ours(tmp_path):
     mine = walks({"own.py:Mine": 1.4}, seeds=2, n_max=5)
-    write(mine, [], tmp_path, baseline="own.py:Mine", published=frame_of(LOOPS))
+    write(mine, [], tmp_path, baseline="own.py:Mine", published=published(LOOPS))
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Beside them, 3 published agents." in page
-    assert "Who beats own.py:Mine" in page
+    assert "beats own.py:Mine" in page
     agents = {row["agent"] for row in csv.DictReader((tmp_path / "worth.csv").open())}
     assert agents == {"own.py:Mine", "GLISp", "GLIS", "RandomSearch"}
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import friedmanchisquare
 
 from prefcal_bench.results.campaign import campaign_of
-from prefcal_bench.results.standing import Ranking, common, critical_difference, rank
-from support.campaigns import ends, failed, grid, result
+from prefcal_bench.results.standing import Ranking, critical_difference, rank
+from support.campaigns import ends, failed, grid
 
 
 def ranked(results):
@@ -82,21 +82,13 @@ def test_too_little_for_a_ranking_is_said_in_words(results):
     assert "needs two agents and two problems" in ranked(results)
 
 
-def test_a_failed_seed_counts_as_tried_where_that_is_wanted():
-    campaign = campaign_of(
-        [*ends("A", "p", [0.1, 0.2]), *ends("B", "p", [0.1]), failed("B", "p", 1)]
-    )
-    setting = campaign.settings[0]
-    assert common(campaign, setting).seeds == {"p": (0,)}
-    assert common(campaign, setting, failed_too=True).seeds == {"p": (0, 1)}
-
-
 def test_no_seed_in_common_is_said():
-    results = [result("A", "p", 0), result("B", "p", 1)]
-    campaign = campaign_of(results)
-    found = common(campaign, campaign.settings[0])
-    assert found.seeds == {}
-    assert found.left_out == ("p: no seed that all agents have",)
+    results = grid({"A": 1.0, "B": 2.0})
+    odd = {"A": 1, "B": 0}
+    apart = [
+        r for r in results if r.cell.problem != "waves" or r.cell.seed % 2 == odd[r.cell.agent]
+    ]
+    assert ranked(apart).left_out == ("waves: no seed that all agents have",)
 
 
 def test_an_unfinished_agent_does_not_become_the_best_by_missing_problems():

@@ -1,14 +1,15 @@
 """The tables of worth on the page."""
 
-from prefcal_bench.results.curves import curves_of, frame_of
-from prefcal_bench.results.tables import Worths, worth_numbers
+from prefcal_bench.results.campaign import campaign_of
+from prefcal_bench.results.rows import worth_rows
+from prefcal_bench.results.tables import worth_numbers
 from support.worths import study, walks
 
 
 def tables(results):
-    curves = curves_of(frame_of(results))
-    worths = Worths(curves, "GLISp")
-    return [worth_numbers(worths, setting) for setting in curves.settings]
+    campaign = campaign_of(results)
+    rows = worth_rows(campaign)
+    return [worth_numbers(campaign, rows, setting, "GLISp") for setting in campaign.settings]
 
 
 def cells(table, agent):

@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from prefcal_bench.results.curves import Setting, curves_of, frame_of
+from prefcal_bench.results.campaign import Setting, campaign_of
 from prefcal_bench.results.rows import checkpoints, worth_table
 from support.worths import study, walks
 
 
 def table(results, baseline="GLISp"):
-    return worth_table(curves_of(frame_of(results)), baseline)
+    return worth_table(campaign_of(results), baseline)
 
 
 def row(rows, agent="GLISp", unit="experiments", after=2):

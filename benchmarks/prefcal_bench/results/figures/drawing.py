@@ -115,14 +115,14 @@ def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, 
     )  # fmt: skip
 
 
-def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, "..."]]) -> float:
+def gap_axis(axes: Axes, *drawn: Mapping[str, Float[np.ndarray, "..."]]) -> float:
     """Make the vertical axis logarithmic, with limits that fit all gaps of `drawn`.
 
     Returns:
         The value at which to draw gaps at the floor: the lower end, which a tick labels. Zero has
         no place on a logarithmic axis, and the floor itself can be decades below all other gaps.
     """
-    values = np.concatenate([np.ravel(v) for v in drawn]) if drawn else np.array([1.0])
+    values = np.concatenate([np.ravel(gaps) for some in drawn for gaps in some.values()])
     values = values[np.isfinite(values) & (values < HUGE)]
     above = values[values > FLOOR]
     low, high = (above.min(), above.max()) if len(above) else (FLOOR, 1.0)
@@ -158,17 +158,13 @@ def _power(value: float) -> str:
     return rf"${times}10^{{{int(exponent)}}}$"
 
 
-def worth_axis(axes: Axes, limits: tuple[float, float], *, vertical: bool) -> None:
-    """Make an axis of worth logarithmic, with plain numbers at 1, 10, 100, ..."""
-    axis = axes.yaxis if vertical else axes.xaxis
-    set_scale, set_limits = (
-        (axes.set_yscale, axes.set_ylim) if vertical else (axes.set_xscale, axes.set_xlim)
-    )
-    set_scale("log")
-    set_limits(*limits)
+def worth_axis(axes: Axes, limits: tuple[float, float], which: str) -> None:
+    """Make the axis "x" or "y" logarithmic, with plain numbers at 1, 10, 100, ..."""
+    axes.set(**{f"{which}scale": "log", f"{which}lim": limits})
     span = limits[1] / limits[0]
     subs = (1.0,) if span > 100 else (1.0, 3.0) if span > 30 else (1.0, 2.0, 5.0)
     ticks = [s * 10.0**k for k in range(5) for s in subs]
+    axis = axes.yaxis if which == "y" else axes.xaxis
     axis.set_major_locator(FixedLocator([t for t in ticks if limits[0] <= t <= limits[1]]))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
