@@ -51,7 +51,6 @@ Story = Mapping[str, float]
 CAMPAIGNS = {
     "benchmark_ranking.png": ("results", "ranking.png", "docs/benchmarks.md"),
     "benchmark_gaps.png": ("results", "gap-experiments.png", "docs/benchmarks.md"),
-    "benchmark_duels.png": ("duels", "duels.png", "docs/benchmarks.md"),
 }
 """Campaign folder and file of each figure, and the page with its command."""
 
@@ -355,7 +354,7 @@ def main() -> int:
         "--check", action="store_true", help="change nothing; exit with 1 if anything differs"
     )
     parser.add_argument("--list", action="store_true", help="every figure and its command")
-    parser.add_argument("--campaigns", type=Path, help="folder with results and duels")
+    parser.add_argument("--campaigns", type=Path, help="folder with results")
     options = parser.parse_args()
     console = Console(soft_wrap=True, highlight=False)
     if options.list:

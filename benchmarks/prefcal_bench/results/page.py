@@ -3,12 +3,14 @@
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+import pandas as pd
+
 from prefcal_app.report.export import versions
 from prefcal_app.report.html import environment
 
 from .campaign import Campaign
 from .missing import beaten, failures, in_holes, missing, not_run
-from .pictures import Material, Shown, draw_duels, draw_gaps, draw_loops, draw_overview
+from .pictures import Material, Shown, draw_gaps, draw_loops, draw_overview
 from .rows import SEED
 from .statistics import FLOOR
 from .tables import Table, duels, failed, numbers, overview, worth_numbers
@@ -23,8 +25,13 @@ class Part(NamedTuple):
     table: Table | None = None
 
 
-def parts(material: Material) -> list[Part]:
-    """Return the parts with results: closed loops first, then problems with gaps, then duels."""
+def parts(material: Material, met: pd.DataFrame) -> list[Part]:
+    """Return the parts with results: closed loops first, then problems with gaps, then duels.
+
+    Args:
+        material: Results.
+        met: Counted duels, see `duel_rows`.
+    """
     campaign, worths, baseline = material.campaign, material.worths, material.baseline
     found = [Part(one.title, one) for one in draw_overview(material)]
     for setting in campaign.having("worth"):
@@ -37,7 +44,9 @@ def parts(material: Material) -> list[Part]:
         table = overview(campaign, material.gaps_of(setting), setting, baseline)
         found.append(Part(f"Median gaps{end}", table=table))
     found += [Part(one.title, one) for one in draw_gaps(material)]
-    found += [Part(one.title, one, duels(one.tallies)) for one in draw_duels(material)]
+    for _, rows in met.groupby(["problem", "calibrator"]):
+        table = duels(rows)
+        found.append(Part(table.label, table=table))
     for setting, end in ends.items():
         rows = material.gaps[material.gaps["setting"] == setting]
         rows = rows[rows["gap_median"].notna() | (rows["failed"] > 0)]

@@ -5,33 +5,25 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
-from itertools import groupby
 from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from prefcal_bench.cells.duels import PAPER
 from prefcal_scenarios.presentation.style import save, style
 
 from . import figures
 from .campaign import Campaign, Setting
-from .duelling import Tally
 from .figures import Look
 from .rows import BASELINE, ended, gap_rows, worth_rows
 from .standing import Ranking, rank
-from .words import named, percent, plain_number, probability, short
+from .words import named, plain_number, probability, short
 
 RANKING = (
     "Agents ranked on each problem by the median of their gaps at the end, over the seeds that all "
     "of them have. The marker is the average rank, the bar half a critical difference (Nemenyi, "
     "5 %) to each side: two agents whose bars do not overlap differ significantly; shaded is the "
     "bar of the best. Pale dots: how often an agent had that rank. With few problems this is rough."
-)
-DUELS = (
-    "Share of seeds in which what the row's agent returned is preferred to the column's, by the "
-    "criteria without noise; below it wins, ties and losses. Blue: the row wins more often than it "
-    "loses, orange: less often."
 )
 _WORTH = (
     "The worth of a θ is how many random experiments it takes on average to find one at least as "
@@ -77,8 +69,6 @@ class Shown:
     caption: str
     alt: str
     content: bytes
-    tallies: tuple[Tally, ...] = ()
-    """Numbers of a heat map of duels."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +77,10 @@ class Material:
 
     Args:
         campaign: All results, and published ones.
-        tallies: Counted duels.
         baseline: Agent that all others are compared with.
     """
 
     campaign: Campaign
-    tallies: Sequence[Tally] = ()
     baseline: str = BASELINE
 
     @cached_property
@@ -108,7 +96,7 @@ class Material:
     @cached_property
     def looks(self) -> Mapping[str, Look]:
         """Return the look of each agent, the same in every figure."""
-        return figures.looks({*self.campaign.agents, *(tally.agent for tally in self.tallies)})
+        return figures.looks(self.campaign.agents)
 
     @cached_property
     def rankings(self) -> dict[Setting, Ranking | str]:
@@ -151,23 +139,6 @@ def draw_gaps(material: Material) -> list[Shown]:
             found += _ranking(material, setting, title, file)
             found += _curves(material, setting, "gap", title, file)
         return found
-
-
-def draw_duels(material: Material) -> list[Shown]:
-    """Draw a heat map of the duels on each problem with each calibrator."""
-    with style():
-        groups = [
-            (key, tuple(group))
-            for key, group in groupby(material.tallies, lambda t: (t.problem, t.calibrator))
-        ]
-        files = file_names([" ".join(key) for key, _ in groups])
-        return [
-            Shown(
-                f"duels{file}.png", f"Who is preferred: {problem} ({calibrator} calibrator)",
-                DUELS, _duels_alt(group), png(figures.heat_map(group)), group,
-            )
-            for ((problem, calibrator), group), file in zip(groups, files, strict=True)
-        ]  # fmt: skip
 
 
 def file_names(names: Sequence[str]) -> list[str]:
@@ -256,10 +227,3 @@ def _by_setting(rows: pd.DataFrame, settings: Sequence[Setting], text: Callable[
         agents = (f"{row.agent} {text(row)}" for row in ended(rows, setting).itertuples())
         parts.append(f"{setting.name(settings)}: {', '.join(agents)}")
     return "; ".join(parts)
-
-
-def _duels_alt(tallies: Sequence[Tally]) -> str:
-    """Return how often each agent is preferred to the paper's optimum, or else to other agents."""
-    against = [t for t in tallies if t.rival == PAPER] or list(tallies)
-    shares = ", ".join(f"{t.agent} to {t.rival} {percent(t.share)}" for t in against)
-    return f"Heat map of who is preferred on {tallies[0].problem}. Share of seeds: {shares}."

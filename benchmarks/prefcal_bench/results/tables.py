@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from .campaign import Campaign, Setting, problems_of
-from .duelling import Tally
 from .rows import checkpoints, ended
 from .standing import SIGNIFICANCE
 from .statistics import FLOOR
@@ -141,11 +140,11 @@ def _gap_cells(row: Any, lowest: str) -> list[Cell]:
     ]
 
 
-def duels(tallies: Sequence[Tally]) -> Table:
-    """Return tallies of one problem and calibrator."""
+def duels(rows: pd.DataFrame) -> Table:
+    """Return the rows of `duel_rows` of one problem and calibrator."""
     caption = (
-        "Share of seeds in which the agent's θ is preferred, with its exact binomial interval; "
-        "p of the exact sign test on wins and losses, not corrected."
+        "Share of seeds in which the agent's θ is preferred, by the criteria without noise, with "
+        "its exact binomial interval; p of the exact sign test on wins and losses, not corrected."
     )
     columns = ("agent", "against", "seeds", "preferred", "95 % interval", "won–tied–lost", "p")
     lines = [
@@ -158,9 +157,10 @@ def duels(tallies: Sequence[Tally]) -> Table:
             Cell(score(t.wins, t.ties, t.losses)),
             Cell(probability(t.p)),
         ]
-        for t in tallies
+        for t in rows.itertuples()
     ]
-    label = f"Who is preferred: {tallies[0].problem}, {tallies[0].calibrator} calibrator"
+    where = rows.iloc[0]
+    label = f"Who is preferred: {where['problem']}, {where['calibrator']} calibrator"
     return Table(label, caption, columns, lines, ("agent", "against"), page_only=("seeds",))
 
 

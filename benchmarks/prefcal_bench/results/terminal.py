@@ -13,7 +13,7 @@ from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.wording import printable
 
 from .campaign import campaign_of
-from .duelling import tallies
+from .duelling import duel_rows
 from .missing import failures, in_holes, missing
 from .rows import BASELINE, gap_rows, worth_rows
 from .tables import Table, numbers, worth_numbers
@@ -51,9 +51,9 @@ def print_table(
     for setting, rows in gaps[gaps["gap_median"].notna()].groupby("setting", sort=False):
         label = f"Gap after {setting.n_max} experiments, {named(setting, campaign)}"
         _print(console, numbers(rows, baseline, label).without(narrow))
-    for _, group in groupby(tallies(duels), lambda t: (t.problem, t.calibrator)):
-        if shown := [t for t in group if t.rival in (PAPER, baseline)]:
-            _print(console, duel_numbers(shown))
+    met = duel_rows(duels)
+    for _, rows in met[met["rival"].isin((PAPER, baseline))].groupby(["problem", "calibrator"]):
+        _print(console, duel_numbers(rows))
     if not len(campaign.ours):
         console.print("No results yet.")
     _list(console, "Failed", [f"{cell}: {words}" for cell, words in failures(campaign)])

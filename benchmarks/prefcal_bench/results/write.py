@@ -11,7 +11,7 @@ from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.folder import folder_for, put
 
 from .campaign import campaign_of
-from .duelling import duel_table, tallies
+from .duelling import duel_rows
 from .rows import BASELINE, as_csv, plain
 
 _OURS = re.compile(r"(ranking|gaps?|profiles|questions|duels|seconds|worth)(-[\w.-]+)?\.png")
@@ -53,16 +53,15 @@ def write(
     from .page import page, parts
     from .pictures import Material
 
-    duels = list(duels)
-    material = Material(campaign_of(results, published), tallies(duels), baseline)
-    target, found = folder_for(folder), parts(material)
+    material, met = Material(campaign_of(results, published), baseline), duel_rows(duels)
+    target, found = folder_for(folder), parts(material, met)
     pictures = {part.picture.file: part.picture.content for part in found if part.picture}
     _remove_others(target, set(pictures))
     content = {
         **pictures,
         "table.csv": as_csv(plain(material.gaps)).encode(),
         "worth.csv": as_csv(plain(material.worths)).encode(),
-        "duels.csv": as_csv(duel_table(duels)).encode(),
+        "duels.csv": as_csv(met.to_dict("records")).encode(),
         "index.html": page(material, found, command, digest, notes).encode(),
     }
     for name, written in content.items():

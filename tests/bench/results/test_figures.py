@@ -7,17 +7,15 @@ import pytest
 from matplotlib.colors import to_hex
 from PIL import Image
 
-from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results import figures
 from prefcal_bench.results.campaign import campaign_of
-from prefcal_bench.results.duelling import tallies
 from prefcal_bench.results.figures.drawing import drawn, looks
 from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.standing import rank
 from prefcal_bench.results.statistics import random_search
 from prefcal_scenarios.presentation.style import save, style
-from support.campaigns import duel, ends, grid, result
+from support.campaigns import ends, grid, result
 from support.worths import study, walks
 
 FACTORS = {"GLISp": 1.0, "Own": 3.0, "RandomSearch": 100.0}
@@ -206,16 +204,6 @@ def test_the_bars_of_a_ranking_are_one_critical_difference_long():
         assert high - low == pytest.approx(found.critical)
         assert (low + high) / 2 == pytest.approx(average)
     assert [t.get_text() for t in axes.get_yticklabels()] == ["GLISp", "Own", "RandomSearch"]
-
-
-def test_a_heat_map_has_shares_and_counts_and_an_empty_diagonal():
-    duels = [duel("GLISp", "Own", s, -1 if s < 3 else 1) for s in range(4)]
-    duels += [duel("Own", PAPER, s, 0) for s in range(4)]
-    axes = figures.heat_map(tallies(duels)).axes[0]
-    assert set(texts(axes)) == {"75 %", "3–0–1", "25 %", "1–0–3", "0 %", "0–4–0"}
-    (image,) = axes.images
-    net = np.ma.filled(image.get_array(), np.nan)
-    assert np.array_equal(net, [[np.nan, np.nan, 0.5], [0.0, -0.5, np.nan]], equal_nan=True)
 
 
 def summarized(results):

@@ -4,6 +4,5 @@ from .drawing import Look as Look
 from .drawing import looks as looks
 from .lines import against as against
 from .lines import along as along
-from .summaries import heat_map as heat_map
 from .summaries import ranking as ranking
 from .summaries import summary as summary

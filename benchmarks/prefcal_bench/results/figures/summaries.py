@@ -1,66 +1,21 @@
-"""Draw figures with a row for each agent: ranks, final worth, and a heat map of duels."""
+"""Draw figures with a row for each agent: ranks, and final worth."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from prefcal_bench.cells.duels import PAPER
-from prefcal_bench.cells.roster import in_order
 from prefcal_bench.results.campaign import Campaign, Setting
-from prefcal_bench.results.duelling import Tally
 from prefcal_bench.results.rows import ended
 from prefcal_bench.results.standing import Ranking
 from prefcal_bench.results.statistics import random_search
-from prefcal_bench.results.words import percent, plain_number, probability, with_interval
+from prefcal_bench.results.words import plain_number, probability, with_interval
 from prefcal_scenarios.presentation.style import FAINT, INK, canvas
 
 from .drawing import Look, drawn, worth_axis
-
-_DUEL = LinearSegmentedColormap.from_list(
-    "duel", ["#b54f06", "#f0ab7a", "#f6f7f9", "#9cc3ea", "#0a5bad"]
-)
-"""Colors from always losing (orange) to always winning (blue)."""
-
-
-def heat_map(tallies: Sequence[Tally]) -> Figure:
-    """Draw the share of seeds in which the row's θ is preferred to the column's, with counts.
-
-    Args:
-        tallies: All tallies of one problem and calibrator, one or more.
-    """
-    agents = in_order({t.agent for t in tallies})
-    met = {t.rival for t in tallies}
-    rivals = [name for name in (PAPER, *in_order({*agents, *met} - {PAPER})) if name in met]
-    figure = canvas(0.46 * len(agents) + 1.3)
-    axes = figure.subplots()
-    net = np.full((len(agents), len(rivals)), np.nan)
-    for t in tallies:
-        y, x = agents.index(t.agent), rivals.index(t.rival)
-        net[y, x] = t.net
-        color = "white" if abs(t.net) > 0.85 else INK
-        for text, rise, size in (
-            (percent(t.share), 5, 10),
-            (f"{t.wins}–{t.ties}–{t.losses}", -7, 7.5),
-        ):
-            axes.annotate(text, (x, y), (0, rise), textcoords="offset points", ha="center",
-                          va="center", color=color, fontsize=size)  # fmt: skip
-    image = axes.imshow(net, cmap=_DUEL, vmin=-1, vmax=1, aspect="auto")
-    axes.set_yticks(range(len(agents)), map(drawn, agents), color=INK)
-    axes.xaxis.tick_top()
-    axes.set_xticks(range(len(rivals)), map(drawn, rivals), color=INK)
-    if len(rivals) > 4:
-        axes.tick_params("x", labelrotation=24)
-    axes.grid(False)
-    axes.spines[:].set_visible(False)
-    bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24, ticks=[-1, 0, 1])
-    bar.ax.set_yticklabels(["column\nalways", "even", "row\nalways"])
-    bar.outline.set_visible(False)
-    return figure
 
 
 def ranking(found: Ranking, looks: Mapping[str, Look]) -> Figure:
