@@ -18,14 +18,8 @@ from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite
 from prefcal_bench.published.plan import PUBLISHED, plan, read_published
 from prefcal_bench.published.raw import raw_file, write_raw
-from prefcal_bench.results import (
-    campaign_of,
-    duel_table,
-    print_table,
-    table,
-    worth_table,
-    write,
-)
+from prefcal_bench.results import campaign_of, duel_table, print_table, table, worth_table
+from prefcal_bench.results.page import write
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.presentation.wording import printable
 from prefcal_scenarios.processes.cores import usable_cores

@@ -1,5 +1,7 @@
 """Present the results of a campaign: statistics, tables, figures, and one page with all of them.
 
+`results.page.write` makes the page; it is not loaded here, since tables need no plots.
+
 The worth of a θ is how many random experiments it takes on average to find one at least as good,
 so higher is better; 1 is the worst.
 """
@@ -12,4 +14,3 @@ from .rows import table as table
 from .rows import worth_rows as worth_rows
 from .rows import worth_table as worth_table
 from .terminal import print_table as print_table
-from .write import write as write

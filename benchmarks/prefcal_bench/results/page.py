@@ -1,20 +1,28 @@
-"""Make index.html: all results of a campaign in one self-contained file."""
+"""Write the folder of a campaign: figures, tables, and index.html, which holds all of them."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
 
 from prefcal_app.report.export import versions
 from prefcal_app.report.html import environment
+from prefcal_bench.cells.duels import Duel
+from prefcal_bench.cells.result import Result
+from prefcal_scenarios.presentation.folder import folder_for, put
 
-from .campaign import Campaign
+from .campaign import Campaign, campaign_of
+from .duelling import duel_rows
 from .missing import beaten, failures, in_holes, missing, not_run
 from .pictures import Material, Shown, draw_gaps, draw_loops, draw_overview
-from .rows import SEED
+from .rows import BASELINE, SEED, as_csv, plain
 from .statistics import FLOOR
-from .tables import Table, duels, failed, numbers, overview, worth_numbers
+from .tables import Table, duel_numbers, failed, numbers, overview, worth_numbers
 from .words import named, short
+
+_OURS = re.compile(r"(ranking|gaps?|profiles|questions|duels|seconds|worth)(-[\w.-]+)?\.png")
 
 
 class Part(NamedTuple):
@@ -23,6 +31,61 @@ class Part(NamedTuple):
     title: str
     picture: Shown | None = None
     table: Table | None = None
+
+
+def write(
+    results: Iterable[Result],
+    duels: Iterable[Duel],
+    folder: str | Path,
+    *,
+    command: str = "",
+    digest: str = "",
+    notes: Sequence[str] = (),
+    baseline: str = BASELINE,
+    published: pd.DataFrame | None = None,
+) -> Path:
+    """Write index.html, its figures as PNG, and the tables as CSV; return the page's path.
+
+    The tables are table.csv (gaps), worth.csv (worth on closed loops) and duels.csv.
+
+    Equal results give equal bytes, regardless of their order. Figures left over from an earlier
+    campaign in `folder` are removed.
+
+    Args:
+        results: Results; the page lists cells that are missing or failed.
+        duels: Verdicts on problems without a cost; may be empty.
+        folder: Folder to write to, created if necessary.
+        command: Command line that was typed, for the page.
+        digest: Digest of the results, for the page.
+        notes: Combinations that were left out on purpose, with reasons, and other remarks.
+        baseline: Agent that all others are compared with.
+        published: Worth of other agents' studies to compare with, see `campaign_of`.
+
+    Raises:
+        SettingsError: If results or duels contradict each other, or the folder cannot be written
+            to.
+    """
+    material, met = Material(campaign_of(results, published), baseline), duel_rows(duels)
+    target, found = folder_for(folder), parts(material, met)
+    pictures = {part.picture.file: part.picture.content for part in found if part.picture}
+    _remove_others(target, set(pictures))
+    content = {
+        **pictures,
+        "table.csv": as_csv(plain(material.gaps)).encode(),
+        "worth.csv": as_csv(plain(material.worths)).encode(),
+        "duels.csv": as_csv(met.to_dict("records")).encode(),
+        "index.html": _text(material, found, command, digest, notes).encode(),
+    }
+    for name, written in content.items():
+        put(target / name, written)
+    return target / "index.html"
+
+
+def _remove_others(folder: Path, kept: set[str]) -> None:
+    """Remove figures of an earlier campaign, only files that have one of our names."""
+    for path in folder.glob("*.png"):
+        if _OURS.fullmatch(path.name) and path.name not in kept:
+            path.unlink()
 
 
 def parts(material: Material, met: pd.DataFrame) -> list[Part]:
@@ -45,7 +108,7 @@ def parts(material: Material, met: pd.DataFrame) -> list[Part]:
         found.append(Part(f"Median gaps{end}", table=table))
     found += [Part(one.title, one) for one in draw_gaps(material)]
     for _, rows in met.groupby(["problem", "calibrator"]):
-        table = duels(rows)
+        table = duel_numbers(rows)
         found.append(Part(table.label, table=table))
     for setting, end in ends.items():
         rows = material.gaps[material.gaps["setting"] == setting]
@@ -57,7 +120,7 @@ def parts(material: Material, met: pd.DataFrame) -> list[Part]:
     return found
 
 
-def page(
+def _text(
     material: Material, parts: Sequence[Part], command: str, digest: str, notes: Sequence[str]
 ) -> str:
     """Return the text of index.html."""

@@ -140,7 +140,7 @@ def _gap_cells(row: Any, lowest: str) -> list[Cell]:
     ]
 
 
-def duels(rows: pd.DataFrame) -> Table:
+def duel_numbers(rows: pd.DataFrame) -> Table:
     """Return the rows of `duel_rows` of one problem and calibrator."""
     caption = (
         "Share of seeds in which the agent's θ is preferred, by the criteria without noise, with "

@@ -16,8 +16,7 @@ from .campaign import campaign_of
 from .duelling import duel_rows
 from .missing import failures, in_holes, missing
 from .rows import BASELINE, gap_rows, worth_rows
-from .tables import Table, numbers, worth_numbers
-from .tables import duels as duel_numbers
+from .tables import Table, duel_numbers, numbers, worth_numbers
 from .words import named
 
 _MOST = 5

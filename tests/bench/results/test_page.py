@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from prefcal_bench.cells.duels import PAPER
-from prefcal_bench.results import write
+from prefcal_bench.results.page import write
 from prefcal_env.errors import SettingsError
 from support.campaigns import duel, failed, grid, result
 from support.pages import Outline, assert_accessible
