@@ -49,7 +49,6 @@ Pictures = Mapping[str, bytes]
 Story = Mapping[str, float]
 
 CAMPAIGNS = {
-    "benchmark_ranking.png": ("results", "ranking.png", "docs/benchmarks.md"),
     "benchmark_gaps.png": ("results", "gap-experiments.png", "docs/benchmarks.md"),
 }
 """Campaign folder and file of each figure, and the page with its command."""

@@ -170,8 +170,5 @@ def _absent(material: Material, notes: Sequence[str]) -> Iterator[str]:
         yield from describe(campaign)
     if len(material.gaps) and material.baseline not in campaign.agents:
         yield f"No differences are shown: there are no results of {material.baseline}"
-    for setting, ranked in material.rankings.items():
-        for words in (ranked,) if isinstance(ranked, str) else ranked.left_out:
-            yield f"Not in the ranking ({named(setting, campaign)}): {words}"
     if len(campaign.finished) and campaign.finished["seconds"].isna().all():
         yield "Seconds per proposal: measured in serial runs only"

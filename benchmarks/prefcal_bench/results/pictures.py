@@ -16,15 +16,8 @@ from . import figures
 from .campaign import Campaign, Setting
 from .figures import Look
 from .rows import BASELINE, ended, gap_rows, worth_rows
-from .standing import Ranking, rank
-from .words import named, plain_number, probability, short
+from .words import named, plain_number, short
 
-RANKING = (
-    "Agents ranked on each problem by the median of their gaps at the end, over the seeds that all "
-    "of them have. The marker is the average rank, the bar half a critical difference (Nemenyi, "
-    "5 %) to each side: two agents whose bars do not overlap differ significantly; shaded is the "
-    "bar of the best. Pale dots: how often an agent had that rank. With few problems this is rough."
-)
 _WORTH = (
     "The worth of a θ is how many random experiments it takes on average to find one at least as "
     "good, by the taste without noise."
@@ -98,11 +91,6 @@ class Material:
         """Return the look of each agent, the same in every figure."""
         return figures.looks(self.campaign.agents)
 
-    @cached_property
-    def rankings(self) -> dict[Setting, Ranking | str]:
-        """Return the ranking in each setting with gaps, or the reason why there is none."""
-        return {s: rank(self.campaign, s) for s in self.campaign.having("gap")}
-
     def gaps_of(self, setting: Setting) -> pd.DataFrame:
         """Return the rows of a setting that have a gap."""
         return self.gaps[(self.gaps["setting"] == setting) & self.gaps["gap_median"].notna()]
@@ -132,11 +120,10 @@ def draw_loops(material: Material) -> list[Shown]:
 def draw_gaps(material: Material) -> list[Shown]:
     """Draw the figures of gaps, by setting."""
     with style():
-        found, settings = list[Shown](), list(material.rankings)
+        found, settings = list[Shown](), material.campaign.having("gap")
         ends = file_names([setting.calibrator for setting in settings])
         for setting, file in zip(settings, ends, strict=True):
             title = f" ({named(setting, material.campaign)})" if len(settings) > 1 else ""
-            found += _ranking(material, setting, title, file)
             found += _curves(material, setting, "gap", title, file)
         return found
 
@@ -154,21 +141,6 @@ def png(figure: Figure) -> bytes:
     buffer = BytesIO()
     save(figure, buffer)
     return buffer.getvalue()
-
-
-def _ranking(material: Material, setting: Setting, title: str, file: str) -> Iterator[Shown]:
-    ranked = material.rankings[setting]
-    if isinstance(ranked, str):
-        return
-    pairs = zip(ranked.agents, ranked.average, strict=True)
-    ranks = ", ".join(f"{agent} {average:.2f}" for agent, average in pairs)
-    test = "" if ranked.p is None else f"; Friedman's test p {probability(ranked.p)}"
-    alt = (
-        f"Average ranks over {len(ranked.problems)} problems: {ranks}. "
-        f"Critical difference {ranked.critical:.2f}{test}."
-    )
-    drawn = png(figures.ranking(ranked, material.looks))
-    yield Shown(f"ranking{file}.png", f"Ranking{title}", RANKING, alt, drawn)
 
 
 def _curves(

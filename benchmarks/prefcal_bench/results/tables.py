@@ -8,7 +8,6 @@ import pandas as pd
 
 from .campaign import Campaign, Setting, problems_of
 from .rows import checkpoints, ended
-from .standing import SIGNIFICANCE
 from .statistics import FLOOR
 from .words import (
     chance,
@@ -22,6 +21,8 @@ from .words import (
     short_name,
     with_interval,
 )
+
+SIGNIFICANCE = 0.05
 
 
 class Cell(NamedTuple):
@@ -61,9 +62,14 @@ class Table:
 
 
 def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> Table:
-    """Return the median gaps of a setting by problem (rows) and agent, with the lowest tinted."""
+    """Return the median gaps of a setting by problem (rows) and agent, with the lowest tinted.
+
+    Below are each agent's number of lowest medians, and its average rank.
+    """
     agents = [agent for agent in campaign.agents if agent in set(rows["agent"])]
     counts = dict.fromkeys(agents, 0)
+    medians = rows.pivot(index="problem", columns="agent", values="gap_median").astype(float)
+    ranks = medians.clip(lower=FLOOR).dropna(axis="columns").rank(axis="columns").mean()
     lines = []
     for problem, group in rows.groupby("problem", sort=False):
         lowest = short(group["gap_median"].min())
@@ -76,14 +82,17 @@ def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline:
         knobs = Cell(str(campaign.knobs(problem) or "–"), "note")
         lines.append([Cell(problem), knobs, *cells.values()])
     ends = [Cell(f"{counts[agent]} of {len(lines)}") for agent in agents]
+    averages = [Cell(f"{ranks[agent]:.2f}" if agent in ranks else "–") for agent in agents]
     caption = (
         f"Median gap after {setting.n_max} experiments, {named(setting, campaign)}; "
         "the lowest is tinted. ▲ significantly nearer, ▼ significantly farther than "
         f"{baseline} (Wilcoxon, 5 % after Holm's correction for the agents "
-        "on that problem)."
+        "on that problem). Average rank of the medians: 1 is the nearest, of the agents with "
+        "results on all problems; gaps below the floor are alike."
     )
     label = f"Median gaps, {setting.calibrator} {setting.n_max}"
     lines.append([Cell("lowest on"), Cell(""), *ends])
+    lines.append([Cell("average rank"), Cell(""), *averages])
     return Table(label, caption, ("problem", "knobs", *agents), lines, tall=False)
 
 

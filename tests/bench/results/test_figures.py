@@ -12,7 +12,6 @@ from prefcal_bench.results import figures
 from prefcal_bench.results.campaign import campaign_of
 from prefcal_bench.results.figures.drawing import drawn, looks
 from prefcal_bench.results.rows import worth_rows
-from prefcal_bench.results.standing import rank
 from prefcal_bench.results.statistics import random_search
 from prefcal_scenarios.presentation.style import save, style
 from support.campaigns import ends, grid, result
@@ -80,13 +79,10 @@ def test_a_line_is_the_median_and_its_band_the_quartiles():
 
 def test_an_agent_has_the_same_color_in_every_figure():
     campaign = campaign_of(grid(FACTORS))
-    setting, styles = campaign.settings[0], looks(campaign.agents)
+    styles = looks(campaign.agents)
     for axes in draw(grid(FACTORS))[1].values():
         for agent in FACTORS:
             assert to_hex(line(axes, agent).get_color()) == styles[agent].color
-    ranks = figures.ranking(rank(campaign, setting), styles)
-    for agent in FACTORS:
-        assert styles[agent].color in {to_hex(one.get_color()) for one in ranks.axes[0].lines}
 
 
 def test_looks_do_not_depend_on_the_order_and_differ():
@@ -191,19 +187,6 @@ def test_many_agents_have_thin_lines_and_the_baseline_a_thick_one():
     widths = {a: line(axes, a).get_linewidth() for a in agents}
     assert widths.pop("GLISp") > max(widths.values())
     assert np.ptp(list(widths.values())) == 0
-
-
-def test_the_bars_of_a_ranking_are_one_critical_difference_long():
-    campaign = campaign_of(grid(FACTORS))
-    found = rank(campaign, campaign.settings[0])
-    axes = figures.ranking(found, looks(campaign.agents)).axes[0]
-    bars = [one for one in axes.lines if len(one.get_xdata()) == 2]
-    assert len(bars) == len(FACTORS)
-    for bar, average in zip(bars, found.average, strict=True):
-        low, high = bar.get_xdata()
-        assert high - low == pytest.approx(found.critical)
-        assert (low + high) / 2 == pytest.approx(average)
-    assert [t.get_text() for t in axes.get_yticklabels()] == ["GLISp", "Own", "RandomSearch"]
 
 
 def summarized(results):

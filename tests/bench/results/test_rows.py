@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from prefcal_bench.results import as_csv, table
 from prefcal_bench.results.campaign import campaign_of
 from prefcal_bench.results.missing import beaten, failures, in_holes, missing, not_run
+from prefcal_bench.results.rows import gap_rows
 from prefcal_bench.results.statistics import FLOOR
+from prefcal_bench.results.tables import overview
 from prefcal_env.errors import SettingsError
 from support.campaigns import ends, failed, grid, result
 from support.worths import study
@@ -217,3 +219,20 @@ def test_results_that_contradict_themselves_are_refused(results, words):
 def test_worth_has_no_row_though_the_problem_has_gaps_with_other_calibrators():
     rows = table([result("GLISp", "cstr"), study("GLISp", "cstr"), study("GLISp", "servo")])
     assert [(row["problem"], row["calibrator"]) for row in rows] == [("cstr", "perfect")]
+
+
+def last_row(results):
+    campaign = campaign_of(results)
+    table = overview(campaign, gap_rows(campaign), campaign.settings[0], "GLISp")
+    return dict(zip(table.columns, (cell.text for cell in table.rows[-1]), strict=True))
+
+
+def test_equal_medians_share_their_ranks_and_gaps_below_the_floor_are_equal():
+    results = [*ends("A", "p", [0.0]), *ends("B", "p", [1e-12]), *ends("A", "q", [0.1])]
+    found = last_row([*results, *ends("B", "q", [0.2])])
+    assert (found["problem"], found["A"], found["B"]) == ("average rank", "1.25", "1.75")
+
+
+def test_an_agent_that_lacks_a_problem_has_no_average_rank():
+    found = last_row([*grid({"A": 1.0, "B": 2.0}), *ends("C", "bowl", [1e-6], n_max=3)])
+    assert (found["A"], found["B"], found["C"]) == ("1.00", "2.00", "–")

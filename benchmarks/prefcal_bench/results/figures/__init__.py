@@ -4,5 +4,4 @@ from .drawing import Look as Look
 from .drawing import looks as looks
 from .lines import against as against
 from .lines import along as along
-from .summaries import ranking as ranking
 from .summaries import summary as summary
