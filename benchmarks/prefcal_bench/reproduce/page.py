@@ -86,47 +86,54 @@ def write_page(studies: Sequence[Study], folder: Path, command: str) -> Path:
 
 def pictures(results: Sequence[Found]) -> Iterator[Pictured]:
     """Yield the four figures of section IV, drawn from the experiments of the first seed."""
-    reactor, automated, car = results
     with style():
-        yield Pictured(
-            "Fig. CSTR_query",
-            "Query window of one iteration; the left experiment is preferred because its transient "
-            "is faster.",
-            "Among the comparisons with seed 0 between two experiments that settle, the one with "
-            "the largest difference in the time to steady state.",
-            _png(side_by_side(reactor.scenario, *_clearest(reactor, "settling_time", _settled),
-                              ("preferred", "not preferred"))),
-        )  # fmt: skip
-        yield Pictured(
-            "Fig. CSTR_final_performance",
-            "Calibrated by preferences (left) and by minimizing eq. perf_index (right): both "
-            "achieve similar performance.",
-            _FINAL,
-            _png(side_by_side(reactor.scenario, reactor.first, automated.first,
-                 ("calibrated by preferences (GLISp)", "calibrated automatically (GLIS)"))),
-            _png(side_by_side(reactor.scenario, reactor.paper, automated.paper,
-                 ("the paper's θ, by preferences", "the paper's θ, automatically"))),
-        )  # fmt: skip
-        space = car.scenario.space
-        better, worse = _clearest(car, "path_peak", _in_time)
-        pair = (Shown(worse, "not preferred", FIRST), Shown(better, "preferred", BEST))
-        yield Pictured(
-            "Fig. car_comparison",
-            "Query window of one iteration; both controllers compute in time, and the right one is "
-            "preferred because the left one moves far to the side.",
-            "Among the comparisons with seed 0 between two controllers that compute in time, the "
-            "one with the largest difference in how far they move to the side.",
-            _png(drawn(pair, space)),
-        )
-        calibrated = Shown(car.first, "calibrated by preferences (GLISp)", BEST)
-        printed = Shown(car.paper, "the paper's θ", OTHERS[1])
-        yield Pictured(
-            "Fig. car_finalPerf",
-            "Performance of the calibrated controller.",
-            _FINAL,
-            _png(drawn((calibrated,), space)),
-            _png(drawn((printed,), space)),
-        )
+        yield from _of_reactor(*results[:2])
+        yield from _of_car(results[2])
+
+
+def _of_reactor(reactor: Found, automated: Found) -> Iterator[Pictured]:
+    yield Pictured(
+        "Fig. CSTR_query",
+        "Query window of one iteration; the left experiment is preferred because its transient "
+        "is faster.",
+        "Among the comparisons with seed 0 between two experiments that settle, the one with "
+        "the largest difference in the time to steady state.",
+        _png(side_by_side(reactor.scenario, *_clearest(reactor, "settling_time", _settled),
+                          ("preferred", "not preferred"))),
+    )  # fmt: skip
+    yield Pictured(
+        "Fig. CSTR_final_performance",
+        "Calibrated by preferences (left) and by minimizing eq. perf_index (right): both "
+        "achieve similar performance.",
+        _FINAL,
+        _png(side_by_side(reactor.scenario, reactor.first, automated.first,
+             ("calibrated by preferences (GLISp)", "calibrated automatically (GLIS)"))),
+        _png(side_by_side(reactor.scenario, reactor.paper, automated.paper,
+             ("the paper's θ, by preferences", "the paper's θ, automatically"))),
+    )  # fmt: skip
+
+
+def _of_car(car: Found) -> Iterator[Pictured]:
+    space = car.scenario.space
+    better, worse = _clearest(car, "path_peak", _in_time)
+    pair = (Shown(worse, "not preferred", FIRST), Shown(better, "preferred", BEST))
+    yield Pictured(
+        "Fig. car_comparison",
+        "Query window of one iteration; both controllers compute in time, and the right one is "
+        "preferred because the left one moves far to the side.",
+        "Among the comparisons with seed 0 between two controllers that compute in time, the "
+        "one with the largest difference in how far they move to the side.",
+        _png(drawn(pair, space)),
+    )
+    calibrated = Shown(car.first, "calibrated by preferences (GLISp)", BEST)
+    printed = Shown(car.paper, "the paper's θ", OTHERS[1])
+    yield Pictured(
+        "Fig. car_finalPerf",
+        "Performance of the calibrated controller.",
+        _FINAL,
+        _png(drawn((calibrated,), space)),
+        _png(drawn((printed,), space)),
+    )
 
 
 def _clearest(

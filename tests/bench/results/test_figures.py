@@ -10,7 +10,7 @@ from PIL import Image
 from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results import figures
 from prefcal_bench.results.campaign import campaign_of
-from prefcal_bench.results.figures.drawing import drawn, looks
+from prefcal_bench.results.drawing import drawn, looks
 from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.statistics import random_search
 from prefcal_scenarios.presentation.style import save, style

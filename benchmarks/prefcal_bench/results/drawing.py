@@ -12,10 +12,12 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from prefcal_bench.cells.roster import in_order
-from prefcal_bench.results.campaign import HUGE
-from prefcal_bench.results.statistics import FLOOR
 from prefcal_scenarios.presentation.style import BEST, FIRST, GOOD, OTHERS, canvas
 from prefcal_scenarios.presentation.wording import printable
+
+from .campaign import HUGE
+from .statistics import FLOOR
+from .words import short_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ def drawn(name: str) -> str:
 
     A user's own agent is shortened to the last part of its path.
     """
-    text = printable(name.rpartition("/")[2] or name).replace("$", r"\$")
+    text = printable(short_name(name)).replace("$", r"\$")
     return f" {text}" if text.startswith("_") else text
 
 

@@ -1,4 +1,4 @@
-"""Draw curves: gap or worth against experiments or answers, and worth along studies."""
+"""Draw gap or worth against experiments or answers, worth along studies, and the final worth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,13 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from prefcal_bench.results.campaign import HUGE, Campaign, Setting, after_answers, problems_of
-from prefcal_bench.results.statistics import FLOOR, random_search
-from prefcal_bench.results.words import problem_name
-from prefcal_scenarios.presentation.style import FAINT, GRID
+from prefcal_scenarios.presentation.style import FAINT, GRID, INK, canvas
 
-from .drawing import Look, drawn, gap_axis, line_options, markers, name_agents, panels, worth_axis
+from .campaign import HUGE, Campaign, Setting, after_answers, problems_of
+from .drawing import Look as Look
+from .drawing import drawn, gap_axis, line_options, markers, name_agents, panels, worth_axis
+from .drawing import looks as looks
+from .rows import ended
+from .statistics import FLOOR, random_search
+from .words import plain_number, problem_name, with_interval
 
+_INTERVAL = ("worth_low", "worth_high")
 _FEW = 3
 """Largest number of agents whose overlapping bands are still distinguishable."""
 _SOME = 8
@@ -116,6 +120,68 @@ def along(
         worth_axis(axes, (max(0.9, 0.8 * float(every.min())), 1.2 * float(top)), "y")
     _label(figure, grid, "experiments", "worth")
     return figure
+
+
+def summary(
+    campaign: Campaign, rows: pd.DataFrame, settings: Sequence[Setting], looks: Mapping[str, Look]
+) -> Figure:
+    """Draw a panel for each setting with the final worth of each agent, the highest on top.
+
+    Args:
+        campaign: All results.
+        rows: Table of worth, see `worth_rows`.
+        settings: Settings to draw, one or more.
+        looks: Looks of the agents.
+    """
+    ends = {s: ended(rows, s) for s in settings}
+    columns = min(len(settings), 2)
+    lines = [settings[i : i + columns] for i in range(0, len(settings), columns)]
+    heights = [max(len(ends[s]) for s in line) for line in lines]
+    figure = canvas(sum(0.2 * h + 0.42 for h in heights) + 0.6)
+    ratios = [h + 1 for h in heights]
+    grid = figure.subplots(len(lines), columns, squeeze=False, height_ratios=ratios)
+    theories = {s: random_search(s.n_max) for s in settings}
+    every = pd.concat(ends.values())
+    low, high = (every[name].fillna(every["worth"]).astype(float) for name in _INTERVAL)
+    least, most = min(low.min(), *theories.values()), max(high.max(), *theories.values())
+    for axes in grid.flat[len(settings) :]:
+        axes.set_axis_off()
+    for axes, setting in zip(grid.flat, settings, strict=False):
+        _draw_ends(axes, ends[setting], looks)
+        axes.axvline(theories[setting], color=FAINT, linewidth=1, linestyle="--", zorder=1)
+        axes.set_title(drawn(setting.name(campaign.having("worth"))), fontweight="bold")
+        worth_axis(axes, (max(0.9, least / 1.25), 1.25 * most), "x")
+    budgets = " and ".join(map(str, sorted({s.n_max for s in settings})))
+    theory = " and ".join(plain_number(value) for value in sorted(set(theories.values())))
+    figure.supxlabel(
+        f"worth of the θ after {budgets} experiments, in random experiments\n"
+        f"dashed: random search in theory, {theory}; hollow: told values",
+        fontsize=9,
+    )
+    return figure
+
+
+def _draw_ends(axes: Axes, ends: pd.DataFrame, looks: Mapping[str, Look]) -> None:
+    """Draw each agent's marker, its interval, and its value to the right of the row."""
+    where = axes.get_yaxis_transform()
+    for y, row in enumerate(ends.itertuples()):
+        look = looks[row.agent]
+        if row.worth_low is not None:
+            axes.plot([row.worth_low, row.worth_high], [y, y], color=look.color, linewidth=2.4,
+                      solid_capstyle="butt", zorder=3)  # fmt: skip
+        sees = row.answers == 0
+        axes.plot(
+            row.worth, y, marker=look.marker, linestyle="none", zorder=4, markersize=7,
+            color="white" if sees else look.color, markeredgewidth=1.2,
+            markeredgecolor=look.color if sees else "white",
+        )  # fmt: skip
+        text = with_interval(row.worth, row.worth_low, row.worth_high)
+        axes.annotate(text, (1.02, y), xycoords=where, va="center", color=INK, fontsize=8)
+    names = [drawn(agent) for agent in ends["agent"]]
+    axes.set_yticks(range(len(names)), names, color=INK, fontsize=8.5)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.grid(False, axis="y")
+    axes.spines["left"].set_visible(False)
 
 
 def _present(studies: pd.DataFrame, looks: Mapping[str, Look]) -> dict[str, Look]:
