@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pandas as pd
 
+from prefcal_bench.cells.roster import entry
 from prefcal_bench.cells.suite import Suite
+from prefcal_bench.problems import problem
 from prefcal_bench.results.campaign import COLUMNS, campaign_of
 from prefcal_env.errors import SettingsError
 from prefcal_env.wording import did_you_mean
 
-from .raw import VERSIONS, agent_version, problem_version, read, read_curves
+from .raw import VERSIONS, read, read_curves, version_of
 
 PUBLISHED = Path(__file__).with_name("worth.parquet")
 """File of the studies that are published with prefcal."""
@@ -96,7 +98,7 @@ def plan(
         ScenarioError: If the file of a user's own agent cannot be loaded.
     """
     chosen = _chosen(_chosen(published, "loop", loops), "taste", tastes)
-    known = [loop for loop in chosen["loop"].unique() if problem_version(loop)]
+    known = [loop for loop in chosen["loop"].unique() if version_of(problem, loop)]
     notes = [
         f"{loop}: published, but this prefcal has no such problem"
         for loop in sorted(set(chosen["loop"]) - set(known))
@@ -132,12 +134,12 @@ def _chosen(published: pd.DataFrame, column: str, names: Sequence[str] | None) -
 
 def _differences(published: pd.DataFrame) -> Iterator[str]:
     """Yield where the published studies are of other versions than the installed ones."""
-    for column, version, installed in (
-        ("agent", "agent_version", agent_version),
-        ("loop", "problem_version", problem_version),
+    for column, version, find in (
+        ("agent", "agent_version", entry),
+        ("loop", "problem_version", problem),
     ):
         for name, group in published.groupby(column, sort=True)[version]:
-            now = installed(str(name))
+            now = version_of(find, str(name))
             if now and set(group) != {now}:
                 yield (
                     f"{name}: the published studies {_apart(set(group), now)}: the comparison "

@@ -92,25 +92,25 @@ def pictures(results: Sequence[Found]) -> Iterator[Pictured]:
 
 
 def _of_reactor(reactor: Found, automated: Found) -> Iterator[Pictured]:
+    scenario, clearest = reactor.scenario, _clearest(reactor, "settling_time", _settled)
     yield Pictured(
         "Fig. CSTR_query",
-        "Query window of one iteration; the left experiment is preferred because its transient "
-        "is faster.",
-        "Among the comparisons with seed 0 between two experiments that settle, the one with "
-        "the largest difference in the time to steady state.",
-        _png(side_by_side(reactor.scenario, *_clearest(reactor, "settling_time", _settled),
-                          ("preferred", "not preferred"))),
-    )  # fmt: skip
+        "Query window of one iteration; the left experiment is preferred because its transient is "
+        "faster.",
+        "Among the comparisons with seed 0 between two experiments that settle, the one with the "
+        "largest difference in the time to steady state.",
+        _png(side_by_side(scenario, *clearest, ("preferred", "not preferred"))),
+    )
+    labels = ("calibrated by preferences (GLISp)", "calibrated automatically (GLIS)")
+    printed = ("the paper's θ, by preferences", "the paper's θ, automatically")
     yield Pictured(
         "Fig. CSTR_final_performance",
-        "Calibrated by preferences (left) and by minimizing eq. perf_index (right): both "
-        "achieve similar performance.",
+        "Calibrated by preferences (left) and by minimizing eq. perf_index (right): both achieve "
+        "similar performance.",
         _FINAL,
-        _png(side_by_side(reactor.scenario, reactor.first, automated.first,
-             ("calibrated by preferences (GLISp)", "calibrated automatically (GLIS)"))),
-        _png(side_by_side(reactor.scenario, reactor.paper, automated.paper,
-             ("the paper's θ, by preferences", "the paper's θ, automatically"))),
-    )  # fmt: skip
+        _png(side_by_side(scenario, reactor.first, automated.first, labels)),
+        _png(side_by_side(scenario, reactor.paper, automated.paper, printed)),
+    )
 
 
 def _of_car(car: Found) -> Iterator[Pictured]:

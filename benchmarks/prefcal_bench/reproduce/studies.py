@@ -28,12 +28,12 @@ class Case:
     calibrator: str | None
 
 
+_REACTOR, _CAR = "cstr", "overtake"
 CASES = (
-    Case("cstr-preferences", "Reactor, calibrated by preferences", "cstr", "GLISp", "synthetic"),
-    Case("cstr-automated", "Reactor, calibrated automatically", "cstr", "GLIS", None),
-    Case("overtake-preferences", "Car, calibrated by preferences", "overtake", "GLISp",
-         "synthetic"),
-)  # fmt: skip
+    Case("cstr-preferences", "Reactor, calibrated by preferences", _REACTOR, "GLISp", "synthetic"),
+    Case("cstr-automated", "Reactor, calibrated automatically", _REACTOR, "GLIS", None),
+    Case("overtake-preferences", "Car, calibrated by preferences", _CAR, "GLISp", "synthetic"),
+)
 """Cases in the order of the paper."""
 
 

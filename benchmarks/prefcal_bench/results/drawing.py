@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain, cycle
 from typing import Any
 
 import numpy as np
@@ -67,16 +68,8 @@ def looks(agents: Iterable[str]) -> dict[str, Look]:
     names = in_order(agents)
     absent = [look for name, look in _KNOWN.items() if name not in names and look.dashes == "-"]
     free = [*_SPARE, *absent]
-    found: dict[str, Look] = {}
-    others = 0
-    for name in names:
-        if name in _KNOWN:
-            found[name] = _KNOWN[name]
-            continue
-        turn, i = divmod(others, len(free))
-        found[name] = replace(free[i], dashes=_DASHED) if turn else free[i]
-        others += 1
-    return found
+    spare = chain(free, cycle([replace(look, dashes=_DASHED) for look in free]))
+    return {name: _KNOWN[name] if name in _KNOWN else next(spare) for name in names}
 
 
 def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:

@@ -12,6 +12,7 @@ from prefcal_bench.cells.result import Result
 from .campaign import HUGE, Campaign, Setting, after_answers, campaign_of
 from .statistics import (
     FLOOR,
+    Estimate,
     difference,
     drift,
     geometric_mean,
@@ -217,10 +218,8 @@ def _by_loop(held: pd.Series) -> Mapping[str, Any]:
 def _worth(held: pd.Series) -> dict[str, Any]:
     loops = list(_by_loop(held).values())
     found = geometric_mean(loops, rng=np.random.default_rng(SEED))
-    return {
-        "loops": len(loops), "worth": found.value, "worth_low": found.low,
-        "worth_high": found.high, "interquartile_mean": interquartile_mean(loops),
-    }  # fmt: skip
+    middle = interquartile_mean(loops)
+    return {"loops": len(loops), "interquartile_mean": middle, **_columns("worth", found)}
 
 
 def _against(held: pd.Series, others: pd.Series) -> dict[str, Any]:
@@ -229,7 +228,8 @@ def _against(held: pd.Series, others: pd.Series) -> dict[str, Any]:
     if not common:
         return {}
     pairs = [ours[loop] for loop in common], [theirs[loop] for loop in common]
-    found = improvement(*pairs, rng=np.random.default_rng(SEED))
-    return {
-        "improvement": found.value, "improvement_low": found.low, "improvement_high": found.high,
-    }  # fmt: skip
+    return _columns("improvement", improvement(*pairs, rng=np.random.default_rng(SEED)))
+
+
+def _columns(name: str, found: Estimate) -> dict[str, Any]:
+    return {name: found.value, f"{name}_low": found.low, f"{name}_high": found.high}
