@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -38,16 +39,6 @@ class Outcome:
         return self if self.experiment is None else self.experiment
 
 
-def latent_cost(outcome: Outcome) -> float | None:
-    """Return the cost of the problem itself."""
-    return outcome.cost
-
-
-def all_kpis(outcome: Outcome) -> Mapping[str, float] | None:
-    """Return all KPIs."""
-    return outcome.kpis
-
-
 @dataclass(frozen=True)
 class Person:
     """One person in one study.
@@ -64,10 +55,10 @@ class Person:
     """
 
     judge: Judge
-    cost: Callable[[Outcome], float | None] = latent_cost
+    cost: Callable[[Outcome], float | None] = attrgetter("cost")
     gap: Callable[[Outcome], float] | None = None
     worth: Callable[[Outcome], float] | None = None
-    told: Callable[[Outcome], Mapping[str, float] | None] = all_kpis
+    told: Callable[[Outcome], Mapping[str, float] | None] = attrgetter("kpis")
     withheld: frozenset[str] = frozenset()
 
 
@@ -83,15 +74,18 @@ def person_of(taste: Taste, pool: Runs) -> Person:
     )
 
 
-def _cost(taste: Taste, outcome: Outcome) -> float | None:
+def _runs(taste: Taste, outcome: Outcome) -> Runs:
     assert outcome.experiment is not None
-    cost = taste.rule.cost(runs_of(taste.kpis, [outcome.experiment]))
+    return runs_of(taste.kpis, [outcome.experiment])
+
+
+def _cost(taste: Taste, outcome: Outcome) -> float | None:
+    cost = taste.rule.cost(_runs(taste, outcome))
     return None if cost is None else float(cost[0])
 
 
 def _worth(taste: Taste, pool: Runs, outcome: Outcome) -> float:
-    assert outcome.experiment is not None
-    return worth(taste.rule, pool, runs_of(taste.kpis, [outcome.experiment]))
+    return worth(taste.rule, pool, _runs(taste, outcome))
 
 
 def _told(withheld: frozenset[str], outcome: Outcome) -> Mapping[str, float] | None:

@@ -19,20 +19,19 @@ Theta = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A study of the paper; without a calibrator, the agent gets the performance index."""
+    """A study of the paper by GLISp, or by GLIS, which gets the index, without a calibrator."""
 
     name: str
     title: str
     scenario: str
-    agent: str
     calibrator: str | None
 
 
 _REACTOR, _CAR = "cstr", "overtake"
 CASES = (
-    Case("cstr-preferences", "Reactor, calibrated by preferences", _REACTOR, "GLISp", "synthetic"),
-    Case("cstr-automated", "Reactor, calibrated automatically", _REACTOR, "GLIS", None),
-    Case("overtake-preferences", "Car, calibrated by preferences", _CAR, "GLISp", "synthetic"),
+    Case("cstr-preferences", "Reactor, calibrated by preferences", _REACTOR, "synthetic"),
+    Case("cstr-automated", "Reactor, calibrated automatically", _REACTOR, None),
+    Case("overtake-preferences", "Car, calibrated by preferences", _CAR, "synthetic"),
 )
 """Cases in the order of the paper."""
 

@@ -133,9 +133,7 @@ def _nearer(gaps: pd.Series, baseline: pd.Series) -> dict[str, Any]:
     if not len(seeds):
         return {}
     rng = np.random.default_rng(SEED)
-    found = difference(gaps[seeds].to_numpy(), baseline[seeds].to_numpy(), rng=rng)
-    names = {"low": "log10_ratio_low", "high": "log10_ratio_high"}
-    return {names.get(name, name): value for name, value in asdict(found).items()}
+    return asdict(difference(gaps[seeds].to_numpy(), baseline[seeds].to_numpy(), rng=rng))
 
 
 def checkpoints(setting: Setting) -> tuple[int, int]:

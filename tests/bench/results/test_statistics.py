@@ -29,7 +29,7 @@ def test_ten_times_the_gap_on_every_seed_is_a_ratio_of_ten_for_sure():
     base = np.array([1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 3e-2])
     d = compare(10 * base, base)
     assert d.log10_ratio == pytest.approx(1)
-    assert (d.low, d.high) == (pytest.approx(1), pytest.approx(1))
+    assert (d.log10_ratio_low, d.log10_ratio_high) == (pytest.approx(1), pytest.approx(1))
     assert (d.wins, d.ties, d.losses, d.pairs) == (0, 0, 6, 6)
 
 
@@ -49,7 +49,7 @@ def test_the_floor_is_what_smaller_gaps_count_as():
 
 def test_one_pair_has_no_interval():
     d = compare([1.0], [10.0])
-    assert (d.low, d.high, d.log10_ratio) == (None, None, pytest.approx(-1))
+    assert (d.log10_ratio_low, d.log10_ratio_high, d.log10_ratio) == (None, None, pytest.approx(-1))
 
 
 @settings(max_examples=15)
@@ -60,12 +60,12 @@ def test_swapping_agents_flips_the_sign(pairs):
     assert one.log10_ratio == pytest.approx(-two.log10_ratio, abs=1e-9)
     assert (one.wins, one.ties, one.losses) == (two.losses, two.ties, two.wins)
     assert one.p == pytest.approx(two.p)
-    if one.low is not None:
-        assert (one.low, one.high) == (
-            pytest.approx(-two.high, abs=1e-9),
-            pytest.approx(-two.low, abs=1e-9),
+    if one.log10_ratio_low is not None:
+        assert (one.log10_ratio_low, one.log10_ratio_high) == (
+            pytest.approx(-two.log10_ratio_high, abs=1e-9),
+            pytest.approx(-two.log10_ratio_low, abs=1e-9),
         )
-        assert one.low - 1e-9 <= one.log10_ratio <= one.high + 1e-9
+        assert one.log10_ratio_low - 1e-9 <= one.log10_ratio <= one.log10_ratio_high + 1e-9
 
 
 @pytest.mark.parametrize(("a", "b"), [([], []), ([1.0], [1.0, 2.0])])
