@@ -95,10 +95,6 @@ def test_looks_do_not_depend_on_the_order_and_differ():
     assert len(set(many.values())) == 20
 
 
-def test_the_path_of_an_own_agent_is_not_drawn():
-    assert drawn("somewhere/else/own.py:Mine") == "own.py:Mine"
-
-
 def test_gaps_at_the_floor_are_at_the_lower_end_which_says_so():
     axes = panel([*ends("A", "p", [0.0]), *ends("B", "p", [0.1])])
     bottom = axes.get_ylim()[0]

@@ -70,21 +70,17 @@ def test_the_page_is_accessible_and_follows_the_color_scheme(page):
     assert_accessible(page)
 
 
-def test_what_was_typed_the_digest_and_versions_are_there(page):
-    for text in ("prefcal bench --jobs 2", "ab12", "numpy", "python", "1e-9"):
-        assert text in page
-
-
-def test_failed_cells_and_what_was_left_out_are_listed_with_reasons(page):
-    assert "GLISp on bowl, perfect, seed 9" in page
-    assert "the worker &lt;died&gt;" in page
-    assert "GLIS on road: &lt;no&gt; cost" in page
-    assert "bowl, perfect calibrator: no seed 9 of" in page
-    assert "Not complete" in page
-
-
-def test_names_are_escaped(page):
-    assert "&lt;Own&gt; &amp; co" in page
+@pytest.mark.parametrize(
+    "words",
+    [
+        "prefcal bench --jobs 2", "ab12", "numpy", "python", "1e-9",
+        "GLISp on bowl, perfect, seed 9", "the worker &lt;died&gt;",
+        "GLIS on road: &lt;no&gt; cost", "bowl, perfect calibrator: no seed 9 of", "Not complete",
+        "&lt;Own&gt; &amp; co",
+    ],
+)  # fmt: skip
+def test_the_page_lists_command_versions_failures_and_what_was_left_out_escaped(page, words):
+    assert words in page
     assert "<Own>" not in page
 
 
