@@ -4,7 +4,7 @@ Packages above this one `register` agents of their own when they are imported. R
 so that `prefcal --help` can show the agents without loading any of them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from operator import attrgetter
@@ -76,6 +76,11 @@ AGENTS = (
 
 CLASSES: dict[str, AgentRow] = {row.name: row for row in AGENTS if "." not in row.name}
 """Class to row, also of registered ones; a saved state has the name of its agent's class."""
+JUDGES: list[Callable[[Any], Mapping[str, Callable[[int], Any]]]] = []
+"""Who else answers for a closed loop: functions of a scenario that return calibrators by name.
+
+Each calibrator is a function of a seed. Packages above this one add theirs when they are imported.
+"""
 WORDS: Mapping[str, AgentRow] = {row.word: row for row in AGENTS if row.word}
 """Command-line word to row."""
 

@@ -11,8 +11,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from prefcal_agents.registry import register
-from prefcal_scenarios.names import JUDGES
+from prefcal_agents.registry import JUDGES, register
 
 from .peers import PEERS
 

@@ -1,11 +1,6 @@
 """What a scenario may be called: those that come with prefcal, and people's own."""
 
 import re
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from prefcal_scenarios.scenario import Scenario
 
 CASES = ("cstr", "overtake")
 """Names of the paper's case studies."""
@@ -20,11 +15,6 @@ NAMES = ", ".join([*CASES, "a closed loop such as servo"])
 """What a scenario may be called, for messages: the closed loops are too many to list."""
 CONTROLLERS = ("pid", "lqr")
 """Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes."""
-JUDGES: list[Callable[["Scenario"], Mapping[str, Callable[[int], Any]]]] = []
-"""Who can answer for a closed loop: functions of the scenario that return calibrators by name.
-
-Each calibrator is a function of a seed. Packages above this one add theirs when they are imported.
-"""
 _RANDOM_LOOP = re.compile(r"(loop|rough)-(0|[1-9]\d*)", re.ASCII)
 
 

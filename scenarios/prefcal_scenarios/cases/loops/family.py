@@ -7,9 +7,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from prefcal_agents.registry import JUDGES
 from prefcal_env.errors import ScenarioError
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.names import JUDGES
 from prefcal_scenarios.scenario import Scenario
 
 from .acceptance import is_worth_tuning
