@@ -64,9 +64,10 @@ def test_a_stale_story_ends_the_check_with_1(figures, clone, monkeypatch):
 
 
 def test_figures_of_a_campaign_are_taken_from_its_folder(figures, clone, tmp_path):
-    (tmp_path / "duels").mkdir()
-    (tmp_path / "duels" / "duels.png").write_bytes(b"new")
     said = []
     figures.from_campaigns(tmp_path, said.append)
-    assert (figures.FIGURES / "benchmark_duels.png").read_bytes() == b"new"
     assert any(words.startswith("benchmark_gaps.png: left as it is") for words in said)
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "gap-experiments.png").write_bytes(b"new")
+    figures.from_campaigns(tmp_path, said.append)
+    assert (figures.FIGURES / "benchmark_gaps.png").read_bytes() == b"new"

@@ -32,7 +32,7 @@ LAYERS = {
     "prefcal_agents": (
         {"history", "space", "support"},
         {"models", "optimize", "protocol"},
-        {"acquisition", "peers", "rl", "utility"},
+        {"acquisition", "rl", "utility"},
         {"glisp"},
         {"screening"},
         {"baselines", "minimize", "registry", "respacing", "transfer"},
@@ -40,7 +40,7 @@ LAYERS = {
     "prefcal_scenarios": (
         {"names", "own", "processes"},
         {"scenario"},
-        {"described", "presentation", "tastes"},
+        {"described", "presentation"},
         {"cases"},
         {"catalog"},
         {"isolated", "kpis", "many"},
@@ -54,12 +54,12 @@ LAYERS = {
         {"cli"},
     ),
     "prefcal_bench": (
-        {"problems", "reproduce"},
+        {"peers", "people", "reproduce"},
+        {"problems"},
         {"cells"},
         {"results"},
         {"published"},
-        {"cli"},
-        {"__main__"},
+        {"__main__", "cli"},
     ),
 }
 """Parts of each package, lowest first. A part may import itself and whatever is below it."""
@@ -81,12 +81,12 @@ POLICIES_MAY_USE = (*AGENTS_MAY_USE, "experiments")
 ALONE = {
     "piqp": "prefcal_env.qp",
     "pyarrow": "prefcal_env.parquet",
-    "torch": ("prefcal_agents.rl", "prefcal_agents.peers"),
+    "torch": ("prefcal_agents.rl", "prefcal_bench.peers"),
     "stable_baselines3": "prefcal_agents.rl",
-    "glis": "prefcal_agents.peers",
-    "optuna": "prefcal_agents.peers",
-    "botorch": "prefcal_agents.peers",
-    "gpytorch": "prefcal_agents.peers",
+    "glis": "prefcal_bench.peers",
+    "optuna": "prefcal_bench.peers",
+    "botorch": "prefcal_bench.peers",
+    "gpytorch": "prefcal_bench.peers",
 }
 """Foreign packages that one place alone may import, or two."""
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 from .registry import AGENTS as AGENTS
-from .registry import CLASSES as _CLASSES
 from .registry import restore as restore
 
 if _TYPE_CHECKING:
@@ -24,13 +23,6 @@ if _TYPE_CHECKING:
     from .history.agent_state import AgentState as AgentState
     from .minimize import Minimum as Minimum
     from .minimize import minimize_by_preference as minimize_by_preference
-    from .peers import BOPE as BOPE
-    from .peers import EUBO as EUBO
-    from .peers import OptunaGP as OptunaGP
-    from .peers import OptunaPreferential as OptunaPreferential
-    from .peers import OptunaTPE as OptunaTPE
-    from .peers import ReferenceGLIS as ReferenceGLIS
-    from .peers import ReferenceGLISp as ReferenceGLISp
     from .respacing import respaced as respaced
     from .rl import PPOBandit as PPOBandit
     from .rl import SACBandit as SACBandit
@@ -51,7 +43,7 @@ _HOMES = {
     "SimulateMany": "screening.simulations",
     "minimize_by_preference": "minimize",
     "respaced": "respacing",
-    **{name: row.module for name, row in _CLASSES.items()},
+    **{row.name: row.module for row in AGENTS if "." not in row.name},
 }
 
 __all__ = ["AGENTS", "restore", *_HOMES]

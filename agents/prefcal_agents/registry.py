@@ -1,9 +1,10 @@
-"""The only list of agents: a new one is its file and a row here.
+"""The list of agents: a new one is its file and a row here.
 
-Rows are plain data, so that `prefcal --help` can show the agents without loading any of them.
+Packages above this one `register` agents of their own when they are imported. Rows are plain data,
+so that `prefcal --help` can show the agents without loading any of them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from operator import attrgetter
@@ -22,7 +23,7 @@ class AgentRow:
 
     Args:
         name: Name in `prefcal_agents`: a class, or "CLASS.METHOD" for another way to make one.
-        module: Module of this package that holds the class.
+        module: Module of `package` that holds the class.
         word: Word for `prefcal calibrate --agent`; empty if it is not offered there.
         about: Remark in the help.
         label: Name in the benchmark's tables; empty: `name`.
@@ -31,6 +32,7 @@ class AgentRow:
         learns: Whether it uses answers for more than keeping the winner.
         extra: Extra that it needs: `pip install prefcal[extra]`.
         packages: Modules of that extra to their distributions.
+        package: Package of `module`.
     """
 
     name: str
@@ -43,16 +45,13 @@ class AgentRow:
     simulates: bool = False
     extra: str = ""
     packages: Mapping[str, str] = field(default_factory=dict)
+    package: str = "prefcal_agents"
 
     def load(self) -> Any:
         """Return the class, or the method that makes the agent, loaded now."""
-        return attrgetter(self.name)(import_module(f"{__package__}.{self.module}"))
+        return attrgetter(self.name)(import_module(f"{self.package}.{self.module}"))
 
 
-_GLIS = {"glis": "glis", "pyswarm": "pyswarm", "pyDOE": "pyDOE"}
-_OPTUNA = {"optuna": "optuna", "optuna_dashboard": "optuna-dashboard", "botorch": "botorch"}
-_VALUE = {"optuna": "optuna", "torch": "torch"}
-_BOTORCH = {"botorch": "botorch", "gpytorch": "gpytorch", "torch": "torch"}
 _SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
 
 AGENTS = (
@@ -68,24 +67,27 @@ AGENTS = (
     ),
     AgentRow("PPOBandit", "rl", label="PPO", by_value=True, extra="rl", packages=_SB3),
     AgentRow("SACBandit", "rl", label="SAC", by_value=True, extra="rl", packages=_SB3),
-    AgentRow("ReferenceGLISp", "peers", extra="peers", packages=_GLIS),
-    AgentRow("ReferenceGLIS", "peers", by_value=True, extra="peers", packages=_GLIS),
-    AgentRow("OptunaPreferential", "peers", extra="peers", packages=_OPTUNA),
-    AgentRow("EUBO", "peers", extra="peers", packages=_BOTORCH),
-    AgentRow("BOPE", "peers", extra="peers", packages=_BOTORCH),
-    AgentRow("OptunaTPE", "peers", by_value=True, extra="peers", packages=_VALUE),
-    AgentRow("OptunaGP", "peers", by_value=True, extra="peers", packages=_VALUE),
     AgentRow("EqualWeights", "baselines.equal_weights", learns=False, simulates=True),
     AgentRow("StepSearch", "baselines.step_search"),
     AgentRow("LatinHypercube", "baselines.latin_hypercube", "lhs", learns=False),
     AgentRow("RandomSearch", "baselines.random_search", "random", learns=False),
 )  # fmt: skip
-"""All agents, in the order of tables and help."""
+"""All agents of this package, in the order of tables and help."""
 
-CLASSES: Mapping[str, AgentRow] = {row.name: row for row in AGENTS if "." not in row.name}
-"""Class to row; a saved state has the name of its agent's class."""
+CLASSES: dict[str, AgentRow] = {row.name: row for row in AGENTS if "." not in row.name}
+"""Class to row, also of registered ones; a saved state has the name of its agent's class."""
+JUDGES: list[Callable[[Any], Mapping[str, Callable[[int], Any]]]] = []
+"""Who else answers for a closed loop: functions of a scenario that return calibrators by name.
+
+Each calibrator is a function of a seed. Packages above this one add theirs when they are imported.
+"""
 WORDS: Mapping[str, AgentRow] = {row.word: row for row in AGENTS if row.word}
 """Command-line word to row."""
+
+
+def register(*rows: AgentRow) -> None:
+    """Add agents of a package above this one, so that their saved states can be restored."""
+    CLASSES.update({row.name: row for row in rows})
 
 
 def agent_class(name: str) -> Any:

@@ -8,7 +8,7 @@
 from typing import Any
 
 from prefcal_bench.published.plan import read_published
-from prefcal_bench.results import curves_of, worth_table
+from prefcal_bench.results import campaign_of, worth_table
 from prefcal_bench.results.paired import interval, markdown
 from prefcal_bench.results.rows import BASELINE
 from prefcal_bench.results.statistics import Estimate
@@ -19,7 +19,7 @@ TASTES = ("weights", "priorities")
 
 def lines() -> list[str]:
     """Return the lines of the table: an agent a row, the worth after 20 and 50 experiments."""
-    rows = worth_table(curves_of(read_published()), BASELINE)
+    rows = worth_table(campaign_of((), read_published()), BASELINE)
     found = {(r["agent"], r["taste"], r["after"]): r for r in rows if r["unit"] == "experiments"}
     agents = dict.fromkeys(r["agent"] for r in rows)
     ends = sorted({r["after"] for r in rows if r["unit"] == "experiments"})

@@ -36,9 +36,8 @@ from rich.console import Console
 from screens import looking, maneuvers
 
 from prefcal_bench.published.plan import read_published
-from prefcal_bench.results import curves_of
-from prefcal_bench.results.pictures import draw_worth
-from prefcal_bench.results.rows import BASELINE
+from prefcal_bench.results import campaign_of
+from prefcal_bench.results.pictures import Material, draw_loops, draw_overview
 from prefcal_scenarios import load
 from prefcal_scenarios.presentation.style import save, style
 
@@ -50,10 +49,7 @@ Pictures = Mapping[str, bytes]
 Story = Mapping[str, float]
 
 CAMPAIGNS = {
-    "benchmark_ranking.png": ("results", "ranking.png", "docs/benchmarks.md"),
-    "benchmark_gaps.png": ("results", "gaps.png", "docs/benchmarks.md"),
-    "benchmark_profiles.png": ("results", "profiles.png", "docs/benchmarks.md"),
-    "benchmark_duels.png": ("duels", "duels.png", "docs/benchmarks.md"),
+    "benchmark_gaps.png": ("results", "gap-experiments.png", "docs/benchmarks.md"),
 }
 """Campaign folder and file of each figure, and the page with its command."""
 
@@ -186,10 +182,11 @@ def algorithm(folder: Path) -> tuple[Pictures, Story]:
 
 def worth(folder: Path) -> tuple[Pictures, Story]:
     """Draw the worth on closed loops from the published studies."""
-    shown, worths = draw_worth(curves_of(read_published()))
+    material = Material(campaign_of((), read_published()))
+    shown = [*draw_overview(material), *draw_loops(material)]
     drawn_now = {one.file: one.content for one in shown}
-    ends = worths.rows[(worths.rows["unit"] == "experiments")]
-    ours = ends[(ends["agent"] == BASELINE) & (ends["after"] == ends["n_max"])]
+    ends = material.worths[material.worths["unit"] == "experiments"]
+    ours = ends[(ends["agent"] == material.baseline) & (ends["after"] == ends["n_max"])]
     story = {f"GLISp, {row.taste}": int(row.worth) for row in ours.itertuples()}
     return {name: drawn_now[file] for name, file in WORTH.items()}, story
 
@@ -355,7 +352,7 @@ def main() -> int:
         "--check", action="store_true", help="change nothing; exit with 1 if anything differs"
     )
     parser.add_argument("--list", action="store_true", help="every figure and its command")
-    parser.add_argument("--campaigns", type=Path, help="folder with results and duels")
+    parser.add_argument("--campaigns", type=Path, help="folder with results")
     options = parser.parse_args()
     console = Console(soft_wrap=True, highlight=False)
     if options.list:

@@ -20,10 +20,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from prefcal_bench.people import USUAL, Runs, random_search_worth, sample, taste
+from prefcal_bench.people.priorities import Priorities
 from prefcal_env.experiments.end import End
 from prefcal_scenarios import Scenario, load
-from prefcal_scenarios.tastes import USUAL, Runs, random_search_worth, sample, taste
-from prefcal_scenarios.tastes.priorities import Priorities
 
 TASTES = ("weights", "priorities")
 PEOPLE = 10

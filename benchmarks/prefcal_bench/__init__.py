@@ -2,12 +2,18 @@
 
 `Suite` lists the cells, `run_suite` runs those without a result in a `Store` on `Processes`,
 and `digest` tells whether two runs gave the same results. Names are imported on first use, so that
-`prefcal --help` does not load plants and solvers.
+`prefcal --help` does not load plants and solvers. Importing this package makes its simulated people
+calibrators of closed loops, and lets `prefcal_agents.restore` restore its agents.
 """
 
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
+
+from prefcal_agents.registry import JUDGES, register
+
+from .peers import PEERS
 
 if TYPE_CHECKING:
     from .cells.cell import Cell as Cell
@@ -20,6 +26,13 @@ if TYPE_CHECKING:
     from .cells.runner import run_suite as run_suite
     from .cells.store import Store as Store
     from .cells.suite import Suite as Suite
+    from .peers.bope import BOPE as BOPE
+    from .peers.eubo import EUBO as EUBO
+    from .peers.optuna_agents import OptunaGP as OptunaGP
+    from .peers.optuna_agents import OptunaPreferential as OptunaPreferential
+    from .peers.optuna_agents import OptunaTPE as OptunaTPE
+    from .peers.reference import ReferenceGLIS as ReferenceGLIS
+    from .peers.reference import ReferenceGLISp as ReferenceGLISp
 
 _HOMES = {
     "Cell": "cells.cell",
@@ -32,6 +45,7 @@ _HOMES = {
     "digest": "cells.result",
     "run_cell": "cells.run",
     "run_suite": "cells.runner",
+    **{row.name: row.module for row in PEERS},
 }
 
 __all__ = list(_HOMES)
@@ -47,3 +61,13 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *_HOMES})
+
+
+def _simulated_people(scenario: Any) -> Mapping[str, Callable[[int], Any]]:
+    from .people.named import calibrators_of  # draws random experiments only when one is asked for
+
+    return calibrators_of(scenario)
+
+
+register(*PEERS)
+JUDGES.append(_simulated_people)

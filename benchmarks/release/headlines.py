@@ -24,7 +24,7 @@ from rich.table import Table
 
 from prefcal_agents import registry
 from prefcal_bench.published import read_curves
-from prefcal_bench.results import curves_of, worth_table
+from prefcal_bench.results import campaign_of, worth_table
 
 ROOT = Path(__file__).parents[2]
 LIST = ROOT / "docs" / "claims.toml"
@@ -91,7 +91,7 @@ class Headline:
 @cache
 def published() -> dict[str, str]:
     """Return the worth that the published studies give: "684 [555, 838]" for "GLISp, ..."."""
-    rows = worth_table(curves_of(read_curves(ROWS)), "")
+    rows = worth_table(campaign_of((), read_curves(ROWS)), "")
     found = {
         f"{row['agent']}, {row['taste']}, {row['after']} {row['unit']}": (
             f"{row['worth']:.0f} [{row['worth_low']:.0f}, {row['worth_high']:.0f}]"

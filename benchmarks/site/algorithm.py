@@ -8,10 +8,10 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from prefcal_agents import GLISp, Screening
+from prefcal_bench.people import USUAL, sample, taste
 from prefcal_env import Knob, KnobSpace, calibrate
 from prefcal_scenarios import load, outcome, screened
 from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, OTHERS, canvas, save, style
-from prefcal_scenarios.tastes import USUAL, sample, taste
 
 GAIN = KnobSpace([Knob("gain", 0.0, 10.0)])
 MOMENTS = (4, 7, 10)

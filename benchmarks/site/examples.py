@@ -26,8 +26,8 @@ EXAMPLES: Mapping[str, tuple[str, str, str, str]] = {
                "{'restored': int(fast.restored)}"),
     "own-agent": ("own_agent.md#In Python", "own_agent.png", "gallery_own_agent.png",
                   "{'gap of StepSearch': float(after['StepSearch'])}"),
-    "benchmark": ("benchmarks.md#A small benchmark", "small/gaps.png", "gallery_benchmark.png",
-                  "{'rows': len(table)}"),
+    "benchmark": ("benchmarks.md#A small benchmark", "small/gap-experiments.png",
+                  "gallery_benchmark.png", "{'rows': len(table)}"),
     "reinforcement-learning": ("gallery/reinforcement-learning.md", "rl.png", "gallery_rl.png",
                                "{'index of PPO': float(after['PPO'])}"),
 }  # fmt: skip

@@ -42,7 +42,7 @@ def test_unknown_names_are_refused():
 def test_importing_the_agents_loads_no_extra():
     foreign = ("glis", "pyswarm", "optuna", "optuna_dashboard", "torch", "stable_baselines3")
     code = (
-        "import sys, prefcal_agents, prefcal_agents.peers, prefcal_agents.rl\n"
+        "import sys, prefcal_agents, prefcal_bench.peers, prefcal_agents.rl\n"
         f"print([m for m in {foreign!r} if m in sys.modules])"
     )
     path = [p for p in sys.path if p]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from prefcal_agents.registry import AGENTS, AgentRow
+from prefcal_bench.peers import PEERS
 
 
 def quick(theta: np.ndarray) -> dict[str, float]:
@@ -35,5 +36,5 @@ def maker(row: AgentRow) -> Callable[..., Any]:
 
 def peers(*, by_value: bool = False) -> dict[str, Callable[..., Any]]:
     """Return what makes each agent of other people's packages, by name, for one kind of agents."""
-    rows = [row for row in AGENTS if row.extra == "peers" and row.by_value is by_value]
+    rows = [row for row in PEERS if row.by_value is by_value]
     return {row.name: row.load() for row in rows}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from prefcal_bench.cli.program import main
-from prefcal_scenarios.tastes import named
+from prefcal_bench.people import named
 
-SAMPLE = import_module("prefcal_scenarios.tastes.sample")  # the function has the same name
+SAMPLE = import_module("prefcal_bench.people.sample")  # the function has the same name
 
 
 @pytest.fixture(autouse=True)

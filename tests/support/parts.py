@@ -16,8 +16,8 @@ import pytest
 TESTS = Path(__file__).parents[1]
 EXTENDED = {
     "benchmark": (
-        "bench/*", "test_*_campaign.py", "test_replay.py", "test_same_studies.py",
-        "test_worth_table.py",
+        "bench/[!p]*", "bench/pr*", "bench/pu*", "test_*_campaign.py", "test_replay.py",
+        "test_same_studies.py", "test_worth_table.py",
     ),
     "browser": (
         "app/looking/test_window.py", "app/web/test_accessibility.py",
@@ -33,7 +33,7 @@ EXTENDED = {
     ),
     "fmu": ("env/fmu/*", "scenarios/described/test_fmu_scenario.py"),
     "libraries": ("env/controllers/test_lqr.py", "env/plants/systems/test_casadi.py"),
-    "peers": ("agents/peers/*", "agents/test_*peers*.py", "agents/test_rl_*.py"),
+    "peers": ("bench/peers/*", "agents/test_rl_*.py"),
     "processes": (
         "env/study/test_disk.py", "env/test_compiling.py", "env/test_jit.py",
         "scenarios/isolated/*", "scenarios/many/*", "app/test_crash.py",
@@ -49,8 +49,8 @@ EXTENDED = {
         "env/mpc/test_exact.py", "env/plants/test_function_plant.py",
         "env/plants/test_integrate.py",
         "app/session/test_[cfps]*.py", "app/view/test_now.py",
+        "bench/people/test_rule.py",
         "scenarios/cases/overtake/test_picture.py", "scenarios/described/test_*_scenario.py",
-        "scenarios/tastes/test_rule.py",
         "app/test_failed_runs.py", "app/test_report.py", "test_imports.py",
         "test_trace_proposal.py",
     ),

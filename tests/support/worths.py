@@ -1,9 +1,11 @@
 """Results with a worth: random walks, and studies made by hand."""
 
 import numpy as np
+import pandas as pd
 
 from prefcal_bench.cells.cell import Cell
 from prefcal_bench.cells.result import Result
+from prefcal_bench.results.campaign import COLUMNS
 
 
 def study(agent="GLISp", loop="servo", seed=0, worth=(1.0, 4.0), *, taste="weights", **changes):
@@ -47,3 +49,13 @@ def walks(agents, loops=("servo", "boost", "steering"), tastes=("weights",), see
         for agent, strength in agents.items()
         for seed in range(seeds)
     ]
+
+
+def published(results):
+    """These studies in the published form, with a row for each experiment."""
+    rows = [
+        (c.calibrator, c.n_init, c.n_max, c.problem, c.agent, c.seed, k, asked, worth)
+        for c, r in ((result.cell, result) for result in results)
+        for k, (asked, worth) in enumerate(zip(r.questions, r.worth, strict=True))
+    ]
+    return pd.DataFrame(rows, columns=list(COLUMNS)).astype({"worth": "float32"})

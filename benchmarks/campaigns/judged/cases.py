@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.progress import track
 
 from prefcal_bench import Result
+from prefcal_bench.people.sample import thetas
 from prefcal_bench.problems import CSTR_BROAD, Outcome, Problem, prefer, problem
 from prefcal_bench.results.paired import markdown
 from prefcal_env.preferences.answer import Preference
-from prefcal_scenarios.tastes.sample import thetas
 
 from .plan import OVERTAKING_SHOWN
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_bench import Result
-from prefcal_bench.results.curves import after_answers
+from prefcal_bench.results.campaign import after_answers
 from prefcal_bench.results.paired import Study
 
 

@@ -34,7 +34,7 @@ class Result:
         seconds: Time of a proposal at the end (median of the last five), measured in serial runs
             only and ignored when results are compared.
         worth: Worth of the θ that the agent would return after each experiment, N values, see
-            `prefcal_scenarios.tastes.worth`; None if there is no pool.
+            `prefcal_bench.people.worth`; None if there is no pool.
         kpi_names: Names of the scenario's KPIs.
         kpis: KPIs of each experiment, N rows in that order; empty if the problem has none.
         comparisons: Challenger, incumbent and answer of each question: -1 if the challenger is

@@ -3,27 +3,24 @@
 import hashlib
 import inspect
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 from prefcal_agents.registry import AGENTS as REGISTRY
 from prefcal_agents.registry import AgentRow
 from prefcal_agents.screening.simulations import Simulate
+from prefcal_bench.peers import PEERS
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
-
-Kind = Literal["preference", "value"]
-Make = Callable[..., Any]
-"""Function of space, n_init, n_max and seed, and of `simulate` if the agent simulates."""
 
 
 @dataclass(frozen=True)
@@ -32,23 +29,24 @@ class Entry:
 
     Args:
         name: Name in tables and on the command line.
-        kind: Whether the agent learns from preferences, or from the value of each experiment.
-        build: Function that makes the agent from space, n_init, n_max and seed.
-        algorithm: Function that returns the version of the algorithm, including its settings.
-        needs: Modules that must be installed.
+        load: Function that returns the agent's class, or another function of space, `n_init`,
+            `n_max` and `seed`, and of `simulate` if the agent simulates.
+        by_value: Whether it learns from the value of each experiment, otherwise from preferences.
+        packages: Modules that must be installed, to their distributions.
         extra: Extra that installs them: `pip install prefcal[extra]`.
         learns: Whether the agent uses answers for more than keeping the winner.
         simulates: Whether the agent needs `simulate`, a function of θ that returns KPIs.
+        content: Hash of a user's own file, which is its version.
     """
 
     name: str
-    kind: Kind
-    build: Make
-    algorithm: Callable[[], str]
-    needs: tuple[str, ...] = ()
+    load: Callable[[], Callable[..., Any]]
+    by_value: bool = False
+    packages: Mapping[str, str] = field(default_factory=dict)
     extra: str = ""
     learns: bool = True
     simulates: bool = False
+    content: str = ""
 
     def make(
         self,
@@ -73,22 +71,32 @@ class Entry:
         """
         if self.missing:
             raise MissingExtraError(self.missing)
-        if self.simulates:
-            return self.build(space, n_init, n_max, seed, simulate)
-        return self.build(space, n_init, n_max, seed)
+        given = {"simulate": simulate} if self.simulates and simulate is not None else {}
+        return self.load()(space, n_init=n_init, n_max=n_max, seed=seed, **given)
 
     @property
     def missing(self) -> str:
         """Return a message about packages that are not installed; empty if none is missing."""
-        absent = [name for name in self.needs if not is_installed(name)]
+        absent = [name for name in self.packages if find_spec(name) is None]
         if not absent:
             return ""
         return f"{self.name} needs {', '.join(absent)}: pip install 'prefcal[{self.extra}]'"
 
     @cached_property
     def version(self) -> str:
-        """Return the version of the algorithm; a new version runs its cells again."""
-        return "" if self.missing else self.algorithm()
+        """Return the version of the algorithm; a new version runs its cells again.
+
+        It names the packages that do the work, or the settings of a new agent.
+        """
+        if self.missing or self.content:
+            return self.content
+        agent = self.load()
+        if self.packages:
+            found = [f"{package} {package_version(package)}" for package in self.packages.values()]
+            return ", ".join([str(getattr(agent, "version", "")), *found])
+        space = KnobSpace([Knob("x", 0, 1)])
+        state = agent(space, n_init=1, n_max=2, seed=0, start=[0.5]).state  # proposes nothing
+        return f"{state.version} {state.settings!r}"
 
 
 def entry(name: str) -> Entry:
@@ -116,23 +124,17 @@ def entry(name: str) -> Entry:
 
 
 @cache
-def _own(name: str, version: str) -> Entry:
-    """Return a user's agent; `version` is the hash of its file, so that a change reloads it."""
+def _own(name: str, content: str) -> Entry:
+    """Return a user's agent; `content` is the hash of its file, so that a change reloads it."""
     path, _, attribute = name.rpartition(":")
     found = getattr(module_at(Path(path)), attribute, None)
     if not callable(found):
         raise SettingsError(f"{name!r} must name an agent's class, got {found!r}")
-    simulates = _has_parameter(found, "simulate")
-    make = partial(_make, found)
-    return Entry(name, _kind(name, found), make, lambda: version, simulates=simulates)
-
-
-def _kind(name: str, agent: Any) -> Kind:
-    """Return what an agent is told, based on its `tell(query, answer)` or `tell(query, value)`."""
-    tell = getattr(agent, "tell", None)
+    tell = getattr(found, "tell", None)
     if tell is None:
         raise SettingsError(f"{name!r} must have a method tell(query, answer) or (query, value)")
-    return "value" if _has_parameter(tell, "value") else "preference"
+    by_value, simulates = _has_parameter(tell, "value"), _has_parameter(found, "simulate")
+    return Entry(name, lambda: found, by_value, simulates=simulates, content=content)
 
 
 def _has_parameter(function: Callable[..., Any], name: str) -> bool:
@@ -140,67 +142,6 @@ def _has_parameter(function: Callable[..., Any], name: str) -> bool:
     try:
         return name in inspect.signature(function).parameters
     except ValueError:  # of C code
-        return False
-
-
-def _make(
-    agent: Callable[..., Any],
-    space: KnobSpace,
-    n_init: int,
-    n_max: int,
-    seed: int,
-    simulate: Simulate | None = None,
-    **further: Any,
-) -> Any:
-    given = further if simulate is None else {"simulate": simulate, **further}
-    return agent(space, n_init=n_init, n_max=n_max, seed=seed, **given)
-
-
-def _state_version(make: Make) -> str:
-    """Return version and settings from the state of a new agent."""
-    state = make(KnobSpace([Knob("x", 0, 1)]), 1, 2, 0, start=[0.5]).state  # proposes nothing
-    return f"{state.version} {state.settings!r}"
-
-
-def _row_entry(row: AgentRow) -> Entry:
-    """Return the entry of a row of the registry."""
-    make = partial(_make_row, row)
-
-    def version() -> str:
-        if not row.extra:
-            return _state_version(make)
-        found = [f"{package} {package_version(package)}" for package in row.packages.values()]
-        return ", ".join([str(row.load().version), *found])
-
-    kind: Kind = "value" if row.by_value else "preference"
-    needs = (*row.packages, f"prefcal_agents.{row.module}") if row.extra else ()
-    return Entry(
-        row.label or row.name, kind, make, version, needs, row.extra, row.learns, row.simulates
-    )
-
-
-def _make_row(row: AgentRow, *arguments: Any, **further: Any) -> Any:
-    return _make(row.load(), *arguments, **further)
-
-
-def _glisp(name: str, **settings: Any) -> Entry:
-    """Return the entry of GLISp with some settings changed."""
-    make = partial(_make_glisp, tuple(settings.items()))
-    return Entry(name, "preference", make, partial(_state_version, make))
-
-
-def _make_glisp(settings: tuple[tuple[str, Any], ...], *arguments: Any, **further: Any) -> Any:
-    from prefcal_agents import GLISp, GLISpSettings
-
-    chosen = GLISpSettings(**dict(settings))
-    return _make(GLISp, *arguments, settings=chosen, **further)
-
-
-def is_installed(module: str) -> bool:
-    """Return whether `module` could be imported; imports only its parents."""
-    try:
-        return find_spec(module) is not None
-    except ModuleNotFoundError:
         return False
 
 
@@ -212,17 +153,29 @@ def package_version(name: str) -> str:
         return "not installed"
 
 
+def _row_entry(row: AgentRow) -> Entry:
+    name = row.label or row.name
+    return Entry(name, row.load, row.by_value, row.packages, row.extra, row.learns, row.simulates)
+
+
+def _load_glisp(**settings: Any) -> Callable[..., Any]:
+    """Return what makes GLISp with some settings changed."""
+    from prefcal_agents import GLISp, GLISpSettings
+
+    return partial(GLISp, settings=GLISpSettings(**settings))
+
+
 VARIANTS = (
-    _glisp("GLISp.no-outcomes", kpis=False),
-    _glisp("GLISp.3-questions", questions_per_experiment=3),
-    _glisp("GLISp.12-questions", questions_per_experiment=12),
+    Entry("GLISp.no-outcomes", partial(_load_glisp, kpis=False)),
+    Entry("GLISp.3-questions", partial(_load_glisp, questions_per_experiment=3)),
+    Entry("GLISp.12-questions", partial(_load_glisp, questions_per_experiment=12)),
 )
 """GLISp with other settings, which the tables show after the registry's GLISp."""
 
 
 def _make_roster() -> Mapping[str, Entry]:
     """Return all agents; GLISp comes first, since others are compared with the first agent."""
-    entries = [_row_entry(row) for row in REGISTRY]
+    entries = [_row_entry(row) for row in (*REGISTRY, *PEERS)]
     first = [one for one in entries if one.name.startswith("GLISp")]
     rest = [one for one in entries if one not in first]
     return MappingProxyType({one.name: one for one in (*first, *VARIANTS, *rest)})

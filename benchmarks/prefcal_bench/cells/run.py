@@ -71,7 +71,7 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
     arguments = (where.space, cell.n_init, cell.n_max, cell.seed)
     simulation = Simulation(where, person.withheld) if one.simulates else None
     agent = one.make(*arguments) if simulation is None else one.make(*arguments, simulation)
-    study = Study(agent, where, person, cell.n_max, clock, by_value=one.kind == "value")
+    study = Study(agent, where, person, cell.n_max, clock, by_value=one.by_value)
     study.run()
     result = study.result(cell)
     return result if simulation is None else replace(result, simulated=simulation.count)

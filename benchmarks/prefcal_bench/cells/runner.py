@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
+from prefcal_bench.people import TASTES
 from prefcal_bench.problems import problem
-from prefcal_scenarios.tastes import TASTES
 
 from .cell import Cell
 from .duels import Duel, Round, play, rounds

@@ -6,21 +6,22 @@ cell, both write the same content. Files appear whole or not at all, and damage 
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, final
+from typing import Any, TypeVar, final
 from uuid import uuid4
 
 import msgspec
 
-from prefcal_env.errors import BenchmarkError, PrefcalError
+from prefcal_env.errors import BenchmarkError, PrefcalError, SettingsError
 from prefcal_scenarios.presentation.folder import folder_for
 
 from .cell import FORMAT, Cell, canonical, read_as
 from .duels import Duel, Round
 from .result import Result
 
+T = TypeVar("T")
 Trouble = str
 """Description of a problem with a file; empty if there is none."""
 
@@ -47,17 +48,14 @@ class Store:
         Raises:
             BenchmarkError: If another version of prefcal wrote it, or it cannot be read.
         """
-        path = self.path(cell)
-        content, trouble = _content(path)
-        if content is None:
-            return None, trouble
-        try:
+
+        def convert(content: Any) -> Result:
             result = Result.from_dict(content)
-        except PrefcalError as error:
-            return None, f"{path}: {error}"
-        if result.cell != cell:
-            return None, f"{path} holds {result.cell} in place of {cell}"
-        return result, ""
+            if result.cell != cell:
+                raise SettingsError(f"it holds {result.cell} in place of {cell}")
+            return result
+
+        return _find(self.path(cell), convert)
 
     def add(self, result: Result) -> None:
         """Store `result` durably. Raises BenchmarkError if it cannot be written."""
@@ -74,26 +72,24 @@ class Store:
             BenchmarkError: See `find`.
         """
         path = self._duels / f"{round_.key}.json"
-        content, trouble = _content(path)
-        if content is None:
-            return None, trouble
-        try:
-            return tuple(read_as(Duel, duel) for duel in content), ""
-        except (TypeError, PrefcalError) as error:
-            return None, f"{path}: {error}"
+        return _find(path, lambda content: tuple(read_as(Duel, duel) for duel in content))
 
     def add_duels(self, round_: Round, duels: Sequence[Duel]) -> None:
         """Store the duels of `round_` durably. Raises BenchmarkError if they cannot be written."""
         write_record(self._duels / f"{round_.key}.json", [asdict(duel) for duel in duels])
 
 
-def _content(path: Path) -> tuple[Any, Trouble]:
+def _find(path: Path, convert: Callable[[Any], T]) -> tuple[T | None, Trouble]:
     try:
-        return read_record(path), ""
+        content = read_record(path)
     except FileNotFoundError:
         return None, ""
     except DamagedError as error:
         return None, str(error)
+    try:
+        return convert(content), ""
+    except (TypeError, PrefcalError) as error:
+        return None, f"{path}: {error}"
 
 
 class DamagedError(ValueError):

@@ -129,7 +129,7 @@ class Suite:
             return one.missing
         if calibrator not in place.answering:
             return f"only {', '.join(place.answering)} answer there"
-        if one.kind == "value" and not place.has_value(calibrator):
+        if one.by_value and not place.has_value(calibrator):
             return "it learns from exact values, which the answers do not follow"
         if one.simulates and place.simulated is None:
             return "it simulates experiments for their KPIs, and there are none"

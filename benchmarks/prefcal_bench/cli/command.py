@@ -96,6 +96,6 @@ def compare(**typed: Any) -> None:
     compared with yours.
     """
     # Imported here to keep --help fast.
-    from .compare import compare as run
+    from .run import compare as run
 
     raise typer.Exit(run(made(CompareOptions, typed)))

@@ -1,4 +1,4 @@
-"""Run `prefcal bench`."""
+"""Run `prefcal bench` and `prefcal bench compare`."""
 
 import json as json_
 import shlex
@@ -16,10 +16,10 @@ from prefcal_bench.cells.executors import Processes
 from prefcal_bench.cells.runner import Finished, run_suite
 from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite
+from prefcal_bench.published.plan import PUBLISHED, plan, read_published
 from prefcal_bench.published.raw import raw_file, write_raw
-from prefcal_bench.results import duel_table, print_table, table, write
-from prefcal_bench.results.curves import curves_of, frame_of, joined
-from prefcal_bench.results.rows import worth_table
+from prefcal_bench.results import campaign_of, duel_table, print_table, table, worth_table
+from prefcal_bench.results.page import write
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.presentation.wording import printable
 from prefcal_scenarios.processes.cores import usable_cores
@@ -27,17 +27,34 @@ from prefcal_scenarios.processes.cores import usable_cores
 from .display import BenchDisplay
 from .options import BenchOptions, CompareOptions
 
+Options = BenchOptions | CompareOptions
 _WIDTH = 110
-"""Width of the output in characters if it goes to a file or a pipe."""
+"""Width of the output in characters if it goes to a file or a pipe: enough for agents' names."""
 
 
-def command_of(options: BenchOptions) -> str:
-    """Return the command line that repeats the benchmark."""
-    words = ["prefcal", "bench", *(["--quick"] if options.quick else [])]
-    for name in ("agents", "problems", "calibrators", "seeds", "n_init", "n_max"):
-        if (value := getattr(options, name)) is not None:
-            words += [f"--{name.replace('_', '-')}", str(value)]
-    return shlex.join([*words, "--out", str(options.out)])
+def run(options: BenchOptions) -> int:
+    """Run the missing cells, write the page, and print the result; return the exit code.
+
+    Raises:
+        PrefcalError: If the options are invalid, or the folder cannot be used.
+    """
+    return _run(suite_of(options), options, ["bench", *(["--quick"] if options.quick else [])])
+
+
+def compare(options: CompareOptions) -> int:
+    """Run the missing cells of one agent, beside published studies; see `run`.
+
+    Raises:
+        PrefcalError: If nothing is published yet, the options are invalid, or a file or folder
+            cannot be used.
+    """
+    if options.published is None and not PUBLISHED.is_file():
+        raise SettingsError("no runs come with this prefcal: name a file of yours, --published")
+    given, published = _names(options), read_published(options.published)
+    loops, tastes = given.get("problems"), given.get("calibrators")
+    planned = plan(options.agent, published, loops, tastes, options.seeds)
+    words = ["bench", "compare", options.agent]
+    return _run(planned.suite, options, words, planned.published, planned.notes)
 
 
 def suite_of(options: BenchOptions) -> Suite:
@@ -48,18 +65,13 @@ def suite_of(options: BenchOptions) -> Suite:
         ScenarioError: If the file of a user's own agent cannot be loaded.
     """
     suite = Suite.quick() if options.quick else Suite.full()
-    given: dict[str, Any] = {
-        name: tuple(word.strip() for word in value.split(","))
-        for name in ("agents", "problems", "calibrators")
-        if (value := getattr(options, name)) is not None
-    }
+    given: dict[str, Any] = _names(options)
     for name in ("seeds", "n_max"):
         if (value := getattr(options, name)) is not None:
             given[name] = value
-    n_init = options.n_init
+    n_init, n_max = options.n_init, given.get("n_max", suite.n_max)
     if n_init is None:
-        n_init = min(suite.n_init, max(1, given.get("n_max", suite.n_max) // 2))
-    n_max = given.get("n_max", suite.n_max)
+        n_init = min(suite.n_init, max(1, n_max // 2))
     if n_init > n_max:
         raise SettingsError(
             f"--n-max must be at least --n-init, got --n-max {n_max} and --n-init {n_init}"
@@ -70,49 +82,61 @@ def suite_of(options: BenchOptions) -> Suite:
     return suite
 
 
-def workers_of(options: BenchOptions | CompareOptions) -> Processes:
-    """Return the workers that run the benchmark.
+def _names(options: Options) -> dict[str, tuple[str, ...]]:
+    """Return the options that list names, as far as they are given."""
+    return {
+        name: tuple(word.strip() for word in value.split(","))
+        for name in ("agents", "problems", "calibrators")
+        if (value := getattr(options, name, None)) is not None
+    }
 
-    Raises:
-        SettingsError: If the time limit is invalid.
-    """
-    return Processes(
+
+def _command(options: Options, words: list[str]) -> str:
+    """Return the command line that repeats the benchmark."""
+    for name in ("agents", "published", "problems", "calibrators", "seeds", "n_init", "n_max"):
+        if (value := getattr(options, name, None)) is not None:
+            words += [f"--{name.replace('_', '-')}", str(value)]
+    return shlex.join(["prefcal", *words, "--out", str(options.out)])
+
+
+def _run(
+    suite: Suite,
+    options: Options,
+    words: list[str],
+    published: pd.DataFrame | None = None,
+    notes: tuple[str, ...] = (),
+) -> int:
+    finished = _run_cells(suite, options)
+    if finished is None:
+        return INTERRUPTED
+    given: dict[str, Any] = {"baseline": suite.baseline, "published": published}
+    page = write(
+        finished.results, finished.duels, options.out, command=_command(options, words),
+        digest=finished.digest, notes=(*notes, *suite.left_out, *finished.trouble), **given,
+    )  # fmt: skip
+    write_raw(finished.results, raw_file(options.out))
+    if options.json:
+        print(_as_json(finished, suite, page, published))
+        return 1 if finished.failures or finished.trouble else 0
+    console = Console()
+    console = console if console.is_terminal else Console(width=_WIDTH)
+    print_table(console, finished.results, finished.duels, **given)
+    for trouble in finished.trouble:
+        console.print(Text(printable(trouble), style="red"), soft_wrap=True)
+    console.print(Text.assemble("Digest: ", (finished.digest, "bold")), soft_wrap=True)
+    console.print(Text.assemble("Page: ", (str(page), "bold")), soft_wrap=True)
+    return 1 if finished.failures or finished.trouble else 0
+
+
+def _run_cells(suite: Suite, options: Options) -> Finished | None:
+    """Run the missing cells of a suite with a progress bar; return None after Ctrl-C."""
+    workers = Processes(
         usable_cores() if options.jobs is None else options.jobs,
         limit=options.cell_timeout,
         last_words="the benchmark was killed, by an agent or from outside. The results "
         f"so far are kept in {options.out}; the same command resumes.",
     )
-
-
-def run(options: BenchOptions) -> int:
-    """Run the missing cells, write the page, and print the result; return the exit code.
-
-    Raises:
-        PrefcalError: If the options are invalid, or the folder cannot be used.
-    """
-    suite = suite_of(options)
-    finished = run_all(suite, options)
-    if finished is None:
-        return INTERRUPTED
-    page = write(
-        finished.results, finished.duels, options.out, command=command_of(options),
-        digest=finished.digest, notes=(*suite.left_out, *finished.trouble), baseline=suite.baseline,
-    )  # fmt: skip
-    write_raw(finished.results, raw_file(options.out))
-    if options.json:
-        print(as_json(finished, suite, page))
-    else:
-        show(finished, page, suite.baseline)
-    return 1 if finished.failures or finished.trouble else 0
-
-
-def run_all(suite: Suite, options: BenchOptions | CompareOptions) -> Finished | None:
-    """Run the missing cells of a suite with a progress bar; return None after Ctrl-C.
-
-    Raises:
-        PrefcalError: If the options are invalid, or the folder cannot be used.
-    """
-    workers, messages = workers_of(options), Console(stderr=True)
+    messages = Console(stderr=True)
     for words in suite.left_out:
         messages.print(Text(f"Left out: {words}"), soft_wrap=True)
     with interruption() as pressed:  # from here on, Ctrl-C prints its own message
@@ -129,33 +153,12 @@ def run_all(suite: Suite, options: BenchOptions | CompareOptions) -> Finished | 
                 return None
 
 
-def worths(
-    finished: Finished, baseline: str, published: pd.DataFrame | None = None
-) -> list[dict[str, Any]]:
-    """Return the table of worth; empty if no closed loop was run."""
-    return worth_table(curves_of(joined(frame_of(finished.results), published)), baseline)
-
-
-def show(
-    finished: Finished, page: Path, baseline: str, published: pd.DataFrame | None = None
-) -> None:
-    """Print tables that compare with `baseline`, failures, the digest, and the page's path."""
-    console = _paper()
-    print_table(console, finished.results, finished.duels, baseline=baseline, published=published)
-    for words in finished.trouble:
-        console.print(Text(printable(words), style="red"), soft_wrap=True)
-    console.print(Text.assemble("Digest: ", (finished.digest, "bold")), soft_wrap=True)
-    console.print(Text.assemble("Page: ", (str(page), "bold")), soft_wrap=True)
-
-
-def as_json(
-    finished: Finished, suite: Suite, page: Path, published: pd.DataFrame | None = None
-) -> str:
+def _as_json(finished: Finished, suite: Suite, page: Path, published: pd.DataFrame | None) -> str:
     """Return the result as one strict JSON object, with null for missing numbers."""
     content: dict[str, Any] = {
         "digest": finished.digest,
         "cells": len(finished.results),
-        "worth": worths(finished, suite.baseline, published),
+        "worth": worth_table(campaign_of(finished.results, published), suite.baseline),
         "table": table(finished.results, baseline=suite.baseline),
         "duels": duel_table(finished.duels),
         "failures": [
@@ -166,9 +169,3 @@ def as_json(
         "page": str(page),
     }
     return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
-
-
-def _paper() -> Console:
-    """Return standard output, wide enough for agent names if it is not a terminal."""
-    console = Console()
-    return console if console.is_terminal else Console(width=_WIDTH)

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_bench.people import VERSION, fingerprint
 from prefcal_env.calibrators import LatentCost
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.cases.functions import TestFunction
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.tastes import VERSION, fingerprint
 
 from .person import Outcome
 from .problem import Problem, judges, same

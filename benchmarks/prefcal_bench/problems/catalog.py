@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+from prefcal_bench.people import TASTES, VERSION
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.cases.functions import FUNCTIONS
@@ -14,7 +15,6 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS, is_built_in
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.tastes import TASTES, VERSION
 
 from .cases import GUIDELINES, closed_loop, guidelines, of_function, overtaking, reactor
 from .problem import NOISES, Problem

@@ -3,15 +3,16 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_bench.people import Runs, Taste, runs_of, worth
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_scenarios.kpis import INTERRUPTED
-from prefcal_scenarios.tastes import Runs, Taste, runs_of, worth
 
 Judge = Calibrator[Any]
 
@@ -38,16 +39,6 @@ class Outcome:
         return self if self.experiment is None else self.experiment
 
 
-def latent_cost(outcome: Outcome) -> float | None:
-    """Return the cost of the problem itself."""
-    return outcome.cost
-
-
-def all_kpis(outcome: Outcome) -> Mapping[str, float] | None:
-    """Return all KPIs."""
-    return outcome.kpis
-
-
 @dataclass(frozen=True)
 class Person:
     """One person in one study.
@@ -57,17 +48,17 @@ class Person:
         cost: Function that returns what value-based agents are told, lower is better.
         gap: Function that returns the difference of the cost to the best known one; None if it is
             not known.
-        worth: Function that returns the worth, see `prefcal_scenarios.tastes.worth`; None if there
+        worth: Function that returns the worth, see `prefcal_bench.people.worth`; None if there
             is no pool.
         told: Function that returns the KPIs that agents are told besides the answers.
         withheld: Names of KPIs that agents are not told, also not of what they simulate.
     """
 
     judge: Judge
-    cost: Callable[[Outcome], float | None] = latent_cost
+    cost: Callable[[Outcome], float | None] = attrgetter("cost")
     gap: Callable[[Outcome], float] | None = None
     worth: Callable[[Outcome], float] | None = None
-    told: Callable[[Outcome], Mapping[str, float] | None] = all_kpis
+    told: Callable[[Outcome], Mapping[str, float] | None] = attrgetter("kpis")
     withheld: frozenset[str] = frozenset()
 
 
@@ -83,15 +74,18 @@ def person_of(taste: Taste, pool: Runs) -> Person:
     )
 
 
-def _cost(taste: Taste, outcome: Outcome) -> float | None:
+def _runs(taste: Taste, outcome: Outcome) -> Runs:
     assert outcome.experiment is not None
-    cost = taste.rule.cost(runs_of(taste.kpis, [outcome.experiment]))
+    return runs_of(taste.kpis, [outcome.experiment])
+
+
+def _cost(taste: Taste, outcome: Outcome) -> float | None:
+    cost = taste.rule.cost(_runs(taste, outcome))
     return None if cost is None else float(cost[0])
 
 
 def _worth(taste: Taste, pool: Runs, outcome: Outcome) -> float:
-    assert outcome.experiment is not None
-    return worth(taste.rule, pool, runs_of(taste.kpis, [outcome.experiment]))
+    return worth(taste.rule, pool, _runs(taste, outcome))
 
 
 def _told(withheld: frozenset[str], outcome: Outcome) -> Mapping[str, float] | None:

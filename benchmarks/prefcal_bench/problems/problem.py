@@ -7,13 +7,13 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_bench.people import TASTES, USUAL, WRONG, Runs, has_cost, is_cached, sample, taste
 from prefcal_env.calibrators import Flipping
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.kpis import has_goals
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.tastes import TASTES, USUAL, WRONG, Runs, has_cost, is_cached, sample, taste
 
 from .person import Judge, Outcome, Person, person_of
 

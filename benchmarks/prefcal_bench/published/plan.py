@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pandas as pd
 
+from prefcal_bench.cells.roster import entry
 from prefcal_bench.cells.suite import Suite
-from prefcal_bench.results.curves import COLUMNS, curves_of
+from prefcal_bench.problems import problem
+from prefcal_bench.results.campaign import COLUMNS, campaign_of
 from prefcal_env.errors import SettingsError
 from prefcal_env.wording import did_you_mean
 
-from .raw import VERSIONS, agent_version, problem_version, read, read_curves
+from .raw import VERSIONS, read, read_curves, version_of
 
 PUBLISHED = Path(__file__).with_name("worth.parquet")
 """File of the studies that are published with prefcal."""
@@ -24,7 +26,7 @@ class Plan:
 
     Args:
         suite: Suite of the agent alone, on the loops and tastes of the published studies.
-        published: Published studies to compare with, with the columns of `frame_of`.
+        published: Published studies to compare with, see `campaign_of`.
         notes: Where the published studies are of other versions than this prefcal's.
     """
 
@@ -50,7 +52,7 @@ def publish(raw: Iterable[str | Path], out: str | Path) -> pd.DataFrame:
     frame = pd.concat(found, ignore_index=True).drop_duplicates() if found else pd.DataFrame()
     if not len(frame):
         raise SettingsError("there are no studies with a worth to publish")
-    curves_of(frame)  # raises if two studies contradict each other
+    campaign_of((), frame)  # raises if two studies contradict each other
     frame = frame.sort_values(_SORTED, ignore_index=True)
     words = ["agent", "loop", "taste", *VERSIONS]
     try:
@@ -96,7 +98,7 @@ def plan(
         ScenarioError: If the file of a user's own agent cannot be loaded.
     """
     chosen = _chosen(_chosen(published, "loop", loops), "taste", tastes)
-    known = [loop for loop in chosen["loop"].unique() if problem_version(loop)]
+    known = [loop for loop in chosen["loop"].unique() if version_of(problem, loop)]
     notes = [
         f"{loop}: published, but this prefcal has no such problem"
         for loop in sorted(set(chosen["loop"]) - set(known))
@@ -132,12 +134,12 @@ def _chosen(published: pd.DataFrame, column: str, names: Sequence[str] | None) -
 
 def _differences(published: pd.DataFrame) -> Iterator[str]:
     """Yield where the published studies are of other versions than the installed ones."""
-    for column, version, installed in (
-        ("agent", "agent_version", agent_version),
-        ("loop", "problem_version", problem_version),
+    for column, version, find in (
+        ("agent", "agent_version", entry),
+        ("loop", "problem_version", problem),
     ):
         for name, group in published.groupby(column, sort=True)[version]:
-            now = installed(str(name))
+            now = version_of(find, str(name))
             if now and set(group) != {now}:
                 yield (
                     f"{name}: the published studies {_apart(set(group), now)}: the comparison "

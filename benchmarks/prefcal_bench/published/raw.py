@@ -22,7 +22,7 @@ incumbent's θ and KPIs are in the row of the same study whose experiment it is.
 import csv
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from importlib.util import find_spec
 from itertools import chain, islice
@@ -143,8 +143,8 @@ def _rows(result: Result) -> Iterator[tuple[object, ...]]:
     cell = result.cell
     study = (cell.agent, cell.problem, cell.calibrator, cell.seed, cell.n_init, cell.n_max)
     versions = (
-        agent_version(cell.agent),
-        problem_version(cell.problem),
+        version_of(entry, cell.agent),
+        version_of(problem, cell.problem),
         package_version("prefcal"),
     )
     answered = 0
@@ -167,17 +167,9 @@ def _rows(result: Result) -> Iterator[tuple[object, ...]]:
         answered = total
 
 
-def agent_version(name: str) -> str:
-    """Return the version of an agent; empty if it is not known or not installed here."""
+def version_of(find: Callable[[str], Any], name: str) -> str:
+    """Return the version of what `find`, `entry` or `problem`, finds; empty if it is not here."""
     try:
-        return entry(name).version
-    except PrefcalError:
-        return ""
-
-
-def problem_version(name: str) -> str:
-    """Return the version of a problem; empty if it is not known here."""
-    try:
-        return str(problem(name).version)
+        return str(find(name).version)
     except PrefcalError:
         return ""

@@ -9,9 +9,9 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.presentation.wording import labeled, measured, number
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.scenario import Scenario
 
-from .printed import COMPARISONS, T_COMP, THETA
+from .paper import COMPARISONS, T_COMP, THETA
 from .studies import CASES, Case, Study
 
 SHOWN = {
@@ -62,20 +62,14 @@ def rows(result: Found) -> list[Row]:
         values = [float(e.theta[k]) for e in result.experiments]
         name = labeled(knob.name, knob.unit)
         table.append((name, printed, printed, number(values[0]), *_spread(values)))
+    kpis = {kpi.name: kpi for kpi in result.scenario.kpis}
     for name in SHOWN[result.scenario.name]:
-        table.append(_kpi_row(result, _kpi(result.scenario, name)))
+        printed = number(T_COMP) if name == "t_comp_worst" else "–"
+        values = [float(e.kpis[name]) for e in result.experiments]
+        here, ours = (measured(kpis[name], one) for one in (result.paper, result.first))
+        title = labeled(kpis[name].title, kpis[name].unit)
+        table.append((title, printed, here, ours, *_spread(values)))
     return table
-
-
-def _kpi_row(result: Found, kpi: KPI) -> Row:
-    printed = number(T_COMP) if kpi.name == "t_comp_worst" else "–"
-    values = [float(e.kpis[kpi.name]) for e in result.experiments]
-    here, ours = measured(kpi, result.paper), measured(kpi, result.first)
-    return labeled(kpi.title, kpi.unit), printed, here, ours, *_spread(values)
-
-
-def _kpi(scenario: Scenario, name: str) -> KPI:
-    return next(kpi for kpi in scenario.kpis if kpi.name == name)
 
 
 def _spread(values: Sequence[float]) -> tuple[str, str]:
@@ -87,6 +81,7 @@ def compared(results: Sequence[Found]) -> list[str]:
     """Return what each case puts beside what, and what comes out, as one sentence or more each."""
     reactor, automated, car = results
     n = len(car.experiments)
+    controllers = "one calibrated controller" if n == 1 else f"{n} calibrated controllers"
     in_time = sum(e.kpis["t_comp_worst"] <= e.theta[0] for e in car.experiments)
     apart = sum(e.kpis["lateral_distance"] >= car.paper.kpis["lateral_distance"] - 0.05
                 for e in car.experiments)  # fmt: skip
@@ -97,7 +92,7 @@ def compared(results: Sequence[Found]) -> list[str]:
         f"{number(reactor.paper.kpis['index'])}.",
         "Reactor, automated: GLIS is told the same index. Median "
         f"{number(_index(automated))}; at the paper's θ {number(automated.paper.kpis['index'])}.",
-        f"Car: a synthetic person answers by criteria (i) to (vi). Of {_controllers(n)}, {in_time} "
+        f"Car: a synthetic person answers by criteria (i) to (vi). Of {controllers}, {in_time} "
         f"{'computes' if in_time == 1 else 'compute'} every step within T_s, and {apart} "
         f"{'passes' if apart == 1 else 'pass'} the obstacle at no less than the distance that the "
         "paper's θ keeps here, less 5 cm.",
@@ -118,37 +113,27 @@ def disagreements(results: Sequence[Found]) -> list[str]:
         f"{100 * (printed[0] / printed[1] - 1):.0f} % more. Our medians differ by {ours:.4f}, "
         "which proves nothing about people: our answers go by the index itself.",
     ]
-    judged = [_prefers_paper(car, index, seed) for index, seed in enumerate(_seeds(car))]
+    judged = [_prefers_paper(car, k) for k in range(len(car.studies))]
     if any(judged):
         first = "with seed 0 too, which is drawn below" if judged[0] else "with seed 0 not"
-        peaks = (number(float(e.kpis["path_peak"])) for e in (car.paper, car.first))
+        peaks = [number(float(e.kpis["path_peak"])) for e in (car.paper, car.first)]
         found.append(
             f"The car's synthetic person prefers the paper's θ to what was found in {sum(judged)} "
-            f"of {_studies(len(judged))} ({first}). Farthest to the side: {next(peaks)} m at "
-            f"the paper's θ, {next(peaks)} m with seed 0.",
+            f"of {_studies(len(judged))} ({first}). Farthest to the side: {peaks[0]} m at "
+            f"the paper's θ, {peaks[1]} m with seed 0.",
         )
     for result in results:
-        if asked := _other_count(result):
+        if (asked := result.studies[0].comparisons) not in (0, COMPARISONS):
             found.append(f"{result.case.scenario}: {asked} comparisons here, {COMPARISONS} there.")
     return found
 
 
-def _prefers_paper(car: Found, index: int, seed: int) -> bool:
+def _prefers_paper(car: Found, index: int) -> bool:
     """Return whether the synthetic person of a study prefers the paper's θ to the calibrated."""
     assert car.case.calibrator is not None
-    person = car.scenario.calibrators[car.case.calibrator](seed)
+    person = car.scenario.calibrators[car.case.calibrator](car.studies[index].seed)
     verdict = Answer.of(person.prefer(car.paper, car.experiments[index])).preference
     return verdict is Preference.CHALLENGER
-
-
-def _seeds(result: Found) -> list[int]:
-    return [study.seed for study in result.studies]
-
-
-def _other_count(result: Found) -> int:
-    """Return the number of comparisons of the first study if it is not the paper's; else 0."""
-    asked = result.studies[0].comparisons
-    return asked if asked != COMPARISONS else 0
 
 
 def _index(result: Found) -> float:
@@ -157,7 +142,3 @@ def _index(result: Found) -> float:
 
 def _studies(count: int) -> str:
     return "one study" if count == 1 else f"{count} studies"
-
-
-def _controllers(count: int) -> str:
-    return "one calibrated controller" if count == 1 else f"{count} calibrated controllers"

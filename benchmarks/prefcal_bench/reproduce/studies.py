@@ -9,40 +9,39 @@ import numpy as np
 
 from prefcal_agents import GLIS, GLISp
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.loop import Comparison, ask_and_tell, calibrate
+from prefcal_env.preferences.loop import ask_and_tell, calibrate
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.scenario import Scenario
 
-from .printed import N_INIT, N_MAX
+from .paper import N_INIT, N_MAX
 
 Theta = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A study of the paper; without a calibrator, the agent gets the performance index."""
+    """A study of the paper by GLISp, or by GLIS, which gets the index, without a calibrator."""
 
     name: str
+    title: str
     scenario: str
-    agent: str
     calibrator: str | None
 
 
+_REACTOR, _CAR = "cstr", "overtake"
 CASES = (
-    Case("cstr-preferences", "cstr", "GLISp", "synthetic"),
-    Case("cstr-automated", "cstr", "GLIS", None),
-    Case("overtake-preferences", "overtake", "GLISp", "synthetic"),
+    Case("cstr-preferences", "Reactor, calibrated by preferences", _REACTOR, "synthetic"),
+    Case("cstr-automated", "Reactor, calibrated automatically", _REACTOR, None),
+    Case("overtake-preferences", "Car, calibrated by preferences", _CAR, "synthetic"),
 )
 """Cases in the order of the paper."""
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """One comparison: the better θ, the worse θ, and which of them was the new one."""
+    """One comparison: the better θ and the worse θ."""
 
     better: Theta
     worse: Theta
-    new_won: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,32 +74,23 @@ def study(case: Case, seed: int) -> Study:
     """Run one study with the settings of section IV of the paper."""
     scenario = load(case.scenario)
     if case.calibrator is None:
-        return _automated(case, scenario, seed)
+        cost = scenario.cost
+        assert cost is not None
+        seeing = GLIS(scenario.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
+        deque(ask_and_tell(seeing, scenario.run, lambda new, _: cost(new)), maxlen=0)  # runs it
+        return Study(case.name, seed, _plain(seeing.best), N_MAX, 0, ())
     agent = GLISp.paper(scenario.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
-    calibrator = scenario.calibrators[case.calibrator](seed)
-    asked = list(calibrate(agent, scenario.run, calibrator))
-    compared = [c for c in asked if c.incumbent is not None]
-    decided = tuple(_asked(c) for c in compared if c.answer.preference is not Preference.TIE)
-    return Study(
-        case.name, seed, _plain(agent.best), len(agent.samples), len(compared), decided
-    )  # fmt: skip
-
-
-def _automated(case: Case, scenario: Scenario, seed: int) -> Study:
-    """Run GLIS with the performance index of every experiment as the score."""
-    assert scenario.cost is not None
-    agent = GLIS(scenario.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
-    cost = scenario.cost
-    deque(ask_and_tell(agent, scenario.run, lambda new, _: cost(new)), maxlen=0)  # runs it
-    return Study(case.name, seed, _plain(agent.best), N_MAX, 0, ())
-
-
-def _asked(comparison: Comparison) -> Asked:
-    assert comparison.incumbent is not None
-    pair = _plain(comparison.challenger.theta), _plain(comparison.incumbent.theta)
-    new_won = comparison.answer.preference is Preference.CHALLENGER
-    better, worse = pair if new_won else pair[::-1]
-    return Asked(better, worse, new_won)
+    asked, comparisons = list[Asked](), 0
+    for one in calibrate(agent, scenario.run, scenario.calibrators[case.calibrator](seed)):
+        if one.incumbent is None:
+            continue
+        comparisons += 1
+        pair = _plain(one.challenger.theta), _plain(one.incumbent.theta)
+        if one.answer.preference is not Preference.TIE:
+            new_won = one.answer.preference is Preference.CHALLENGER
+            asked.append(Asked(*(pair if new_won else pair[::-1])))
+    best, count = _plain(agent.best), len(agent.samples)
+    return Study(case.name, seed, best, count, comparisons, tuple(asked))
 
 
 def _plain(theta: np.ndarray) -> Theta:

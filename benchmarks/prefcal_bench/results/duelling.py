@@ -1,7 +1,6 @@
 """Count duels: how often one agent's θ is preferred to another's, and with which confidence."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import pandas as pd
@@ -15,46 +14,13 @@ from .statistics import CONFIDENCE
 _PAIR = ["problem", "calibrator", "agent", "rival"]
 
 
-@dataclass(frozen=True, slots=True)
-class Tally:
-    """All duels of an agent with a rival on one problem.
-
-    Args:
-        problem: Name of a problem without a cost.
-        calibrator: Name of the calibrator that answered in the studies.
-        agent: Name of the agent whose θ is evaluated.
-        rival: Name of another agent, or `PAPER`.
-        seeds: Number of duels.
-        wins: Number of duels in which the agent's θ is preferred.
-        ties: Number of duels in which neither θ is preferred.
-        losses: Number of duels in which the rival's θ is preferred.
-        share: wins / seeds.
-        low: Lower end of the exact (Clopper-Pearson) 95 % interval of that share.
-        high: Upper end of that interval.
-        p: p value of an exact two-sided sign test on wins and losses; 1 if all are ties.
-    """
-
-    problem: str
-    calibrator: str
-    agent: str
-    rival: str
-    seeds: int
-    wins: int
-    ties: int
-    losses: int
-    share: float
-    low: float
-    high: float
-    p: float
-
-    @property
-    def net(self) -> float:
-        """Return the share of wins minus the share of losses, from -1 to 1."""
-        return (self.wins - self.losses) / self.seeds
-
-
-def tallies(duels: Iterable[Duel]) -> list[Tally]:
+def duel_rows(duels: Iterable[Duel]) -> pd.DataFrame:
     """Return the counts of all duels, each from both sides; duplicates count once.
+
+    A row is an agent and its rival, another agent or `PAPER`, on one problem without a cost, with
+    the calibrator that answered in the studies. Columns: these four, seeds (number of duels), wins,
+    ties and losses of the agent, share (wins / seeds), low and high (its exact, Clopper-Pearson,
+    95 % interval), and p (exact two-sided sign test on wins and losses; 1 if all are ties).
 
     Raises:
         SettingsError: If an agent meets itself, or one duel has two outcomes.
@@ -74,24 +40,29 @@ def tallies(duels: Iterable[Duel]) -> list[Tally]:
     for column in ("agent", "rival"):
         frame[column] = pd.Categorical(frame[column], categories=names, ordered=True)
     groups = frame.groupby(_PAIR, observed=True)["outcome"]
-    return [_tally(pair, list(outcomes)) for pair, outcomes in groups]
+    rows = [dict(zip(_PAIR, pair, strict=True)) | _count(list(found)) for pair, found in groups]
+    return pd.DataFrame(rows, columns=[*_PAIR, *_count([0])])
 
 
 def duel_table(duels: Iterable[Duel]) -> list[dict[str, Any]]:
-    """Return the tallies as plain data, for JSON and CSV.
+    """Return the rows of `duel_rows` as plain data, for JSON and CSV.
 
     Raises:
-        SettingsError: See `tallies`.
+        SettingsError: See `duel_rows`.
     """
-    return [asdict(t) for t in tallies(duels)]
+    return [{str(k): v for k, v in row.items()} for row in duel_rows(duels).to_dict("records")]
 
 
-def _tally(key: tuple[str, str, str, str], outcomes: list[int]) -> Tally:
+def _count(outcomes: list[int]) -> dict[str, float]:
     from scipy.stats import binomtest
 
     wins, ties, losses = (outcomes.count(k) for k in (-1, 0, 1))
     n = len(outcomes)
     interval = binomtest(wins, n).proportion_ci(CONFIDENCE, method="exact")
     p = float(binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
-    low, high = float(interval.low), float(interval.high)
-    return Tally(*key, n, wins, ties, losses, wins / n, low, high, p)
+    ends = {"low": float(interval.low), "high": float(interval.high)}
+    return (
+        {"seeds": n, "wins": wins, "ties": ties, "losses": losses, "share": wins / n}
+        | ends
+        | {"p": p}
+    )

@@ -1,14 +1,14 @@
 """Describe what a campaign lacks, so that a table does not look complete when it is not."""
 
 from collections.abc import Iterator
+from itertools import groupby
 
 import numpy as np
 import pandas as pd
 
 from prefcal_bench.problems import HOLES
 
-from .campaign import Campaign
-from .curves import Setting
+from .campaign import Campaign, Setting, problems_of
 from .statistics import FLOOR
 from .words import named, problem_name, seeds_text, short
 
@@ -32,18 +32,20 @@ def missing(campaign: Campaign) -> list[str]:
 
 def not_run(campaign: Campaign) -> list[str]:
     """Return where agents did not run at all, for example because they need a cost."""
-    absent: dict[tuple[Setting, str], list[str]] = {}
-    for setting, problem, there in _tried(campaign):
-        for agent, seeds in there.items():
-            if not seeds:
-                absent.setdefault((setting, agent), []).append(problem)
+    absent = [
+        (setting, agent, problem)
+        for setting, problem, there in _tried(campaign)
+        for agent, seeds in there.items()
+        if not seeds
+    ]
     places: dict[tuple[Setting, tuple[str, ...]], list[str]] = {}
-    for (setting, agent), problems in absent.items():
-        places.setdefault((setting, tuple(problems)), []).append(agent)
+    absent.sort(key=lambda one: (campaign.settings.index(one[0]), campaign.agents.index(one[1])))
+    for (setting, agent), rows in groupby(absent, lambda one: one[:2]):
+        places.setdefault((setting, tuple(problem for *_, problem in rows)), []).append(agent)
     found = []
     for (setting, names), agents in places.items():
         where = named(setting, campaign)
-        if names != campaign.problems(setting):
+        if names != problems_of(campaign.ours[campaign.ours["setting"] == setting]):
             where = f"{', '.join(names)}, {where}"
         found.append(f"{where}: not run with {', '.join(agents)}")
     return found
@@ -62,10 +64,9 @@ def beaten(campaign: Campaign) -> list[str]:
 
     Known holes are excluded; see `in_holes`.
     """
-    costly = campaign.finished[campaign.finished["cost"]]
-    lowest = costly.assign(gap=np.fmin(costly["curve"].map(np.min), costly["visited"]))
-    news = lowest[~in_hole(lowest) & (lowest["gap"] < -FLOOR)]
-    least = news.astype({"problem": str}).groupby("problem")["gap"].min()
+    costly = _costly(campaign)
+    news = costly[~costly["hole"] & (costly["lowest"] < -FLOOR)]
+    least = news.groupby("problem", observed=True)["lowest"].min()
     return [
         f"{problem_name(campaign, p)}: {-gap:.2g} below the best known value, which is therefore "
         "not the optimum; such gaps count as the floor"
@@ -75,10 +76,10 @@ def beaten(campaign: Campaign) -> list[str]:
 
 def in_holes(campaign: Campaign) -> list[str]:
     """Return which agents ended in an undesirable hole of a cost, and how often."""
-    costly = campaign.finished[campaign.finished["cost"]]
-    studies = costly.assign(hole=in_hole(costly))
     found = []
-    for (setting, problem), group in studies.groupby(["setting", "problem"], observed=True):
+    for (setting, problem), group in _costly(campaign).groupby(
+        ["setting", "problem"], observed=True
+    ):
         counts = group.groupby("agent", observed=True)["hole"].agg(["sum", "count"])
         who = [f"{a} in {n} of {of} seeds" for a, n, of in counts.itertuples() if n]
         if who:
@@ -90,16 +91,18 @@ def in_holes(campaign: Campaign) -> list[str]:
     return found
 
 
-def in_hole(studies: pd.DataFrame) -> pd.Series:
-    """Return for each study whether its gap lies in a known hole of the cost."""
-    depth = studies["problem"].astype(str).map(HOLES).astype(float)
-    gap = studies["gap"]
-    return (gap < -HOLE_SLACK) & (gap >= -depth - HOLE_SLACK)
+def _costly(campaign: Campaign) -> pd.DataFrame:
+    """Return the studies with gaps, their smallest gap, and whether they end in a known hole."""
+    costly = campaign.finished.dropna(subset="gap")
+    end, low = (costly["gap"].map(one).astype(float) for one in (lambda gap: gap[-1], np.min))
+    depth = costly["problem"].astype(str).map(HOLES).astype(float)
+    hole = (end < -HOLE_SLACK) & (end >= -depth - HOLE_SLACK)
+    return costly.assign(hole=hole, lowest=np.fmin(low, costly["visited"].astype(float)))
 
 
 def _tried(campaign: Campaign) -> Iterator[tuple[Setting, str, dict[str, set[int]]]]:
-    """Yield the seeds of every agent of the campaign, for each setting and problem."""
-    where = campaign.studies.groupby(["setting", "problem"], observed=True)
-    for (setting, problem), studies in where:
-        seeds = studies.groupby("agent", observed=True)["seed"].agg(set)
-        yield setting, problem, {agent: seeds.get(agent, set()) for agent in campaign.agents}
+    """Yield the seeds of each of our agents, for each setting and problem."""
+    ours = [agent for agent in campaign.agents if agent in set(campaign.ours["agent"])]
+    for (setting, problem), there in campaign.ours.groupby(["setting", "problem"], observed=True):
+        seeds = there.groupby("agent", observed=True)["seed"].agg(set)
+        yield setting, problem, {agent: seeds.get(agent, set()) for agent in ours}

@@ -1,80 +1,158 @@
-"""Make index.html: all results of a campaign in one self-contained file."""
+"""Write the folder of a campaign: figures, tables, and index.html, which holds all of them."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
 
 from prefcal_app.report.export import versions
 from prefcal_app.report.html import environment
+from prefcal_bench.cells.duels import Duel
+from prefcal_bench.cells.result import Result
+from prefcal_scenarios.presentation.folder import folder_for, put
 
-from .campaign import Campaign
-from .curves import Curves, Setting
+from .campaign import Campaign, campaign_of
+from .duelling import duel_rows
 from .missing import beaten, failures, in_holes, missing, not_run
-from .pictures import Material, Shown, draw, draw_loops, draw_overview
-from .rows import SEED
+from .pictures import Material, Shown, draw_gaps, draw_loops, draw_overview
+from .rows import BASELINE, SEED, as_csv, plain
 from .statistics import FLOOR
-from .tables import duels, failed, numbers, overview, worth_numbers
+from .tables import Table, duel_numbers, failed, numbers, overview, worth_numbers
 from .words import named, short
 
-
-class Drawn(NamedTuple):
-    """All figures: of worth on all loops and on each, and of gaps, duels and times."""
-
-    overview: Sequence[Shown]
-    loops: Sequence[Shown]
-    others: Sequence[Shown]
+_OURS = re.compile(r"(ranking|gaps?|profiles|questions|duels|seconds|worth)(-[\w.-]+)?\.png")
 
 
-def draw_all(material: Material) -> Drawn:
-    """Draw every figure that there are results for."""
-    worths, looks = material.worths, material.looks
-    return Drawn(draw_overview(worths, looks), draw_loops(worths, looks), draw(material))
+class Part(NamedTuple):
+    """Part of the page: a heading with a figure, a table, or both."""
+
+    title: str
+    picture: Shown | None = None
+    table: Table | None = None
 
 
-def page(material: Material, drawn: Drawn, command: str, digest: str, notes: Sequence[str]) -> str:
-    """Return the text of index.html: closed loops first, then problems with gaps, then duels."""
-    campaign, ends, baseline = material.campaign, _ends(material), material.baseline
-    lost, gaps = failures(campaign), {"floor of the gaps": short(FLOOR),
-                                      "average of the log ratios": "median"}  # fmt: skip
-    text: str = (
-        environment("prefcal_bench")
-        .get_template("results/page.html.j2")
-        .render(
-            lead=_lead(campaign, material.curves),
-            nothing=not len(campaign.finished),
-            drawn=drawn,
-            worth_tables=[worth_numbers(material.worths, s) for s in material.curves.settings],
-            partial=bool(missing(campaign) or lost),
-            overviews=[
-                (f"Median gaps{end}", overview(campaign, material.rows_of(s), s, baseline))
-                for s, end in ends
-            ],
-            pictures=[(one, duels(one.tallies) if one.tallies else None) for one in drawn.others],
-            all_numbers=[
-                numbers(_with_gaps_or_failures(material, s), baseline, f"All numbers{end}")
-                for s, end in ends
-            ],
-            failed=failed(lost),
-            absent=list(_absent(material, notes)),
-            command=command,
-            digest=digest,
-            statistics={"baseline": baseline, **(gaps if ends else {}),
-                        "seed of the bootstrap": SEED},
-            versions=versions(),
-        )
-    )  # fmt: skip
+def write(
+    results: Iterable[Result],
+    duels: Iterable[Duel],
+    folder: str | Path,
+    *,
+    command: str = "",
+    digest: str = "",
+    notes: Sequence[str] = (),
+    baseline: str = BASELINE,
+    published: pd.DataFrame | None = None,
+) -> Path:
+    """Write index.html, its figures as PNG, and the tables as CSV; return the page's path.
+
+    The tables are table.csv (gaps), worth.csv (worth on closed loops) and duels.csv.
+
+    Equal results give equal bytes, regardless of their order. Figures left over from an earlier
+    campaign in `folder` are removed.
+
+    Args:
+        results: Results; the page lists cells that are missing or failed.
+        duels: Verdicts on problems without a cost; may be empty.
+        folder: Folder to write to, created if necessary.
+        command: Command line that was typed, for the page.
+        digest: Digest of the results, for the page.
+        notes: Combinations that were left out on purpose, with reasons, and other remarks.
+        baseline: Agent that all others are compared with.
+        published: Worth of other agents' studies to compare with, see `campaign_of`.
+
+    Raises:
+        SettingsError: If results or duels contradict each other, or the folder cannot be written
+            to.
+    """
+    material, met = Material(campaign_of(results, published), baseline), duel_rows(duels)
+    target, found = folder_for(folder), parts(material, met)
+    pictures = {part.picture.file: part.picture.content for part in found if part.picture}
+    _remove_others(target, set(pictures))
+    content = {
+        **pictures,
+        "table.csv": as_csv(plain(material.gaps)).encode(),
+        "worth.csv": as_csv(plain(material.worths)).encode(),
+        "duels.csv": as_csv(met.to_dict("records")).encode(),
+        "index.html": _text(material, found, command, digest, notes).encode(),
+    }
+    for name, written in content.items():
+        put(target / name, written)
+    return target / "index.html"
+
+
+def _remove_others(folder: Path, kept: set[str]) -> None:
+    """Remove figures of an earlier campaign, only files that have one of our names."""
+    for path in folder.glob("*.png"):
+        if _OURS.fullmatch(path.name) and path.name not in kept:
+            path.unlink()
+
+
+def parts(material: Material, met: pd.DataFrame) -> list[Part]:
+    """Return the parts with results: closed loops first, then problems with gaps, then duels.
+
+    Args:
+        material: Results.
+        met: Counted duels, see `duel_rows`.
+    """
+    campaign, worths, baseline = material.campaign, material.worths, material.baseline
+    found = [Part(one.title, one) for one in draw_overview(material)]
+    for setting in campaign.having("worth"):
+        table = worth_numbers(campaign, worths, setting, baseline)
+        found.append(Part(table.label, table=table))
+    found += [Part(one.title, one) for one in draw_loops(material)]
+    settings = [s for s in campaign.having("gap") if len(material.gaps_of(s))]
+    ends = {s: f" ({named(s, campaign)})" if len(settings) > 1 else "" for s in settings}
+    for setting, end in ends.items():
+        table = overview(campaign, material.gaps_of(setting), setting, baseline)
+        found.append(Part(f"Median gaps{end}", table=table))
+    found += [Part(one.title, one) for one in draw_gaps(material)]
+    for _, rows in met.groupby(["problem", "calibrator"]):
+        table = duel_numbers(rows)
+        found.append(Part(table.label, table=table))
+    for setting, end in ends.items():
+        rows = material.gaps[material.gaps["setting"] == setting]
+        rows = rows[rows["gap_median"].notna() | (rows["failed"] > 0)]
+        table = numbers(rows, baseline, f"All numbers{end}")
+        found.append(Part(table.label, table=table))
+    if lost := failures(campaign):
+        found.append(Part("Failed cells", table=failed(lost)))
+    return found
+
+
+def _text(
+    material: Material, parts: Sequence[Part], command: str, digest: str, notes: Sequence[str]
+) -> str:
+    """Return the text of index.html."""
+    campaign = material.campaign
+    statistics = {"baseline": material.baseline, "seed of the bootstrap": SEED}
+    if len(material.gaps["gap_median"].dropna()):
+        statistics |= {"floor of the gaps": short(FLOOR), "average of the log ratios": "median"}
+    template = environment("prefcal_bench").get_template("results/page.html.j2")
+    text: str = template.render(
+        lead=_lead(campaign),
+        nothing=not len(campaign.finished),
+        partial=bool(missing(campaign) or len(campaign.failed)),
+        parts=parts,
+        absent=list(_absent(material, notes)),
+        command=command,
+        digest=digest,
+        statistics=statistics,
+        versions=versions(),
+    )
     return text
 
 
-def _lead(campaign: Campaign, curves: Curves) -> str:
-    studies = campaign.studies
-    if not len(studies):
+def _lead(campaign: Campaign) -> str:
+    ours = campaign.ours
+    if not len(ours):
         return ""
-    published = len({*curves.agents} - {*campaign.agents})
+    agents, problems, seeds = (ours[name].nunique() for name in ("agent", "problem", "seed"))
+    published = len(campaign.agents) - agents
     beside = f" Beside them, {_count(published, 'published agent')}." if published else ""
     return (
-        f"{_count(len(campaign.agents), 'agent')} on "
-        f"{_count(studies['problem'].nunique(), 'problem')}, up to "
-        f"{_count(studies['seed'].nunique(), 'seed')} each: "
+        f"{_count(agents, 'agent')} on {_count(problems, 'problem')}, up to "
+        f"{_count(seeds, 'seed')} each: "
         f"{_count(len(campaign.finished), 'finished study', 'finished studies')}, "
         f"{len(campaign.failed)} failed.{beside}"
     )
@@ -84,36 +162,13 @@ def _count(number: int, one: str, more: str = "") -> str:
     return f"{number} {one if number == 1 else more or one + 's'}"
 
 
-def _ends(material: Material) -> list[tuple[Setting, str]]:
-    """Return the settings that have gaps, and a suffix for their headings if there are several."""
-    campaign = material.campaign
-    found = [setting for setting in campaign.settings if len(material.rows_of(setting))]
-    return [(s, f" ({named(s, campaign)})" if len(found) > 1 else "") for s in found]
-
-
-def _with_gaps_or_failures(material: Material, setting: Setting) -> Any:
-    rows = material.rows[material.rows["setting"] == setting]
-    return rows[rows["gap_median"].notna() | (rows["failed"] > 0)]
-
-
 def _absent(material: Material, notes: Sequence[str]) -> Iterator[str]:
     """Yield everything that a reader might miss on the page, with the reason."""
     campaign = material.campaign
     yield from notes
-    yield from missing(campaign)
-    yield from not_run(campaign)
-    yield from beaten(campaign)
-    yield from in_holes(campaign)
-    if len(material.rows) and material.baseline not in campaign.agents:
+    for describe in (missing, not_run, beaten, in_holes):
+        yield from describe(campaign)
+    if len(material.gaps) and material.baseline not in campaign.agents:
         yield f"No differences are shown: there are no results of {material.baseline}"
-    for standing in material.standings:
-        where: dict[str, list[str]] = {}
-        both = (("the ranking", standing.ranking), ("the data profiles", standing.profiles))
-        for what, outcome in both:
-            for words in (outcome,) if isinstance(outcome, str) else outcome.left_out:
-                where.setdefault(words, []).append(what)
-        name = named(standing.setting, campaign)
-        for words, parts in where.items():
-            yield f"Not in {' and '.join(parts)} ({name}): {words}"
-    if len(campaign.finished) and material.rows["seconds_per_proposal"].isna().all():
+    if len(campaign.finished) and campaign.finished["seconds"].isna().all():
         yield "Seconds per proposal: measured in serial runs only"

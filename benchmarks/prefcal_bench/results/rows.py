@@ -8,13 +8,11 @@ import numpy as np
 import pandas as pd
 
 from prefcal_bench.cells.result import Result
-from prefcal_bench.problems import HOLES
 
-from .campaign import HUGE, Campaign, campaign_of
-from .curves import Curves, Setting, after_answers
-from .missing import in_hole
+from .campaign import HUGE, Campaign, Setting, after_answers, campaign_of
 from .statistics import (
     FLOOR,
+    Estimate,
     difference,
     drift,
     geometric_mean,
@@ -30,13 +28,10 @@ SEED = 0
 """Seed of the bootstrap's resamples, the same for each row: rows are independent of each other."""
 _GAP_COLUMNS = (
     "setting", "problem", "knobs", "calibrator", "n_init", "n_max", "agent", "seeds", "failed",
-    "gap_lower_quartile", "gap_median", "gap_upper_quartile", "gap_to_hole_median",
-    "seeds_in_hole", "visited_median", "questions_median", "seconds_per_proposal", "baseline",
-    "floor", "average", "pairs", "log10_ratio", "log10_ratio_low", "log10_ratio_high", "wins",
-    "ties", "losses", "p", "p_holm", "worth",
+    "gap_lower_quartile", "gap_median", "gap_upper_quartile", "visited_median", "questions_median",
+    "seconds_per_proposal", "baseline", "floor", "average", "pairs", "log10_ratio",
+    "log10_ratio_low", "log10_ratio_high", "wins", "ties", "losses", "p", "p_holm",
 )  # fmt: skip
-
-
 _WORTH_COLUMNS = (
     "setting", "taste", "n_init", "n_max", "agent", "loops", "studies", "unit", "after", "worth",
     "worth_low", "worth_high", "interquartile_mean", "answers", "baseline", "improvement",
@@ -47,37 +42,25 @@ _WORTH_COLUMNS = (
 def gap_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
     """Return the table of gaps, sorted by setting, problem and agent, with None where unknown.
 
-    Infinite gaps are `HUGE`. The table has the columns of `table`, and in addition the setting
-    and whether the problem is a closed loop whose results are judged by their worth.
+    Infinite gaps are `HUGE`. The table has the columns of `table`, and in addition the setting.
+    Where results are judged by their worth there are no rows: see `worth_rows`.
     """
-    keys = ["setting", "problem", "agent"]
-    theirs = campaign.finished[campaign.finished["agent"] == baseline]
-    gaps = {
-        place: studies.set_index("seed")["gap"]
-        for place, studies in theirs.groupby(keys[:2], observed=True)
-    }
-    worthy = campaign.studies.groupby(keys[:2], observed=True)["worth"].any()
-    rows = []
-    for (setting, problem, agent), studies in campaign.studies.groupby(keys, observed=True):
-        finished = studies[studies["failure"] == ""]
-        row = {
-            "setting": setting, "problem": problem, "knobs": campaign.knobs(problem),
-            **asdict(setting), "agent": agent, "seeds": len(finished),
-            "failed": len(studies) - len(finished), "baseline": baseline,
-            "floor": FLOOR, "average": "median", "worth": worthy[setting, problem],
-            "questions_median": _median(finished["questions"]),
-            "seconds_per_proposal": _median(finished["seconds"]),
-        }  # fmt: skip
-        if len(finished) and finished["cost"].all():
-            row |= _gaps(finished, problem)
-            if agent != baseline and (setting, problem) in gaps:
-                row |= _nearer(finished, gaps[setting, problem])
-        rows.append(row)
-    table = pd.DataFrame(rows, columns=_GAP_COLUMNS, dtype=object)
-    for _, group in table.groupby(keys[:2], sort=False):
-        tested = group["p"].dropna()
-        table.loc[tested.index, "p_holm"] = holm(list(tested))
-    return _without_nan(table)
+    rows: list[dict[str, Any]] = []
+    for (setting, problem), there in campaign.ours.groupby(["setting", "problem"], observed=True):
+        if there["worth"].notna().any():
+            continue
+        agents = {agent: _gap_row(group) for agent, group in there.groupby("agent", observed=True)}
+        gaps = {agent: _last_gaps(group) for agent, group in there.groupby("agent", observed=True)}
+        for agent, row in agents.items():
+            if agent != baseline and baseline in gaps:
+                row |= _nearer(gaps[agent], gaps[baseline])
+            row |= {"setting": setting, "problem": problem, "knobs": campaign.knobs(problem),
+                    "agent": agent, "baseline": baseline, **asdict(setting)}  # fmt: skip
+        tested = [row for row in agents.values() if "p" in row]
+        for row, p in zip(tested, holm([row["p"] for row in tested]), strict=True):
+            row["p_holm"] = p
+        rows += agents.values()
+    return _table(rows, _GAP_COLUMNS)
 
 
 def table(results: Iterable[Result], *, baseline: str = BASELINE) -> list[dict[str, Any]]:
@@ -92,19 +75,13 @@ def table(results: Iterable[Result], *, baseline: str = BASELINE) -> list[dict[s
     Raises:
         SettingsError: If results contradict each other.
     """
-    return plain_gaps(gap_rows(campaign_of(results), baseline))
-
-
-def plain_gaps(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return rows in the format of `table`, without those that have a worth and so no gap."""
-    gaps = rows[~rows["worth"].astype(bool)].drop(columns="worth")
-    return [{name: _known(value) for name, value in row.items()} for row in plain(gaps)]
+    return plain(gap_rows(campaign_of(results), baseline))
 
 
 def plain(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return rows as plain data, without their setting."""
+    """Return rows as plain data without their setting; infinite numbers are None."""
     records = rows.drop(columns="setting").to_dict("records")
-    return [{str(name): value for name, value in row.items()} for row in records]
+    return [{str(name): _known(value) for name, value in row.items()} for row in records]
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -114,43 +91,49 @@ def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
     return str(pd.DataFrame(rows, dtype=object).to_csv(index=False, lineterminator="\n"))
 
 
-def _median(values: pd.Series) -> float | None:
-    known = values.dropna()
-    return float(np.median(known)) if len(known) else None
-
-
-def _without_nan(table: pd.DataFrame) -> pd.DataFrame:
-    return table.astype(object).where(table.notna(), None)
-
-
-def _gaps(finished: pd.DataFrame, problem: str) -> dict[str, Any]:
-    low, median, high = map(float, np.quantile(finished["gap"], [0.25, 0.5, 0.75]))
-    hole = HOLES.get(problem)
-    return {
-        "gap_lower_quartile": low,
-        "gap_median": median,
-        "gap_upper_quartile": high,
-        "visited_median": _median(finished["visited"]),
-        "gap_to_hole_median": None if hole is None else median + hole,
-        "seeds_in_hole": None if hole is None else int(in_hole(finished).sum()),
-    }
-
-
-def _nearer(finished: pd.DataFrame, baseline: pd.Series) -> dict[str, Any]:
-    """Return how an agent's gaps compare with the baseline's, paired by seed."""
-    ours = finished.set_index("seed")["gap"]
-    pairs = pd.concat([ours, baseline], axis=1, join="inner", keys=["gap", "baseline"])
-    if not len(pairs):
-        return {}
-    rng = np.random.default_rng(SEED)
-    found = difference(pairs["gap"].to_numpy(), pairs["baseline"].to_numpy(), rng=rng)
-    names = {"low": "log10_ratio_low", "high": "log10_ratio_high"}
-    return {names.get(name, name): value for name, value in asdict(found).items()}
-
-
 def _known(value: Any) -> Any:
     """Return `value`, or None if it is not a number or stands for infinity."""
     return None if isinstance(value, float) and not abs(value) < HUGE else value
+
+
+def _table(rows: list[dict[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
+    found = pd.DataFrame(rows, columns=list(columns), dtype=object)
+    return found.where(found.notna(), None)
+
+
+def _median(values: Iterable[float]) -> float | None:
+    known = pd.Series(list(values), dtype=float).dropna()
+    return float(known.median()) if len(known) else None
+
+
+def _last_gaps(studies: pd.DataFrame) -> pd.Series:
+    """Return the gaps at the end by seed, of the studies that have one."""
+    curves = studies.dropna(subset="gap").set_index("seed")["gap"]
+    return curves.map(lambda curve: curve[-1]).astype(float)
+
+
+def _gap_row(studies: pd.DataFrame) -> dict[str, Any]:
+    finished, gaps = studies[studies["failure"] == ""], _last_gaps(studies)
+    row = {
+        "seeds": len(finished), "failed": len(studies) - len(finished), "floor": FLOOR,
+        "average": "median", "questions_median": _median(asked[-1] for asked in finished["asked"]),
+        "seconds_per_proposal": _median(finished["seconds"]),
+    }  # fmt: skip
+    if len(gaps):
+        quartiles = map(float, np.quantile(gaps, [0.25, 0.5, 0.75]))
+        names = ("gap_lower_quartile", "gap_median", "gap_upper_quartile")
+        row |= dict(zip(names, quartiles, strict=True))
+        row["visited_median"] = _median(finished["visited"])
+    return row
+
+
+def _nearer(gaps: pd.Series, baseline: pd.Series) -> dict[str, Any]:
+    """Return how an agent's gaps compare with the baseline's, paired by seed."""
+    seeds = gaps.index.intersection(baseline.index)
+    if not len(seeds):
+        return {}
+    rng = np.random.default_rng(SEED)
+    return asdict(difference(gaps[seeds].to_numpy(), baseline[seeds].to_numpy(), rng=rng))
 
 
 def checkpoints(setting: Setting) -> tuple[int, int]:
@@ -158,20 +141,16 @@ def checkpoints(setting: Setting) -> tuple[int, int]:
     return max(round(FIRST_PART * setting.n_max), 1), setting.n_max
 
 
-def worth_rows(curves: Curves, baseline: str = BASELINE) -> pd.DataFrame:
+def worth_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
     """Return the table of worth, sorted by setting, agent, unit and `after`.
 
     Its columns are those of `worth_table`, and in addition the setting.
-
-    Args:
-        curves: Worth along each study.
-        baseline: Agent that all others are compared with, if it has results.
     """
-    rows = [row for s in curves.settings for row in _of_setting(curves, s, baseline)]
-    return _without_nan(pd.DataFrame(rows, columns=_WORTH_COLUMNS, dtype=object))
+    rows = [row for s in campaign.having("worth") for row in _of_setting(campaign, s, baseline)]
+    return _table(rows, _WORTH_COLUMNS)
 
 
-def worth_table(curves: Curves, baseline: str = BASELINE) -> list[dict[str, Any]]:
+def worth_table(campaign: Campaign, baseline: str = BASELINE) -> list[dict[str, Any]]:
     """Return the table of worth as plain data for JSON and CSV, with None for missing numbers.
 
     Each row holds an agent's numbers for a taste after so many experiments, or after as many
@@ -180,19 +159,24 @@ def worth_table(curves: Curves, baseline: str = BASELINE) -> list[dict[str, Any]
     number given by then), improvement (probability that the agent's worth exceeds the baseline's,
     with interval), and drift (up to then).
     """
-    return plain(worth_rows(curves, baseline))
+    return plain(worth_rows(campaign, baseline))
 
 
-def _of_setting(curves: Curves, setting: Setting, baseline: str) -> list[dict[str, Any]]:
-    studies = curves.of(setting)
-    groups = dict(iter(studies.groupby("agent", observed=True)))
+def ended(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
+    """Return the rows of worth of a setting after all its experiments, the highest worth first."""
+    last = (rows["unit"] == "experiments") & (rows["after"] == setting.n_max)
+    found = rows[(rows["setting"] == setting) & last]
+    return found.sort_values("worth", ascending=False, kind="stable")
+
+
+def _of_setting(campaign: Campaign, setting: Setting, baseline: str) -> list[dict[str, Any]]:
+    groups = dict(iter(campaign.of(setting, "worth").groupby("agent", observed=True)))
     spots = [("experiments", n) for n in checkpoints(setting)]
     spots += [("answers", n - 1) for n in checkpoints(setting) if n > 1]
     rows = []
     for agent, group in groups.items():
-        asked = np.array([a[-1] for a in group["asked"]])
         for unit, after in spots:
-            if unit == "answers" and not asked.any():
+            if unit == "answers" and not any(asked[-1] for asked in group["asked"]):
                 continue
             held = _held(group, unit, after)
             row: dict[str, Any] = {
@@ -214,7 +198,7 @@ def _held(studies: pd.DataFrame, unit: str, after: int) -> pd.Series:
         worth[:after] if unit == "experiments" else after_answers(worth, asked, after)
         for worth, asked in pairs
     ]
-    return pd.Series(cut, index=studies["loop"].astype(str), dtype=object)
+    return pd.Series(cut, index=studies["problem"].astype(str), dtype=object)
 
 
 def _answers(studies: pd.DataFrame, unit: str, after: int) -> float:
@@ -232,10 +216,8 @@ def _by_loop(held: pd.Series) -> Mapping[str, Any]:
 def _worth(held: pd.Series) -> dict[str, Any]:
     loops = list(_by_loop(held).values())
     found = geometric_mean(loops, rng=np.random.default_rng(SEED))
-    return {
-        "loops": len(loops), "worth": found.value, "worth_low": found.low,
-        "worth_high": found.high, "interquartile_mean": interquartile_mean(loops),
-    }  # fmt: skip
+    middle = interquartile_mean(loops)
+    return {"loops": len(loops), "interquartile_mean": middle, **_columns("worth", found)}
 
 
 def _against(held: pd.Series, others: pd.Series) -> dict[str, Any]:
@@ -243,10 +225,9 @@ def _against(held: pd.Series, others: pd.Series) -> dict[str, Any]:
     common = [loop for loop in ours if loop in theirs]
     if not common:
         return {}
-    found = improvement(
-        [ours[loop] for loop in common], [theirs[loop] for loop in common],
-        rng=np.random.default_rng(SEED),
-    )  # fmt: skip
-    return {
-        "improvement": found.value, "improvement_low": found.low, "improvement_high": found.high,
-    }  # fmt: skip
+    pairs = [ours[loop] for loop in common], [theirs[loop] for loop in common]
+    return _columns("improvement", improvement(*pairs, rng=np.random.default_rng(SEED)))
+
+
+def _columns(name: str, found: Estimate) -> dict[str, Any]:
+    return {name: found.value, f"{name}_low": found.low, f"{name}_high": found.high}

@@ -24,8 +24,8 @@ class Difference:
     Args:
         pairs: Number of seeds that both have.
         log10_ratio: Median of log10(gap / baseline's gap); negative if the agent is better.
-        low: Lower end of its 95 % bootstrap interval; None with fewer than two pairs.
-        high: Upper end of that interval.
+        log10_ratio_low: Lower end of its 95 % bootstrap interval; None with fewer than two pairs.
+        log10_ratio_high: Upper end of that interval.
         wins: Number of seeds in which the agent's gap is smaller.
         ties: Number of seeds in which both are equal.
         losses: Number of seeds in which the baseline's is smaller.
@@ -34,8 +34,8 @@ class Difference:
 
     pairs: int
     log10_ratio: float
-    low: float | None
-    high: float | None
+    log10_ratio_low: float | None
+    log10_ratio_high: float | None
     wins: int
     ties: int
     losses: int
@@ -75,8 +75,8 @@ def difference(
     return Difference(
         pairs=len(d),
         log10_ratio=float(np.median(d)),
-        low=low,
-        high=high,
+        log10_ratio_low=low,
+        log10_ratio_high=high,
         wins=int((d < 0).sum()),
         ties=int((d == 0).sum()),
         losses=int((d > 0).sum()),

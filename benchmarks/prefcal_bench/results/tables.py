@@ -2,16 +2,12 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
-from .campaign import Campaign
-from .curves import Curves, Setting
-from .duelling import Tally
-from .rows import checkpoints, worth_rows
-from .standing import SIGNIFICANCE
+from .campaign import Campaign, Setting, problems_of
+from .rows import checkpoints, ended
 from .statistics import FLOOR
 from .words import (
     chance,
@@ -26,23 +22,14 @@ from .words import (
     with_interval,
 )
 
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """Sign after a number: its class in the style sheet, and its meaning."""
-
-    kind: str
-    sign: str
-    title: str
+SIGNIFICANCE = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """Cell of a table: plain text, its class in the style sheet, and an optional sign."""
+class Cell(NamedTuple):
+    """Cell of a table: plain text, and its class in the style sheet."""
 
     text: str
     kind: str = ""
-    mark: Mark | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,116 +62,115 @@ class Table:
 
 
 def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> Table:
-    """Return the median gaps of a setting by problem (rows) and agent, with the lowest tinted."""
+    """Return the median gaps of a setting by problem (rows) and agent, with the lowest tinted.
+
+    Below are each agent's number of lowest medians, and its average rank.
+    """
     agents = [agent for agent in campaign.agents if agent in set(rows["agent"])]
     counts = dict.fromkeys(agents, 0)
+    medians = rows.pivot(index="problem", columns="agent", values="gap_median").astype(float)
+    ranks = medians.clip(lower=FLOOR).dropna(axis="columns").rank(axis="columns").mean()
     lines = []
     for problem, group in rows.groupby("problem", sort=False):
         lowest = short(group["gap_median"].min())
-        found = {row.agent: row for row in group.itertuples()}
-        cells = [Cell(problem), Cell(str(campaign.knobs(problem) or "–"), "note")]
-        for agent in agents:
-            row = found.get(agent)
-            text = "–" if row is None else short(row.gap_median)
-            best = row is not None and text == lowest
-            counts[agent] += best
-            mark = None if row is None else _mark(row, baseline)
-            cells.append(Cell(text, "best" if best else "", mark))
-        lines.append(cells)
+        cells = {agent: Cell("–") for agent in agents}
+        for row in group.itertuples():
+            best = short(row.gap_median) == lowest
+            counts[row.agent] += best
+            text = f"{short(row.gap_median)}{_sign(row)}"
+            cells[row.agent] = Cell(text, "best" if best else "")
+        knobs = Cell(str(campaign.knobs(problem) or "–"), "note")
+        lines.append([Cell(problem), knobs, *cells.values()])
     ends = [Cell(f"{counts[agent]} of {len(lines)}") for agent in agents]
+    averages = [Cell(f"{ranks[agent]:.2f}" if agent in ranks else "–") for agent in agents]
     caption = (
         f"Median gap after {setting.n_max} experiments, {named(setting, campaign)}; "
         "the lowest is tinted. ▲ significantly nearer, ▼ significantly farther than "
         f"{baseline} (Wilcoxon, 5 % after Holm's correction for the agents "
-        "on that problem)."
+        "on that problem). Average rank of the medians: 1 is the nearest, of the agents with "
+        "results on all problems; gaps below the floor are alike."
     )
-    return Table(
-        f"Median gaps, {setting.calibrator} {setting.n_max}", caption,
-        ("problem", "knobs", *agents), [*lines, [Cell("lowest on"), Cell(""), *ends]], tall=False,
-    )  # fmt: skip
+    label = f"Median gaps, {setting.calibrator} {setting.n_max}"
+    lines.append([Cell("lowest on"), Cell(""), *ends])
+    lines.append([Cell("average rank"), Cell(""), *averages])
+    return Table(label, caption, ("problem", "knobs", *agents), lines, tall=False)
 
 
-def _mark(row: Any, baseline: str) -> Mark | None:
-    """Return the sign of a row that differs significantly from the baseline, else None."""
-    if row.p_holm is None or row.p_holm >= SIGNIFICANCE:
-        return None
+def _sign(row: Any) -> str:
+    """Return the sign of a row that differs significantly from the baseline, else nothing."""
+    if not _is_sure(row):
+        return ""
     nearer = row.log10_ratio < 0
     if row.log10_ratio == 0:  # ties at the median
         nearer = row.wins > row.losses
-    kind, sign, word = ("yes", "▲", "nearer") if nearer else ("no", "▼", "farther")
-    return Mark(kind, sign, f"significantly {word} than {baseline}")
+    return " ▲" if nearer else " ▼"
 
 
-_GAP_COLUMNS = (
-    "seeds", "median gap", "quartiles", "best visited", "questions", "ratio", "won–tied–lost", "p",
-    "in the hole", "s/proposal",
-)  # fmt: skip
-
-
-def _gap_cells(row: Any) -> dict[str, str]:
-    """Return the cells of a row of the table of gaps as text, by column."""
-    low, high = row.gap_lower_quartile, row.gap_upper_quartile
-    return {
-        "seeds": f"{row.seeds} of {row.seeds + row.failed}" if row.failed else str(row.seeds),
-        "median gap": short(row.gap_median),
-        "quartiles": "–" if low is None else f"{short(low)} to {short(high)}",
-        "best visited": short(row.visited_median),
-        "questions": short(row.questions_median),
-        "ratio": ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high),
-        "won–tied–lost": score(row.wins, row.ties, row.losses),
-        "p": probability(row.p_holm),
-        "in the hole": "–" if row.seeds_in_hole is None else str(row.seeds_in_hole),
-        "s/proposal": short(row.seconds_per_proposal),
-    }
+def _is_sure(row: Any) -> bool:
+    return row.p_holm is not None and row.p_holm < SIGNIFICANCE
 
 
 def numbers(rows: pd.DataFrame, baseline: str, label: str) -> Table:
     """Return all numbers of the rows of one setting, with the lowest medians tinted."""
-    holed = rows["seeds_in_hole"].notna().any()
-    timed = rows["seconds_per_proposal"].notna().any()
-    absent = {"in the hole": not holed, "s/proposal": not timed}
-    columns = [column for column in _GAP_COLUMNS if not absent.get(column)]
     caption = (
         f"× {baseline}: median over the seeds of the ratio of both gaps, each at least "
         f"{short(FLOOR)}, with a 95 % bootstrap interval; below 1 the agent is nearer. "
         "p: Wilcoxon signed-rank test, two-sided, after Holm's correction for the "
         "agents on that problem. Failed seeds have no gap. Full precision in table.csv."
     )
-    if holed:
-        caption += " In the hole: seeds that ended where the cost is lower than it should be."
     lines = []
-    for problem, group in rows.groupby("problem", sort=False):
+    for _, group in rows.groupby("problem", sort=False):
         lowest = short(group["gap_median"].astype(float).min())
-        for row in group.itertuples():
-            texts = _gap_cells(row)
-            sure = row.p_holm is not None and row.p_holm < SIGNIFICANCE
-            kinds = {"median gap": "best" if texts["median gap"] == lowest != "–" else "",
-                     "p": "sure" if sure else ""}  # fmt: skip
-            cells = (Cell(texts[column], kinds.get(column, "")) for column in columns)
-            lines.append([Cell(problem), Cell(row.agent, "words"), *cells])
-    titles = {"ratio": f"× {baseline} (95 %)"}
-    names = ("problem", "agent", *(titles.get(column, column) for column in columns))
-    room = ("best visited", "questions", "in the hole", "s/proposal")
-    return Table(label, caption, names, lines, words=("problem", "agent"), page_only=room)
+        lines += [_gap_cells(row, lowest) for row in group.itertuples()]
+    columns = (
+        "problem", "agent", "seeds", "median gap", "quartiles", "best visited", "questions",
+        f"× {baseline} (95 %)", "won–tied–lost", "p", "s/proposal",
+    )  # fmt: skip
+    room = ("best visited", "questions", "s/proposal")
+    return Table(label, caption, columns, lines, words=("problem", "agent"), page_only=room)
 
 
-def duels(tallies: Sequence[Tally]) -> Table:
-    """Return tallies of one problem and calibrator."""
+def _gap_cells(row: Any, lowest: str) -> list[Cell]:
+    """Return the cells of a row of the table of gaps."""
+    low, median, high = row.gap_lower_quartile, short(row.gap_median), row.gap_upper_quartile
+    tried = row.seeds + row.failed
+    return [
+        Cell(row.problem),
+        Cell(row.agent, "words"),
+        Cell(f"{row.seeds} of {tried}" if row.failed else str(row.seeds)),
+        Cell(median, "best" if median == lowest != "–" else ""),
+        Cell("–" if low is None else f"{short(low)} to {short(high)}"),
+        Cell(short(row.visited_median)),
+        Cell(short(row.questions_median)),
+        Cell(ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high)),
+        Cell(score(row.wins, row.ties, row.losses)),
+        Cell(probability(row.p_holm), "sure" if _is_sure(row) else ""),
+        Cell(short(row.seconds_per_proposal)),
+    ]
+
+
+def duel_numbers(rows: pd.DataFrame) -> Table:
+    """Return the rows of `duel_rows` of one problem and calibrator."""
     caption = (
-        "Share of seeds in which the agent's θ is preferred, with its exact binomial interval; "
-        "p of the exact sign test on wins and losses, not corrected."
+        "Share of seeds in which the agent's θ is preferred, by the criteria without noise, with "
+        "its exact binomial interval; p of the exact sign test on wins and losses, not corrected."
     )
     columns = ("agent", "against", "seeds", "preferred", "95 % interval", "won–tied–lost", "p")
-    lines = [[Cell(t.agent), Cell(t.rival, "words"), Cell(str(t.seeds)), *_duel_cells(t)]
-             for t in tallies]  # fmt: skip
-    label = f"Who is preferred: {tallies[0].problem}, {tallies[0].calibrator} calibrator"
+    lines = [
+        [
+            Cell(t.agent),
+            Cell(t.rival, "words"),
+            Cell(str(t.seeds)),
+            Cell(percent(t.share)),
+            Cell(f"{percent(t.low)} to {percent(t.high)}"),
+            Cell(score(t.wins, t.ties, t.losses)),
+            Cell(probability(t.p)),
+        ]
+        for t in rows.itertuples()
+    ]
+    where = rows.iloc[0]
+    label = f"Who is preferred: {where['problem']}, {where['calibrator']} calibrator"
     return Table(label, caption, columns, lines, ("agent", "against"), page_only=("seeds",))
-
-
-def _duel_cells(t: Tally) -> list[Cell]:
-    texts = (percent(t.share), f"{percent(t.low)} to {percent(t.high)}",
-             score(t.wins, t.ties, t.losses), probability(t.p))  # fmt: skip
-    return list(map(Cell, texts))
 
 
 def failed(cells: Sequence[tuple[str, str]]) -> Table:
@@ -194,55 +180,33 @@ def failed(cells: Sequence[tuple[str, str]]) -> Table:
     return Table("Failed cells", caption, ("cell", "what happened"), lines, ("what happened",))
 
 
-@dataclass(frozen=True)
-class Worths:
-    """Worth of all studies.
+def worth_numbers(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> Table:
+    """Return the table of worth of a setting, with the highest worth tinted.
 
     Args:
-        curves: Worth along each study.
+        campaign: All results.
+        rows: Table of worth, see `worth_rows`.
+        setting: Setting of the table.
         baseline: Agent that the others are compared with.
     """
-
-    curves: Curves
-    baseline: str
-
-    @cached_property
-    def rows(self) -> pd.DataFrame:
-        """Return the table of worth, see `worth_rows`."""
-        return worth_rows(self.curves, self.baseline)
-
-    def ended(self, setting: Setting) -> pd.DataFrame:
-        """Return the rows of a setting after all its experiments."""
-        rows = self.rows
-        last = (rows["unit"] == "experiments") & (rows["after"] == setting.n_max)
-        return rows[(rows["setting"] == setting) & last]
-
-    def ranked(self, setting: Setting) -> pd.DataFrame:
-        """Return these rows, the highest worth first."""
-        return self.ended(setting).sort_values("worth", ascending=False, kind="stable")
-
-
-def worth_numbers(worths: Worths, setting: Setting) -> Table:
-    """Return the table of worth of a setting, with the highest worth tinted."""
-    rows = worths.rows[worths.rows["setting"] == setting]
-    spots, loops = checkpoints(setting), len(worths.curves.loops(setting))
-    tinted = _leaders(worths.ended(setting))
+    spots, loops = checkpoints(setting), len(problems_of(campaign.of(setting, "worth")))
+    ends = ended(rows, setting)
+    tinted = _leaders(ends)
     lines = []
-    for agent in worths.ranked(setting)["agent"]:
-        found = {(r.unit, r.after): r for r in rows[rows["agent"] == agent].itertuples()}
-        line = [Cell(agent), Cell(_studies(found["experiments", spots[-1]], loops))]
+    for last in ends.itertuples():
+        own = rows[(rows["setting"] == setting) & (rows["agent"] == last.agent)]
+        found = {(row.unit, row.after): row for row in own.itertuples()}
+        line = [Cell(last.agent), Cell(_studies(last, loops))]
         for n in spots:
-            kind = "best" if n == spots[-1] and agent in tinted else ""
-            first, *others = _worth_cells(found["experiments", n])
-            line += [Cell(first, kind), *map(Cell, others)]
+            line += map(Cell, _worth_cells(found["experiments", n]))
+        if last.agent in tinted:
+            line[-5] = line[-5]._replace(kind="best")
         by_answers = found.get(("answers", spots[-1] - 1))
-        line.append(Cell("–" if by_answers is None else _worth_cells(by_answers)[0]))
-        lines.append(line)
-    names = ("worth [95 %]", "middle half", "answers",
-             f"beats {short_name(worths.baseline)} [95 %]", "drift")  # fmt: skip
+        lines.append([*line, Cell("–" if by_answers is None else _worth_cells(by_answers)[0])])
+    beats = f"beats {short_name(baseline)} [95 %]"
+    names = ("worth [95 %]", "middle half", "answers", beats, "drift")
     columns = [f"{name} ({n})" for n in spots for name in names]
-    last = f"worth after {spots[-1] - 1} answers [95 %]"
-    room = ("studies", *columns[1 : len(names)], last)
+    by_answers = f"worth after {spots[-1] - 1} answers [95 %]"
     caption = (
         f"After {spots[0]} and {spots[-1]} experiments. Worth: geometric mean over the loops and "
         "seeds, with its bootstrap interval; the highest of the agents that ask is tinted. Middle "
@@ -251,8 +215,9 @@ def worth_numbers(worths: Worths, setting: Setting) -> Table:
         "times more the best θ held before was worth; 1 means that nothing was lost. "
         "Full precision in worth.csv."
     )
-    title = f"Worth: {setting.name(worths.curves.settings)}"
-    heads = ("agent", "studies", *columns, last)
+    room = ("studies", *columns[1 : len(names)], by_answers)
+    heads = ("agent", "studies", *columns, by_answers)
+    title = f"Worth: {setting.name(campaign.having('worth'))}"
     return Table(title, caption, heads, lines, ("agent",), page_only=room)
 
 

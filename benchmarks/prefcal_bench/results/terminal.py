@@ -13,19 +13,17 @@ from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.wording import printable
 
 from .campaign import campaign_of
-from .curves import curves_of, frame_of, joined
-from .duelling import tallies
+from .duelling import duel_rows
 from .missing import failures, in_holes, missing
-from .rows import BASELINE, gap_rows
-from .tables import Table, Worths, numbers, worth_numbers
-from .tables import duels as duel_numbers
+from .rows import BASELINE, gap_rows, worth_rows
+from .tables import Table, duel_numbers, numbers, worth_numbers
 from .words import named
 
 _MOST = 5
 """Number of lines about missing or failed cells; the page shows all of them."""
 _WIDE = 110
 """Width of a terminal, in characters, that has room for quartiles and p."""
-_STYLES = {"best": "bold green", "sure": "bold"}
+_STYLES = {"best": "[bold green]", "sure": "[bold]"}
 """Styles by the kind of a cell."""
 
 
@@ -44,26 +42,22 @@ def print_table(
     Raises:
         SettingsError: If results or duels contradict each other.
     """
-    results = list(results)
-    campaign = campaign_of(results)
-    rows = gap_rows(campaign, baseline)
-    worths = Worths(curves_of(joined(frame_of(results), published)), baseline)
+    campaign = campaign_of(results, published)
+    worth, gaps = worth_rows(campaign, baseline), gap_rows(campaign, baseline)
     narrow = () if console.width >= _WIDE else ("quartiles", "p")
-    for setting in worths.curves.settings:
-        _print(console, worth_numbers(worths, setting))
-    for setting in campaign.settings:
-        ended = rows[(rows["setting"] == setting) & rows["gap_median"].notna()]
-        if len(ended):
-            label = f"Gap after {setting.n_max} experiments, {named(setting, campaign)}"
-            _print(console, numbers(ended, baseline, label).without(narrow))
-    for _, group in groupby(tallies(duels), lambda t: (t.problem, t.calibrator)):
-        if shown := [t for t in group if t.rival in (PAPER, baseline)]:
-            _print(console, duel_numbers(shown))
-    if not len(rows):
+    for setting in campaign.having("worth"):
+        _print(console, worth_numbers(campaign, worth, setting, baseline))
+    for setting, rows in gaps[gaps["gap_median"].notna()].groupby("setting", sort=False):
+        label = f"Gap after {setting.n_max} experiments, {named(setting, campaign)}"
+        _print(console, numbers(rows, baseline, label).without(narrow))
+    met = duel_rows(duels)
+    for _, rows in met[met["rival"].isin((PAPER, baseline))].groupby(["problem", "calibrator"]):
+        _print(console, duel_numbers(rows))
+    if not len(campaign.ours):
         console.print("No results yet.")
-    _tell(console, "failed", [f"{cell}: {words}" for cell, words in failures(campaign)])
-    _tell(console, "missing", missing(campaign))
-    _tell(console, "worth knowing", in_holes(campaign))
+    _list(console, "Failed", [f"{cell}: {words}" for cell, words in failures(campaign)])
+    _list(console, "Missing", missing(campaign))
+    _list(console, "Worth knowing", in_holes(campaign))
 
 
 def _print(console: Console, shown: Table) -> None:
@@ -78,21 +72,17 @@ def _print(console: Console, shown: Table) -> None:
         printed.add_column(_safe(name), justify="left" if words else "right", no_wrap=words)
     for heading, rows in groupby(shown.rows, lambda row: row[0].text):
         for number, (_, *cells) in enumerate(rows):
-            texts = [_styled(_safe(cell.text), cell.kind) for cell in cells]
+            texts = [_STYLES.get(cell.kind, "") + _safe(cell.text) for cell in cells]
             printed.add_row("" if number else _safe(heading), *texts)
         if number:
             printed.add_section()
     console.print(printed)
 
 
-def _styled(text: str, kind: str) -> str:
-    return f"[{_STYLES[kind]}]{text}[/]" if kind in _STYLES else text
-
-
-def _tell(console: Console, what: str, lines: Sequence[str]) -> None:
+def _list(console: Console, what: str, lines: Sequence[str]) -> None:
     if not lines:
         return
-    console.print(f"[bold]{what.capitalize()}[/] ({len(lines)}):")
+    console.print(f"[bold]{what}[/] ({len(lines)}):")
     for line in lines[:_MOST]:
         console.print(f"  {_safe(line)}", highlight=False)
     if len(lines) > _MOST:

@@ -4,8 +4,7 @@ import re
 from collections.abc import Sequence
 from itertools import groupby
 
-from .campaign import HUGE, Campaign
-from .curves import Setting
+from .campaign import HUGE, Campaign, Setting
 
 
 def short(value: float | None) -> str:

@@ -76,10 +76,3 @@ def test_a_cell_goes_through_plain_data_unchanged(names, seed, n_init, more):
 def test_an_impossible_cell_says_what_is_wrong(change, word):
     with pytest.raises(SettingsError, match=word):
         Cell.from_dict(CELL.to_dict() | change)
-
-
-@pytest.mark.unchecked
-@pytest.mark.parametrize("data", [None, {}, {"agent": "x"}, CELL.to_dict() | {"more": 1}])
-def test_what_is_no_cell_is_not_taken_for_one(data):
-    with pytest.raises(SettingsError, match="must have"):
-        Cell.from_dict(data)

@@ -133,7 +133,7 @@ def test_agents_are_told_kpis_unless_the_taste_is_for_hidden_ones(monkeypatch, t
     def make(space, n_init, n_max, seed):
         return Hears(space, n_init=n_init, n_max=n_max, seed=seed)
 
-    made = SimpleNamespace(missing="", kind="preference", make=make, simulates=False)
+    made = SimpleNamespace(missing="", by_value=False, make=make, simulates=False)
     monkeypatch.setattr("prefcal_bench.cells.run.entry", lambda name: made)
     result = run_cell(cell("RandomSearch", LOOP, taste, seed=1))
     assert not result.failure

@@ -88,7 +88,7 @@ def test_problems_of_a_file_and_random_loops_are_in_a_suite():
 
 
 def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):
-    far = Entry("Far", "preference", lambda *_: 1 / 0, lambda: "1", ("not_there",), "x")
+    far = Entry("Far", lambda: 1 / 0, packages={"not_there": "not"}, extra="x")
     monkeypatch.setattr("prefcal_bench.cells.roster.AGENTS", {**AGENTS, "Far": far})
     suite = replace(BOTH, agents=("GLISp", "Far"))
     assert suite.left_out == ("Far needs not_there: pip install 'prefcal[x]'",)
@@ -106,7 +106,7 @@ def test_the_quick_suite_is_part_of_the_full_one_and_needs_nothing_installed():
     quick, full = Suite.quick(), Suite.full()
     parts = [{(c.agent, c.problem, c.calibrator) for c in each.cells} for each in (quick, full)]
     assert parts[0] <= parts[1]
-    assert all(not AGENTS[agent].needs for agent in quick.agents)
+    assert all(not AGENTS[agent].packages for agent in quick.agents)
     assert full.problems == PROBLEMS
     assert full.seeds == 20
 

@@ -8,7 +8,6 @@ import pytest
 
 from prefcal_bench import Finished
 from prefcal_bench.cli import run as run_module
-from prefcal_bench.cli.compare import compare
 from prefcal_bench.cli.options import BenchOptions, CompareOptions
 from prefcal_bench.published.plan import publish
 from prefcal_bench.published.raw import write_raw
@@ -48,7 +47,7 @@ def test_the_page_compares_everybody_with_the_agent(published, tmp_path, monkeyp
     monkeypatch.setattr(run_module, "run_suite", run_suite)
     mine = f"{OWN}:Own"
     options = CompareOptions(mine, published, out=tmp_path / "made", json=True)
-    assert compare(options) == 0
+    assert run_module.compare(options) == 0
     rows = json.loads(capsys.readouterr().out)["worth"]
     assert {row["baseline"] for row in rows} == {mine}
     assert {row["agent"]: row["studies"] for row in rows} == {

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from prefcal_bench.people import TASTES, VERSION
 from prefcal_bench.problems import (
     CALIBRATORS,
     GUIDELINES,
@@ -14,7 +15,6 @@ from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
-from prefcal_scenarios.tastes import TASTES, VERSION
 
 OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"
 
@@ -106,3 +106,44 @@ def test_a_changed_file_is_loaded_again(tmp_path):
 def test_what_is_no_problem_says_so(name, error, words):
     with pytest.raises(error, match=words):
         problem(name)
+
+
+LOUD = """
+from dataclasses import replace
+from itertools import count
+
+from prefcal_scenarios import load
+
+_lag, _calls = load("lag"), count()
+
+
+def _loud(theta, seed=0):
+    print("an experiment")
+    return _lag.run(theta, seed)
+
+
+def _drifting(theta, seed=0):
+    return _lag.run(theta, next(_calls))
+
+
+loud, drifting = replace(_lag, run=_loud), replace(_lag, run=_drifting)
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(LOUD)
+    return path
+
+
+def test_what_it_prints_goes_to_standard_error(own, capsys):
+    assert "weights" in problem(f"{own}:loud").answering
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "an experiment" in printed.err
+
+
+def test_experiments_that_differ_when_repeated_are_refused(own):
+    with pytest.raises(ScenarioError, match="repeated experiments of one θ have other KPIs"):
+        problem(f"{own}:drifting")

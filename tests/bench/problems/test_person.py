@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from prefcal_bench.people import runs_of, taste, worth
 from prefcal_bench.problems import Outcome, Person, prefer, problem
 from prefcal_scenarios.kpis import INTERRUPTED
-from prefcal_scenarios.tastes import runs_of, taste, worth
 
 OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"
 pytestmark = pytest.mark.usefixtures("small_samples")

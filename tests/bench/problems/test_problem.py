@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from prefcal_bench.people import TASTES, taste
 from prefcal_bench.problems import Outcome, judges, prefer, problem
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.preferences.answer import Preference
-from prefcal_scenarios.tastes import TASTES, Runs, taste
 
 OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"
 module = import_module("prefcal_bench.problems.problem")
@@ -136,12 +136,3 @@ def test_noisy_judges_flip_the_referee():
         said = [prefer(made[name](3), *pair) for pair in pairs]
         wrong = np.mean([a != b for a, b in zip(said, sure, strict=True)])
         assert wrong == pytest.approx(share, abs=0.05)
-
-
-def test_runs_of_this_process_are_kept_by_name_and_version(tiny):
-    tiny.prepare()
-    assert {key[0] for key in module._READ} == {tiny.name}
-    assert all(isinstance(runs, Runs) for runs in module._READ.values())
-    newer = replace(tiny, version="another")
-    newer.prepare()
-    assert len(module._READ) == 4

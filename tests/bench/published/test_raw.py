@@ -9,7 +9,7 @@ import pytest
 
 from prefcal_bench.cells.roster import entry
 from prefcal_bench.published.raw import raw_file, read_curves, write_raw
-from prefcal_bench.results.curves import curves_of, frame_of
+from prefcal_bench.results.campaign import campaign_of
 from prefcal_env.errors import MissingExtraError, SettingsError
 from support.campaigns import failed, result
 from support.worths import study, walks
@@ -95,7 +95,7 @@ def test_the_curves_are_those_of_the_results(tmp_path):
         "problem_version", "n_init", "n_max",
     ]  # fmt: skip
     assert read["worth"].dtype == np.float32
-    ours, theirs = curves_of(frame_of(results)).studies, curves_of(read).studies
+    ours, theirs = campaign_of(results).studies, campaign_of((), read).studies
     assert all(map(np.array_equal, ours["asked"], theirs["asked"]))
     assert all(map(np.allclose, ours["worth"], theirs["worth"]))
 

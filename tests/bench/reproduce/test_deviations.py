@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from prefcal_bench.reproduce.deviations import DEVIATIONS, TABLE
+from prefcal_bench.reproduce.paper import DEVIATIONS, TABLE
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "deviations.md").read_text("utf-8")

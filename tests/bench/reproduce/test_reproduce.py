@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISpSettings
-from prefcal_bench.reproduce import CASES, settings, studies
+from prefcal_bench.reproduce import CASES, paper, studies
 from prefcal_bench.reproduce.page import write_page
-from prefcal_bench.reproduce.printed import THETA
+from prefcal_bench.reproduce.paper import THETA
 from prefcal_bench.reproduce.results import compared, disagreements, found, rows
 from prefcal_env.plants.cstr import CSTRParams
 from prefcal_env.preferences.answer import Preference
@@ -76,9 +76,9 @@ def test_the_page_says_what_was_compared_and_what_disagrees(short, monkeypatch):
 
 
 def test_parameters_settings_and_ranges_are_those_of_the_paper():
-    for name, printed, here in (*settings.algorithm(), *settings.ranges()):
+    for name, printed, here in (*paper.algorithm(), *paper.ranges()):
         assert printed == here, name
-    table = {row[0].split(" [")[0]: row[1:] for row in settings.parameters()}
+    table = {row[0].split(" [")[0]: row[1:] for row in paper.parameters()}
     assert len(table) == 1 + len(CSTRParams.__dataclass_fields__)
     started = table.pop("T_c0")
     assert all(printed == here for printed, here in table.values())

@@ -9,15 +9,16 @@ import sys
 import pytest
 
 from prefcal_bench.cells.duels import PAPER
-from prefcal_bench.results import write
-from prefcal_bench.results.curves import frame_of
+from prefcal_bench.results.campaign import campaign_of
+from prefcal_bench.results.page import write
+from prefcal_bench.results.pictures import Material, draw_loops, draw_overview
 from prefcal_env.errors import SettingsError
 from support.campaigns import duel, failed, grid, result
 from support.pages import Outline, assert_accessible
-from support.worths import walks
+from support.worths import published, study, walks
 
 FACTORS = {"GLISp": 1.0, "<Own> & co": 3.0, "RandomSearch": 100.0}
-FIGURES = ["duels.png", "gaps.png", "profiles.png", "questions.png", "ranking.png", "seconds.png"]
+FIGURES = ["gap-answers.png", "gap-experiments.png"]
 
 
 def campaign():
@@ -69,29 +70,23 @@ def test_the_page_is_accessible_and_follows_the_color_scheme(page):
     assert_accessible(page)
 
 
-def test_what_was_typed_the_digest_and_versions_are_there(page):
-    for text in ("prefcal bench --jobs 2", "ab12", "numpy", "python", "1e-9"):
-        assert text in page
-
-
-def test_failed_cells_and_what_was_left_out_are_listed_with_reasons(page):
-    assert "GLISp on bowl, perfect, seed 9" in page
-    assert "the worker &lt;died&gt;" in page
-    assert "GLIS on road: &lt;no&gt; cost" in page
-    assert "bowl, perfect calibrator: no seed 9 of" in page
-    assert "Not complete" in page
-
-
-def test_names_are_escaped(page):
-    assert "&lt;Own&gt; &amp; co" in page
+@pytest.mark.parametrize(
+    "words",
+    [
+        "prefcal bench --jobs 2", "ab12", "numpy", "python", "1e-9",
+        "GLISp on bowl, perfect, seed 9", "the worker &lt;died&gt;",
+        "GLIS on road: &lt;no&gt; cost", "bowl, perfect calibrator: no seed 9 of", "Not complete",
+        "&lt;Own&gt; &amp; co",
+    ],
+)  # fmt: skip
+def test_the_page_lists_command_versions_failures_and_what_was_left_out_escaped(page, words):
+    assert words in page
     assert "<Own>" not in page
 
 
 def test_alternative_texts_say_what_the_figures_say(page):
     alts = " ".join(a["alt"] for a in Outline(page).all("img"))
     assert "Lowest median gap at the end: bowl GLISp (0.0025)" in alts
-    assert "Average ranks over 3 problems: GLISp 1.00" in alts
-    assert "GLISp to the paper's optimum 100 %" in alts
 
 
 def test_the_lowest_median_of_each_problem_is_tinted(page):
@@ -101,6 +96,7 @@ def test_the_lowest_median_of_each_problem_is_tinted(page):
     for name, cells in rows:
         assert cells.count('class="best"') == 1, name
     assert "<td>3 of 3</td><td>0 of 3</td><td>0 of 3</td>" in table
+    assert "<td>1.00</td><td>2.00</td><td>3.00</td>" in table
 
 
 def test_equal_results_write_equal_bytes_in_whatever_order(folder, tmp_path, page):
@@ -123,11 +119,10 @@ def test_a_smaller_campaign_takes_the_figures_of_a_larger_one_away(tmp_path):
         (tmp_path / name).write_bytes(b"")
     write([result("GLISp", "p", s, (1.0, 0.1)) for s in range(2)], [], tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {
-        "index.html", "table.csv", "worth.csv", "duels.csv", "gaps.png", "profiles.png",
-        "questions.png", "holiday.png", "duels.txt",
+        "index.html", "table.csv", "worth.csv", "duels.csv", "gap-answers.png",
+        "gap-experiments.png", "holiday.png", "duels.txt",
     }  # fmt: skip
     text = (tmp_path / "index.html").read_text()
-    assert "a ranking needs two agents and two problems" in text
     assert "Not complete" not in text
     assert "Seconds per proposal: measured in serial runs only" in text
 
@@ -140,7 +135,9 @@ def test_several_calibrators_have_figures_each(tmp_path):
     ]
     write(results, [], tmp_path)
     text = (tmp_path / "index.html").read_text()
-    assert {p.name for p in tmp_path.glob("gaps*")} == {"gaps-perfect.png", "gaps-noisy.png"}
+    assert {p.name for p in tmp_path.glob("gap-e*")} == {
+        "gap-experiments-perfect.png", "gap-experiments-noisy.png"
+    }  # fmt: skip
     assert text.index("Median gaps (perfect calibrator)") < text.index("(noisy calibrator)")
 
 
@@ -172,9 +169,7 @@ def test_closed_loops_come_first_and_have_no_gaps(tmp_path):
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert_accessible(page)
     headings = re.findall(r"<h2>(.*?)</h2>", page)
-    assert headings[:4] == [
-        "Worth after 5 experiments", "Who beats GLISp", "Worth along the study", "Worth: weights"
-    ]  # fmt: skip
+    assert headings[:3] == ["Worth after 5 experiments", "Worth along the study", "Worth: weights"]
     assert headings.index("Worth: weights") < headings.index("Median gaps")
     assert {row["problem"] for row in csv.DictReader((tmp_path / "table.csv").open())} == {
         "bowl", "valley", "waves"
@@ -189,17 +184,16 @@ def test_of_closed_loops_alone_the_page_does_not_speak_of_gaps(tmp_path):
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert " gap" not in page[page.index("</style>") :]
     assert {p.name for p in tmp_path.glob("*.png")} == {
-        "worth-summary.png", "worth-improvement.png", "worth-drift.png",
-        "worth-experiments.png", "worth-answers.png",
+        "worth-summary.png", "worth-drift.png", "worth-experiments.png", "worth-answers.png",
     }  # fmt: skip
 
 
 def test_published_studies_stand_beside_ours(tmp_path):
     mine = walks({"own.py:Mine": 1.4}, seeds=2, n_max=5)
-    write(mine, [], tmp_path, baseline="own.py:Mine", published=frame_of(LOOPS))
+    write(mine, [], tmp_path, baseline="own.py:Mine", published=published(LOOPS))
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Beside them, 3 published agents." in page
-    assert "Who beats own.py:Mine" in page
+    assert "beats own.py:Mine" in page
     agents = {row["agent"] for row in csv.DictReader((tmp_path / "worth.csv").open())}
     assert agents == {"own.py:Mine", "GLISp", "GLIS", "RandomSearch"}
 
@@ -212,3 +206,38 @@ def test_a_table_alone_loads_no_plots():
         env={"PYTHONPATH": ":".join(p for p in sys.path if p)},
     )  # fmt: skip
     assert done.stdout.strip() == "[]"
+
+
+def shown(results, baseline="GLISp"):
+    material = Material(campaign_of(results), baseline=baseline)
+    return {one.file: one for one in (*draw_overview(material), *draw_loops(material))}
+
+
+def test_every_taste_has_figures_by_loop_but_not_those_with_wrong_answers():
+    tastes = ("weights", "limits", "weights-noisy10")
+    found = shown(walks({"GLISp": 1.2, "Own": 1.0}, ("servo",), tastes, 2, n_max=5))
+    assert list(found) == [
+        "worth-summary.png", "worth-drift.png", "worth-summary-noisy.png", "worth-drift-noisy.png",
+        *(f"worth-{by}-{taste}.png" for taste in tastes[:2]
+          for by in ("experiments", "answers")),
+    ]  # fmt: skip
+    assert all(one.content.startswith(b"\x89PNG") for one in found.values())
+
+
+def test_without_others_or_answers_there_are_fewer():
+    found = shown([study("GLIS", questions=(0, 0))])
+    assert list(found) == ["worth-summary.png", "worth-drift.png", "worth-experiments.png"]
+    assert shown([]) == {}
+
+
+def test_alternative_texts_say_what_the_figures_of_worth_say():
+    results = [study(worth=(1, 8, 4)), study("Own", worth=(1, 2, 40))]
+    found = shown(results)
+    assert "weights: Own 40, GLISp 4.0" in found["worth-summary.png"].alt
+    assert "Own 1.0, GLISp 2.0" in found["worth-drift.png"].alt
+    assert "servo Own (40)" in found["worth-experiments.png"].alt
+
+
+@pytest.mark.parametrize("name", [r"a$\frac{.py:A", "_hidden", "x\x1b[2J\ny"])
+def test_strange_names_are_drawn_as_they_stand(name):
+    assert len(shown([study(name), study("Own")], baseline="Own")) == 4

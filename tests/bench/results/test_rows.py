@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_bench.problems import HOLES
 from prefcal_bench.results import as_csv, table
 from prefcal_bench.results.campaign import campaign_of
 from prefcal_bench.results.missing import beaten, failures, in_holes, missing, not_run
+from prefcal_bench.results.rows import gap_rows
 from prefcal_bench.results.statistics import FLOOR
+from prefcal_bench.results.tables import overview
 from prefcal_env.errors import SettingsError
 from support.campaigns import ends, failed, grid, result
 from support.worths import study
@@ -140,7 +141,7 @@ def test_infinite_gaps_are_no_crash_and_null():
 
 def test_a_study_that_ended_early_keeps_its_last_gap():
     early = result("A", "p", 0, (1.0, 0.5), n_max=4)
-    (curve,) = campaign_of([early]).studies["curve"]
+    (curve,) = campaign_of([early]).studies["gap"]
     assert curve.tolist() == [1.0, 0.5, 0.5, 0.5]
 
 
@@ -167,10 +168,6 @@ def test_the_hole_of_the_reactor_s_index_is_counted_apart_from_what_nobody_knew(
     assert "cstr, perfect calibrator: found the hole of the cost" in words
     assert "GLIS in 2 of 3 seeds" in words
     assert " A in" not in words
-    rows = by_agent(table(ends("GLIS", "cstr", [-0.27, 0.01, 0.02])))
-    assert rows["GLIS"]["seeds_in_hole"] == 1
-    assert rows["GLIS"]["gap_to_hole_median"] == pytest.approx(0.01 + HOLES["cstr"])
-    assert rows["GLIS"]["gap_median"] == 0.01
 
 
 def test_a_gap_below_the_bottom_of_the_hole_is_news_all_the_same():
@@ -180,9 +177,7 @@ def test_a_gap_below_the_bottom_of_the_hole_is_news_all_the_same():
 
 
 def test_where_no_hole_is_known_none_is_counted():
-    (row,) = table(ends("A", "p", [-0.02]))
-    assert row["seeds_in_hole"] is None
-    assert row["gap_to_hole_median"] is None
+    assert in_holes(campaign_of(ends("A", "p", [-0.02]))) == []
 
 
 def test_seconds_are_there_only_where_they_were_measured():
@@ -224,3 +219,20 @@ def test_results_that_contradict_themselves_are_refused(results, words):
 def test_worth_has_no_row_though_the_problem_has_gaps_with_other_calibrators():
     rows = table([result("GLISp", "cstr"), study("GLISp", "cstr"), study("GLISp", "servo")])
     assert [(row["problem"], row["calibrator"]) for row in rows] == [("cstr", "perfect")]
+
+
+def last_row(results):
+    campaign = campaign_of(results)
+    table = overview(campaign, gap_rows(campaign), campaign.settings[0], "GLISp")
+    return dict(zip(table.columns, (cell.text for cell in table.rows[-1]), strict=True))
+
+
+def test_equal_medians_share_their_ranks_and_gaps_below_the_floor_are_equal():
+    results = [*ends("A", "p", [0.0]), *ends("B", "p", [1e-12]), *ends("A", "q", [0.1])]
+    found = last_row([*results, *ends("B", "q", [0.2])])
+    assert (found["problem"], found["A"], found["B"]) == ("average rank", "1.25", "1.75")
+
+
+def test_an_agent_that_lacks_a_problem_has_no_average_rank():
+    found = last_row([*grid({"A": 1.0, "B": 2.0}), *ends("C", "bowl", [1e-6], n_max=3)])
+    assert (found["A"], found["B"], found["C"]) == ("1.00", "2.00", "–")

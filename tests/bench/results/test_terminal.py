@@ -55,11 +55,6 @@ def test_of_the_duels_it_shows_those_with_the_paper_and_the_baseline():
     assert [row[0] for row in rows] == ["GLISp", "A"]
 
 
-def test_agents_that_found_the_hole_of_the_reactor_s_index_are_named():
-    text = " ".join(printed(ends("GLIS", "cstr", [-0.27, 0.01])).split())
-    assert "GLIS in 1 of 2 seeds" in text
-
-
 def test_many_failures_are_counted_and_the_first_shown():
     text = printed([failed("A", "p", s) for s in range(9)])
     assert "Failed (9)" in text

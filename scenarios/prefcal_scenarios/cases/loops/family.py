@@ -8,12 +8,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from prefcal_agents.registry import JUDGES
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.tastes import calibrators_of
 
 from .kinds import basic, motion, predictive, processes
 from .loop import Loop, Vary, nominal, random
@@ -111,9 +111,10 @@ def _accepted(seed: int) -> tuple[Loop, int]:
 
 
 def judged(loop: Loop) -> Scenario:
-    """Return the scenario with tastes as calibrators."""
+    """Return the scenario with `JUDGES` as calibrators."""
     scenario = loop.scenario()
-    return replace(scenario, calibrators=calibrators_of(scenario))
+    calibrators = {name: make for judge in JUDGES for name, make in judge(scenario).items()}
+    return replace(scenario, calibrators=calibrators)
 
 
 def varied(make: Callable[..., Loop], vary: Vary) -> Loop:

@@ -55,7 +55,6 @@ def test_a_seed_gives_one_loop_by_its_name_and_it_can_be_sent_to_a_worker():
     assert scenario.name == again.name == "rough-3"
     assert scenario.run(theta, seed=1) == again.run(theta, seed=1)
     assert pickle.loads(pickle.dumps(scenario.run))(theta, seed=1) == scenario.run(theta, seed=1)
-    assert "weights" in scenario.calibrators
     assert scenario.kpis != loop(3).kpis
 
 
