@@ -12,9 +12,9 @@ from jaxtyping import Float
 from prefcal_app.summary.gain import Baseline
 from prefcal_app.summary.outlook import Outlook
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.own_line import in_words, located
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
-from prefcal_scenarios.own.own_line import in_words, located
 from prefcal_scenarios.scenario import KPI, Scenario
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]

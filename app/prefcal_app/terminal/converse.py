@@ -18,7 +18,7 @@ from prefcal_env.errors import PrefcalError, RecordError, StaleError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import Stage
 from prefcal_env.study import Suggested
-from prefcal_scenarios.isolated import in_time
+from prefcal_env.workers import in_time
 from prefcal_scenarios.presentation.wording import theta_text
 
 from .briefing import show_brief

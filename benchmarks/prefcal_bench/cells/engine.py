@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, TypeVar, final
 
-from prefcal_scenarios.own.own_line import described, whole
+from prefcal_env.own_line import described, whole
 
 T = TypeVar("T")
 Task = Callable[[], T]

@@ -76,8 +76,8 @@ def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
     from prefcal_app.cli.interrupt import INTERRUPTED, interruption
     from prefcal_bench.cli.display import BenchDisplay
     from prefcal_bench.reproduce import write_page
+    from prefcal_env.workers import usable_cores
     from prefcal_scenarios.presentation.folder import folder_for
-    from prefcal_scenarios.processes.cores import usable_cores
 
     folder, messages = folder_for(out), Console(stderr=True, emoji=False)
     with interruption() as pressed, BenchDisplay(messages) as display:

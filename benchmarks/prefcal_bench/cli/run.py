@@ -21,8 +21,8 @@ from prefcal_bench.results import duel_table, print_table, table, write
 from prefcal_bench.results.curves import curves_of, frame_of, joined
 from prefcal_bench.results.rows import worth_table
 from prefcal_env.errors import SettingsError
+from prefcal_env.workers import usable_cores
 from prefcal_scenarios.presentation.wording import printable
-from prefcal_scenarios.processes.cores import usable_cores
 
 from .display import BenchDisplay
 from .options import BenchOptions, CompareOptions

@@ -11,8 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from prefcal_env.errors import ScenarioError
-
-from .own_line import last_own
+from prefcal_env.own_line import last_own
 
 SAYS = logging.getLogger("prefcal.loading")
 """What says that a file takes long, at the level INFO; the command line listens."""

@@ -7,9 +7,9 @@ from pathlib import Path
 from types import ModuleType
 
 from prefcal_env.errors import PrefcalError, ScenarioError
+from prefcal_env.own_line import own_line
 
 from .loading import watched
-from .own_line import own_line
 
 
 def module_at(path: Path) -> ModuleType:

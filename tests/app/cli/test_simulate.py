@@ -113,7 +113,7 @@ def test_its_study_goes_on_with_more_experiments(done, refused, study):
 def test_a_finished_study_goes_on_without_simulating_anything_twice(prefcal, done, monkeypatch):
     words = ["calibrate", UNSEEN, "--simulate", "40", "--study", "mine", *UNATTENDED]
     assert prefcal(*words, "--n-max", "12")[0] == 0
-    monkeypatch.setattr("prefcal_scenarios.many.pool.Pool.start", None)  # it would be called
+    monkeypatch.setattr("prefcal_env.workers.Pool.start", None)  # it would be called
     out = done(*words, "--n-max", "14")
     assert json.loads(out)["experiments"] == 14
 
@@ -152,4 +152,4 @@ def test_no_worker_outlives_the_command(tmp_path, monkeypatch, how):
 
 def _loaded(pid):
     lines = [Path(f"/proc/{child}/cmdline").read_bytes() for child in children(pid)]
-    return any(b"prefcal_scenarios.many" in line for line in lines)
+    return any(b"prefcal_env.workers" in line for line in lines)

@@ -10,9 +10,11 @@ import pytest
 
 from prefcal_env.errors import RunError, SettingsError
 from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.workers import in_time
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.isolated import IsolatedRun, in_time, isolation
+from prefcal_scenarios.isolated import IsolatedRun, isolation
 from prefcal_scenarios.scenario import with_ranges
 from toy_study import toy_scenario
 
@@ -67,10 +69,10 @@ def test_a_run_that_forks_and_forgets_it_answers_once(wild):
 
 def test_code_that_raises_keyboard_interrupt_keeps_its_process(wild):
     wild.run(THETA)
-    before = wild.run.worker._life
+    before = wild.run.worker.pid
     with pytest.raises(RunError, match="KeyboardInterrupt"):
         wild.run(THETA, seed=INTERRUPTS)
-    assert wild.run.worker._life is before
+    assert wild.run.worker.pid == before
 
 
 def test_what_own_code_prints_is_no_result(capfd):
@@ -93,7 +95,7 @@ def test_a_run_is_stopped_from_another_thread_and_own_code_puts_its_plant_at_res
         def stop():
             while not (flag.exists() and flag.read_text() == "running"):
                 time.sleep(0.01)
-            assert worker.busy_with(THETA)
+            assert worker.busy_with(theta_key(THETA))
             worker.stop("stopped")
 
         thread = threading.Thread(target=stop)
@@ -102,14 +104,14 @@ def test_a_run_is_stopped_from_another_thread_and_own_code_puts_its_plant_at_res
             plant.run(THETA, seed=TIDY)
         thread.join()
         assert raised.value.why == "stopped"
-        assert worker.busy_with(THETA) is None
+        assert worker.busy_with(theta_key(THETA)) is None
         assert plant.run(THETA) == toy_scenario().run(THETA)
     assert flag.read_text() == "left"  # it ended as a program does
 
 
 def test_a_run_that_is_in_the_way_ends_a_little_later(wild):
     worker = wild.run.worker
-    worker.reserve(THETA)
+    worker.reserve(theta_key(THETA))
     worker.stop("given up", within=0.1)
     with pytest.raises(RunError, match="no longer needed") as raised:
         wild.run(THETA, seed=SPINS)
@@ -121,7 +123,7 @@ def test_a_worker_that_is_closed_runs_nothing_and_leaves_no_process():
     with isolation(source) as isolated:
         plant = isolated(load(source))
         plant.run(THETA)
-        pid = plant.run.worker._life._process.pid
+        pid = plant.run.worker.pid
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
     with pytest.raises(RunError, match="closing"):

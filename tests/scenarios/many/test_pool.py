@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import ScenarioError
+from prefcal_env.workers import Terms
+from prefcal_env.workers import pool as pool_module
 from prefcal_scenarios import FailedRun, Simulated
-from prefcal_scenarios.many import pool as pool_module
-from prefcal_scenarios.many.pool import Pool
 from prefcal_scenarios.many.task import Task
 from support.many_runs import DIES, DIES_ONCE, FORKS, HANGS, INTERRUPTS, RUNS, WRITES, run
 
@@ -17,7 +17,7 @@ def opened():
     pools = []
 
     def make(jobs=1, longest=np.inf, run=run):
-        pools.append(Pool(Task(run, 0, trajectories=False), jobs, longest))
+        pools.append(Task(run, 0, trajectories=False).pool(jobs, longest, Terms(gentle=True)))
         return pools[-1]
 
     yield make
@@ -37,9 +37,9 @@ def results(pool, *whats):
 def test_the_same_workers_run_one_batch_after_the_other(opened):
     pool = opened(jobs=2)
     assert all(isinstance(r, Simulated) for r in results(pool, *[RUNS] * 5))
-    workers = list(pool._workers)
+    workers = [worker.pid for worker in pool._workers]
     assert all(isinstance(r, Simulated) for r in results(pool, *[RUNS] * 5))
-    assert pool._workers == workers
+    assert [worker.pid for worker in pool._workers] == workers
 
 
 def test_a_run_that_kills_its_process_twice_has_failed_and_the_others_have_not(opened):
@@ -60,13 +60,13 @@ def test_a_run_whose_process_died_once_runs_again(opened, tmp_path, monkeypatch)
 def test_own_code_that_raises_keyboard_interrupt_keeps_its_worker(opened, capfd):
     pool = opened()
     assert isinstance(results(pool, RUNS)[0], Simulated)
-    workers = list(pool._workers)
+    workers = [worker.pid for worker in pool._workers]
     interrupted, after = results(pool, INTERRUPTS, RUNS)
     assert isinstance(interrupted, FailedRun)
     assert interrupted.why == "raised"
     assert "run raised KeyboardInterrupt (in many_runs.py:" in interrupted.words
     assert isinstance(after, Simulated)
-    assert pool._workers == workers
+    assert [worker.pid for worker in pool._workers] == workers
     assert capfd.readouterr().err == ""
 
 

@@ -2,7 +2,7 @@
 
 import os
 
-from prefcal_scenarios.processes.cores import usable_cores
+from prefcal_env.workers import usable_cores
 
 
 def test_the_cores_that_may_be_used_are_counted():

@@ -1,4 +1,4 @@
-"""Exchange messages with the process of the user's code: letter, length, checksums, and bytes."""
+"""Exchange messages with a worker process: letter, length, checksums, and bytes."""
 
 import struct
 from enum import Enum
@@ -14,14 +14,14 @@ _SUM = struct.Struct("<I")
 class Kind(Enum):
     """The kind of a message."""
 
-    RUN = b"R"
-    """To the process: what to run, for example θ, seed and space as JSON."""
+    REQUESTS = b"R"
+    """To the process: what to run, a list of pickled requests; the first message is the work."""
     READY = b"L"
-    """From it: the user's code is loaded."""
-    EXPERIMENT = b"E"
-    """From it: the bytes of an experiment, or of several."""
+    """From it: the work is loaded."""
+    RESULTS = b"E"
+    """From it: the next pickled results, and the seconds that they took."""
     ERROR = b"X"
-    """From it: what the code raised, as JSON."""
+    """From it: why the work cannot be loaded, or where its code was when it was ended."""
 
 
 Message = tuple[Kind, bytes]
