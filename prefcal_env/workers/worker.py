@@ -160,7 +160,8 @@ class Worker:
                     self._name = None
         result = found[0][1]
         if isinstance(result, RunError):
-            raise result
+            # A new one: in a cycle with this frame, `result` would keep whatever called this.
+            raise RunError(str(result), result.why, result.trace)
         return result
 
     @property

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from prefcal_app.cli.interrupt import INTERRUPTED, interruption
 from prefcal_app.report.export import jsonable
-from prefcal_bench.cells.executors import Processes
+from prefcal_bench.cells.engine import Processes
 from prefcal_bench.cells.runner import Finished, run_suite
 from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite

@@ -97,27 +97,10 @@ def test_runs_that_raise_die_or_hang_are_data_in_their_places():
     assert no_workers()
 
 
-def test_a_crash_among_many_short_runs_costs_nobody_else_a_result():
-    whats = [0] * 300
-    whats[100] = whats[200] = many_runs.DIES
-    found = simulate_many(many, thetas(*whats), jobs=2)
-    assert [k for k, r in enumerate(found) if isinstance(r, FailedRun)] == [100, 200]
-
-
 def test_without_processes_an_error_is_data_too():
     found = simulate_many(many, thetas(0, many_runs.RAISES, many_runs.LEAVES), jobs=1)
     assert [type(r) for r in found] == [Simulated, FailedRun, FailedRun]
     assert found[1].words.startswith("OSError: the pump does not answer (in many_runs.py:")
-
-
-def test_one_job_with_a_time_limit_is_a_process_of_its_own():
-    found = simulate_many(many, thetas(0, many_runs.DIES), jobs=1, timeout=60.0)
-    assert [r.end for r in found] == [End.TIME_UP, End.FAILED]
-
-
-def test_a_time_limit_is_that_of_an_experiment_not_of_all():
-    found = simulate_many(many, thetas(*[many_runs.WAITS] * 4), jobs=1, timeout=0.8)
-    assert all(isinstance(r, Simulated) for r in found)
 
 
 def test_results_come_in_order_even_if_the_first_one_takes_longest():
@@ -149,21 +132,6 @@ def test_progress_tells_how_many_have_arrived(capsys):
         assert [n for n, _ in told] == sorted({n for n, _ in told})
     simulate_many(many, thetas(0, 0, 0), jobs=1, progress=True)
     assert "3/3" in capsys.readouterr().err
-
-
-def test_what_runs_print_is_not_our_standard_output(capfd):
-    simulate_many(many, thetas(many_runs.TELLS), jobs=2)
-    printed = capfd.readouterr()
-    assert (printed.out, printed.err) == ("", "own code is talking\n")
-
-
-def test_workers_keep_one_thread_of_linear_algebra():
-    def run(theta, seed=0):
-        many_run = many.run(theta, seed)
-        return replace(many_run, kpis={"threads": float(os.environ["OPENBLAS_NUM_THREADS"])})
-
-    (found,) = simulate_many(replace(many, kpis=(), run=run), thetas(0), jobs=2)
-    assert found.kpis["threads"] == 1
 
 
 def test_scenarios_made_on_the_spot_are_sent_too():
