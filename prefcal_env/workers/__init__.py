@@ -1,9 +1,9 @@
 """Worker processes: the one family that runs whatever may die, hang or take too long.
 
-`process` is one process from its start to its end, `inside` what it does, `messages` what both
-say. A `worker` gives it requests and replaces it, by one rule: a request whose process dies runs
-once more, alone, and has then failed; one that takes too long, or is stopped, has failed. A `pool`
-is several workers with one queue. Each process is a fresh interpreter instead of a fork, which
+`process` is one process from its start to its end, and `inside` what it does. A `worker` gives it
+requests and replaces it, by one rule: a request whose process dies runs once more, alone, and has
+then failed; one that takes too long, or is stopped, has failed. A `pool` is several workers with
+one queue. Each process is a fresh interpreter instead of a fork, which
 would copy locks in any state, and needs no guard in people's scripts, as `multiprocessing` does.
 """
 

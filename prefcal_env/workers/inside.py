@@ -10,21 +10,59 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from enum import Enum
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, BinaryIO, final
+from typing import IO, Any, final
 
 from prefcal_env.errors import PrefcalError, RunError
 from prefcal_env.own_line import as_exception, in_words, own_line
 
-from .messages import Kind, receive, send
-
 _TIDYING = 1.0
 """Seconds for the interpreter to end after prefcal ended."""
 
+
+class Kind(Enum):
+    """The kind of a message."""
+
+    REQUESTS = "requests"
+    """To the process: what to run, a list of pickled requests; the first message is the work."""
+    READY = "ready"
+    """From it: the work is loaded."""
+    RESULTS = "results"
+    """From it: the next pickled results, and the seconds that they took."""
+    ERROR = "error"
+    """From it: why the work cannot be loaded, or where its code was when it was ended."""
+
+
+Message = tuple[Kind, bytes]
+"""A kind, and pickled content."""
 Work = Callable[[Any], Any]
 """What a worker does with each request. If it has a method `last_words`, the text that this returns
 is printed if prefcal is gone while a request runs."""
+
+
+def send(pipe: IO[bytes], kind: Kind, content: bytes = b"") -> None:
+    """Write one message. Raises OSError if the reader is gone."""
+    pickle.dump((kind.value, content), pipe)
+    pipe.flush()
+
+
+def receive(pipe: IO[bytes]) -> Message | None:
+    """Read the next message; None if the writer is gone, even in the middle of a message.
+
+    Raises:
+        ValueError: If it is no message: the user's code wrote to, or read from, the pipe.
+    """
+    try:
+        kind, content = pickle.load(pipe)
+        return Kind(kind), content
+    except EOFError:
+        return None
+    except Exception as error:  # pickle raises whatever the first bytes happen to mean
+        if "truncated" in str(error):
+            return None
+        raise ValueError("no message") from error
 
 
 class Stopped(KeyboardInterrupt):
@@ -157,7 +195,7 @@ class Link:
         with suppress(OSError):
             send(self._out, kind, content)
 
-    def _listen(self, given: BinaryIO) -> None:
+    def _listen(self, given: IO[bytes]) -> None:
         """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
         with suppress(ValueError, OSError):  # the user's code read from the pipe, or closed it
             while (message := receive(given)) is not None:
@@ -171,7 +209,7 @@ class Link:
         os._exit(1)
 
 
-def _pipes() -> tuple[BinaryIO, BinaryIO]:
+def _pipes() -> tuple[IO[bytes], IO[bytes]]:
     """Return the pipes for requests and answers, which the user's code can neither read nor write.
 
     Output of the file while loading is dropped, since prefcal loads the file too and prints it.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from queue import Empty, Queue
 from typing import IO, final
 
-from .messages import Kind, Message, receive, send
+from .inside import Kind, Message, receive, send
 
 GRACE = 2.0
 """Seconds for the user's code to stop its plant (finally, with) before it is killed."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from prefcal_env.errors import RunError
 
-from .messages import Kind, Message
+from .inside import Kind, Message
 from .process import GRACE, Process, Terms
 
 ATTEMPTS = 2
