@@ -3,6 +3,7 @@
 import atexit
 import ctypes
 import os
+import shutil
 import time
 from collections import deque
 from contextlib import suppress
@@ -115,7 +116,7 @@ class Simulation:
         import fmpy
         from fmpy.simulation import instantiate_fmu
 
-        self._job = job
+        self._job, self._parent = job, os.getppid()
         self._said: deque[str] = deque(maxlen=1)
         try:
             self._description = fmpy.read_model_description(job.path, validate=False)
@@ -184,11 +185,13 @@ class Simulation:
         return True
 
     def close(self) -> None:
-        """Let the FMU release what it holds."""
+        """Let the FMU release what it holds; if prefcal is gone, remove the files."""
         if self._fmu.component:
             free = getattr(self._fmu, f"fmi{self.version}FreeInstance")
             free(self._fmu.component)
             self._fmu.component = None
+        if os.getppid() != self._parent:
+            shutil.rmtree(os.path.dirname(self._job.path), ignore_errors=True)
 
     def _renew(self) -> None:
         """Return to the state of a new instance."""

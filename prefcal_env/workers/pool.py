@@ -130,6 +130,8 @@ class Pool:
         try:
             return [arrived for worker in self._workers for arrived in self._heard(worker)]
         except RunError as error:
+            if self._closed:
+                return []
             raise self._unloadable(error) from error
 
     def wake(self) -> None:

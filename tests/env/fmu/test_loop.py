@@ -280,30 +280,6 @@ def test_files_that_were_tidied_away_are_unpacked_again(tank, monkeypatch):
     made.close()
 
 
-def _bombs():
-    def many(content):
-        for number in range(10_001):
-            content.writestr(f"resources/{number}", "")
-
-    def large(content):
-        with content.open("resources/zeros", "w", force_zip64=True) as file:
-            for _ in range(41):
-                file.write(bytes(100_000_000))
-
-    return {"many": (many, r"1\d,\d{3} files of 0\.\d GB"), "large": (large, r"of 4\.1 GB")}
-
-
-@pytest.mark.parametrize("kind", ["many", "large"])
-def test_an_fmu_that_would_fill_the_disk_is_refused_before_it_is_unpacked(tank, tmp_path, kind):
-    fill, words = _bombs()[kind]
-    path = tmp_path / "bomb.fmu"
-    shutil.copy(tank, path)
-    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED, compresslevel=1) as content:
-        fill(content)
-    with pytest.raises(PlantError, match=rf"'bomb.fmu' unpacks to .*{words}, more than 10,000"):
-        loop(path)
-
-
 def test_ctrl_c_while_an_fmu_is_unpacked_leaves_no_files(tank, tmp_path, monkeypatch):
     made = loop(tank)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
