@@ -134,9 +134,7 @@ def _serve(link: "Link", period: float) -> None:
     link.ready()
     while (content := link.requests.get()) is not None:
         try:
-            link.running = True
             _answer(link, work, pickle.loads(content), period)
-            link.running = False
         except Stopped as error:
             link.say(Kind.ERROR, pickle.dumps(own_line(error)))
             return
@@ -146,7 +144,9 @@ def _answer(link: "Link", work: Work, requests: list[bytes], period: float) -> N
     """Run requests, and send the results in groups with the seconds that they took."""
     results, begun = list[bytes](), time.perf_counter()
     for number, request in enumerate(requests, 1):
+        link.running = True
         results.append(_pickled(work, request))
+        link.running = False  # before prefcal hears of it, and may end this process
         now = time.perf_counter()
         if now - begun >= period or number == len(requests):
             link.say(Kind.RESULTS, pickle.dumps((results, now - begun)))

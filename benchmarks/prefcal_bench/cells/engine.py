@@ -93,4 +93,5 @@ class _Tasks:
 
     def last_words(self) -> str:
         """Return what is printed if the benchmark is killed meanwhile."""
-        return f"\nprefcal: {self._last_words}\nprefcal: {self._about} was running then\n"
+        words = f"\nprefcal: {self._last_words}\nprefcal: {self._about} was running then\n"
+        return words if self._last_words else ""

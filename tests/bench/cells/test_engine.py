@@ -20,6 +20,12 @@ def test_a_lost_task_says_why_and_the_others_have_their_results():
     assert str(found[2]) == late
 
 
+def test_last_words_are_only_of_workers_whose_benchmark_was_killed(capfd):
+    for _ in range(5):
+        assert dict(each([partial(tasks.double, 1)], Processes(1, last_words="killed"))) == {0: 2}
+    assert capfd.readouterr().err == ""
+
+
 def test_workers_that_die_at_once_end_the_run(monkeypatch):
     monkeypatch.setattr("prefcal_bench.cells.engine._Tasks", partial(tasks.unloadable))
     with pytest.raises(BenchmarkError, match="workers die as soon as they are started"):
