@@ -3,6 +3,8 @@
 What happens in an experiment (unstable, QP unsolved, stopped) is data, never an error.
 """
 
+from typing import Any
+
 
 class PrefcalError(Exception):
     """Base class of every error that prefcal raises."""
@@ -85,3 +87,6 @@ class RunError(PrefcalError, RuntimeError):
     def __init__(self, words: str, why: str, trace: str = "") -> None:
         super().__init__(words)
         self.why, self.trace = why, trace
+
+    def __reduce__(self) -> tuple[Any, ...]:  # it travels between processes
+        return type(self), (str(self), self.why, self.trace)

@@ -23,8 +23,8 @@ AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain")
 
 LAYERS = {
     "prefcal_env": (
-        {"arrays", "errors", "jit", "wording"},
-        {"knobs", "experiments", "qp", "plain", "described", "parquet"},
+        {"arrays", "errors", "jit", "own_line", "wording"},
+        {"knobs", "experiments", "qp", "plain", "described", "parquet", "workers"},
         {"preferences", "plants", "tables"},
         {"mpc", "envs", "rig", "live", "calibrators", "study", "fmu"},
         {"compiling", "controllers"},
@@ -38,7 +38,7 @@ LAYERS = {
         {"baselines", "minimize", "registry", "respacing", "transfer"},
     ),
     "prefcal_scenarios": (
-        {"names", "own", "processes"},
+        {"names", "own"},
         {"scenario"},
         {"described", "presentation"},
         {"cases"},

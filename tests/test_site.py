@@ -28,6 +28,7 @@ INTERNAL = (
     "prefcal_app",
     "prefcal_bench.cli",
     "prefcal_bench.reproduce",
+    "prefcal_env.workers",
     "prefcal_scenarios.isolated",
 )
 """Command line, page and what runs them: people use the command, not the code, but for the names

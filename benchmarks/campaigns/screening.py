@@ -39,7 +39,6 @@ from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, TASTES, Choice, suite
 from rich.console import Console
 
 from prefcal_bench import Processes, Result, Store, Suite, run_suite
-from prefcal_bench.cells.engine import Here
 from prefcal_bench.cells.roster import entry
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.published import write_raw
@@ -100,7 +99,7 @@ def run(todo: Sequence[Suite], store: Store, options: argparse.Namespace) -> Non
         for suite in todo:
             for words in suite.left_out:
                 display.say(f"Left out: {words}")
-            workers = Here() if options.quick else Processes(options.jobs)
+            workers = None if options.quick else Processes(options.jobs)
             run_suite(suite, store, workers, display)
 
 

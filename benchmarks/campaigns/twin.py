@@ -36,11 +36,11 @@ from jaxtyping import Float
 from prefcal_agents import GLISp, RandomSearch, Screening
 from prefcal_agents.protocol.agent import Agent, one_thread
 from prefcal_bench import Processes
-from prefcal_bench.cells.engine import Here, Lost, each
+from prefcal_bench.cells.engine import each
 from prefcal_bench.cells.run import Study
 from prefcal_bench.problems import Outcome, Person, Problem, problem
 from prefcal_bench.results.paired import interval, markdown, mean_of, ratio_of
-from prefcal_env.errors import BenchmarkError
+from prefcal_env.errors import BenchmarkError, RunError
 from prefcal_env.preferences.kpis import Outcome as Kpis
 from prefcal_scenarios import load, simulator
 from prefcal_scenarios.cases.loops import rough_model
@@ -88,12 +88,12 @@ def main(words: Sequence[str] | None = None) -> None:
     file = options.out / "studies.jsonl"
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     known = {_key(row) for row in rows}
-    workers = Here() if options.jobs == 1 else Processes(options.jobs)
+    workers = None if options.jobs == 1 else Processes(options.jobs)
     for seed in range(options.seeds):  # so that an interruption leaves whole seeds
         jobs = [partial(study_plant, plant, seed, options, known) for plant in options.plants]
         for _, found in each(jobs, workers):
-            if isinstance(found, Lost):
-                raise BenchmarkError(found.why)
+            if isinstance(found, RunError):
+                raise BenchmarkError(str(found))
             rows += found
             with file.open("a") as stored:
                 stored.writelines(json.dumps(row) + "\n" for row in found)

@@ -18,7 +18,7 @@ from .peers import PEERS
 if TYPE_CHECKING:
     from .cells.cell import Cell as Cell
     from .cells.duels import Duel as Duel
-    from .cells.executors import Processes as Processes
+    from .cells.engine import Processes as Processes
     from .cells.result import Result as Result
     from .cells.result import digest as digest
     from .cells.run import run_cell as run_cell
@@ -38,7 +38,7 @@ _HOMES = {
     "Cell": "cells.cell",
     "Duel": "cells.duels",
     "Finished": "cells.runner",
-    "Processes": "cells.executors",
+    "Processes": "cells.engine",
     "Result": "cells.result",
     "Store": "cells.store",
     "Suite": "cells.suite",

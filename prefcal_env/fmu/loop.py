@@ -18,7 +18,7 @@ from prefcal_env.knobs.space import KnobSpace
 from .checks import check_apart, grid_of, names_of, referenced, shown, tuned
 from .model import Variable, read_model
 from .process import Process
-from .serving import Answer, Job
+from .simulation import Answer, Job
 
 _KPIs = Callable[[Experiment], Mapping[str, float]]
 
@@ -127,7 +127,11 @@ class FMULoop:
         """
         theta = self._checked(theta)
         pairs = zip(self._parameters, theta, strict=True)
-        answer = self._process.run([self._stored(*pair) for pair in pairs])
+        try:
+            answer = self._process.run([self._stored(*pair) for pair in pairs])
+        except RunError as error:
+            hint = " (if only some θ do, narrow the ranges of the knobs)"
+            raise RunError(f"{error}{hint if error.why == 'died' else ''}", error.why) from error
         finite = np.isfinite(answer.values).all(axis=1)
         count = len(finite) if finite.all() else int(np.argmin(finite))
         self.problem, self.seconds = answer.problem, answer.seconds

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RunError, SettingsError
 from prefcal_env.knobs.key import theta_key
+from prefcal_env.workers import ATTEMPTS
 
 from .answer import Query, Suggestion
 
@@ -20,9 +21,6 @@ R_co = TypeVar("R_co", covariant=True)
 Theta = Float[np.ndarray, " n"]
 Found = tuple[Query, R, R | None]
 """A query with the results of its challenger and of its incumbent."""
-
-_ATTEMPTS = 2
-"""Number of workers that an experiment may cost: the first may have been killed from outside."""
 
 
 class Executor(Protocol):
@@ -134,8 +132,8 @@ class _AtOnce(Generic[R]):
         try:
             self._results[key] = future.result()
         except (BrokenExecutor, CancelledError) as error:
-            if self._started[key] >= _ATTEMPTS:
-                words = f"the worker of an experiment died {_ATTEMPTS} times: {_told(error)}"
+            if self._started[key] >= ATTEMPTS:
+                words = f"the worker of an experiment died {ATTEMPTS} times: {_told(error)}"
                 raise RunError(words, "died") from error
 
 

@@ -7,8 +7,6 @@ import ctypes
 import os
 import signal
 import time
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,8 +19,7 @@ from prefcal_scenarios.scenario import KPI, Scenario
 LEVEL = Channel("level", "m")
 CHANNELS = Channels(x=(LEVEL,), u=(Channel("valve", "%"),), y=(LEVEL,))
 SPACE = KnobSpace([Knob("what", 0, 100, integer=True), Knob("gain", 0.0, 1.0)])
-RUNS, RAISES, DIES, HANGS, LEAVES, VANISHES, NOTHING, DIES_ONCE, WAITS, TELLS = range(10)
-INTERRUPTS, WRITES, FORKS = range(10, 13)
+RUNS, RAISES, DIES, HANGS, LEAVES, VANISHES, NOTHING, WAITS = range(8)
 
 
 def run(theta: Any, seed: int = 0) -> Experiment:
@@ -30,8 +27,8 @@ def run(theta: Any, seed: int = 0) -> Experiment:
     what, gain = theta
     if what == RAISES:
         raise OSError("the pump does not answer")
-    if what in (DIES, DIES_ONCE):
-        _die(None if what == DIES else Path(os.environ["PREFCAL_TEST_FLAG"]))
+    if what == DIES:
+        os.kill(os.getpid(), signal.SIGKILL)
     if what == HANGS:
         ctypes.PyDLL(None).sleep(600)  # and nothing else in this process can run
     if what == LEAVES:
@@ -42,29 +39,8 @@ def run(theta: Any, seed: int = 0) -> Experiment:
         return None  # type: ignore[return-value]
     if what == WAITS:
         time.sleep(0.3)
-    if what == INTERRUPTS:
-        raise KeyboardInterrupt
-    if what == WRITES:
-        _write_everywhere()
-    if what == FORKS:
-        os.fork()
-    if what == TELLS:
-        print("own code is talking")
     theta[0] = 0.0  # nobody else may notice
     return _experiment(np.array([what, gain]), seed)
-
-
-def _write_everywhere() -> None:
-    for descriptor in range(3, 100):
-        with suppress(OSError):
-            os.write(descriptor, b"the level is 3 m, and the valve is open")
-
-
-def _die(flag: Path | None) -> None:
-    if flag is None or not flag.exists():
-        if flag is not None:
-            flag.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _experiment(theta: Any, seed: int) -> Experiment:

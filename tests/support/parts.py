@@ -35,7 +35,7 @@ EXTENDED = {
     "libraries": ("env/controllers/test_lqr.py", "env/plants/systems/test_casadi.py"),
     "peers": ("bench/peers/*", "agents/test_rl_*.py"),
     "processes": (
-        "env/study/test_disk.py", "env/test_compiling.py", "env/test_jit.py",
+        "env/study/test_disk.py", "env/test_compiling.py", "env/test_jit.py", "env/workers/*",
         "scenarios/isolated/*", "scenarios/many/*", "app/test_crash.py",
     ),
     "servers": (

@@ -118,7 +118,7 @@ def main() -> None:
 
 def _own(error: Exception) -> tuple[str, int] | None:
     """Return the message and exit code for an error of the user's own code; None for others."""
-    from prefcal_scenarios.own.own_line import in_words, located, own_line
+    from prefcal_env.own_line import in_words, located, own_line
 
     return (in_words(located(error)), 1) if own_line(error) else None
 

@@ -22,6 +22,7 @@ from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import KINDS
 from prefcal_env.live import LiveRig
+from prefcal_env.own_line import as_exception, in_words, located
 from prefcal_env.preferences.answer import Answer, Calibrator
 from prefcal_env.rig import Rig
 from prefcal_env.study.codec import decode, encode
@@ -29,7 +30,6 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.options import words_of
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, returned, theta_problems
-from prefcal_scenarios.own.own_line import as_exception, in_words, located
 from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.presentation.folder import picture_at, put
 from prefcal_scenarios.presentation.wording import (

@@ -13,8 +13,8 @@ from prefcal_app.summary.counts import VERDICTS as VERDICTS
 from prefcal_app.summary.gain import Baseline
 from prefcal_app.summary.outlook import Outlook
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.own_line import in_words, located
 from prefcal_env.preferences.loop import Comparison
-from prefcal_scenarios.own.own_line import in_words, located
 from prefcal_scenarios.scenario import KPI, Scenario
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]

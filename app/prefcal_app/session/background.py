@@ -4,7 +4,7 @@ import threading
 from contextlib import suppress
 from typing import Self
 
-from prefcal_scenarios.processes.life import GRACE
+from prefcal_env.workers import GRACE
 
 from .interview import Interview
 from .view import Phase

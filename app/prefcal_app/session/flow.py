@@ -12,6 +12,7 @@ from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import LiveRig
+from prefcal_env.own_line import in_words
 from prefcal_env.preferences.answer import Answer, Query
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.loop import completed
@@ -30,7 +31,6 @@ from prefcal_env.study import (
     Suggested,
     Taken,
 )
-from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore

@@ -21,11 +21,11 @@ from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.live import LiveRig
+from prefcal_env.own_line import in_words
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.rig import Rig
 from prefcal_env.study import StudyFile
-from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import records, runs, steps

@@ -11,10 +11,11 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
+from prefcal_env.own_line import as_exception
 from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
-from prefcal_scenarios.isolated import IsolatedRun, Worker
+from prefcal_env.workers import Worker
+from prefcal_scenarios.isolated import IsolatedRun
 from prefcal_scenarios.own.checks import check_experiment
-from prefcal_scenarios.own.own_line import as_exception
 from prefcal_scenarios.scenario import Scenario
 
 from . import thinking
@@ -227,7 +228,7 @@ def reserve(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
     """Announce the next θ to run while the lock is held; from then on it can be stopped."""
     worker = worker_of(flow)
     if worker is not None:
-        worker.reserve(theta)
+        worker.reserve(theta_key(theta))
 
 
 def stop(flow: Flow, index: int) -> None:
@@ -238,11 +239,11 @@ def stop(flow: Flow, index: int) -> None:
     """
     if driving.live_of(flow) is not None:
         return driving.stop(flow, index)
-    theta, workers = np.array(awaited(flow, index, Phase.RUNNING).theta), workers_of(flow)
-    worker = next((w for w in workers if w.busy_with(theta)), worker_of(flow))
+    key, workers = theta_key(awaited(flow, index, Phase.RUNNING).theta), workers_of(flow)
+    worker = next((w for w in workers if w.busy_with(key)), worker_of(flow))
     if worker is None:
         raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
-    if worker.busy_with(theta):
+    if worker.busy_with(key):
         return worker.stop("stopped")
     flow.stopped = index  # an earlier run is still in progress
     return worker.stop("given up")
@@ -258,7 +259,7 @@ def make_way(flow: Flow) -> None:
     if worker is None or flow.phase is not Phase.RUNNING:
         return
     pending = flow.pending
-    if pending is None or worker.busy_with(np.array(pending.theta)) is False:
+    if pending is None or worker.busy_with(theta_key(pending.theta)) is False:
         worker.stop("given up", within=_COURTESY)
 
 
@@ -266,7 +267,7 @@ def _end_dropped(flow: Flow) -> None:
     """End the runs of samples that are no longer pending, after an undo for example."""
     wanted = () if flow.phase is Phase.OVER else flow.unfinished
     for worker in workers_of(flow):
-        if worker.is_idle or any(worker.busy_with(np.array(s.theta)) for s in wanted):
+        if worker.is_idle or any(worker.busy_with(theta_key(s.theta)) for s in wanted):
             continue
         worker.stop("given up", within=_COURTESY)
 

@@ -10,12 +10,11 @@ from jaxtyping import Float
 
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
-from prefcal_scenarios.isolated import IsolatedRun, OwnRun
+from prefcal_env.workers import Pool, Terms, usable_cores
+from prefcal_scenarios.isolated import IsolatedRun
 from prefcal_scenarios.kpis import has_goals, reading, screened
-from prefcal_scenarios.many.pool import Pool
 from prefcal_scenarios.many.results import FailedRun, Result
 from prefcal_scenarios.many.task import Task
-from prefcal_scenarios.processes.cores import usable_cores
 from prefcal_scenarios.scenario import Scenario
 
 from .kept import Kept
@@ -63,7 +62,7 @@ class Simulator:
         kept: Kept | None = None,
     ) -> None:
         own = isinstance(scenario.run, IsolatedRun)
-        run = OwnRun.of(scenario.run) if isinstance(scenario.run, IsolatedRun) else scenario.run
+        run = scenario.run.elsewhere if isinstance(scenario.run, IsolatedRun) else scenario.run
         self.scenario, self.reading = scenario, reading(scenario)
         directed = has_goals(scenario)
         self._task = Task(run, seed, trajectories=not directed)
@@ -71,7 +70,7 @@ class Simulator:
         # process runs built-in scenarios, too, until the first worker is ready.
         workers = min(usable_cores() if own else max(usable_cores() - 1, 1), _MOST)
         workers = workers if jobs is None else jobs
-        self._pool = Pool(self._task, workers, longest) if workers else None
+        self._pool = self._task.pool(workers, longest, Terms(gentle=True)) if workers else None
         self._helps = not own
         self._kept = kept
         self._known = {} if kept is None else dict(kept.known)
@@ -157,7 +156,7 @@ class Simulator:
     def _here(self, thetas: Sequence[Theta]) -> None:
         for theta in thetas:
             self._go_on()
-            self._keep(theta, self._task(theta))
+            self._keep(theta, self._task.here(theta))
 
     def _in(self, pool: Pool, new: Mapping[bytes, Theta]) -> None:
         """Simulate `new` in the workers, and help them until the first is ready."""
@@ -168,7 +167,7 @@ class Simulator:
                 self._go_on()
                 mine = None if pool.loaded or not self._helps else pool.take_back()
                 if mine is not None:
-                    left.discard(self._keep(mine, self._task(mine)))
+                    left.discard(self._keep(mine, self._task.here(mine)))
                 for _, theta, result in pool.collect(patient=mine is None):
                     left.discard(self._keep(theta, result))
         finally:

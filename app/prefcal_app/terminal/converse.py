@@ -16,7 +16,7 @@ from prefcal_app.view import Seen, preview_view
 from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.live import Stage
 from prefcal_env.study import Suggested
-from prefcal_scenarios.isolated import in_time
+from prefcal_env.workers import in_time
 from prefcal_scenarios.presentation.wording import theta_text
 
 from .lines import END, ask_line, theta_of, typed

@@ -11,7 +11,7 @@ from prefcal_app.session.view import GOOD_ENOUGH
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_env.study import State, Suggested
-from prefcal_scenarios.isolated import in_time
+from prefcal_env.workers import in_time
 from prefcal_scenarios.presentation.wording import INTERRUPTED, knob_number, with_unit
 from prefcal_scenarios.scenario import Scenario
 

@@ -7,7 +7,7 @@ from math import isfinite, isnan
 from typing import Any
 
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.own.own_line import whole
+from prefcal_env.own_line import whole
 
 from .cell import Cell, canonical, read_as
 

@@ -8,10 +8,11 @@ from typing import Protocol
 
 from prefcal_bench.people import TASTES
 from prefcal_bench.problems import problem
+from prefcal_env.errors import RunError
 
 from .cell import Cell
 from .duels import Duel, Round, play, rounds
-from .engine import Lost, Workers, each
+from .engine import Processes, each
 from .result import Result, digest
 from .run import alone, run_cell
 from .store import Store
@@ -56,7 +57,7 @@ class Finished:
         return digest(self.results)
 
 
-def run_suite(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> Finished:
+def run_suite(suite: Suite, store: Store, workers: Processes | None, watcher: Watcher) -> Finished:
     """Run all cells of `suite` that have no result in `store` or failed.
 
     Every result is stored when it completes, so an interruption loses only running cells.
@@ -70,7 +71,7 @@ def run_suite(suite: Suite, store: Store, workers: Workers, watcher: Watcher) ->
     return Finished(results, duels, trouble)
 
 
-def _prepare(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> None:
+def _prepare(suite: Suite, store: Store, workers: Processes | None, watcher: Watcher) -> None:
     """Compute the random experiments that tastes of missing cells need; they are kept."""
     missing = (c for c in suite.cells if c.calibrator in TASTES and not store.path(c).exists())
     wanted = dict.fromkeys(cell.problem for cell in missing)
@@ -80,8 +81,8 @@ def _prepare(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> 
         watcher.begin("random experiments", len(names), 0)
     with closing(each([partial(_prepared, name) for name in names], workers)) as landing:
         for number, result in landing:
-            if isinstance(result, Lost):
-                watcher.say(f"random experiments of {names[number]}: {result.why}")
+            if isinstance(result, RunError):
+                watcher.say(f"random experiments of {names[number]}: {result}")
             watcher.landed(names[number])
 
 
@@ -91,7 +92,9 @@ def _prepared(name: str) -> bool:
     return True
 
 
-def _cells(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> tuple[Result, ...]:
+def _cells(
+    suite: Suite, store: Store, workers: Processes | None, watcher: Watcher
+) -> tuple[Result, ...]:
     results: dict[Cell, Result] = {}
     for cell in suite.cells:
         found, trouble = store.find(cell)
@@ -101,14 +104,14 @@ def _cells(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> tu
             results[cell] = found
     missing = [cell for cell in suite.cells if cell not in results]
     # Times are meaningless while anything else runs on the machine.
-    clock = time.perf_counter if workers.serial else None
+    clock = time.perf_counter if workers is None or workers.jobs == 1 else None
     tasks = [partial(run_cell, cell, clock, cell.key) for cell in missing]
     watcher.begin("cells", len(suite.cells), len(results))
     with closing(each(tasks, workers)) as landing:
         for number, result in landing:
             cell = missing[number]
-            if isinstance(result, Lost):
-                result = Result.failed(cell, result.why)
+            if isinstance(result, RunError):
+                result = Result.failed(cell, str(result))
             store.add(result)
             results[cell] = result
             if result.failure:
@@ -118,7 +121,7 @@ def _cells(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> tu
 
 
 def _duels(
-    results: tuple[Result, ...], store: Store, workers: Workers, watcher: Watcher
+    results: tuple[Result, ...], store: Store, workers: Processes | None, watcher: Watcher
 ) -> tuple[tuple[Duel, ...], tuple[str, ...]]:
     found: dict[Round, tuple[Duel, ...]] = {}
     troubles: list[str] = []
@@ -136,8 +139,8 @@ def _duels(
         for number, played_now in landing:
             round_ = missing[number]
             where = f"{round_.problem}, {round_.calibrator}, seed {round_.seed}"
-            if isinstance(played_now, Lost):
-                troubles.append(f"duels of {where}: {played_now.why}")
+            if isinstance(played_now, RunError):
+                troubles.append(f"duels of {where}: {played_now}")
                 watcher.say(troubles[-1])
                 continue
             store.add_duels(round_, played_now)

@@ -76,8 +76,8 @@ def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
     from prefcal_app.cli.interrupt import INTERRUPTED, interruption
     from prefcal_bench.cli.display import BenchDisplay
     from prefcal_bench.reproduce import write_page
+    from prefcal_env.workers import usable_cores
     from prefcal_scenarios.presentation.folder import folder_for
-    from prefcal_scenarios.processes.cores import usable_cores
 
     folder, messages = folder_for(out), Console(stderr=True, emoji=False)
     with interruption() as pressed, BenchDisplay(messages) as display:
@@ -99,18 +99,17 @@ def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
 
 def _studies(seeds: int, jobs: int, display: "BenchDisplay") -> "Sequence[Study]":
     """Run all studies; return them sorted by seed and case."""
-    from prefcal_bench.cells.engine import Lost, each
-    from prefcal_bench.cells.executors import Processes
+    from prefcal_bench.cells.engine import Processes, each
     from prefcal_bench.reproduce import tasks
-    from prefcal_env.errors import BenchmarkError
+    from prefcal_env.errors import BenchmarkError, RunError
 
     waiting = tasks(range(seeds))
     display.begin("studies", len(waiting), 0)
     results: dict[int, Study] = {}
     with closing(each(waiting, Processes(min(jobs, len(waiting))))) as landing:
         for number, result in landing:
-            if isinstance(result, Lost):
-                raise BenchmarkError(f"a study ended without a result: {result.why}")
+            if isinstance(result, RunError):
+                raise BenchmarkError(f"a study ended without a result: {result}")
             results[number] = result
             display.landed(f"{result.case}, seed {result.seed}")
     return [results[number] for number in range(len(waiting))]

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from prefcal_app.cli.interrupt import INTERRUPTED, interruption
 from prefcal_app.report.export import jsonable
-from prefcal_bench.cells.executors import Processes
+from prefcal_bench.cells.engine import Processes
 from prefcal_bench.cells.runner import Finished, run_suite
 from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite
@@ -21,8 +21,8 @@ from prefcal_bench.published.raw import raw_file, write_raw
 from prefcal_bench.results import campaign_of, duel_table, print_table, table, worth_table
 from prefcal_bench.results.page import write
 from prefcal_env.errors import SettingsError
+from prefcal_env.workers import usable_cores
 from prefcal_scenarios.presentation.wording import printable
-from prefcal_scenarios.processes.cores import usable_cores
 
 from .display import BenchDisplay
 from .options import BenchOptions, CompareOptions

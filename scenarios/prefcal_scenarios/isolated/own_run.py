@@ -1,5 +1,8 @@
 """Run a user's own scenario in any worker process: each loads the user's file itself."""
 
+import faulthandler
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,12 +10,21 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.study import space_of
+from prefcal_env.study.codec import encode
+from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.scenario import Run
+from prefcal_scenarios.own.checks import returned
+from prefcal_scenarios.scenario import Run, Scenario, with_ranges
 
-from .inside import run_of
-from .run import IsolatedRun
-from .worker import ranges_of
+_BEYOND = 30.0
+"""Seconds after the time limit when the process ends itself, in case prefcal is gone."""
+_LONGEST = 1e6
+"""Longest time limit in seconds that the process can watch itself."""
+
+Ranges = dict[str, Any] | None
+"""Ranges of a study as plain data; None for those of the scenario."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,16 +33,11 @@ class OwnRun:
 
     Args:
         source: Source of the scenario, path/to/own.py:NAME.
-        ranges: Ranges of the study as plain data; None for those of the scenario.
+        ranges: Ranges of the study; None for those of the scenario.
     """
 
     source: str
-    ranges: dict[str, Any] | None
-
-    @classmethod
-    def of(cls, run: IsolatedRun) -> "OwnRun":
-        """Return the run that `run` moved into a process."""
-        return cls(run.worker.source, ranges_of(run.space))
+    ranges: Ranges
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, physical, shape (n,), in this process."""
@@ -40,7 +47,45 @@ class OwnRun:
         return _loaded, (self.source, self.ranges)
 
 
-def _loaded(source: str, ranges: dict[str, Any] | None) -> Run:
-    """Return the run of the scenario, with the ranges of the study."""
-    run: Run = run_of(load(source), ranges)
+def ranges_of(space: KnobSpace | None) -> Ranges:
+    """Return the ranges of a study as plain data; None for those of the scenario."""
+    if space is None:
+        return None
+    return {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}
+
+
+def work_of(source: str, limit: float) -> Callable[[tuple[Any, int, Ranges]], bytes]:
+    """Return, in a worker, what runs θ with a seed in ranges: the bytes of its experiment.
+
+    Args:
+        source: Source of the scenario, path/to/own.py:NAME.
+        limit: Maximum number of seconds of a run.
+    """
+    name = source.partition("{")[0].strip()
+    sys.argv = [name.rpartition(":")[0] or name]
+    scenario = load(source)
+
+    def run(request: tuple[Any, int, Ranges]) -> bytes:
+        theta, seed, ranges = request
+        if limit < _LONGEST:
+            faulthandler.dump_traceback_later(limit + _BEYOND, exit=True)
+        try:
+            return encode(returned(_run_of(scenario, ranges)(theta, seed=seed)))
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+
     return run
+
+
+def _loaded(source: str, ranges: Ranges) -> Run:
+    """Return the run of the scenario, with the ranges of the study."""
+    return _run_of(load(source), ranges)
+
+
+def _run_of(scenario: Scenario, ranges: Ranges) -> Run:
+    if ranges is None:
+        return scenario.run
+    by_now = space_of(ranges)
+    within = dict(zip(by_now.names, by_now.within, strict=True))
+    constraints = scenario.space.constraints
+    return with_ranges(scenario, KnobSpace(by_now.knobs, constraints, within=within)).run

@@ -1,5 +1,5 @@
 """Run many experiments of one scenario on all cores.
 
-`simulate` checks what it is given and puts results in order, `pool` hands θ to worker processes,
-`inside` is what a worker does, and `task` is how it runs one θ.
+`simulate` checks what it is given and puts results in order, `task` is how one θ runs, and what
+the workers of `prefcal_env.workers` are told.
 """

@@ -1,26 +1,26 @@
 """Run many experiments of one scenario on all cores."""
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sized
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import partial
-from itertools import islice
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.workers import Terms, run_all, usable_cores
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.processes.cores import usable_cores
 from prefcal_scenarios.scenario import Scenario
 
-from .pool import Pool
-from .progress import Progress, counting
 from .results import Result
 from .task import Task
 
 _AHEAD, _AHEAD_WHOLE = 10_000, 200
 """Number of results that may be waiting for an earlier one: without and with trajectories."""
+
+Progress = Callable[[int, int | None], None]
+"""Function of the number of results that have arrived and of all, None if that is unknown."""
 
 
 def simulate_many(
@@ -110,62 +110,32 @@ def _results(
 ) -> Generator[Result, None, None]:
     """Yield the results of all `thetas` in order, of which `ahead` may wait for an earlier one."""
     task = Task(scenario.run, int(options.seed), options.trajectories)
-    limit = np.inf if options.timeout is None else options.timeout
-    here = options.jobs == 1 and options.timeout is None
     total = len(thetas) if isinstance(thetas, Sized) else None
     jobs = options.jobs or usable_cores()
     jobs = jobs if total is None else min(jobs, max(total, 1))
-    run = (
-        partial(_here, task)
-        if here
-        else partial(_elsewhere, Pool(task, jobs, limit, behind=False), ahead)
-    )
+    limit = np.inf if options.timeout is None else options.timeout
+    here = options.jobs == 1 and options.timeout is None
+    checked = _checked(scenario.space, thetas)
 
     def results() -> Generator[Result, None, None]:
-        with counting(options.progress, total) as landed:
-            yield from run(_checked(scenario.space, thetas), landed)
+        with _counting(options.progress, total) as landed:
+            if here:
+                for theta in checked:
+                    result = task.here(theta)
+                    landed(1)
+                    yield result
+                return
+            pool, taken = task.pool(jobs, limit, Terms(allows="timeout")), 0
+            done: dict[int, Result] = {}
+            with closing(run_all(pool, checked, ahead)) as arriving:
+                for arrived in arriving:
+                    landed(len(arrived))
+                    done |= dict(arrived)
+                    while taken in done:
+                        yield done.pop(taken)
+                        taken += 1
 
     return results()
-
-
-def _here(
-    task: Task, thetas: Iterable[Float[np.ndarray, " n"]], landed: Callable[[int], None]
-) -> Generator[Result, None, None]:
-    """Run each θ in this process."""
-    for theta in thetas:
-        result = task(theta)
-        landed(1)
-        yield result
-
-
-def _elsewhere(
-    pool: Pool,
-    ahead: int,
-    thetas: Iterable[Float[np.ndarray, " n"]],
-    landed: Callable[[int], None],
-) -> Generator[Result, None, None]:
-    """Run each θ in a process of `pool`; `thetas` is read only as far as needed.
-
-    Closing the generator ends the processes.
-    """
-    source, done = iter(thetas), dict[int, Result]()
-    given = taken = 0
-    try:
-        while True:
-            new = list(islice(source, max(min(pool.room, taken + ahead - given), 0)))
-            pool.give(new)
-            given += len(new)
-            if taken == given:
-                break
-            arrived = pool.collect(patient=True)
-            landed(len(arrived))
-            done |= {number: result for number, _, result in arrived}
-            while taken in done:
-                yield done.pop(taken)
-                taken += 1
-        pool.close(gently=True)
-    finally:
-        pool.close()
 
 
 def _loaded(scenario: Scenario | str) -> Scenario:
@@ -194,3 +164,39 @@ def _checked(
             yield space.check(theta)
         except KnobError as error:
             raise KnobError(f"row {row} of thetas: {error}") from error
+
+
+@contextmanager
+def _counting(progress: Progress | bool, total: int | None) -> Iterator[Callable[[int], None]]:
+    """Yield a function that is told how many more results have arrived, and passes on the sum."""
+    arrived = 0
+
+    def landed(count: int) -> None:
+        nonlocal arrived
+        arrived += count
+        if count:
+            show(arrived, total)
+
+    if progress is True:
+        with _bar() as show:
+            yield landed
+    else:
+        show = progress or _nothing
+        yield landed
+
+
+@contextmanager
+def _bar() -> Iterator[Progress]:
+    """Show a progress bar with the remaining time on standard error."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    with Bar(*columns, console=Console(stderr=True)) as display:
+        task = display.add_task("experiments", total=None)
+        yield lambda arrived, total: display.update(task, completed=arrived, total=total)
+
+
+def _nothing(arrived: int, total: int | None) -> None:
+    """Show nothing."""

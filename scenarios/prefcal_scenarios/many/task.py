@@ -2,9 +2,9 @@
 
 import pickle
 import sys
-import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.machinery import PathFinder
 from io import BytesIO
 from pathlib import Path
@@ -14,10 +14,12 @@ import cloudpickle
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import ScenarioError
+from prefcal_env.errors import RunError, ScenarioError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.study.codec import decode, encode
+from prefcal_env.workers import Pool, Terms, attempt
 from prefcal_scenarios.own.checks import returned
 from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.own.own_line import as_exception, in_words
 from prefcal_scenarios.scenario import Run
 
 from .results import FailedRun, Result, Simulated
@@ -37,31 +39,60 @@ class Task:
     seed: int
     trajectories: bool
 
-    def __call__(self, theta: Float[np.ndarray, " n"]) -> Result:
-        """Run θ, physical, shape (n,); an error of the run is a result, too.
+    def __call__(self, theta: Float[np.ndarray, " n"]) -> Simulated | Experiment:
+        """Run θ, physical, shape (n,), and raise whatever the run raises."""
+        experiment = returned(self.run(theta.copy(), seed=self.seed))
+        return experiment if self.trajectories else Simulated.of(experiment)
 
-        KeyboardInterrupt is raised again: it may be Ctrl-C.
+    def here(self, theta: Float[np.ndarray, " n"]) -> Result:
+        """Run θ in this process; an error of the run is a result, too."""
+        return _result(theta, attempt(self, theta))
+
+    def pool(self, jobs: int, longest: float, terms: Terms) -> Pool:
+        """Return a pool of `jobs` workers whose results are those of `here`.
+
+        Args:
+            jobs: Number of workers, 1 or more.
+            longest: Largest time limit of an experiment in seconds; infinite for none.
+            terms: On what terms the workers run.
+
+        Raises:
+            ScenarioError: Later, if the run cannot be sent to, or loaded in, another process.
         """
-        try:
-            experiment = returned(self.run(theta.copy(), seed=self.seed))
-            return experiment if self.trajectories else Simulated.of(experiment)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            return failed(theta, error)
+        work = partial(_packed, self)
+        return Pool(work, jobs, longest, terms, read=_result, unloadable=_unloadable)
 
 
-def failed(theta: Float[np.ndarray, " n"], error: BaseException) -> FailedRun:
-    """Return the result of a run of θ that raised `error`."""
-    trace = "".join(traceback.format_exception(error))
-    return FailedRun(theta, "raised", in_words(as_exception(error)), trace)
+def _result(theta: Float[np.ndarray, " n"], found: Any) -> Result:
+    """Return what came of θ, physical, shape (n,), as a result."""
+    if isinstance(found, RunError):
+        return FailedRun(theta, found.why, str(found), found.trace)
+    result: Result = decode(found) if isinstance(found, bytes) else found
+    return result
 
 
-def packed(task: Task) -> bytes:
-    """Return `task` as bytes, also if parts of it are known only in this process.
+def _unloadable(error: RunError) -> ScenarioError:
+    return ScenarioError(
+        f"the scenario cannot be loaded in another process: {error}. jobs=1 runs it in this one"
+    )
+
+
+def _run_of(files: dict[str, str], content: bytes) -> Callable[[Any], Any]:
+    """Return, in a worker, what runs a θ; an experiment is sent as the bytes of its record."""
+    task: Task = _Unpickler(BytesIO(content), files).load()
+
+    def run(theta: Float[np.ndarray, " n"]) -> Simulated | bytes:
+        found = task(theta)
+        return encode(found) if isinstance(found, Experiment) else found
+
+    return run
+
+
+def _packed(task: Task) -> bytes:
+    """Return the work of a worker, also if parts of `task` are known only in this process.
 
     What was made in a notebook or in the main script travels by value. A file that an import
-    would not find, such as a user's own scenario, is named, and loaded again by `unpacked`.
+    would not find, such as a user's own scenario, is named, and loaded again.
 
     Raises:
         ScenarioError: If a part of the run cannot be sent to another process.
@@ -73,14 +104,7 @@ def packed(task: Task) -> bytes:
             f"the run cannot be sent to other processes: {type(error).__name__}: {error}. "
             "jobs=1 runs it in this one"
         ) from error
-    return pickle.dumps((dict(_files(content)), content))
-
-
-def unpacked(content: bytes) -> Task:
-    """Return the task that `packed` packed; its files run in this process."""
-    files, task = pickle.loads(content)
-    found: Task = _Unpickler(BytesIO(task), files).load()
-    return found
+    return pickle.dumps((_run_of, (dict(_files(content)), content)))
 
 
 @final

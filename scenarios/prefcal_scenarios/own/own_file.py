@@ -1,15 +1,22 @@
 """Load a user's own Python file, named on the command line."""
 
 import importlib.util
+import logging
 import sys
+import threading
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
 from prefcal_env.errors import PrefcalError, ScenarioError
+from prefcal_env.own_line import last_own, own_line
 
-from .loading import watched
-from .own_line import own_line
+SAYS = logging.getLogger("prefcal.loading")
+"""What says that a file takes long, at the level INFO; the command line listens."""
+_SOON = 1.5
+"""Seconds after which it is said what takes so long."""
 
 
 def module_at(path: Path) -> ModuleType:
@@ -27,7 +34,7 @@ def module_at(path: Path) -> ModuleType:
     sys.path.insert(0, str(path.resolve().parent))  # as for a script: its own folder comes first
     try:
         # Not with the loader: it reuses compiled code if size and modification second agree.
-        with watched(path):
+        with _watched(path):
             exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)
     except KeyboardInterrupt:
         raise
@@ -37,6 +44,29 @@ def module_at(path: Path) -> ModuleType:
     finally:
         sys.path.pop(0)
     return module
+
+
+@contextmanager
+def _watched(path: Path) -> Iterator[None]:
+    """Say if the block, which executes the file at `path`, takes long; only in the command line."""
+    main = threading.main_thread()
+    if not SAYS.isEnabledFor(logging.INFO) or threading.current_thread() is not main:
+        yield
+        return
+
+    def say() -> None:
+        frame = sys._current_frames().get(main.ident or 0)
+        found = "" if frame is None else last_own(traceback.extract_stack(frame))
+        line = f", it is in {found}" if found else ""
+        SAYS.info("loading %s takes a while%s (Ctrl-C stops)", path.name, line)
+
+    timer = threading.Timer(_SOON, say)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _told(error: BaseException, path: Path) -> str:

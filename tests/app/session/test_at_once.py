@@ -210,7 +210,7 @@ def test_an_unattended_study_runs_at_once_to_its_end(agent):
 def test_the_experiments_of_a_killed_worker_run_again():
     with isolation(TOY, 60.0, at_once=2) as isolated:
         scenario = isolated(load(TOY))
-        victim = scenario.run.workers[0]._life._process.pid
+        victim = scenario.run.workers[0].pid
         interview = begin(scenario, n_max=6, at_once=2, agent=RandomSearch)
         os.kill(victim, signal.SIGKILL)
         told = []

@@ -15,6 +15,7 @@ from prefcal_app.session import Background, Choice, Phase, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.end import End
+from prefcal_env.knobs.key import theta_key
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from support.interviews import begin, proceed, until
@@ -90,7 +91,7 @@ def test_a_run_on_suspicion_that_hangs_makes_way():
         on_suspicion(interview)
         with Background(interview):
             worker = interview.scenario.run.worker
-            now = until(interview, lambda now: worker.busy_with(BAD))
+            now = until(interview, lambda now: worker.busy_with(theta_key(BAD)))
             interview.mark(now.question.id, "left", "unsafe", True)  # foreseen answers are void
             interview.answer(now.question.id, Choice.LEFT)
             until(interview, lambda now: now.pending is not None)  # the next one is chosen

@@ -47,7 +47,7 @@ def test_every_number_comes_back_exactly(tmp_path):
 def test_no_worker_starts_if_results_are_kept(tmp_path, monkeypatch):
     path = tmp_path / "mine.simulated"
     first = simulated(path, THETAS)
-    monkeypatch.setattr("prefcal_scenarios.many.pool.Pool.start", None)
+    monkeypatch.setattr("prefcal_env.workers.Pool.start", None)
     with Simulator(unseen, jobs=1, kept=Kept(path, "a")) as simulator:
         simulator.start()
         assert simulator.many(THETAS) == first

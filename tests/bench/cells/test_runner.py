@@ -99,7 +99,7 @@ def test_only_the_guilty_cell_is_reported(tmp_path, poison):
     finished, seen = run(own(poison, "Own", seeds=3), tmp_path)
     (failed,) = finished.failures
     assert (failed.cell.agent, failed.cell.seed) == (f"{OWN}:{poison}", 1)
-    words = {"Dies": "its worker died", "Raises": "OSError: the pump does not answer"}[poison]
+    words = {"Dies": "the task crashed", "Raises": "OSError: the pump does not answer"}[poison]
     assert words in failed.failure
     assert [line for line in seen.words if words in line] == seen.words
     assert len(finished.results) == 6

@@ -43,7 +43,7 @@ def random_thetas(space, count):
 def no_workers():
     children = " ".join(path.read_text() for path in Path("/proc/self/task").glob("*/children"))
     lines = [Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children.split()]
-    return not any(b"prefcal_scenarios.many" in line for line in lines)
+    return not any(b"prefcal_env.workers" in line for line in lines)
 
 
 @pytest.mark.parametrize("name", ["servo", "cstr"])
@@ -89,7 +89,7 @@ def test_runs_that_raise_die_or_hang_are_data_in_their_places():
     assert words[1].startswith("OSError: the pump does not answer (in many_runs.py:")
     assert "Traceback" in found[1].trace
     assert "and again when it ran alone: its process was ended by SIGKILL" in words[3]
-    assert words[4] == "the run took longer than 2 s and was ended (timeout)"
+    assert words[4] == "the run took longer than 2 s and was ended (timeout allows more)"
     assert "run called exit: bye" in words[6]
     assert "exit code 0" in words[7]
     assert "is a return missing" in words[8]
@@ -97,27 +97,10 @@ def test_runs_that_raise_die_or_hang_are_data_in_their_places():
     assert no_workers()
 
 
-def test_a_crash_among_many_short_runs_costs_nobody_else_a_result():
-    whats = [0] * 300
-    whats[100] = whats[200] = many_runs.DIES
-    found = simulate_many(many, thetas(*whats), jobs=2)
-    assert [k for k, r in enumerate(found) if isinstance(r, FailedRun)] == [100, 200]
-
-
 def test_without_processes_an_error_is_data_too():
     found = simulate_many(many, thetas(0, many_runs.RAISES, many_runs.LEAVES), jobs=1)
     assert [type(r) for r in found] == [Simulated, FailedRun, FailedRun]
     assert found[1].words.startswith("OSError: the pump does not answer (in many_runs.py:")
-
-
-def test_one_job_with_a_time_limit_is_a_process_of_its_own():
-    found = simulate_many(many, thetas(0, many_runs.DIES), jobs=1, timeout=60.0)
-    assert [r.end for r in found] == [End.TIME_UP, End.FAILED]
-
-
-def test_a_time_limit_is_that_of_an_experiment_not_of_all():
-    found = simulate_many(many, thetas(*[many_runs.WAITS] * 4), jobs=1, timeout=0.8)
-    assert all(isinstance(r, Simulated) for r in found)
 
 
 def test_results_come_in_order_even_if_the_first_one_takes_longest():
@@ -149,21 +132,6 @@ def test_progress_tells_how_many_have_arrived(capsys):
         assert [n for n, _ in told] == sorted({n for n, _ in told})
     simulate_many(many, thetas(0, 0, 0), jobs=1, progress=True)
     assert "3/3" in capsys.readouterr().err
-
-
-def test_what_runs_print_is_not_our_standard_output(capfd):
-    simulate_many(many, thetas(many_runs.TELLS), jobs=2)
-    printed = capfd.readouterr()
-    assert (printed.out, printed.err) == ("", "own code is talking\n")
-
-
-def test_workers_keep_one_thread_of_linear_algebra():
-    def run(theta, seed=0):
-        many_run = many.run(theta, seed)
-        return replace(many_run, kpis={"threads": float(os.environ["OPENBLAS_NUM_THREADS"])})
-
-    (found,) = simulate_many(replace(many, kpis=(), run=run), thetas(0), jobs=2)
-    assert found.kpis["threads"] == 1
 
 
 def test_scenarios_made_on_the_spot_are_sent_too():
@@ -233,7 +201,7 @@ def test_two_files_of_one_name_do_not_mix(tmp_path):
     ("by_now", "words"),
     [
         ("raise OSError('no such port')", "in another process: .*no such port.*jobs=1"),
-        ("import os; os._exit(4)", "no process can load the scenario: .*exit code 4"),
+        ("import os; os._exit(4)", "in another process: .*while it was loaded.*exit code 4"),
     ],
 )
 def test_a_file_that_loads_only_here_is_told(tmp_path, by_now, words):

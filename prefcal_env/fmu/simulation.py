@@ -1,26 +1,19 @@
-"""The process that simulates an FMU: it loads the FMU once, and runs θ after θ.
+"""Simulate an FMU, θ after θ, in a process of its own."""
 
-It is started as a script and imports nothing of prefcal, so that it starts quickly and stays small.
-Beside the script, `process` imports what both exchange, and then nothing of FMPy is loaded.
-Requests and answers are pickled, one after the other, on what are standard input and output.
-"""
-
+import atexit
 import ctypes
 import os
-import pickle
 import shutil
-import threading
 import time
 from collections import deque
 from contextlib import suppress
 from itertools import pairwise
-from queue import SimpleQueue
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
-_TIDYING = 1.0
-"""Seconds for the FMU to end after prefcal ended."""
+from prefcal_env.errors import PlantError
+
 _QUICK = 1.0
 """Longest run in seconds after which it is tried whether a reset FMU runs in the same way."""
 _TERMINATED = 3
@@ -39,14 +32,12 @@ class Job(NamedTuple):
     """What to simulate.
 
     Args:
-        path: The .fmu file; in the process, the folder with its contents, whose parent is removed
-            if prefcal is gone.
+        path: The .fmu file; in the process, the folder with its contents.
         knobs: Type and value reference of each parameter that θ sets.
         shown: Type and value reference of each variable to record.
         instants: Start, communication instants and end, in seconds, shape (M,).
         every: Every how many communications the variables are recorded; the end always is.
         tolerance: Relative tolerance of the FMU's solver; None for its own.
-        reset: Whether it may be tried to reset the FMU between runs.
     """
 
     path: str
@@ -55,7 +46,6 @@ class Job(NamedTuple):
     instants: Any
     every: int
     tolerance: float | None
-    reset: bool = True
 
 
 class Answer(NamedTuple):
@@ -107,33 +97,58 @@ class _Reader:
         row[self._columns] = self._view
 
 
-class _Simulation:
+@final
+class Simulation:
     """One instance of an FMU that is used again and again.
 
-    A reset FMU should run as a new one does. That is tried once, after the first run if it was
-    quick: if the same θ then gives the same record, the instance is reset between runs. Otherwise
-    each run gets a new instance.
+    A reset FMU should run as a new one does. If the first run was quick, a request without θ finds
+    that out: if the same θ then gives the same record, the instance is reset between runs.
+    Otherwise each run gets a new instance.
+
+    Args:
+        job: What to simulate.
+
+    Raises:
+        PlantError: If the FMU cannot be started.
     """
 
     def __init__(self, job: Job) -> None:
         import fmpy
         from fmpy.simulation import instantiate_fmu
 
-        self._job = job
-        self._description = fmpy.read_model_description(job.path, validate=False)
-        self.version = self._description.fmiVersion[0]
+        self._job, self._parent = job, os.getppid()
         self._said: deque[str] = deque(maxlen=1)
-        self._fmu: Any = instantiate_fmu(
-            job.path, self._description, "CoSimulation", logger=self._hear,
-            require_functions=False,
-        )  # fmt: skip
-        self._used, self._resettable, self._tried = False, False, False
+        try:
+            self._description = fmpy.read_model_description(job.path, validate=False)
+            self.version = self._description.fmiVersion[0]
+            self._fmu: Any = instantiate_fmu(
+                job.path,
+                self._description,
+                "CoSimulation",
+                logger=self._hear,
+                require_functions=False,
+            )
+        except Exception as error:  # whatever FMPy raises
+            words = " ".join(str(error).split())
+            raise PlantError(f"the FMU cannot be started: {words}") from error
+        self._used = self._resettable = False
+        self._first: tuple[list[float], Answer] | None = None
         groups: dict[str, tuple[list[int], list[int]]] = {}
         for column, (type_, reference) in enumerate(job.shown):
             references, columns = groups.setdefault(self._named(type_), ([], []))
             references.append(reference)
             columns.append(column)
         self._readers = [_Reader(self._fmu, self.version, t, *g) for t, g in groups.items()]
+        atexit.register(self.close)
+
+    def __call__(self, theta: list[float] | None) -> "Answer | bool":
+        """Simulate θ, one value for each knob; without θ, return whether a reset can be tried."""
+        with suppress(OSError):
+            os.ftruncate(2, 0)  # what it printed during earlier runs
+            os.lseek(2, 0, os.SEEK_SET)
+        if theta is None:
+            return self.try_reset()
+        return self.run(theta)
 
     def run(self, theta: list[float]) -> Answer:
         """Simulate θ, one value for each knob of the job."""
@@ -152,26 +167,31 @@ class _Simulation:
         width = len(self._job.shown)
         t = np.array([row[0] for row in rows])
         values = np.array([row[1] for row in rows]).reshape(len(rows), width)
-        return Answer(problem, t, values, taken)
+        answer = Answer(problem, t, values, taken)
+        self._first = self._first or (theta, answer)
+        return answer
 
-    def try_reset(self, theta: list[float], answer: Answer) -> None:
-        """Find out whether a reset FMU runs θ as the new one did, which gave `answer`."""
-        if self._tried or answer.problem or not self._job.reset:
-            return
-        self._tried = True
-        if answer.seconds <= _QUICK:
+    def try_reset(self) -> bool:
+        """Find out whether a reset FMU repeats the first run; False if there was none."""
+        if self._first is None:
+            return False
+        theta, answer = self._first
+        if not answer.problem and answer.seconds <= _QUICK:
             self._resettable = True
             again = self.run(theta)
             self._resettable = not again.problem and np.array_equal(
                 again.values, answer.values, equal_nan=True
             )
+        return True
 
     def close(self) -> None:
-        """Let the FMU release what it holds."""
+        """Let the FMU release what it holds; if prefcal is gone, remove the files."""
         if self._fmu.component:
             free = getattr(self._fmu, f"fmi{self.version}FreeInstance")
             free(self._fmu.component)
             self._fmu.component = None
+        if os.getppid() != self._parent:
+            shutil.rmtree(os.path.dirname(self._job.path), ignore_errors=True)
 
     def _renew(self) -> None:
         """Return to the state of a new instance."""
@@ -254,67 +274,3 @@ class _Simulation:
         words = text.decode(errors="replace") if isinstance(text, bytes) else str(text or "")
         if words.strip():
             self._said.append(" ".join(words.split())[-300:])
-
-
-def main() -> None:
-    """Answer all requests; None or the end of the pipe ends this process."""
-    given, out = _pipes()
-    job = Job(*pickle.load(given))
-    requests: SimpleQueue[list[float] | None] = SimpleQueue()
-    gone = threading.Event()
-    listening = (given, requests, job.path, gone)
-    threading.Thread(target=_listen, args=listening, daemon=True).start()
-    try:
-        simulation = _Simulation(job)
-    except Exception as error:
-        _say(out, f"the FMU cannot be started: {' '.join(str(error).split())}")
-        return
-    _say(out, "")
-    while (theta := requests.get()) is not None:
-        os.ftruncate(2, 0)
-        answer = simulation.run(theta)
-        _say(out, tuple(answer))
-        simulation.try_reset(theta, answer)
-        _say(out, None)
-    simulation.close()
-    if gone.is_set():
-        _remove(job.path)
-
-
-def _say(out: BinaryIO, content: Any) -> None:
-    with suppress(OSError):  # prefcal is gone: `_listen` ends this process
-        pickle.dump(content, out)
-        out.flush()
-
-
-def _pipes() -> tuple[BinaryIO, BinaryIO]:
-    """Return the pipes to prefcal, which the FMU can neither read nor write."""
-    given, out = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.close(nothing)
-    os.dup2(2, 1)  # what the FMU prints goes where its errors go
-    return given, out
-
-
-def _listen(given: BinaryIO, requests: Any, folder: str, gone: threading.Event) -> None:
-    """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
-    try:
-        while (request := pickle.load(given)) is not None:
-            requests.put(request)
-    except (EOFError, OSError, pickle.UnpicklingError):
-        gone.set()
-    requests.put(None)
-    time.sleep(_TIDYING)
-    if gone.is_set():
-        _remove(folder)
-    os._exit(1)
-
-
-def _remove(folder: str) -> None:
-    """Remove the files of the FMU, which prefcal can no longer do."""
-    shutil.rmtree(os.path.dirname(folder), ignore_errors=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,319 @@
+"""Run requests in a process that may die, hang or be stopped, and that is replaced then."""
+
+import os
+import pickle
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from prefcal_env.errors import RunError
+
+from .inside import Kind, Message
+from .process import GRACE, Process, Terms
+
+ATTEMPTS = 2
+"""Number of processes that a request may cost: the first may have been killed from outside."""
+_UNLOADED = 3
+"""Number of processes that may die in a row without loading the work."""
+_PERIOD = 0.05
+"""Seconds after which results are sent, if no request has a time limit."""
+_AHEAD = 0.1
+"""Seconds of work that a process has at hand."""
+_AT_HAND, _SHORT = 2, 1.0
+"""Number of requests that a process has at hand, so that it never waits, and their longest time:
+after a longer one, it gets one at a time, which nobody else could run meanwhile."""
+_LOADING = 120.0
+"""Minimum time limit in seconds for loading the work, however short its requests are."""
+_LONG = 5.0
+"""Seconds after which a request that was ended counts as hanging."""
+LOOK = 0.2
+"""Longest wait in seconds: after it, the process is looked at."""
+
+Found = tuple[int, Any]
+"""Number of a request, and its result, or the RunError that says why it has none."""
+
+
+@dataclass(slots=True)
+class _Item:
+    """A request: its number, its content, and how many processes it may have cost."""
+
+    number: int
+    content: bytes
+    cost: int = 0
+
+
+@final
+class Worker:
+    """Requests, one after the other, and the process that runs them.
+
+    `run` may be called from any thread, one at a time, and returns one result; `give` and `poll`
+    are for a pool, which never waits. `start`, `reserve`, `stop`, `close` and what is read can be
+    called meanwhile. After a request was ended or its process died, there is no process until
+    `start`, or the next request.
+
+    Args:
+        work: Function that returns, for each process that is started, the pickled function and its
+            arguments that return the function of each request.
+        limit: Time limit of a request in seconds; infinite for none. It starts once the work is
+            loaded.
+        terms: On what terms requests run.
+        bell: Event that is set when there is something to `poll`.
+
+    Attributes:
+        hangs: Whether the last `run` had to be ended, so that the next one may hang, too.
+        pace: Seconds that a request took in the latest message; infinite before the first.
+    """
+
+    def __init__(
+        self,
+        work: Callable[[], bytes],
+        limit: float,
+        terms: Terms,
+        bell: threading.Event | None = None,
+    ) -> None:
+        self._work, self.limit, self._terms = work, limit, terms
+        self._bell = bell or threading.Event()
+        self._running = threading.Lock()  # held during `run`
+        self._lock = threading.Lock()  # of what follows; never held for long
+        self._process: Process | None = None
+        self._name: Hashable | None = None
+        self._due, self._why, self._closed = np.inf, "late", False
+        self._given: deque[_Item] = deque()
+        self._again: deque[_Item] = deque()  # what a process that ended has not answered
+        self._room, self._unloaded, self._since = 1, 0, 0.0
+        self._in_groups = False
+        self.pace, self.hangs = np.inf, False
+
+    @property
+    def pid(self) -> int | None:
+        """Return the id of the process; None while there is none."""
+        return None if self._process is None else self._process.pid
+
+    @property
+    def loaded(self) -> bool:
+        """Return whether there is a process that has loaded the work."""
+        return self._process is not None and self._process.loaded
+
+    @property
+    def is_idle(self) -> bool:
+        """Return whether nothing is announced or running."""
+        return self._name is None
+
+    def busy_with(self, name: Hashable) -> bool | None:
+        """Return whether what is running has this name; None if nothing is running."""
+        running = self._name
+        return None if running is None else running == name
+
+    def start(self) -> None:
+        """Start the process if there is none, so that it loads the work meanwhile."""
+        with self._lock:
+            if self._process is not None and self._process.owner != os.getpid():
+                self._process = None  # this is a fork: the process belongs to the parent
+            if self._process is None and not self._closed:
+                # With a time limit each result is sent at once: so the first one is the late one.
+                self._in_groups = self.limit == np.inf
+                period = _PERIOD if self._in_groups else 0.0
+                self._since = time.monotonic()
+                self._process = Process(self._work(), period, self._terms, self._bell)
+
+    def reserve(self, name: Hashable) -> None:
+        """Announce what runs next: from now on `busy_with` says so, and `stop` stops it."""
+        with self._lock:
+            self._name, self._why, self._due = name, "late", np.inf
+
+    def stop(self, why: str, within: float = 0.0) -> None:
+        """End what is running in `within` seconds: "stopped" by a person, or "given up"."""
+        with self._lock:
+            due = time.monotonic() + within
+            if self._name is not None and due < self._due:
+                self._due, self._why = due, why
+                self._bell.set()
+
+    def run(self, request: Any, name: Hashable = "") -> Any:
+        """Run a request, and return its result.
+
+        Raises:
+            RunError: If it has none; the message says why.
+        """
+        with self._running:
+            if not self.busy_with(name):
+                self.reserve(name)
+            begun, found = time.monotonic(), list[Found]()
+            try:
+                self.give([(0, request)])
+                while not found:
+                    self._bell.wait(min(max(self.left, 0.0), LOOK))
+                    self._bell.clear()
+                    found = self.poll()
+            except BaseException:  # Ctrl-C, too: its answer would be taken for the next one's
+                self._end()
+                raise
+            finally:
+                ended = not found or (isinstance(found[0][1], RunError) and not self.loaded)
+                self.hangs = ended and time.monotonic() - begun > _LONG
+                with self._lock:
+                    self._name = None
+        result = found[0][1]
+        if isinstance(result, RunError):
+            # A new one: in a cycle with this frame, `result` would keep whatever called this.
+            raise RunError(str(result), result.why, result.trace)
+        return result
+
+    @property
+    def room(self) -> int:
+        """Number of requests that it can be given now; what runs again runs alone."""
+        if self._again or any(item.cost for item in self._given):
+            return 0
+        at_hand = _AT_HAND if self.pace < _SHORT else 1
+        return max(max(self._room, at_hand) - len(self._given), 0)
+
+    @property
+    def given(self) -> int:
+        """Number of requests that it has not answered."""
+        return len(self._given) + len(self._again)
+
+    def give(self, requests: Sequence[tuple[int, Any]]) -> None:
+        """Run requests with these numbers; `poll` returns the results.
+
+        Raises:
+            RunError: If it is closed.
+        """
+        self._send([_Item(number, pickle.dumps(request)) for number, request in requests])
+
+    def poll(self) -> list[Found]:
+        """Return what has arrived, in any order.
+
+        Raises:
+            RunError: If the work cannot be loaded.
+        """
+        process, found = self._process, list[Found]()
+        if process is None:
+            return found
+        while (message := process.hear()) is not None:
+            self._since = time.monotonic()
+            found += self._read(process, message)
+        if process.gone:
+            found += self._died(process)
+        elif self.left <= 0:
+            found += self._late(process)
+        if self._again and not self._given:
+            self._send([self._again.popleft()])
+        return found
+
+    @property
+    def left(self) -> float:
+        """Seconds until what runs, or loading the work, is too late; infinite if nothing runs."""
+        if self.loaded and not self._given:
+            return np.inf
+        limit = self.limit if self.loaded else max(self.limit, _LOADING)
+        return min(self._since + limit, self._due) - time.monotonic()
+
+    def close(self, *, gently: bool = False) -> None:
+        """End the process, perhaps so that its code can clean up; nothing can run afterwards."""
+        self.stop("given up")
+        with self._lock:
+            self._closed, process = True, self._process
+        if process is None:
+            return
+        try:
+            if gently and self._running.acquire(timeout=2 * GRACE):
+                self._running.release()
+                process.leave()
+        finally:
+            process.kill()
+
+    def dismiss(self) -> None:
+        """Let the process end by itself, since nothing more will be asked."""
+        if self._process is not None:
+            self._process.dismiss()
+
+    def release(self) -> None:
+        """End the process gently while nothing runs; the next request gets a fresh one."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is not None:
+            process.leave()
+
+    def _send(self, items: list[_Item]) -> None:
+        self.start()
+        process = self._process
+        if process is None or self._closed:
+            raise RunError("prefcal is closing", "given up")
+        if not self._given and process.loaded:
+            self._since = time.monotonic()
+        self._given.extend(items)
+        process.ask([item.content for item in items])
+
+    def _read(self, process: Process, message: Message) -> list[Found]:
+        kind, content = message
+        if kind is Kind.ERROR:
+            self._end()
+            raise pickle.loads(content)
+        if kind is Kind.READY:
+            process.loaded, self._unloaded = True, 0
+            return []
+        results, seconds = pickle.loads(content)
+        self.pace = seconds / len(results)
+        if self._in_groups:
+            self._room = max(int(_AHEAD * len(results) / max(seconds, 1e-6)), 1)
+        return [(self._given.popleft().number, pickle.loads(result)) for result in results]
+
+    def _died(self, process: Process) -> list[Found]:
+        """Replace a process that has ended: what may have ended it runs again, and alone."""
+        words, items = process.ended(), list(self._given)
+        self._end()
+        most = ATTEMPTS if self._terms.again else 1
+        if not process.loaded:
+            self._unloaded += 1
+            if self._unloaded >= (_UNLOADED if self._terms.again else 1):
+                raise RunError(f"{self._terms.what} crashed while it was loaded: {words}", "died")
+        else:
+            for item in items if self._in_groups else items[:1]:
+                item.cost += 1
+        self._again.extend(item for item in items if item.cost < most)
+        alone = ", and again when it ran alone" if self._terms.again else ""
+        error = RunError(f"{self._terms.what} crashed{alone}: {words}", "died")
+        return [(item.number, error) for item in items if item.cost >= most]
+
+    def _late(self, process: Process) -> list[Found]:
+        """End a request that takes too long, or that was stopped."""
+        items, why, took = list(self._given), self._why, time.monotonic() - self._since
+        stopped = time.monotonic() >= self._due
+        line = self._end()
+        if not process.loaded and not stopped:
+            raise RunError("loading takes too long", "late")
+        words = self._words(why, took) if stopped else self._too_long()
+        words = f"{words}. It was in {line}" if line else words
+        self._again.extend(items[1:])
+        return [(items[0].number, RunError(words, why if stopped else "late"))]
+
+    def _too_long(self) -> str:
+        what, allows = self._terms.what, self._terms.allows
+        hint = f" ({allows} allows more)" if allows else ""
+        return f"{what} took longer than {in_time(self.limit)} and was ended{hint}"
+
+    def _words(self, why: str, took: float) -> str:
+        after = in_time(max(round(took), 1))
+        if why == "stopped":
+            return f"you stopped {self._terms.what} after {after}"
+        return f"{self._terms.what} was ended after {after}: its result was no longer needed"
+
+    def _end(self) -> str:
+        """End the process and what it runs; return the user's line it was in."""
+        with self._lock:
+            process, self._process = self._process, None
+        self._given.clear()
+        return "" if process is None else process.end()
+
+
+def in_time(seconds: float) -> str:
+    """Return a time in words: "90 s", "10 min", "1 h"."""
+    for size, unit in ((3600, "h"), (60, "min")):
+        if seconds >= size and seconds % size == 0:
+            return f"{seconds / size:g} {unit}"
+    return f"{seconds:g} s"

@@ -1,1 +1,0 @@
-"""Worker processes: their start and end, and messages between them and prefcal."""
