@@ -23,7 +23,7 @@ def with_kpis(kpis, values):
         return replace(experiment, kpis=known)
 
     comparisons = tuple(
-        replace(c, challenger=told(c.challenger), incumbent=c.incumbent and told(c.incumbent))
+        c._replace(challenger=told(c.challenger), incumbent=c.incumbent and told(c.incumbent))
         for c in record.comparisons
     )
     return replace(record, scenario=scenario, comparisons=comparisons)
