@@ -8,7 +8,6 @@ from prefcal_agents.models.rbf import Surrogate
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.best import contradictory, reigns
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import Backend
 
 from .selection import ModelSelection, Selection
 from .settings import GLISpSettings
@@ -24,7 +23,7 @@ FINALS = 3
 
 
 def follow_up(
-    history: History, models: ModelSelection, settings: GLISpSettings, backend: Backend
+    history: History, models: ModelSelection, settings: GLISpSettings
 ) -> tuple[int, int] | None:
     """Return two known samples to compare now, the challenger first; None if there are none.
 
@@ -52,7 +51,7 @@ def follow_up(
         return insertion_question(history, kpis.values(history))
     # As selected one experiment earlier, so a question does not wait for a model selection.
     selection = models.after(history.until(history.answered - 1))
-    surrogate = train(models.dataset(history), selection, settings, backend)
+    surrogate = train(models.dataset(history), selection, settings)
     return insertion_question(history, surrogate(cube_of(history)))
 
 

@@ -15,36 +15,15 @@ from prefcal_agents.models.rbf import Surrogate
 from prefcal_agents.optimize.search import Objective, Tried, new_minimum
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import random_points
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import Backend
 
 from .noise_test import ALMOST_SURE
 from .promising import most_promising
 from .selection import Fit, is_process_turn
-from .settings import GLISpSettings
+from .settings import Setup
 from .training import train
 
 Model = Surrogate | PreferenceGP
-
-
-@dataclass(frozen=True, slots=True)
-class Setup:
-    """Everything that stays the same during a study.
-
-    Args:
-        space: The knobs.
-        n_init: Number of samples of the Latin hypercube.
-        seed: Seed of all randomness; sample i draws from `(seed, i)`.
-        settings: Settings of GLISp.
-        backend: QP solver.
-    """
-
-    space: KnobSpace
-    n_init: int
-    seed: int
-    settings: GLISpSettings
-    backend: Backend
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +56,7 @@ def _always(setup: Setup, fit: Fit) -> bool:
 
 def _surrogate(setup: Setup, fit: Fit) -> Surrogate:
     """Return Ĵ."""
-    return train(fit.data, fit.selection, setup.settings, setup.backend)
+    return train(fit.data, fit.selection, setup.settings)
 
 
 def _preference_gp(setup: Setup, fit: Fit) -> PreferenceGP:

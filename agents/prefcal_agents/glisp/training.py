@@ -3,16 +3,13 @@
 from prefcal_agents.models.gaussian_process import ExpectationPropagation
 from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
 from prefcal_agents.models.rbf import Surrogate
-from prefcal_env.qp import Backend
 
 from .noise_test import rows_of
 from .selection import Dataset, Selection
 from .settings import GLISpSettings
 
 
-def train(
-    data: Dataset, selection: Selection, settings: GLISpSettings, backend: Backend
-) -> Surrogate:
+def train(data: Dataset, selection: Selection, settings: GLISpSettings) -> Surrogate:
     """Return Ĵ, trained on `data` with the selected shape and weights.
 
     Source: eq. QP-pref.
@@ -27,7 +24,7 @@ def train(
     margin = margins(preferences, settings.margin_power)
     features = shape.basis(preferences.samples, preferences.samples)
     constraints = Constraints.of(preferences, features, margin)
-    v = fit(constraints, Learning(margin_power=settings.margin_power), backend)
+    v = fit(constraints, Learning(margin_power=settings.margin_power))
     return Surrogate(preferences.samples, v, shape)
 
 

@@ -5,7 +5,7 @@ division by a distance.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 Array = Float[np.ndarray, "..."]
 _TINY = 1e-300  # keeps log(u) finite at a center
+_WIDEST = 16.0  # largest ratio between the scales of two knobs
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,15 @@ class Shape:
     epsilon: float
     scales: tuple[float, ...]
     rbf: str = "inverse_quadratic"
+
+    def rescaled(self, knob: int, factor: float) -> "Shape | None":
+        """Return the shape in which `knob` counts `factor` as much; None if too far from others."""
+        scales = np.array(self.scales)
+        scales[knob] *= factor
+        scales /= np.exp(np.mean(np.log(scales)))
+        if scales.max() > _WIDEST * scales.min():
+            return None
+        return replace(self, scales=tuple(map(float, scales)))
 
     def distances(
         self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]

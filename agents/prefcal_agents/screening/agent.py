@@ -1,11 +1,10 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
-from typing import ClassVar, Self, final
+from typing import ClassVar, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_agents.utility.bank import Bank
@@ -13,11 +12,10 @@ from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_
 from prefcal_agents.utility.utilities import Utilities
 from prefcal_env.preferences.history import History
 
-from .beyond_kpis import BeyondKPIs
+from .beyond_kpis import BeyondKPIs, without_kpis
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
-from .simulating import Simulating
-from .simulations import Simulations
+from .simulations import Simulating
 
 _DOUBT = 0.75
 """Probability of being noticeably better than the best by the answers above which an experiment
@@ -40,13 +38,15 @@ class Screening(Simulating):
 
     version: ClassVar[int] = 5
     asks_further: ClassVar[bool] = False
-    _growth: Growth | None = None
-    _beyond: BeyondKPIs
 
-    def _begin(self, simulations: Simulations) -> None:
-        super()._begin(simulations)
-        self._growth = Growth(self.space, simulations, self._n_simulated, self._seed)
-        self._beyond = BeyondKPIs(self.space, self._seed)
+    @property
+    def _growth(self) -> Growth:
+        return self.simulations.learned(Growth, self.space, self.n_simulated, self._seed)
+
+    @property
+    def _stage(self) -> Stage:
+        with one_thread():
+            return self._growth.stage(self.history)
 
     # What people and programs look at.
 
@@ -58,12 +58,7 @@ class Screening(Simulating):
     @property
     def due(self) -> int:
         """Return the number of θ that are simulated by the time of the open query."""
-        return 0 if self._growth is None else self._growth.due(self.history)
-
-    @property
-    def _stage(self) -> Stage:
-        with one_thread():
-            return self._growing.stage(self.history)
+        return 0 if self._simulations is None else self._growth.due(self.history)
 
     @property
     def reason(self) -> Reason | None:
@@ -105,12 +100,6 @@ class Screening(Simulating):
         stage = self._stage
         return trend(stage.bank.z, stage.costs, stage.bank.find(self.best))
 
-    @property
-    def _growing(self) -> Growth:
-        if self._growth is None:
-            raise self._unable()
-        return self._growth
-
     # What the agent does.
 
     def _leader(self, history: History) -> int | None:
@@ -120,9 +109,9 @@ class Screening(Simulating):
         give it back without a question.
         """
         best = history.by_answers
-        if best is None or len(history.lessons()) < 2 or self._growth is None:
+        if best is None or len(history.lessons()) < 2 or self._simulations is None:
             return None
-        stage = self._growing.stage(history)
+        stage = self._growth.stage(history)
         rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         better[[*history.unsafe(), *history.cut_short()]] = 0.0  # or judged by half a run
@@ -130,12 +119,13 @@ class Screening(Simulating):
         return int(np.argmax(value)) if np.isfinite(value).any() else None
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        stage, best = self._growing.stage(history), history.incumbent
+        stage, best = self._growth.stage(history), history.incumbent
         rng = np.random.default_rng([self._seed, history.answered])
         tried = Tried(self.space, history)
-        if self._beyond.is_next(history, stage):
-            beyond = tried.fresh(self._beyond.propose(history, stage), rng)
-            if self._growing.works(beyond):
+        if without_kpis(history, stage):
+            others = self.simulations.learned(BeyondKPIs, self.space, self._seed)
+            beyond = tried.fresh(others.propose(history, stage), rng)
+            if self._growth.works(beyond):
                 return beyond
         if stage.rough and history.answered % _OPEN == 0:
             found = _open_minded(stage, history, rng)
@@ -162,12 +152,6 @@ class Screening(Simulating):
         if row is None:
             return np.asarray(2 * missed)
         return np.asarray(2 * missed + ~clearly_apart(kpis, missed == missed.min(), row))
-
-    def _twin(self, state: AgentState) -> Self:
-        twin = super()._twin(state)
-        twin._growth = self._growth
-        twin._beyond = BeyondKPIs(self.space, self._seed)  # its solver may not be shared
-        return twin
 
 
 def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int | None:

@@ -4,38 +4,32 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.glisp.selection import ModelSelection
-from prefcal_agents.glisp.settings import GLISpSettings
-from prefcal_agents.glisp.strategy import Setup, propose
+from prefcal_agents.glisp.settings import GLISpSettings, Setup
+from prefcal_agents.glisp.strategy import propose
 from prefcal_agents.utility.explained import AFTER, explains, is_stalled
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
 
 from .growth import Stage
+from .simulations import Simulations
 
 _UNTIL, _EVERY = 30, 4
 """Until so many answers, every fourth such proposal fills the space, as the start of GLISp does."""
 
 
+def without_kpis(history: History, stage: Stage) -> bool:
+    """Return whether the next θ is proposed without KPIs."""
+    known = not stage.bank.hopeless[stage.spread].all()
+    return known and (
+        is_stalled(history) or not explains(history, stage.bank, stage.scale, stage.utilities)
+    )
+
+
 class BeyondKPIs:
-    """Proposals from answers and θ alone; what it remembers only saves time.
+    """Proposals from answers and θ alone; what it remembers only saves time."""
 
-    Args:
-        space: Knobs to tune.
-        seed: Seed of all randomness.
-    """
-
-    def __init__(self, space: KnobSpace, seed: int) -> None:
-        settings, backend = GLISpSettings(kpis=False), make_backend()
-        self._setup = Setup(space, AFTER, seed, settings, backend)
-        self._models = ModelSelection(len(space), AFTER, settings, seed, backend)
-
-    def is_next(self, history: History, stage: Stage) -> bool:
-        """Return whether the next θ is proposed without KPIs."""
-        known = not stage.bank.hopeless[stage.spread].all()
-        return known and (
-            is_stalled(history) or not explains(history, stage.bank, stage.scale, stage.utilities)
-        )
+    def __init__(self, simulations: Simulations, space: KnobSpace, seed: int) -> None:
+        self._models = ModelSelection(Setup(space, AFTER, seed, GLISpSettings(kpis=False)))
 
     def propose(self, history: History, stage: Stage) -> Float[np.ndarray, " n"]:
         """Return the next point of the cube, shape (n,)."""
@@ -43,4 +37,4 @@ class BeyondKPIs:
         if count < _UNTIL and count % _EVERY == _EVERY - 1:
             rows = stage.spread[~stage.bank.hopeless[stage.spread]]
             return np.asarray(stage.bank.z[rows[count % len(rows)]])
-        return propose(self._setup, self._models.fit(history))
+        return propose(self._models.setup, self._models.fit(history))

@@ -15,7 +15,7 @@ from scipy.stats import qmc
 
 from prefcal_agents import GLIS, GLISp, GLISpSettings
 from prefcal_agents.acquisition import exploration as acquisition
-from prefcal_agents.baselines.glis_settings import GLISSettings
+from prefcal_agents.baselines.glis import GLISSettings
 from prefcal_agents.glisp import selection, training
 from prefcal_agents.glisp import settings as glisp_settings
 from prefcal_agents.glisp import strategy as proposal
