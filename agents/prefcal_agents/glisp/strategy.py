@@ -8,7 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.acquisition.exploration import Acquisition
-from prefcal_agents.acquisition.penalty import POOL, penalized, replaced, unsafe_penalty
+from prefcal_agents.acquisition.penalty import (
+    POOL,
+    Penalized,
+    Penalty,
+    replaced,
+    unsafe_penalty,
+)
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
 from prefcal_agents.models.rbf import Surrogate
@@ -91,17 +97,17 @@ def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
 
     Source: eq. xNp1.
     Deviation: `most_promising` if KPIs explain the answers, otherwise `STRATEGY`; unsafe marks add
-    to the acquisition, see `penalized`.
+    to the acquisition, see `Penalized`.
     """
     history = fit.data.history
     rng = np.random.default_rng([setup.seed, history.answered])
+    penalty = _penalty(setup, history)
     if fit.kpis is not None:
-        penalty = unsafe_penalty(history, setup.settings) if history.unsafe() else None
         return most_promising(setup.space, history, fit.kpis, penalty, rng)
     rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
     objective = rule.objective(setup, fit)
-    if history.unsafe():
-        objective = penalized(objective, history, setup.settings)
+    if penalty is not None:
+        objective = Penalized(objective, penalty)
     return new_minimum(objective, setup.space, history, rng)
 
 
@@ -114,8 +120,12 @@ def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
     rng = np.random.default_rng([setup.seed, index])
     plan = latin_hypercube(setup.space, setup.n_init, setup.seed)
     z = np.asarray(plan[index])
-    penalty = unsafe_penalty(history, setup.settings) if history.unsafe() else None
+    penalty = _penalty(setup, history)
     if penalty is not None:
         others = np.vstack([cube_of(history), plan[index + 1 :]])
         z = replaced(z, others, random_points(setup.space, POOL, rng), penalty)
     return Tried(setup.space, history).fresh(z, rng)
+
+
+def _penalty(setup: Setup, history: History) -> Penalty | None:
+    return unsafe_penalty(history, setup.settings.unsafe_weight, setup.settings.least_safe)
