@@ -6,8 +6,7 @@ from typing import ClassVar, Self, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.censored import judged
-from prefcal_agents.history.lessons import Preferences
+from prefcal_agents.history.lessons import Preferences, judged
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import Pair, PreferenceBased, one_thread
 from prefcal_agents.space.start import Start
@@ -15,10 +14,9 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .questions import final_question, follow_up
-from .selection import ModelSelection
+from .selection import ModelSelection, train
 from .settings import GLISpSettings, Setup
 from .strategy import propose, propose_start
-from .training import train
 
 
 @final
@@ -68,7 +66,7 @@ class GLISp(PreferenceBased):
         return propose(self._setup, self._models.fit(history))
 
     def _follow_up(self, history: History) -> Pair | None:
-        return follow_up(history, self._models, self.settings)
+        return follow_up(history, self._models)
 
     def _final(self, history: History) -> Pair | None:
         # With error rate 0 every answer counts as right, as in the paper.

@@ -42,11 +42,7 @@ class NoiseTest:
         return self.evidence > _ENOUGH
 
 
-def evidence_of_mistakes(
-    preferences: Preferences,
-    shape: Shape,
-    error_rate: float,
-) -> float:
+def evidence_of_mistakes(preferences: Preferences, shape: Shape, error_rate: float) -> float:
     """Return the log likelihood ratio (nats) of a fallible person to one who is never wrong.
 
     Each answer is predicted from all others.

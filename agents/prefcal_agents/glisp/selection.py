@@ -1,4 +1,4 @@
-"""Select the models of GLISp after each experiment: shapes of φ, noise test."""
+"""Select the models of GLISp after each experiment (shapes of φ, noise test), and train Ĵ."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -8,8 +8,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
-from prefcal_agents.history.censored import judged
-from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of
+from prefcal_agents.history.lessons import MOST, Memory, Preferences, judged, kpis_of
 from prefcal_agents.history.stages import Stages
 from prefcal_agents.models.cross_validation import (
     FOLDS,
@@ -18,14 +17,15 @@ from prefcal_agents.models.cross_validation import (
     nearest,
     rescale_knob,
 )
-from prefcal_agents.models.preference_qp import Learning
-from prefcal_agents.models.rbf import Shape
+from prefcal_agents.models.gaussian_process import ExpectationPropagation
+from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
+from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History
 
 from .kpi_fit import KPIFit, kpi_fits
-from .noise_test import MANY, WINDOW, NoiseTest, evidence_of_mistakes, suited_shape
-from .settings import EPSILONS, EVERY_STEP, Setup
+from .noise_test import MANY, WINDOW, NoiseTest, evidence_of_mistakes, rows_of, suited_shape
+from .settings import EPSILONS, EVERY_STEP, GLISpSettings, Setup
 
 FEW = 20
 """Number of experiments before the process takes turns."""
@@ -247,3 +247,29 @@ def is_process_turn(answered: int, n_init: int) -> bool:
 def process_turns(answered: int, n_init: int) -> int:
     """Return how many proposals before the one after `answered` experiments were the process's."""
     return max(0, answered - max(n_init, FEW)) // 2
+
+
+def train(data: Dataset, selection: Selection, settings: GLISpSettings) -> Surrogate:
+    """Return Ĵ, trained on `data` with the selected shape and weights.
+
+    Source: eq. QP-pref.
+    Deviation: if answers may be wrong (`is_noisy`), Ĵ need not reproduce all; see
+    `ExpectationPropagation`.
+    """
+    if selection.is_noisy:
+        assert selection.noise is not None
+        shape, posterior = selection.noise.shape, trust(data, selection, settings.error_rate)
+        return Surrogate(data.preferences.samples, posterior.mean, shape)
+    preferences, shape = data.preferences, selection.shape
+    margin = margins(preferences, settings.margin_power)
+    features = shape.basis(preferences.samples, preferences.samples)
+    constraints = Constraints.of(preferences, features, margin)
+    v = fit(constraints, Learning(margin_power=settings.margin_power))
+    return Surrogate(preferences.samples, v, shape)
+
+
+def trust(data: Dataset, selection: Selection, error_rate: float) -> ExpectationPropagation:
+    """Return the posterior of β if each answer is wrong with probability `error_rate`."""
+    assert selection.noise is not None
+    rows = rows_of(data.preferences, selection.noise.shape)
+    return ExpectationPropagation.of(rows, error_rate)

@@ -8,13 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.acquisition.exploration import Acquisition
-from prefcal_agents.acquisition.penalty import (
-    POOL,
-    Penalized,
-    Penalty,
-    replaced,
-    unsafe_penalty,
-)
+from prefcal_agents.acquisition.penalty import POOL, Penalized, Penalty, replaced, unsafe_penalty
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
 from prefcal_agents.models.rbf import Surrogate
@@ -23,11 +17,10 @@ from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import random_points
 from prefcal_env.preferences.history import History
 
+from .kpi_fit import most_promising
 from .noise_test import ALMOST_SURE
-from .promising import most_promising
-from .selection import Fit, is_process_turn
+from .selection import Fit, is_process_turn, train
 from .settings import Setup
-from .training import train
 
 Model = Surrogate | PreferenceGP
 

@@ -5,15 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.lessons import cube_of, kpis_of
+from prefcal_agents.history.lessons import filled_kpis
 from prefcal_env.preferences.history import History
 
-from .interpolant import best_interpolant, normalized
+from .interpolant import normalized
 
 CEILING = 2.0  # see `normalized`: an interrupted run must not flatten the other differences
-_EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
-_RBF = "inverse_quadratic"
-_FEWEST = 3  # minimum number of values of a KPI to predict it
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,39 +31,25 @@ class Outcomes:
     def of(cls, history: History) -> "Outcomes":
         """Return the KPIs that came with the answers in `history`.
 
-        A missing value or NaN is filled in by the KPI's interpolant; an infinite value counts as
-        the worst. A KPI with fewer than three values, or with one value only, is left out because
-        nothing can be learned from it.
+        For missing values see `filled_kpis`; an infinite value counts as the worst. A KPI with one
+        value only is left out because nothing can be learned from it.
         """
-        known, x = kpis_of(history), 2 * cube_of(history) - 1
         columns: dict[str, Float[np.ndarray, " N"]] = {}
         ranges = []
-        for name in sorted({name for outcome in known for name in outcome}):
-            values = np.array([outcome.get(name, np.nan) for outcome in known], dtype=float)
-            there = np.flatnonzero(~np.isnan(values))
-            if len(there) < _FEWEST:
-                continue
-            shares, span = _shares(values[there])
-            if not np.ptp(shares) > 0:
-                continue
-            column = np.zeros(len(x))
-            if len(there) < len(x):
-                model = best_interpolant(x[there], shares, _EPSILONS, _RBF)
-                column = np.clip(model(x), 0.0, 1.0)
-            column[there] = shares
-            columns[name] = column
-            ranges.append(span)
-        table = np.array(list(columns.values())).reshape(len(columns), len(x)).T
+        for name, values in filled_kpis(history).items():
+            shares, span = _shares(values)
+            if np.ptp(shares) > 0:
+                columns[name] = shares
+                ranges.append(span)
+        table = np.array(list(columns.values())).reshape(len(columns), history.answered).T
         return cls(table, tuple(columns), tuple(ranges))
 
     def __len__(self) -> int:
         return len(self.names)
 
 
-def _shares(
-    values: Float[np.ndarray, " K"],
-) -> tuple[Float[np.ndarray, " K"], tuple[float, float]]:
-    """Return one KPI where it is known, from 0 to 1, and the values that count as 0 and as 1."""
+def _shares(values: Float[np.ndarray, " K"]) -> tuple[Float[np.ndarray, " K"], tuple[float, float]]:
+    """Return one KPI from 0 to 1, and the values that count as 0 and as 1."""
     finite = np.isfinite(values)
     shares = np.where(values > 0, 1.0, 0.0)  # for infinite values
     if not finite.any():

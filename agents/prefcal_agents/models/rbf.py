@@ -20,27 +20,18 @@ _WIDEST = 16.0  # largest ratio between the scales of two knobs
 class RadialFunction:
     """φ as a function of u = (εd)²: `value` is φ, `slope` is dφ/du, both elementwise."""
 
-    name: str
     value: Callable[[Array], Array]
     slope: Callable[[Array], Array]
 
 
-def _thin_plate_spline(u: Array) -> Array:
-    return np.asarray(0.5 * u * np.log(np.maximum(u, _TINY)))
-
-
 RADIAL_FUNCTIONS: Mapping[str, RadialFunction] = MappingProxyType(
     {
-        f.name: f
-        for f in (
-            RadialFunction("inverse_quadratic", lambda u: 1 / (1 + u), lambda u: -1 / (1 + u) ** 2),
-            RadialFunction("gaussian", lambda u: np.exp(-u), lambda u: -np.exp(-u)),
-            RadialFunction(
-                "thin_plate_spline",
-                _thin_plate_spline,
-                lambda u: 0.5 * (np.log(np.maximum(u, _TINY)) + 1),
-            ),
-        )
+        "inverse_quadratic": RadialFunction(lambda u: 1 / (1 + u), lambda u: -1 / (1 + u) ** 2),
+        "gaussian": RadialFunction(lambda u: np.exp(-u), lambda u: -np.exp(-u)),
+        "thin_plate_spline": RadialFunction(
+            lambda u: 0.5 * u * np.log(np.maximum(u, _TINY)),
+            lambda u: 0.5 * (np.log(np.maximum(u, _TINY)) + 1),
+        ),
     }
 )
 """Radial functions of the paper by name."""
@@ -104,10 +95,7 @@ class Shape:
         return self.bases(a, b, (self.epsilon,))[0]
 
     def bases(
-        self,
-        a: Float[np.ndarray, "m n"],
-        b: Float[np.ndarray, "N n"],
-        epsilons: Sequence[float],
+        self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"], epsilons: Sequence[float]
     ) -> list[Float[np.ndarray, "m N"]]:
         """Return φ(εd) as `basis` does, for each of `epsilons` instead of the own ε."""
         d, value = self.distances(a, b), RADIAL_FUNCTIONS[self.rbf].value

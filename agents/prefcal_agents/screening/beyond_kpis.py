@@ -6,13 +6,15 @@ from jaxtyping import Float
 from prefcal_agents.glisp.selection import ModelSelection
 from prefcal_agents.glisp.settings import GLISpSettings, Setup
 from prefcal_agents.glisp.strategy import propose
-from prefcal_agents.utility.explained import AFTER, explains, is_stalled
+from prefcal_agents.utility.posterior import AFTER, explains
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import Comparison, History
 
 from .growth import Stage
 from .simulations import Simulations
 
+_STALLED = 5
+"""Number of challengers lost in a row after which every second one is proposed without KPIs."""
 _UNTIL, _EVERY = 30, 4
 """Until so many answers, every fourth such proposal fills the space, as the start of GLISp does."""
 
@@ -23,6 +25,20 @@ def without_kpis(history: History, stage: Stage) -> bool:
     return known and (
         is_stalled(history) or not explains(history, stage.bank, stage.scale, stage.utilities)
     )
+
+
+def is_stalled(history: History) -> bool:
+    """Return whether it is the turn of a proposal without KPIs, since those with them all lost."""
+    lessons = history.lessons()
+    lost = not any(_won(c) for c in lessons[-_STALLED:])
+    strict = any(c.answer.preference for c in lessons)
+    return len(lessons) >= AFTER and len(lessons) % 2 == 1 and lost and strict
+
+
+def _won(comparison: Comparison) -> bool:
+    """Return whether the challenger won."""
+    verdict = comparison.verdict
+    return verdict is not None and verdict.winner == comparison.challenger
 
 
 class BeyondKPIs:

@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from prefcal_agents.history.censored import judged
-from prefcal_agents.history.lessons import Memory
+from prefcal_agents.history.lessons import Memory, judged
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.study import State
