@@ -34,11 +34,10 @@ class EqualWeights(Simulating):
         return Bank.of(z, thetas, simulations(thetas))
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        tried, bank = Tried(self.space, history), self.bank
+        bank = self.bank
         ranked = bank.z[by_mean_rank(bank.kpis)]
-        z = tried.first_new(ranked)
-        rng = np.random.default_rng([self._seed, history.answered])
-        return tried.fresh(ranked[0], rng) if z is None else z
+        z = Tried(self.space, history).first_new(ranked)
+        return self._fresh(history, ranked[0]) if z is None else z
 
 
 def by_mean_rank(kpis: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " m"]:

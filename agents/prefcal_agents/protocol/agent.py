@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.agent_state import AgentState, check_record
+from prefcal_agents.optimize.search import Tried
 from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.start import Start, start_points
 from prefcal_agents.support.checks import Settings, integer
@@ -428,6 +429,11 @@ class Agent:
         while history.pending is not None:
             history = history.with_answer(Answer(None), None)  # nobody looked at it
         return history if best is None else history.with_best(best)
+
+    def _fresh(self, history: History, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return `z`, shape (n,), or a random point if its θ ran already or is not allowed."""
+        rng = np.random.default_rng([self._seed, history.answered])
+        return Tried(self.space, history).fresh(z, rng)
 
     def _suggestion(self, index: int) -> Suggestion:
         return Suggestion(index, self._theta_of(index))

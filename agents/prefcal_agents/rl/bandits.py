@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of, scores_of
-from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.space.design import latin_hypercube
@@ -56,8 +55,7 @@ class _Learner(ValueBased):
             with _torch_seeded(self._seed, history.answered, 1):
                 action, _ = model.policy.predict(_OBSERVATION[0], deterministic=False)
             z = np.clip((np.asarray(action, dtype=float) + 1) / 2, 0.0, 1.0)
-        rng = np.random.default_rng([self._seed, history.answered])
-        return Tried(self.space, history).fresh(z, rng)
+        return self._fresh(history, z)
 
     def _planned(self, index: int) -> Float[np.ndarray, " n"] | None:
         """Return the sample of the start with this index; None after the start."""
