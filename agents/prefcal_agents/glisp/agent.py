@@ -66,7 +66,7 @@ class GLISp(PreferenceBased):
         return propose(self._setup, self._models.fit(history))
 
     def _follow_up(self, history: History) -> Pair | None:
-        return follow_up(history, self._models)
+        return follow_up(history, self._models, self.settings)
 
     def _final(self, history: History) -> Pair | None:
         # With error rate 0 every answer counts as right, as in the paper.

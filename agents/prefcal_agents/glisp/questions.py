@@ -10,6 +10,7 @@ from prefcal_env.preferences.best import contradictory, reigns
 from prefcal_env.preferences.history import History
 
 from .selection import Dataset, ModelSelection, Selection, train, trust
+from .settings import GLISpSettings
 
 _APART = 10
 """Number of experiments between two questions that are only based on a suspicion."""
@@ -20,7 +21,9 @@ FINALS = 3
 """Maximum number of questions after the last experiment."""
 
 
-def follow_up(history: History, models: ModelSelection) -> tuple[int, int] | None:
+def follow_up(
+    history: History, models: ModelSelection, settings: GLISpSettings
+) -> tuple[int, int] | None:
     """Return two known samples to compare now, the challenger first; None if there are none.
 
     If mistakes are suspected, ask whether the best sample really is the best; once that is
@@ -29,7 +32,6 @@ def follow_up(history: History, models: ModelSelection) -> tuple[int, int] | Non
     Source: none.
     Deviation: the paper asks one comparison for each experiment.
     """
-    settings = models.setup.settings
     asked, most = len(history.latest), settings.questions_per_experiment
     if asked >= max(most, 2) or history.answered < 3:
         return None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
-from prefcal_agents.glisp.training import train
+from prefcal_agents.glisp.selection import train
 from prefcal_agents.models.cross_validation import FOLDS
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_env.errors import KnobError, SettingsError

@@ -12,12 +12,12 @@ from prefcal_agents import AgentState, GLISp, GLISpSettings, restore
 from prefcal_agents.glisp.kpi_fit import kpi_fits
 from prefcal_agents.glisp.questions import follow_up
 from prefcal_agents.glisp.selection import ModelSelection
+from prefcal_agents.glisp.settings import Setup
 from prefcal_agents.utility.posterior import DRAWS
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
 from support.histories import in_cube
 from support.studies import by, drive
 
@@ -167,9 +167,9 @@ def test_a_run_cut_short_is_not_doubted_in_favor_of_a_whole_one():
 @pytest.mark.parametrize(("error_rate", "asks"), [(0.1, True), (0.0, False)])
 def test_nothing_is_asked_again_if_every_answer_counts_as_right(error_rate, asks):
     wrong = mistaken()
-    chosen, backend = GLISpSettings(validate_at=(), error_rate=error_rate), make_backend()
-    models = ModelSelection(2, 5, chosen, 0, backend)
-    assert (follow_up(wrong, models, chosen, backend) is not None) == asks
+    chosen = GLISpSettings(validate_at=(), error_rate=error_rate)
+    models = ModelSelection(Setup(SQUARE, 5, 0, chosen))
+    assert (follow_up(wrong, models, chosen) is not None) == asks
 
 
 def test_an_unsafe_experiment_is_neither_doubted_nor_good():

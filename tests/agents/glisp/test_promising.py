@@ -5,9 +5,7 @@ import pytest
 
 from prefcal_agents import GLISp
 from prefcal_agents.acquisition.penalty import unsafe_penalty
-from prefcal_agents.glisp.kpi_fit import kpi_fits
-from prefcal_agents.glisp.promising import most_promising
-from prefcal_agents.glisp.settings import GLISpSettings
+from prefcal_agents.glisp.kpi_fit import kpi_fits, most_promising
 from prefcal_env.knobs.constraints import LinearConstraint
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -43,7 +41,7 @@ def record_of(space, count, *, unsafe=lambda theta: False):
 
 def proposed(space, history, seed=0):
     fit = kpi_fits(seed).after(history)
-    penalty = unsafe_penalty(history, GLISpSettings())
+    penalty = unsafe_penalty(history, 30.0, 0.9)
     z = most_promising(space, history, fit, penalty, np.random.default_rng(seed))
     return space.decode(space.snap(z))
 

@@ -16,7 +16,8 @@ from prefcal_agents.glisp.questions import (
     follow_up,
     insertion_question,
 )
-from prefcal_agents.glisp.selection import ModelSelection, Selection
+from prefcal_agents.glisp.selection import Dataset, ModelSelection, Selection
+from prefcal_agents.glisp.settings import Setup
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.models.gaussian_process import ExpectationPropagation
@@ -26,14 +27,13 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
 from support.histories import in_cube
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
+LINE = KnobSpace([Knob("x", 0.0, 1.0)])
 SHAPE = Shape(1.0, (1.0,))
 RATE = 0.1
-BACKEND = make_backend()
 
 
 def bowl(theta):
@@ -54,9 +54,8 @@ def line(answers, marks=()):
 
 def confirmed(history, sure=2.0):
     """Return the question about the best sample, if 1 of 10 answers is wrong."""
-    models = ModelSelection(1, 2, GLISpSettings(), 0, BACKEND)
     selection = Selection(SHAPE, NoiseTest(SHAPE, 5.0), is_noisy=True)
-    return confirm_best(models, history, selection, RATE, sure)
+    return confirm_best(Dataset.of(history), selection, RATE, sure)
 
 
 def posterior_of(history):
@@ -202,8 +201,7 @@ def test_answers_about_other_samples_do_not_change_the_bisection():
 def asked_after(history, **settings):
     """Return the follow-up question after `history`."""
     options = GLISpSettings(validate_at=(), kpis=False, **settings)
-    models = ModelSelection(1, 2, options, 0, BACKEND)
-    return follow_up(history, models, options, BACKEND)
+    return follow_up(history, ModelSelection(Setup(LINE, 2, 0, options)), options)
 
 
 def test_a_follow_up_takes_three_experiments_and_a_question_that_is_left():

@@ -7,11 +7,11 @@ import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.exploration import Acquisition
-from prefcal_agents.glisp.kpi_fit import kpi_fits
+from prefcal_agents.glisp.kpi_fit import kpi_fits, most_promising
 from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.promising import most_promising
 from prefcal_agents.glisp.selection import FEW, Dataset, Fit, Selection
-from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
+from prefcal_agents.glisp.settings import Setup
+from prefcal_agents.glisp.strategy import STRATEGY, propose, propose_start
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
 from prefcal_agents.models.rbf import Shape, Surrogate
@@ -20,7 +20,6 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
 from support.histories import in_cube
 from support.studies import drive
 
@@ -53,7 +52,7 @@ def history_of(count, *, ties=False, further=False, unsafe=False):
 
 
 def setup_of(**settings):
-    return Setup(SQUARE, 4, 2, GLISpSettings(**settings), make_backend())
+    return Setup(SQUARE, 4, 2, GLISpSettings(**settings))
 
 
 def fit_of(history, setup, *, kpis=False, noisy=False):
@@ -110,7 +109,7 @@ def test_if_all_are_ties_no_process_is_trained():
 
 
 def test_the_paper_minimizes_its_acquisition_at_every_step():
-    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper(), make_backend())
+    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper())
     for count in (9, FEW, ODD, EVEN):
         objective = objective_of(setup, fit_of(history_of(count), setup))
         assert kind(objective) == ACQUISITION

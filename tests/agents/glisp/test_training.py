@@ -6,12 +6,10 @@ import numpy as np
 
 from prefcal_agents import GLISpSettings
 from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.selection import Dataset, Selection
-from prefcal_agents.glisp.training import train, trust
+from prefcal_agents.glisp.selection import Dataset, Selection, train, trust
 from prefcal_agents.models.rbf import Shape
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
 from support.histories import in_cube
 
 SHAPE, WIDE = Shape(1.0, (1.0, 1.0)), Shape(0.5, (1.0, 1.0))
@@ -39,7 +37,7 @@ def data_of(count=16, wrong=()):
 
 
 def trained(data, selection, **settings):
-    return train(data, selection, replace(SETTINGS, **settings), make_backend())
+    return train(data, selection, replace(SETTINGS, **settings))
 
 
 def agrees(surrogate, preferences):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.history.censored import judged
+from prefcal_agents.history.lessons import judged
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from support.histories import in_cube

@@ -18,7 +18,7 @@ def trade_off(theta):
 
 
 def growth(n_simulated=100, simulate=trade_off, seed=3):
-    return Growth(SQUARE, Simulations(simulate), n_simulated, seed)
+    return Growth(Simulations(simulate), SQUARE, n_simulated, seed)
 
 
 def chain(grown, answers):

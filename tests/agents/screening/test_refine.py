@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contracts.agents import HALF, MIXED, RARE, RING
-from prefcal_agents.screening.refine import near_leaders
+from prefcal_agents.screening.growth import near_leaders
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import Region
 from prefcal_env.knobs.knob import Knob
