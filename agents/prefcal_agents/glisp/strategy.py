@@ -1,8 +1,7 @@
 """Propose GLISp's next sample: the table of what is minimized when, and the search."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +10,6 @@ from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.acquisition.penalty import POOL, Penalized, Penalty, replaced, unsafe_penalty
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
-from prefcal_agents.models.rbf import Surrogate
 from prefcal_agents.optimize.search import Objective, Tried, new_minimum
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import random_points
@@ -22,26 +20,17 @@ from .noise_test import ALMOST_SURE
 from .selection import Fit, is_process_turn, train
 from .settings import Setup
 
-Model = Surrogate | PreferenceGP
 
-
-@dataclass(frozen=True, slots=True)
-class Rule:
+class Rule(NamedTuple):
     """One row of the strategy.
 
     Args:
         holds: Function that returns whether the row applies to a fit in a study.
-        model: Function that trains the model.
-        acquisition: Function that returns what the next sample minimizes, given the model.
+        objective: Function that trains a model, and returns what the next sample minimizes of it.
     """
 
     holds: Callable[[Setup, Fit], bool]
-    model: Callable[[Setup, Fit], Model]
-    acquisition: Callable[[Setup, Fit, Any], Objective]
-
-    def objective(self, setup: Setup, fit: Fit) -> Objective:
-        """Train the model, and return what the next sample minimizes."""
-        return self.acquisition(setup, fit, self.model(setup, fit))
+    objective: Callable[[Setup, Fit], Objective]
 
 
 def _every_second_time(setup: Setup, fit: Fit) -> bool:
@@ -49,37 +38,25 @@ def _every_second_time(setup: Setup, fit: Fit) -> bool:
     return setup.settings.process and fit.data.is_strict and turn
 
 
-def _always(setup: Setup, fit: Fit) -> bool:
-    return True
-
-
-def _surrogate(setup: Setup, fit: Fit) -> Surrogate:
-    """Return Ĵ."""
-    return train(fit.data, fit.selection, setup.settings)
-
-
-def _preference_gp(setup: Setup, fit: Fit) -> PreferenceGP:
-    """Return a Gaussian process trained on comparisons only."""
+def _mean(setup: Setup, fit: Fit) -> Objective:
+    """Return the mean of a Gaussian process trained on comparisons only."""
     # With one comparison per sample, answers cannot contradict each other; with more they can.
     trusted = ALMOST_SURE if fit.data.history.follow_ups else 0.0
     error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
-    return PreferenceGP.of(fit.data.preferences, error_rate)
+    return Acquisition.of(PreferenceGP.of(fit.data.preferences, error_rate), 0.0)
 
 
-def _mean(setup: Setup, fit: Fit, model: PreferenceGP) -> Objective:
-    return Acquisition.of(model, 0.0)
-
-
-def _exploration(setup: Setup, fit: Fit, model: Surrogate) -> Objective:
+def _exploration(setup: Setup, fit: Fit) -> Objective:
     """Return eq. acquisition on Ĵ."""
-    return Acquisition.of(model, setup.settings.delta, cube_of(fit.data.history))
+    surrogate = train(fit.data, fit.selection, setup.settings)
+    return Acquisition.of(surrogate, setup.settings.delta, cube_of(fit.data.history))
 
 
 STRATEGY = (
-    Rule(_every_second_time, _preference_gp, _mean),
-    Rule(_always, _surrogate, _exploration),
+    Rule(_every_second_time, _mean),
+    Rule(lambda setup, fit: True, _exploration),
 )
-"""Model and acquisition of the next sample without KPIs: the first row that holds.
+"""What the next sample minimizes without KPIs: the first row that holds.
 
 Deviation: the paper has the last row only.
 """

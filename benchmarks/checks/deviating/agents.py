@@ -16,11 +16,12 @@ from scipy.stats import qmc
 from prefcal_agents import GLIS, GLISp, GLISpSettings
 from prefcal_agents.acquisition import exploration as acquisition
 from prefcal_agents.baselines.glis import GLISSettings
-from prefcal_agents.glisp import selection, training
+from prefcal_agents.glisp import selection
 from prefcal_agents.glisp import settings as glisp_settings
 from prefcal_agents.glisp import strategy as proposal
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import squared_distances
+from prefcal_agents.optimize import search as optimizer
 from prefcal_agents.optimize.search import multistart
 from prefcal_agents.space import design as cube
 from prefcal_env import Knob, KnobSpace
@@ -53,11 +54,7 @@ def z_of(function: Callable[[np.ndarray], np.ndarray]) -> Iterator[None]:
 @contextmanager
 def regularized(lam: float) -> Iterator[None]:
     """Replace λ of eq. QP-pref, in cross-validation too."""
-    made = partial(Learning, lam=lam)
-    with (
-        mock.patch.object(selection, "Learning", made),
-        mock.patch.object(training, "Learning", made),
-    ):
+    with mock.patch.object(selection, "Learning", partial(Learning, lam=lam)):
         yield
 
 
@@ -231,7 +228,7 @@ def search(args: argparse.Namespace) -> Table:
 
     for name in bar(("camel", "hartman3", "hartman6"), "searching"):
         missed[name] = []
-        with mock.patch.object(proposal, "multistart", watched):
+        with mock.patch.object(optimizer, "multistart", watched):
             for seed in range(args.first, args.first + max(args.seeds // 4, 1)):
                 gap.__wrapped__(name, "ours", seed)
         cells = [f"{q:.5f}" for q in np.quantile(missed[name], (0.5, 0.95, 1.0))]
