@@ -9,9 +9,8 @@ from prefcal_agents.history.lessons import Marks
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
-from prefcal_env.preferences.history import History
 from prefcal_scenarios.cases.functions import FUNCTIONS
-from support.histories import in_cube
+from support.histories import studied
 from support.studies import drive
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
@@ -23,12 +22,7 @@ points = st.tuples(*[st.floats(0, 1)] * 3).map(np.array)
 
 
 def history(*answers):
-    book = History()
-    for h, answer in enumerate(answers):
-        book = book.with_pending(in_cube(np.array([0.1 * h, 0.5]))).with_answer(
-            Answer.of(answer), book.incumbent
-        )
-    return book
+    return studied([(0.1 * h, 0.5) for h in range(len(answers))], answers=answers)
 
 
 def marked(book):

@@ -26,8 +26,7 @@ from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
-from prefcal_env.preferences.history import History
-from support.histories import in_cube
+from support.histories import in_cube, studied
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
@@ -45,11 +44,9 @@ def bowl(theta):
 
 def line(answers, marks=()):
     """Return samples on a line, each compared with the one named; marks come with the last."""
-    history = History()
-    for k, (rival, answer) in enumerate([(None, None), *answers]):
-        given = Answer(answer, marks=marks if k == len(answers) else ())
-        history = history.with_pending(in_cube([k / 10])).with_answer(given, rival)
-    return history
+    rivals, given = zip((None, None), *answers, strict=True)
+    told = [*given[:-1], Answer(given[-1], marks=marks)]
+    return studied([[k / 10] for k in range(len(told))], answers=told, rivals=rivals)
 
 
 def confirmed(history, sure=2.0):
@@ -136,11 +133,9 @@ def test_an_unsafe_sample_is_neither_the_best_nor_its_rival():
 
 
 def test_a_sample_that_was_not_compared_or_is_unsafe_is_no_contender():
-    history = History()
     answers = (None, -1, -1, None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)))
-    for k, answer in enumerate(answers):
-        history = history.with_pending(in_cube(np.full(2, k / 5)))
-        history = history.with_answer(Answer.of(answer), None if k == 0 else min(k - 1, 2))
+    points = [np.full(2, k / 5) for k in range(5)]
+    history = studied(points, answers=answers, rivals=[None, 0, 1, 2, 2])
     assert contenders(history).tolist() == [0, 1, 4]
 
 
@@ -154,12 +149,7 @@ def test_if_every_sample_is_unsafe_all_that_were_compared_are_contenders():
 
 def ranked(costs):
     """Return samples with these costs, each compared with the best before it."""
-    book = History()
-    for cost in costs:
-        rival = book.incumbent
-        answer = Answer(None if rival is None else int(np.sign(cost - costs[rival])))
-        book = book.with_pending(in_cube([cost])).with_answer(answer, rival)
-    return book
+    return studied([[cost] for cost in costs], costs)
 
 
 @given(st.lists(st.integers(0, 1000), min_size=3, max_size=40, unique=True))
@@ -324,18 +314,6 @@ def agreement(questions, seed, **settings):
 
 def test_further_answers_teach_the_order():
     assert min(agreement(12, seed, validate_at=()) for seed in range(3)) > 0.99
-
-
-@pytest.mark.campaign
-def test_with_further_answers_the_samples_are_ranked_better():
-    """Not always perfectly: a very wide φ does not keep all answers about samples that are close.
-
-    See docs/research/archive.md.
-    """
-    many, one = ([agreement(questions, seed) for seed in range(5)] for questions in (12, 1))
-    assert np.median(many) > 0.99
-    assert min(many) > 0.94
-    assert np.mean(many) > np.mean(one)
 
 
 def cut_short(history, *indices):

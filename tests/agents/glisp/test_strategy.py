@@ -18,9 +18,9 @@ from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
-from support.histories import in_cube
+from support.histories import in_cube, studied
 from support.studies import drive
 
 pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the shapes
@@ -40,14 +40,11 @@ def history_of(count, *, ties=False, further=False, unsafe=False):
 
     With `unsafe`, samples in the right half are marked so.
     """
-    history = History()
-    for z in np.random.default_rng(1).random((count, 2)):
-        best = history.incumbent
-        rival = None if best is None else np.array(history.samples[best].z)
-        answer = None if best is None else 0 if ties else int(np.sign(bowl(z) - bowl(rival)))
-        marks = (Mark.CHALLENGER_UNSAFE,) if unsafe and z[0] > 0.5 else ()
-        told = Answer(answer, marks=marks, outcomes=({"off": bowl(z)}, None))
-        history = history.with_pending(in_cube(z)).with_answer(told, best)
+    points = np.random.default_rng(1).random((count, 2))
+    risky = np.flatnonzero(points[:, 0] > 0.5) if unsafe else ()
+    answers = [None, *[0] * count] if ties else None
+    told = {"kpis": lambda z: {"off": bowl(z)}, "unsafe": risky}
+    history = studied(points, bowl, answers=answers, **told)
     return history.with_follow_up(Answer(1), count - 1, 0) if further else history
 
 

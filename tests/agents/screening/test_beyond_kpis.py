@@ -47,22 +47,6 @@ def test_who_judges_by_the_kpis_is_not():
     assert not any(found)
 
 
-def in_vain(count):
-    """A record in which every challenger loses."""
-    grown = Growth(Simulations(unrelated), SQUARE, 60, 0)
-    bank = grown.stage(History()).bank
-    rows = [int(row) for row in np.argsort([by_kpis(theta) for theta in bank.thetas])]
-    record = in_chain(bank, rows[: count + 1], [1] * count)
-    return record, grown.stage(record)
-
-
-def test_every_second_time_while_challengers_lose():
-    assert without_kpis(*in_vain(11))
-    assert not without_kpis(*in_vain(12))
-    record, stage = in_vain(9)
-    assert not without_kpis(record, stage)
-
-
 def test_what_is_proposed_is_a_point_of_the_cube_and_the_same_for_the_same_seed():
     record, stage = studied(by_theta, 12)
     one, again = (proposed(record, stage, 4) for _ in range(2))
