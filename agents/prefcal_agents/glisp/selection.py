@@ -126,8 +126,9 @@ class ModelSelection:
         self._settings, self._n_init, self._seed = settings, setup.n_init, setup.seed
         self._learning = Learning(margin_power=settings.margin_power)
         self._candidates: Sequence[float] = tuple(settings.epsilon * factor for factor in EPSILONS)
-        shapes = (Shape(epsilon, alike, settings.rbf) for epsilon in (settings.epsilon, 1.0))
-        first = _Stage(*shapes)
+        first = _Stage(
+            Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf)
+        )
         self._stages = Stages(lambda: first, self._following, whole=True)
         self._kpi_fits = kpi_fits(setup.seed) if settings.kpis else None
         # What was asked for last, with the history that it follows from.
@@ -171,17 +172,20 @@ class ModelSelection:
         """Return what is chosen after `past`, given that after one experiment less."""
         count, rate = past.answered, self._settings.error_rate
         validates = self._is_validated(count)
-        if not validates and (not rate or count < self._n_init):
+        # In long studies, a noise test runs every ten experiments, and its shape is settled.
+        settled = count > MANY and len(past.lessons()) > MANY and count % SELDOM
+        fallible = rate and count >= self._n_init
+        if not validates and (settled or not fallible):
             return stage
         data = Dataset.of(past)
         shape = self._validated(data, stage.shape) if validates else stage.shape
-        if not rate or count < self._n_init:
+        if not fallible:
             return replace(stage, shape=shape)
         known, first = data.preferences, count == self._n_init
         suited = suited_shape(known, stage.suited, rate, answered=count, first=first)
-        if count > MANY and count % SELDOM:  # in long studies, a test runs every ten experiments
+        if count > MANY and count % SELDOM:
             return replace(stage, shape=shape, suited=suited)
-        test = cache(partial(evidence_of_mistakes, known, suited, rate))
+        test: Callable[[], float] = cache(partial(evidence_of_mistakes, known, suited, rate))
         tests = (test, *stage.tests[: WINDOW - 1])
         return _Stage(shape, suited, suited if data.is_strict else None, tests)
 

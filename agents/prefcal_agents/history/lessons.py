@@ -235,7 +235,9 @@ def judged(history: History) -> History:
         return history
     z, known = cube_of(history), kpis_of(history)
     partial = cut | history.unsafe()
-    whole = [i for i, kpis in enumerate(known) if _is_whole(kpis) and i not in partial]
+    # Interrupted runs have infinite KPIs. So have those that never settle, which look the same.
+    finite = [bool(kpis) and np.isfinite(list(kpis.values())).all() for kpis in known]
+    whole = [i for i, each in enumerate(finite) if each and i not in partial]
     filled = {i: _filled(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
 
     def taught(c: Comparison) -> Comparison:
@@ -252,14 +254,6 @@ def judged(history: History) -> History:
         comparisons=tuple(taught(c) for c in history.comparisons),
         follow_ups=tuple(taught(c) for c in history.follow_ups),
     )
-
-
-def _is_whole(kpis: Mapping[str, float]) -> bool:
-    """Return whether all KPIs are known and finite; an interrupted run has infinite ones.
-
-    A completed run that never settles is left out, too: both look alike here.
-    """
-    return bool(kpis) and bool(np.isfinite(list(kpis.values())).all())
 
 
 def _filled(

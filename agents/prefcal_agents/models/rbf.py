@@ -101,22 +101,6 @@ class Shape:
         d, value = self.distances(a, b), RADIAL_FUNCTIONS[self.rbf].value
         return [np.asarray(value((epsilon * d) ** 2)) for epsilon in epsilons]
 
-    def value_and_gradient(
-        self,
-        z: Float[np.ndarray, " n"],
-        centers: Float[np.ndarray, "N n"],
-        beta: Float[np.ndarray, " N"],
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Return Σ β_i φ(εd(z, center i)) at one point, and its gradient, shape (n,)."""
-        squared_scales = np.array(self.scales) ** 2
-        away = z - centers
-        d = (away * away) @ squared_scales
-        u = (self.epsilon * d) ** 2
-        phi = RADIAL_FUNCTIONS[self.rbf]
-        # du/dz = ε² 2d ∂d/dz and ∂d/dz = 2 scales² (z - center).
-        slope = ((4 * self.epsilon**2 * beta * phi.slope(u) * d) @ away) * squared_scales
-        return float(phi.value(u) @ beta), np.asarray(slope)
-
 
 @dataclass(frozen=True, slots=True)
 class Surrogate:
@@ -134,7 +118,13 @@ class Surrogate:
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return Ĵ and ∂Ĵ/∂z at one point of the cube, shape (n,)."""
-        return self.shape.value_and_gradient(z, self.centers, self.beta)
+        shape, away = self.shape, z - self.centers
+        squared_scales = np.array(shape.scales) ** 2
+        d = (away * away) @ squared_scales
+        u, phi = (shape.epsilon * d) ** 2, RADIAL_FUNCTIONS[shape.rbf]
+        # du/dz = ε² 2d ∂d/dz and ∂d/dz = 2 scales² (z - center).
+        slope = ((4 * shape.epsilon**2 * self.beta * phi.slope(u) * d) @ away) * squared_scales
+        return float(phi.value(u) @ self.beta), np.asarray(slope)
 
     @property
     def spread(self) -> float:

@@ -76,7 +76,7 @@ class Agent:
     ) -> None:
         if not isinstance(space, KnobSpace):
             raise SettingsError(f"space must be a KnobSpace, got {space!r}")
-        self._options = self.options() if settings is None else settings
+        self._options: Any = self.options() if settings is None else settings
         if not isinstance(self._options, self.options):
             raise SettingsError(f"settings must be {self.options.__name__}, got {settings!r}")
         integer("n_init", n_init, low=1)
@@ -335,8 +335,8 @@ class Agent:
         if state.agent != cls.__name__:
             wanted = f"expected the state of {cls.__name__}"
             raise SettingsError(f"{wanted}, got that of {state.agent!r}")
-        counts = {"n_init": state.n_init, "n_max": state.n_max, "seed": state.seed}
-        return cls(space, **counts, **cls._arguments(dict(state.settings)))
+        given = cls._arguments(dict(state.settings))
+        return cls(space, n_init=state.n_init, n_max=state.n_max, seed=state.seed, **given)
 
     def _snapshot(self) -> AgentState:
         return AgentState(

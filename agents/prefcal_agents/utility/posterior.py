@@ -146,6 +146,9 @@ def _moved(
 def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -> bool:
     """Return whether KPIs predict the answers about as well as θ does, or too few are known.
 
+    Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
+    distributions" (1992).
+
     Args:
         history: Samples and answers.
         bank: KPIs of all samples, and of others.
@@ -155,17 +158,10 @@ def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -
     lessons = history.lessons()
     if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
         return True
-    by_kpis = _by_kpis(history, Lessons.of(bank, scale, history), utilities)
+    known = Lessons.of(bank, scale, history)
+    strict = ~known.tie
+    strict[len(lessons) :] = False  # those that marks make are no answers
+    logs = known.log_probabilities(utilities)[:, strict]
+    # Each answer predicted from the others: the harmonic mean over draws given all answers.
+    by_kpis = float(np.sum(np.log(len(logs)) - logsumexp(-logs, axis=0)))
     return bool(predicted(Preferences.of(history), _ERROR) <= by_kpis + _MARGIN)
-
-
-def _by_kpis(history: History, lessons: Lessons, utilities: Utilities) -> float:
-    """Return the log probability of the strict answers, each predicted from the others.
-
-    Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
-    distributions" (1992): the harmonic mean over draws given all answers.
-    """
-    strict = ~lessons.tie
-    strict[len(history.lessons()) :] = False  # those that marks make are no answers
-    logs = lessons.log_probabilities(utilities)[:, strict]
-    return float(np.sum(np.log(len(logs)) - logsumexp(-logs, axis=0)))
