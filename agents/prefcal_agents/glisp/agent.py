@@ -39,7 +39,6 @@ class GLISp(PreferenceBased):
 
     version: ClassVar[int] = 12
     options = GLISpSettings
-    shared = ("_models",)
 
     def __init__(
         self,
@@ -99,8 +98,10 @@ class GLISp(PreferenceBased):
         Raises:
             SettingsError: If `most` is not an integer of 1 or more.
         """
-        settings = replace(self.settings, questions_per_experiment=most)
-        return self._twin(replace(self._snapshot(), settings=settings.pairs()))
+        twin = self.copy()
+        twin._options = replace(self.settings, questions_per_experiment=most)
+        twin._thought = None
+        return twin
 
     @property
     def settings(self) -> GLISpSettings:

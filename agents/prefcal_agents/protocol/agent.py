@@ -55,8 +55,6 @@ class Agent:
     """Version of the algorithm, raised when the same answers lead to another next sample."""
     options: ClassVar[type[Settings]] = Settings
     """Class of its further settings."""
-    shared: ClassVar[tuple[str, ...]] = ()
-    """Names of what copies share: it follows from the record, and only saves time."""
     pickled: ClassVar[tuple[str, ...]] = ("_given", "history")
     """Names of what is pickled, besides the settings."""
     by_value = False
@@ -311,8 +309,13 @@ class Agent:
         return agent
 
     def copy(self) -> Self:
-        """Return an independent copy, used to prepare the next sample for each likely answer."""
-        return self._twin(self._snapshot())
+        """Return an independent copy, used to prepare the next sample for each likely answer.
+
+        Both share all that they hold: records are frozen, and the rest follows from a record.
+        """
+        twin = object.__new__(type(self))
+        vars(twin).update(vars(self))
+        return twin
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle settings, samples and answers: all else follows, solvers of others included."""
@@ -349,14 +352,6 @@ class Agent:
             settings=tuple(self._settings().items()),
             start=self._given,
         )
-
-    def _twin(self, state: AgentState) -> Self:
-        """Return an agent with the settings of `state` and the samples and answers of this one."""
-        # These samples were checked before; checking them again would take most of the time.
-        twin = self._made(self.space, state)
-        for name in (*Agent.pickled, *self.shared):
-            setattr(twin, name, getattr(self, name))
-        return twin
 
     # How queries are made.
 

@@ -197,7 +197,6 @@ class Simulating(PreferenceBased):
     """
 
     options = Budget
-    shared = ("_simulations",)
     pickled = (*PreferenceBased.pickled, "_simulations")
 
     def __init__(
@@ -218,7 +217,7 @@ class Simulating(PreferenceBased):
     def with_simulations(self, simulate: Simulate) -> Self:
         """Return a copy that simulates by `simulate`, for example one restored from a file."""
         twin = self.copy()
-        twin._simulations = Simulations(simulate)
+        twin._simulations, twin._judged = Simulations(simulate), None
         return twin
 
     @property
