@@ -134,6 +134,7 @@ class ModelSelection:
         # What was asked for last, with the history that it follows from.
         self._data = Dataset.of(History())
         self._explained = (History(), True)
+        self._selected = (History(), Selection(first.shape, None, is_noisy=False))
 
     def dataset(self, history: History) -> Dataset:
         """Return the training data in `history`."""
@@ -161,6 +162,12 @@ class ModelSelection:
 
     def after(self, history: History) -> Selection:
         """Return what is selected after `history`."""
+        known = self._selected
+        if known[0] != history:
+            self._selected = known = (history, self._selection(history))
+        return known[1]
+
+    def _selection(self, history: History) -> Selection:
         stage = self._stages.after(history)
         if stage.tested is None:
             return Selection(stage.shape, None, is_noisy=False)
@@ -177,7 +184,7 @@ class ModelSelection:
         fallible = rate and count >= self._n_init
         if not validates and (settled or not fallible):
             return stage
-        data = Dataset.of(past)
+        data = self.dataset(past)
         shape = self._validated(data, stage.shape) if validates else stage.shape
         if not fallible:
             return replace(stage, shape=shape)
