@@ -98,4 +98,6 @@ def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
 
 
 def _penalty(setup: Setup, history: History) -> Penalty | None:
+    if not history.unsafe():
+        return None
     return unsafe_penalty(history, setup.settings.unsafe_weight, setup.settings.least_safe)
