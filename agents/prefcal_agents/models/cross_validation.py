@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from prefcal_agents.history.lessons import Preferences
 
-from .preference_qp import Constraints, Learning, fits, margins
+from .preference_qp import Learning, fits_without
 from .rbf import Shape
 
 FOLDS = 3
@@ -42,20 +42,16 @@ class Validation:
 
     def reproduced(self, shape: Shape, epsilons: Sequence[float]) -> list[int]:
         """Return how many left-out preferences `shape` predicts right with each ε."""
-        known, systems = self.preferences, []
-        margin = margins(known, self.learning.margin_power)
+        known = self.preferences
         bases = shape.bases(known.samples, known.samples, epsilons)
-        for phi in bases:
-            constraints = Constraints.of(known, phi, margin)
-            systems += [constraints.without(left_out) for left_out in self.slices]
-        betas = fits(systems, self.learning)
-        return [self._right(phi, betas[k * FOLDS :]) for k, phi in enumerate(bases)]
+        betas = fits_without(known, bases, self.slices, self.learning)
+        return [self._right(phi, each) for phi, each in zip(bases, betas, strict=True)]
 
     def _right(
         self, phi: Float[np.ndarray, "N N"], betas: Sequence[Float[np.ndarray, " N"]]
     ) -> int:
         known, right = self.preferences, 0
-        for left_out, beta in zip(self.slices, betas, strict=False):
+        for left_out, beta in zip(self.slices, betas, strict=True):
             values = phi @ beta
             gap = values[known.first[left_out]] - values[known.second[left_out]]
             b = known.b[left_out]

@@ -123,11 +123,25 @@ def fit(constraints: Constraints, learning: Learning) -> Float[np.ndarray, " N"]
     Source: eq. QP-pref.
     Deviation: none; see `margins` for what the margins may be.
     """
-    return fits([constraints], learning)[0]
+    return _fits([constraints], learning)[0]
 
 
-def fits(systems: Sequence[Constraints], learning: Learning) -> list[Float[np.ndarray, " N"]]:
-    """Return the β of each of several systems of constraints, as `fit` does."""
+def fits_without(
+    preferences: Preferences,
+    bases: Sequence[Float[np.ndarray, "N N"]],
+    slices: Bool[np.ndarray, "K M"],
+    learning: Learning,
+) -> list[list[Float[np.ndarray, " N"]]]:
+    """Return β of many fits: for each of E bases, K fits without the comparisons of one slice."""
+    margin, systems = margins(preferences, learning.margin_power), []
+    for phi in bases:
+        constraints = Constraints.of(preferences, phi, margin)
+        systems += [constraints.without(left_out) for left_out in slices]
+    betas = _fits(systems, learning)
+    return [betas[k : k + len(slices)] for k in range(0, len(betas), len(slices))]
+
+
+def _fits(systems: Sequence[Constraints], learning: Learning) -> list[Float[np.ndarray, " N"]]:
     if not hasattr(_SOLVERS, "backend"):
         _SOLVERS.backend = make_backend()
     duals = [_dual(system, learning) for system in systems]
