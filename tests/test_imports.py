@@ -76,8 +76,6 @@ LONG = {
     "prefcal_env/qp/_kernels.py": "compiled: one pass over P and G, which gives six sums",
 }
 """Files that may hold longer functions, and why."""
-POLICIES_MAY_USE = (*AGENTS_MAY_USE, "experiments")
-"""A policy that was learned on a plant is a controller; that is all of `prefcal_agents.rl`."""
 ALONE = {
     "piqp": "prefcal_env.qp",
     "pyarrow": "prefcal_env.parquet",
@@ -153,8 +151,7 @@ def test_imports_point_down(module, path):
     assert {name.split(".")[0] for name in ours} <= MAY_IMPORT[package]
     if package == "prefcal_agents":
         used = {place(name) for name in ours if name.startswith("prefcal_env.")}
-        learned = module.startswith("prefcal_agents.rl.")
-        assert used <= set(POLICIES_MAY_USE if learned else AGENTS_MAY_USE)
+        assert used <= set(AGENTS_MAY_USE)
     if module.count(".") > 1 or path.stem != "__init__":
         for name in (name for name in ours if name.startswith(f"{package}.")):
             here, there = place(module), place(name)

@@ -14,7 +14,7 @@ from .registry import restore as restore
 if _TYPE_CHECKING:
     from .baselines.equal_weights import EqualWeights as EqualWeights
     from .baselines.glis import GLIS as GLIS
-    from .baselines.glis_settings import GLISSettings as GLISSettings
+    from .baselines.glis import GLISSettings as GLISSettings
     from .baselines.latin_hypercube import LatinHypercube as LatinHypercube
     from .baselines.random_search import RandomSearch as RandomSearch
     from .baselines.step_search import StepSearch as StepSearch
@@ -36,7 +36,7 @@ _HOMES = {
     "AgentState": "history.agent_state",
     "Bank": "utility.bank",
     "Earlier": "transfer",
-    "GLISSettings": "baselines.glis_settings",
+    "GLISSettings": "baselines.glis",
     "GLISpSettings": "glisp.settings",
     "Minimum": "minimize",
     "Simulate": "screening.simulations",

@@ -137,8 +137,8 @@ def minimize_by_preference(
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
     if simulate is not None and twin is not None:
         raise SettingsError("give either simulate or twin, not both")
-    _check_at_once(at_once, executor, runs=run is not None, simulates=bool(simulate or twin))
     simulate = twin if simulate is None else simulate
+    _check_at_once(at_once, executor, runs=run is not None, simulates=simulate is not None)
     if n_max is None:
         n_max = _SHOWN if simulate is None else _SHOWN_SCREENED
     integer("n_max", n_max, low=2)
@@ -159,16 +159,16 @@ def minimize_by_preference(
     return Minimum(np.array(study.best), np.array(samples), answers, simulated, _titles(space))
 
 
-def _titles(space: KnobSpace) -> tuple[str, ...]:
-    """Return the names of the knobs with their units."""
-    return tuple(f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space.knobs)
-
-
 def _check_at_once(at_once: int, executor: Executor | None, *, runs: bool, simulates: bool) -> None:
     if not runs and (at_once != 1 or executor is not None):
         raise SettingsError("nothing runs at once without run, the function of an experiment")
     if simulates and at_once != 1:
         raise SettingsError(f"with simulate or twin, at_once must be 1, got {at_once!r}")
+
+
+def _titles(space: KnobSpace) -> tuple[str, ...]:
+    """Return the names of the knobs with their units."""
+    return tuple(f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space)
 
 
 def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:
@@ -188,21 +188,20 @@ def _answer(prefer: Prefer, told: Agent | None, new: Any, old: Any) -> Answer | 
     """Ask `prefer`, and check what it tells `told`, an agent with a twin, of the plant.
 
     It gets copies of θ, since it may write into them.
+
+    Raises:
+        SimulationError: If what was measured has no KPI of what is simulated.
     """
     if old is None:
         return None
     copies = (np.copy(side) if isinstance(side, np.ndarray) else side for side in (new, old))
     answer = Answer.of(prefer(*copies))
     bank = getattr(told, "bank", None)
-    if isinstance(bank, Bank):
-        _check_names(bank, {name for kpis in answer.outcomes or () for name in kpis or ()})
-    return answer
-
-
-def _check_names(bank: Bank, told: set[str]) -> None:
-    """Raise SimulationError if what was measured has no KPI of what is simulated."""
-    if told and bank.names and not told & set(bank.names):
+    known = set(bank.names) if isinstance(bank, Bank) else set()
+    measured = {name for kpis in answer.outcomes or () for name in kpis or ()}
+    if known and measured and not known & measured:
         raise SimulationError(
             "the twin and the answers must have KPIs of the same names, got "
-            f"{', '.join(bank.names)} simulated and {', '.join(sorted(told))} measured"
+            f"{', '.join(sorted(known))} simulated and {', '.join(sorted(measured))} measured"
         )
+    return answer

@@ -2,30 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
 
+from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-
-
-class HasBest(Protocol):
-    """Any agent of this package."""
-
-    @property
-    def space(self) -> KnobSpace:
-        """Return the knobs of the agent."""
-
-    @property
-    def best_index(self) -> int | None:
-        """Return the number of the best sample; None before the first answer."""
-
-    @property
-    def best(self) -> Float[np.ndarray, " n"]:
-        """Return the best θ, physical."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +33,7 @@ class Earlier:
             raise SettingsError(f"its best θ must have {len(self.knobs)} values, got {self.best}")
 
     @classmethod
-    def of(cls, agent: HasBest) -> "Earlier":
+    def of(cls, agent: Agent) -> "Earlier":
         """Return the best that `agent` has found. Raises SettingsError before its first answer."""
         if agent.best_index is None:
             raise SettingsError("the earlier study has no answered experiment yet")

@@ -11,10 +11,11 @@ import argparse
 
 import gymnasium as gym
 import numpy as np
+from stable_baselines3 import PPO, SAC
 
 from prefcal_agents import PPOBandit, SACBandit
-from prefcal_agents.rl import evaluate, train_on_plant
 from prefcal_env import rollout
+from prefcal_env.experiments.control import Move
 from prefcal_scenarios.cases.cstr import performance_index
 
 
@@ -40,18 +41,35 @@ def tune(algorithm, n_max):
     print(f"best θ of {len(scores)}:", space.named(agent.best), "index:", index)
 
 
+class Policy:
+    """A learned policy as a controller: it sees only the observation of the plant environment."""
+
+    def __init__(self, model, env):
+        self.model, self.plant, self.T_s = model, env.unwrapped, env.unwrapped.T_s
+
+    def move(self, measurement):
+        action, _ = self.model.predict(self.plant.observe(), deterministic=True)
+        return Move(self.plant.inputs(action))
+
+
 def control(algorithm, steps):
     """No MPC and no θ: the action is the coolant temperature, a step is a sampling period."""
     env = gym.make("prefcal_env:prefcal/CSTR-v0")
+    if algorithm == "PPO":  # by default, most actions of PPO exceed the limits of the input
+        options = {"n_steps": 1000, "batch_size": 100, "policy_kwargs": {"log_std_init": -1.0}}
+    else:
+        options = {"learning_starts": 1000, "learning_rate": 1e-3, "train_freq": 2}
+    kind = {"PPO": PPO, "SAC": SAC}[algorithm]
+    model = kind("MlpPolicy", env, gamma=0.98, seed=0, device="cpu", **options)
     for name, count in (("untrained", 0), ("trained", steps)):
-        policy = train_on_plant(algorithm=algorithm, steps=count, seed=0, progress=True)
-        seen = evaluate(policy, env)
+        if count:
+            model.learn(count)
 
         # Driven by the policy, an episode is an experiment as any other.
-        experiment = rollout(env, policy.controller(env), theta=np.zeros(1))
+        experiment = rollout(env, Policy(model, env), theta=np.zeros(1))
         index = round(performance_index(experiment), 3)
-        print(f"{name}, {policy.origin.steps} steps: return {seen.total_reward:.2f}, "
-              f"{seen.end} after {seen.time:g} h, index: {index}")  # fmt: skip
+        print(f"{name}, {model.num_timesteps} steps: {experiment.end.value} "
+              f"after {experiment.duration:g} h, index: {index}")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ Technology 30 (2022).
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -27,18 +26,6 @@ _STEPS = 30  # maximum steps of Newton's method, which takes about 7
 _RECENT = 20  # number of latest samples whose unsafe marks raise the required safety
 _RELAXED = 0.5  # share of the risk that is still accepted after each of them
 POOL = 300  # random points to choose from when replacing a planned point that is likely unsafe
-
-
-class PenaltySettings(Protocol):
-    """Settings of an agent that concern unsafe places; see `GLISpSettings`."""
-
-    @property
-    def unsafe_weight(self) -> float:
-        """Penalty for a place that is certainly unsafe, 0 or more."""
-
-    @property
-    def least_safe(self) -> float:
-        """Minimum probability of being safe for no penalty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,12 +137,9 @@ class Penalty:
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return value and gradient at one point of the cube, shape (n,)."""
-        return float(self(z[None])[0]), self.gradient(z)
-
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the gradient at one point, shape (n,)."""
         lack = max(1 - self.safety(z[None])[0] / self.least, 0.0)
-        return np.asarray(-2 * self.weight * lack / self.least * self.safety.gradient(z))
+        slope = -2 * self.weight * lack / self.least * self.safety.gradient(z)
+        return float(self(z[None])[0]), np.asarray(slope)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,17 +167,22 @@ class Penalized:
         return value + extra, np.asarray(slope + extra_slope)
 
 
-def unsafe_penalty(history: History, settings: PenaltySettings) -> Penalty | None:
+def unsafe_penalty(history: History, weight: float, least_safe: float) -> Penalty | None:
     """Return the cost of likely unsafe places after `history`; None without unsafe samples.
 
     Each unsafe sample among the latest ones halves the accepted risk.
+
+    Args:
+        history: Samples and answers.
+        weight: Penalty for a place that is certainly unsafe, 0 or more.
+        least_safe: Minimum probability of being safe for no penalty.
     """
-    marks = Marks.of(history)
-    if not (settings.unsafe_weight and marks.unsafe.any()):
+    if not weight or not history.unsafe():
         return None
+    marks = Marks.of(history)
     recent = np.count_nonzero(marks.unsafe[-_RECENT:])
-    least = 1 - (1 - settings.least_safe) * _RELAXED**recent
-    return Penalty(SafetyModel.of(marks.samples, ~marks.unsafe), least, settings.unsafe_weight)
+    least = 1 - (1 - least_safe) * _RELAXED**recent
+    return Penalty(SafetyModel.of(marks.samples, ~marks.unsafe), least, weight)
 
 
 def replaced(
@@ -210,9 +199,3 @@ def replaced(
         return planned
     apart = np.sqrt(squared_distances(pool, others).min(axis=1) / len(planned))
     return np.asarray(pool[np.argmax(apart + penalty.safety(pool))])
-
-
-def penalized(acquisition: Objective, history: History, settings: PenaltySettings) -> Objective:
-    """Return `acquisition` plus the penalty from unsafe marks in `history`, if there are any."""
-    penalty = unsafe_penalty(history, settings)
-    return acquisition if penalty is None else Penalized(acquisition, penalty)

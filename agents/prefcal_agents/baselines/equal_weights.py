@@ -1,14 +1,12 @@
 """Provide screening without learning: show the simulated θ in the order of their mean rank."""
 
-from typing import ClassVar, Self, final
+from typing import ClassVar, final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.screening.simulating import Simulating
-from prefcal_agents.screening.simulations import Simulations
+from prefcal_agents.screening.simulations import Simulating
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.utility.bank import Bank, runnable
 from prefcal_env.preferences.history import History
@@ -25,32 +23,21 @@ class EqualWeights(Simulating):
 
     version: ClassVar[int] = 1
 
-    _bank: Bank | None = None
-
-    def _begin(self, simulations: Simulations) -> None:
-        super()._begin(simulations)
-        self._bank = None
-
     @property
     def bank(self) -> Bank:
         """Return the simulated θ; it simulates them if needed."""
-        simulations = self.simulations
-        if self._bank is None:
-            design = latin_hypercube(self.space, self._n_simulated, self._seed)
-            z, thetas = runnable(self.space, design)
-            self._bank = Bank.of(z, thetas, simulations(thetas))
-        return self._bank
+        simulations, design = (
+            self.simulations,
+            latin_hypercube(self.space, self.n_simulated, self._seed),
+        )
+        z, thetas = runnable(self.space, design)
+        return Bank.of(z, thetas, simulations(thetas))
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        tried, ranked = Tried(self.space, history), self.bank.z[by_mean_rank(self.bank.kpis)]
-        z = tried.first_new(ranked)
-        rng = np.random.default_rng([self._seed, history.answered])
-        return tried.fresh(ranked[0], rng) if z is None else z
-
-    def _twin(self, state: AgentState) -> Self:
-        twin = super()._twin(state)
-        twin._bank = self._bank
-        return twin
+        bank = self.bank
+        ranked = bank.z[by_mean_rank(bank.kpis)]
+        z = Tried(self.space, history).first_new(ranked)
+        return self._fresh(history, ranked[0]) if z is None else z
 
 
 def by_mean_rank(kpis: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " m"]:

@@ -5,7 +5,6 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.preferences.history import History
@@ -21,7 +20,5 @@ class LatinHypercube(PreferenceBased):
     version: ClassVar[int] = 1
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        index = history.answered
-        planned = latin_hypercube(self.space, self.n_max, self._seed)[index]
-        rng = np.random.default_rng([self._seed, index])
-        return Tried(self.space, history).fresh(planned, rng)
+        planned = latin_hypercube(self.space, self.n_max, self._seed)[history.answered]
+        return self._fresh(history, planned)

@@ -1,27 +1,22 @@
 """GLISp: preference-based optimization with radial basis functions and IDW exploration."""
 
 from dataclasses import replace
-from typing import Any, ClassVar, Self, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.agent_state import AgentState
-from prefcal_agents.history.censored import judged
-from prefcal_agents.history.lessons import Preferences
+from prefcal_agents.history.lessons import Preferences, judged
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import Pair, PreferenceBased, one_thread
 from prefcal_agents.space.start import Start
-from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
 
 from .questions import final_question, follow_up
-from .selection import ModelSelection
-from .settings import GLISpSettings
-from .strategy import Setup, propose, propose_start
-from .training import train
+from .selection import ModelSelection, train
+from .settings import GLISpSettings, Setup
+from .strategy import propose, propose_start
 
 
 @final
@@ -37,23 +32,13 @@ class GLISp(PreferenceBased):
     of the start, the candidates of ε, a multistart descent instead of a particle swarm, and round
     numbers for each knob.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Number of samples of the start, 1 or more.
-        n_max: Number of experiments, which take n_max - 1 comparisons.
-        seed: Seed of all randomness, 0 or more.
-        settings: All other settings.
-        start: Physical θ to start from, such as the current tuning, shape (n,), or several. They
-            replace the first of the `n_init` samples.
-        delta: δ of eq. acquisition instead of the one in `settings`; turns KPIs off, so that eq.
-            acquisition is minimized.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        KnobError: If a θ of `start` is outside the space.
+    Arguments and errors are those of `Agent`: n_max experiments take n_max - 1 comparisons, and
+    `settings` are `GLISpSettings`. With `delta`, it is δ of eq. acquisition instead of the one in
+    `settings`, and KPIs are off, so that eq. acquisition is minimized.
     """
 
     version: ClassVar[int] = 12
+    options = GLISpSettings
 
     def __init__(
         self,
@@ -66,17 +51,13 @@ class GLISp(PreferenceBased):
         delta: float | None = None,
         start: Start | None = None,
     ) -> None:
-        settings = GLISpSettings() if settings is None else settings
-        if not isinstance(settings, GLISpSettings):
-            raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
         if delta is not None:
-            settings = replace(settings, delta=delta, kpis=False)
-        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
-        self._options = settings
-        # Each agent has its own QP solver, since twins may compute at the same time.
-        backend = make_backend()
-        self._setup = Setup(space, self.n_init, self._seed, settings, backend)
-        self._models = ModelSelection(len(space), self.n_init, settings, self._seed, backend)
+            settings = replace(settings or GLISpSettings(), delta=delta, kpis=False)
+        super().__init__(
+            space, n_init=n_init, n_max=n_max, seed=seed, start=start, settings=settings
+        )
+        self._setup = Setup(space, self.n_init, self._seed, self.settings)
+        self._models = ModelSelection(self._setup)
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         if history.answered < self.n_init:
@@ -84,11 +65,11 @@ class GLISp(PreferenceBased):
         return propose(self._setup, self._models.fit(history))
 
     def _follow_up(self, history: History) -> Pair | None:
-        return follow_up(history, self._models, self._options, self._setup.backend)
+        return follow_up(history, self._models, self.settings)
 
     def _final(self, history: History) -> Pair | None:
         # With error rate 0 every answer counts as right, as in the paper.
-        return final_question(history) if self._options.error_rate else None
+        return final_question(history) if self.settings.error_rate else None
 
     @classmethod
     def paper(
@@ -108,13 +89,6 @@ class GLISp(PreferenceBased):
         settings = GLISpSettings.paper()
         return cls(space, n_init=n_init, n_max=n_max, seed=seed, settings=settings, start=start)
 
-    def _settings(self) -> dict[str, Any]:
-        return dict(self._options.pairs())
-
-    @classmethod
-    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
-        return {"settings": GLISpSettings.of(saved)}
-
     def with_questions(self, most: int) -> Self:
         """Return a copy that asks at most `most` comparisons for each experiment from now on.
 
@@ -124,19 +98,16 @@ class GLISp(PreferenceBased):
         Raises:
             SettingsError: If `most` is not an integer of 1 or more.
         """
-        settings = replace(self._options, questions_per_experiment=most)
-        return self._twin(replace(self._snapshot(), settings=settings.pairs()))
-
-    def _twin(self, state: AgentState) -> Self:
-        # The copy gets the selected models, too, so that it need not select them again.
-        twin = super()._twin(state)
-        twin._models = self._models.copy(twin._options, twin._setup.backend)
+        twin = self.copy()
+        twin._options = replace(self.settings, questions_per_experiment=most)
+        twin._thought = None
         return twin
 
     @property
     def settings(self) -> GLISpSettings:
         """Return all settings."""
-        return self._options
+        settings: GLISpSettings = self._options
+        return settings
 
     @property
     def epsilon(self) -> float:
@@ -151,7 +122,7 @@ class GLISp(PreferenceBased):
         None if the answers came without KPIs, or nothing can be learned from the KPIs.
         """
         with one_thread():
-            return LearnedCost.of(judged(self.history), self._seed, self._setup.backend)
+            return LearnedCost.of(judged(self.history), self._seed)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return how good physical `thetas` are expected to be, shape (m, n), for plotting.
@@ -168,7 +139,7 @@ class GLISp(PreferenceBased):
         with one_thread():
             fit = self._models.fit(self.history)
             if fit.kpis is None:
-                learned = train(fit.data, fit.selection, self._options, self._setup.backend)
+                learned = train(fit.data, fit.selection, self.settings)
                 values, on_samples = learned(z), learned(learned.centers)
             else:
                 values, on_samples = (

@@ -1,19 +1,23 @@
-"""What GLISp learns from KPIs: draws of what the person wants, updated after each answer."""
+"""What GLISp learns from KPIs and proposes by them: draws of what the person wants."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_agents.history.lessons import Memory, cube_of, kpis_of
+from prefcal_agents.acquisition.penalty import Penalty
+from prefcal_agents.history.lessons import Memory, cube_of, filled_kpis
 from prefcal_agents.history.stages import Stages
+from prefcal_agents.optimize.search import Tried
+from prefcal_agents.space.feasible import random_points
 from prefcal_agents.utility.bank import Bank
+from prefcal_agents.utility.choice import expected_best
 from prefcal_agents.utility.correction import corrected
-from prefcal_agents.utility.explained import AFTER, explains
-from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
+from prefcal_agents.utility.posterior import AFTER, DRAWS, Lessons, explains, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.preferences.kpis import Outcome
 
@@ -23,12 +27,17 @@ _SHOWN, _AT_ONCE = 64, 1000
 """Number of draws behind a drawn value, and of θ judged at once."""
 _DOUBT = 0.5
 """Probability of being better than the best above which a sample is compared with it."""
-_FEWEST = 3
-"""Smallest number of experiments with a KPI to learn from it."""
 _STREAM = 3
 """Stream of random numbers."""
 _MOST = 100
 """Number of answers after which ten are learned from at once, so that a long study opens soon."""
+
+_ANYWHERE, _NEAR = 300, 300
+"""Number of random θ to choose from, and of steps from the best one so far."""
+_STEPS = (0.003, 0.3)
+"""Shortest and longest standard deviation of a step, in units of the cube."""
+_MOVED = 0.2
+"""Smallest share of the knobs that a step moves; the largest is 1."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -141,29 +150,59 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
 
 
 def _experiments(history: History) -> Bank:
-    """Return the KPIs of all experiments; a missing one is that of the nearest θ that has it."""
-    z, known = cube_of(history), kpis_of(history)
+    """Return the KPIs of all experiments; see `filled_kpis`."""
+    z, columns = cube_of(history), filled_kpis(history)
     thetas = np.array([s.theta for s in history.samples[: history.answered]], dtype=float)
-    names = sorted({name for kpis in known for name in kpis})
-    columns = {name: _filled(z, known, name) for name in names}
-    kept = {name: values for name, values in columns.items() if values is not None}
-    rows = [Outcome({name: float(v[i]) for name, v in kept.items()}) for i in range(len(z))]
+    rows = [Outcome({name: float(v[i]) for name, v in columns.items()}) for i in range(len(z))]
     return Bank.of(z, thetas.reshape(z.shape), rows)
-
-
-def _filled(
-    z: Float[np.ndarray, "N n"], known: Sequence[Mapping[str, float]], name: str
-) -> Float[np.ndarray, " N"] | None:
-    """Return one KPI of all experiments, shape (N,); None if too few have it."""
-    values = np.array([kpis.get(name, np.nan) for kpis in known], dtype=float)
-    missing = np.isnan(values)
-    there = np.flatnonzero(~missing)
-    if len(there) < _FEWEST:
-        return None
-    apart = np.sum((z[missing][:, None] - z[there]) ** 2, axis=2)
-    values[missing] = values[there[np.argmin(apart, axis=1)]]
-    return values
 
 
 def _rng(seed: int, past: History) -> np.random.Generator:
     return np.random.default_rng([seed, past.answered, len(past.follow_ups), _STREAM])
+
+
+def most_promising(
+    space: KnobSpace,
+    history: History,
+    fit: KPIFit,
+    penalty: Penalty | None,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, " n"]:
+    """Return the point of the cube to run next, shape (n,): the best one for `expected_best`.
+
+    Source: Z. J. Lin et al., "Preference exploration for efficient Bayesian optimization with
+    multiple outcomes" (2022): a process for each KPI, draws of what the person wants.
+    Deviation: draws follow `Utilities`, and the choice is that of `Screening`. The θ to choose from
+    are random ones and steps from the best one, as in an evolution strategy.
+
+    Args:
+        space: Knobs to tune.
+        history: Samples and answers.
+        fit: What is known about the person.
+        penalty: Penalty for places that are likely unsafe; those with one come last.
+        rng: Generator of the θ to choose from, and of the draws.
+    """
+    samples = history.samples
+    best = samples[history.incumbent or 0]
+    points = np.vstack([random_points(space, _ANYWHERE, rng), _steps(space, best.z, rng)])
+    points = space.snap_all(points)
+    points = points[np.atleast_1d(space.allows(space.decode_all(points)))]
+    value = expected_best(fit.costs(points, rng), fit.row(best.theta))[len(fit.kept) :]
+    risk = np.zeros(len(points)) if penalty is None else penalty(points)
+    ranked = points[np.lexsort((-value, risk))]
+    tried = Tried(space, history)
+    found = tried.first_new(ranked)
+    return tried.fresh(ranked[0], rng) if found is None else found
+
+
+def _steps(
+    space: KnobSpace, best: tuple[float, ...], rng: np.random.Generator
+) -> Float[np.ndarray, "s n"]:
+    """Return steps from the best θ of all lengths, which move some of the knobs, shape (s, n)."""
+    shape = (_NEAR, len(space))
+    moved = rng.random(shape) < rng.uniform(_MOVED, 1.0, (_NEAR, 1))
+    moved[np.arange(_NEAR), rng.integers(0, len(space), _NEAR)] = True
+    shortest, longest = np.log(_STEPS)
+    length = np.exp(rng.uniform(shortest, longest, (_NEAR, 1)))
+    low, high = space.corners
+    return np.asarray(np.clip(best + length * moved * rng.standard_normal(shape), low, high))

@@ -1,12 +1,11 @@
 """Test whether some answers are wrong, and choose the shape of φ that suits such answers."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.models.cross_validation import nearest
+from prefcal_agents.models.cross_validation import nearest, rescale_knob
 from prefcal_agents.models.gaussian_process import ExpectationPropagation, Sites
 from prefcal_agents.models.preference_qp import Constraints
 from prefcal_agents.models.rbf import Shape
@@ -23,7 +22,6 @@ experiments."""
 _ENOUGH = 1.0
 """Minimum gain in log probability that counts as a difference, in nats."""
 _EPSILONS = (0.32, 0.56, 1.0, 1.8, 3.2, 5.6)
-_WIDEST = 16.0  # largest ratio between the scales of two knobs
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +42,7 @@ class NoiseTest:
         return self.evidence > _ENOUGH
 
 
-def evidence_of_mistakes(
-    preferences: Preferences,
-    shape: Shape,
-    error_rate: float,
-) -> float:
+def evidence_of_mistakes(preferences: Preferences, shape: Shape, error_rate: float) -> float:
     """Return the log likelihood ratio (nats) of a fallible person to one who is never wrong.
 
     Each answer is predicted from all others.
@@ -82,25 +76,12 @@ def suited_shape(
 
     candidates = _EPSILONS if first else nearest(_EPSILONS, shape.epsilon, 1)
     best, epsilon = max((score(replace(shape, epsilon=x)), x) for x in candidates)
-    return _rescaled(replace(shape, epsilon=epsilon), best, score, answered)
+    turn = answered % len(shape.scales)
+    suited = replace(shape, epsilon=epsilon)
+    return rescale_knob(suited, best, turn, lambda changed: (changed, score(changed)))
 
 
 def rows_of(preferences: Preferences, shape: Shape) -> Constraints:
     """Return comparisons as signs of rows · β."""
     features = shape.basis(preferences.samples, preferences.samples)
     return Constraints.of(preferences, features, np.ones(len(preferences.b)))
-
-
-def _rescaled(shape: Shape, best: float, score: Callable[[Shape], float], turn: int) -> Shape:
-    n = len(shape.scales)
-    for factor in (2.0, 0.5) if n > 1 else ():
-        scales = np.array(shape.scales)
-        scales[turn % n] *= factor
-        scales /= np.exp(np.mean(np.log(scales)))
-        if scales.max() > _WIDEST * scales.min():
-            continue
-        changed = replace(shape, scales=tuple(map(float, scales)))
-        found = score(changed)
-        if found > best + _ENOUGH:
-            shape, best = changed, found
-    return shape

@@ -8,11 +8,9 @@ from prefcal_agents.models.rbf import Surrogate
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.best import contradictory, reigns
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import Backend
 
-from .selection import ModelSelection, Selection
+from .selection import Dataset, ModelSelection, Selection, train, trust
 from .settings import GLISpSettings
-from .training import train, trust
 
 _APART = 10
 """Number of experiments between two questions that are only based on a suspicion."""
@@ -24,7 +22,7 @@ FINALS = 3
 
 
 def follow_up(
-    history: History, models: ModelSelection, settings: GLISpSettings, backend: Backend
+    history: History, models: ModelSelection, settings: GLISpSettings
 ) -> tuple[int, int] | None:
     """Return two known samples to compare now, the challenger first; None if there are none.
 
@@ -41,35 +39,25 @@ def follow_up(
     lately = any((c.after or 0) > history.answered - _APART for c in history.follow_ups)
     if asked >= most and lately and not contradictory(history.verdicts()):
         return None
-    kpis = models.kpi_fit(history)
+    # As selected one experiment earlier, so a question does not wait for a model selection.
+    kpis, before = models.kpi_fit(history), history.until(history.answered - 1)
     if kpis is not None:
         pair = kpis.doubted(history) if settings.error_rate else None
     else:
-        pair = _suspected(history, models, settings, sure=0.0 if asked >= most else _SURE)
+        data, sure = models.dataset(history), 0.0 if asked >= most else _SURE
+        pair = confirm_best(data, models.after(before), settings.error_rate, sure)
     if pair is not None or asked >= most:
         return pair
     if kpis is not None:
         return insertion_question(history, kpis.values(history))
-    # As selected one experiment earlier, so a question does not wait for a model selection.
-    selection = models.after(history.until(history.answered - 1))
-    surrogate = train(models.dataset(history), selection, settings, backend)
+    surrogate = train(models.dataset(history), models.after(before), settings)
     return insertion_question(history, surrogate(cube_of(history)))
 
 
-def _suspected(
-    history: History, models: ModelSelection, settings: GLISpSettings, *, sure: float
-) -> tuple[int, int] | None:
-    """Return two samples to compare since mistakes are suspected; see `confirm_best`."""
-    selection = models.after(history.until(history.answered - 1))
-    if selection.noise is None or not selection.noise.suspects:
-        return None
-    return confirm_best(models, history, selection, settings.error_rate, sure)
-
-
 def confirm_best(
-    models: ModelSelection, history: History, selection: Selection, error_rate: float, sure: float
+    data: Dataset, selection: Selection, error_rate: float, sure: float
 ) -> tuple[int, int] | None:
-    """Return the best sample and the one that may be better; None if that is settled.
+    """Return the best sample and the one that may be better, if mistakes are suspected; or None.
 
     The next experiment is compared with the best, so it matters most that it really is the best.
     Of the other samples with the lowest Ĵ, the rival is the one least certain to be worse. A pair
@@ -79,8 +67,7 @@ def confirm_best(
     Deviation: the paper asks one comparison for each experiment, and takes all answers for right.
 
     Args:
-        models: Selections so far.
-        history: Samples and answers.
+        data: Samples and answers.
         selection: Selected settings of the models.
         error_rate: Probability that an answer is wrong.
         sure: A rival that is worse by more than this many standard deviations is not asked about;
@@ -89,11 +76,10 @@ def confirm_best(
     Returns:
         The later and the earlier sample of the pair.
     """
-    best, candidates = history.incumbent, contenders(history)
-    if best is None:
+    history, best = data.history, data.history.incumbent
+    if best is None or selection.noise is None or not selection.noise.suspects:
         return None
-    assert selection.noise is not None
-    data, shape = models.dataset(history), selection.noise.shape
+    candidates, shape = contenders(history), selection.noise.shape
     posterior = trust(data, selection, error_rate)
     samples = data.preferences.samples
     known = shape.basis(samples, samples)

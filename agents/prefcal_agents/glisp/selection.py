@@ -1,15 +1,15 @@
-"""Select the models of GLISp after each experiment: shapes of φ, noise test."""
+"""Select the models of GLISp after each experiment (shapes of φ, noise test), and train Ĵ."""
 
-from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import final
 
 import numpy as np
 from jaxtyping import Int
 
-from prefcal_agents.history.censored import judged
-from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of
+from prefcal_agents.history.lessons import MOST, Memory, Preferences, judged, kpis_of
+from prefcal_agents.history.stages import Stages
 from prefcal_agents.models.cross_validation import (
     FOLDS,
     Validation,
@@ -17,15 +17,15 @@ from prefcal_agents.models.cross_validation import (
     nearest,
     rescale_knob,
 )
-from prefcal_agents.models.preference_qp import Learning
-from prefcal_agents.models.rbf import Shape
+from prefcal_agents.models.gaussian_process import ExpectationPropagation
+from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
+from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import Backend
 
 from .kpi_fit import KPIFit, kpi_fits
-from .noise_test import MANY, WINDOW, NoiseTest, evidence_of_mistakes, suited_shape
-from .settings import EPSILONS, EVERY_STEP, GLISpSettings
+from .noise_test import MANY, WINDOW, NoiseTest, evidence_of_mistakes, rows_of, suited_shape
+from .settings import EPSILONS, EVERY_STEP, GLISpSettings, Setup
 
 FEW = 20
 """Number of experiments before the process takes turns."""
@@ -96,51 +96,52 @@ class Fit:
     kpis: KPIFit | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stage:
+    """What is chosen after a number of experiments.
+
+    Args:
+        shape: Shape of φ, by cross-validation.
+        suited: Shape of φ that suits a fallible person.
+        tested: `suited` at the latest noise test; None without one.
+        tests: Functions that return the evidence of the latest noise tests, the last one first. It
+            is computed once it is needed, since a study that is opened needs few of them.
+    """
+
+    shape: Shape
+    suited: Shape
+    tested: Shape | None = None
+    tests: tuple[Callable[[], float], ...] = ()
+
+
 @final
 class ModelSelection:
     """Selections after each number of experiments, each starting from the one before.
 
-    They follow from the history alone. They are remembered by the number of experiments. After an
-    undo or a retraction, those from the first changed experiment on are forgotten.
-
-    Args:
-        n: Number of knobs.
-        n_init: Number of samples of the start, during which nothing is selected.
-        settings: Settings of the agent.
-        seed: Seed of the cross-validations.
-        backend: QP solver.
+    They follow from the history alone, and copies of an agent share them: memory only saves time.
     """
 
-    def __init__(
-        self, n: int, n_init: int, settings: GLISpSettings, seed: int, backend: Backend
-    ) -> None:
-        self._n, self._n_init, self._seed = n, n_init, seed
-        self._settings, self._backend = settings, backend
+    def __init__(self, setup: Setup) -> None:
+        self.setup, settings, alike = setup, setup.settings, (1.0,) * len(setup.space)
+        self._settings, self._n_init, self._seed = settings, setup.n_init, setup.seed
         self._learning = Learning(margin_power=settings.margin_power)
         self._candidates: Sequence[float] = tuple(settings.epsilon * factor for factor in EPSILONS)
-        self._history = History()
-        self._shapes = [settings.shape(n)]
-        self._noise_shapes = [Shape(1.0, (1.0,) * n, settings.rbf)]
-        self._evidence: dict[int, float] = {}
-        self._kpi_fits = kpi_fits(seed) if settings.kpis else None
-        self._explained: dict[int, bool] = {}
-        self._made: dict[int, Selection] = {}
-        self._data: Dataset | None = None
-
-    def copy(self, settings: GLISpSettings, backend: Backend) -> "ModelSelection":
-        """Return an independent twin that remembers the same selections."""
-        twin = copy(self)
-        twin._settings, twin._backend = settings, backend
-        twin._shapes, twin._noise_shapes = self._shapes.copy(), self._noise_shapes.copy()
-        twin._evidence = self._evidence.copy()
-        twin._explained, twin._made = self._explained.copy(), self._made.copy()
-        return twin
+        first = _Stage(
+            Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf)
+        )
+        self._stages = Stages(lambda: first, self._following, whole=True)
+        self._kpi_fits = kpi_fits(setup.seed) if settings.kpis else None
+        # What was asked for last, with the history that it follows from.
+        self._data = Dataset.of(History())
+        self._explained = (History(), True)
+        self._selected = (History(), Selection(first.shape, None, is_noisy=False))
 
     def dataset(self, history: History) -> Dataset:
         """Return the training data in `history`."""
-        if self._data is None or self._data.history != history:
-            self._data = Dataset.of(history)
-        return self._data
+        data = self._data
+        if data.history != history:
+            self._data = data = Dataset.of(history)
+        return data
 
     def fit(self, history: History) -> Fit:
         """Return what is learned from `history`."""
@@ -150,50 +151,50 @@ class ModelSelection:
         """Return what KPIs teach after `history`; None if they do not explain the answers."""
         if self._kpi_fits is None or not any(kpis_of(history)):
             return None
-        self._follow(history)
         history = judged(history)
         fit = self._kpi_fits.after(history)
         if not fit.teaches or not history.lessons():
             return None
-        tested = history.answered - history.answered % _TESTED
-        if tested not in self._explained:
-            then = history.until(tested)
-            self._explained[tested] = self._kpi_fits.after(then).explains(then)
-        return fit if self._explained[tested] else None
+        then, known = history.until(history.answered - history.answered % _TESTED), self._explained
+        if known[0] != then:
+            self._explained = known = (then, self._kpi_fits.after(then).explains(then))
+        return fit if known[1] else None
 
     def after(self, history: History) -> Selection:
         """Return what is selected after `history`."""
-        self._follow(history)
-        count = history.answered
-        if count not in self._made:
-            noise = self._noise_test(count)
-            noisy = noise is not None and noise.suspects and contradictory(history.verdicts())
-            shape = self._shape(count)
-            self._made[count] = Selection(shape, noise, noisy)
-        return self._made[count]
+        known = self._selected
+        if known[0] != history:
+            self._selected = known = (history, self._selection(history))
+        return known[1]
 
-    def _follow(self, history: History) -> None:
-        """Forget what was selected from the first number on at which `history` has changed."""
-        count = shared(self._history, history)
-        del self._shapes[count + 1 :], self._noise_shapes[count + 1 :]
-        self._evidence = {k: made for k, made in self._evidence.items() if k <= count}
-        self._explained = {k: made for k, made in self._explained.items() if k <= count}
-        self._made = {k: made for k, made in self._made.items() if k <= count}
-        self._history = history
+    def _selection(self, history: History) -> Selection:
+        stage = self._stages.after(history)
+        if stage.tested is None:
+            return Selection(stage.shape, None, is_noisy=False)
+        noise = NoiseTest(stage.tested, float(np.mean([test() for test in stage.tests])))
+        noisy = noise.suspects and contradictory(history.verdicts())
+        return Selection(stage.shape, noise, noisy)
 
-    def _prefix(self, count: int) -> Dataset:
-        """Return the data set after `count` experiments."""
-        if count == self._history.answered:
-            return self.dataset(self._history)
-        return Dataset.of(self._history.until(count))
-
-    def _shape(self, count: int) -> Shape:
-        while len(self._shapes) <= count:
-            number, shape = len(self._shapes), self._shapes[-1]
-            if self._is_validated(number):
-                shape = self._validated(self._prefix(number), shape)
-            self._shapes.append(shape)
-        return self._shapes[count]
+    def _following(self, past: History, before: History, stage: _Stage) -> _Stage:
+        """Return what is chosen after `past`, given that after one experiment less."""
+        count, rate = past.answered, self._settings.error_rate
+        validates = self._is_validated(count)
+        # In long studies, a noise test runs every ten experiments, and its shape is settled.
+        settled = count > MANY and len(past.lessons()) > MANY and count % SELDOM
+        fallible = rate and count >= self._n_init
+        if not validates and (settled or not fallible):
+            return stage
+        data = self.dataset(past)
+        shape = self._validated(data, stage.shape) if validates else stage.shape
+        if not fallible:
+            return replace(stage, shape=shape)
+        known, first = data.preferences, count == self._n_init
+        suited = suited_shape(known, stage.suited, rate, answered=count, first=first)
+        if count > MANY and count % SELDOM:
+            return replace(stage, shape=shape, suited=suited)
+        test: Callable[[], float] = cache(partial(evidence_of_mistakes, known, suited, rate))
+        tests = (test, *stage.tests[: WINDOW - 1])
+        return _Stage(shape, suited, suited if data.is_strict else None, tests)
 
     def _is_validated(self, count: int) -> bool:
         """Return whether the shape is chosen again after `count` experiments.
@@ -212,18 +213,23 @@ class ModelSelection:
 
     def _validated(self, data: Dataset, shape: Shape) -> Shape:
         """Return the better shape that cross-validation finds next to `shape`."""
-        settings, comparisons = self._settings, len(data.preferences)
+        comparisons, count = len(data.preferences), data.history.answered
         if comparisons < FOLDS:
             return shape
-        validation, candidates = self._validation(data), self._candidates
+        rng = np.random.default_rng([self._seed, count, 1])
+        validation = Validation.deal(data.preferences, self._learning, rng)
+        candidates, reach = self._candidates, 1
         if comparisons > MANY:  # ε hardly changes any more, and each try takes tens of milliseconds
-            candidates = nearest(candidates, shape.epsilon, 1)
+            candidates, reach = nearest(candidates, shape.epsilon, 1), 0
         shape, score = choose_epsilon(validation, shape, candidates)
-        if settings.rescale and self._n > 1:
-            knob = self._validations(data.history.answered) % self._n
-            around = nearest(candidates, shape.epsilon, 0 if comparisons > MANY else 1)
-            shape = rescale_knob(validation, shape, score, around, knob=knob)
-        return shape
+        if not self._settings.rescale:
+            return shape
+
+        def judge(rescaled: Shape) -> tuple[Shape, float]:
+            return choose_epsilon(validation, rescaled, around)
+
+        around = nearest(candidates, shape.epsilon, reach)
+        return rescale_knob(shape, score, self._validations(count) % len(shape.scales), judge)
 
     def _validations(self, count: int) -> int:
         """Return about how many validations there have been: none at the process's turns."""
@@ -231,50 +237,6 @@ class ModelSelection:
             return count // SELDOM
         turns = process_turns(count, self._n_init) if self._settings.process else 0
         return count - turns
-
-    def _validation(self, data: Dataset) -> Validation:
-        rng = np.random.default_rng([self._seed, data.history.answered, 1])
-        return Validation.deal(data.preferences, self._learning, self._backend, rng)
-
-    def _noise_test(self, count: int) -> NoiseTest | None:
-        """Return the result of the noise test; in long studies, it runs every ten experiments."""
-        count -= count % SELDOM if count > MANY else 0
-        if not self._settings.error_rate or count < self._n_init:
-            return None
-        if not self._prefix(count).is_strict:
-            return None
-        tests: list[float] = []
-        at = count
-        while len(tests) < WINDOW and at >= self._n_init:
-            tests.append(self._evidence_after(at))
-            at -= 1 if at <= MANY else SELDOM
-        return NoiseTest(self._noise_shape(count), float(np.mean(tests)))
-
-    def _evidence_after(self, count: int) -> float:
-        if count not in self._evidence:
-            preferences, shape = self._prefix(count).preferences, self._noise_shape(count)
-            rate = self._settings.error_rate
-            self._evidence[count] = evidence_of_mistakes(preferences, shape, rate)
-        return self._evidence[count]
-
-    def _noise_shape(self, count: int) -> Shape:
-        while len(self._noise_shapes) <= count:
-            number, shape = len(self._noise_shapes), self._noise_shapes[-1]
-            if number >= self._n_init:
-                preferences, first = self._prefix(number).preferences, number == self._n_init
-                shape = suited_shape(
-                    preferences, shape, self._settings.error_rate, answered=number, first=first
-                )
-            self._noise_shapes.append(shape)
-        return self._noise_shapes[count]
-
-
-def shared(one: History, other: History) -> int:
-    """Return the number of experiments up to which two histories are the same."""
-    count = min(one.answered, other.answered)
-    while count and one.until(count) != other.until(count):
-        count -= 1
-    return count
 
 
 def is_process_turn(answered: int, n_init: int) -> bool:
@@ -296,3 +258,29 @@ def is_process_turn(answered: int, n_init: int) -> bool:
 def process_turns(answered: int, n_init: int) -> int:
     """Return how many proposals before the one after `answered` experiments were the process's."""
     return max(0, answered - max(n_init, FEW)) // 2
+
+
+def train(data: Dataset, selection: Selection, settings: GLISpSettings) -> Surrogate:
+    """Return Ĵ, trained on `data` with the selected shape and weights.
+
+    Source: eq. QP-pref.
+    Deviation: if answers may be wrong (`is_noisy`), Ĵ need not reproduce all; see
+    `ExpectationPropagation`.
+    """
+    if selection.is_noisy:
+        assert selection.noise is not None
+        shape, posterior = selection.noise.shape, trust(data, selection, settings.error_rate)
+        return Surrogate(data.preferences.samples, posterior.mean, shape)
+    preferences, shape = data.preferences, selection.shape
+    margin = margins(preferences, settings.margin_power)
+    features = shape.basis(preferences.samples, preferences.samples)
+    constraints = Constraints.of(preferences, features, margin)
+    v = fit(constraints, Learning(margin_power=settings.margin_power))
+    return Surrogate(preferences.samples, v, shape)
+
+
+def trust(data: Dataset, selection: Selection, error_rate: float) -> ExpectationPropagation:
+    """Return the posterior of β if each answer is wrong with probability `error_rate`."""
+    assert selection.noise is not None
+    rows = rows_of(data.preferences, selection.noise.shape)
+    return ExpectationPropagation.of(rows, error_rate)

@@ -1,69 +1,36 @@
 """Propose GLISp's next sample: the table of what is minimized when, and the search."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.acquisition.exploration import Acquisition
-from prefcal_agents.acquisition.penalty import POOL, penalized, replaced, unsafe_penalty
+from prefcal_agents.acquisition.penalty import POOL, Penalized, Penalty, replaced, unsafe_penalty
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
-from prefcal_agents.models.rbf import Surrogate
 from prefcal_agents.optimize.search import Objective, Tried, new_minimum
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import random_points
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import Backend
 
+from .kpi_fit import most_promising
 from .noise_test import ALMOST_SURE
-from .promising import most_promising
-from .selection import Fit, is_process_turn
-from .settings import GLISpSettings
-from .training import train
-
-Model = Surrogate | PreferenceGP
+from .selection import Fit, is_process_turn, train
+from .settings import Setup
 
 
-@dataclass(frozen=True, slots=True)
-class Setup:
-    """Everything that stays the same during a study.
-
-    Args:
-        space: The knobs.
-        n_init: Number of samples of the Latin hypercube.
-        seed: Seed of all randomness; sample i draws from `(seed, i)`.
-        settings: Settings of GLISp.
-        backend: QP solver.
-    """
-
-    space: KnobSpace
-    n_init: int
-    seed: int
-    settings: GLISpSettings
-    backend: Backend
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
+class Rule(NamedTuple):
     """One row of the strategy.
 
     Args:
         holds: Function that returns whether the row applies to a fit in a study.
-        model: Function that trains the model.
-        acquisition: Function that returns what the next sample minimizes, given the model.
+        objective: Function that trains a model, and returns what the next sample minimizes of it.
     """
 
     holds: Callable[[Setup, Fit], bool]
-    model: Callable[[Setup, Fit], Model]
-    acquisition: Callable[[Setup, Fit, Any], Objective]
-
-    def objective(self, setup: Setup, fit: Fit) -> Objective:
-        """Train the model, and return what the next sample minimizes."""
-        return self.acquisition(setup, fit, self.model(setup, fit))
+    objective: Callable[[Setup, Fit], Objective]
 
 
 def _every_second_time(setup: Setup, fit: Fit) -> bool:
@@ -71,37 +38,25 @@ def _every_second_time(setup: Setup, fit: Fit) -> bool:
     return setup.settings.process and fit.data.is_strict and turn
 
 
-def _always(setup: Setup, fit: Fit) -> bool:
-    return True
-
-
-def _surrogate(setup: Setup, fit: Fit) -> Surrogate:
-    """Return Ĵ."""
-    return train(fit.data, fit.selection, setup.settings, setup.backend)
-
-
-def _preference_gp(setup: Setup, fit: Fit) -> PreferenceGP:
-    """Return a Gaussian process trained on comparisons only."""
+def _mean(setup: Setup, fit: Fit) -> Objective:
+    """Return the mean of a Gaussian process trained on comparisons only."""
     # With one comparison per sample, answers cannot contradict each other; with more they can.
     trusted = ALMOST_SURE if fit.data.history.follow_ups else 0.0
     error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
-    return PreferenceGP.of(fit.data.preferences, error_rate)
+    return Acquisition.of(PreferenceGP.of(fit.data.preferences, error_rate), 0.0)
 
 
-def _mean(setup: Setup, fit: Fit, model: PreferenceGP) -> Objective:
-    return Acquisition.of(model, 0.0)
-
-
-def _exploration(setup: Setup, fit: Fit, model: Surrogate) -> Objective:
+def _exploration(setup: Setup, fit: Fit) -> Objective:
     """Return eq. acquisition on Ĵ."""
-    return Acquisition.of(model, setup.settings.delta, cube_of(fit.data.history))
+    surrogate = train(fit.data, fit.selection, setup.settings)
+    return Acquisition.of(surrogate, setup.settings.delta, cube_of(fit.data.history))
 
 
 STRATEGY = (
-    Rule(_every_second_time, _preference_gp, _mean),
-    Rule(_always, _surrogate, _exploration),
+    Rule(_every_second_time, _mean),
+    Rule(lambda setup, fit: True, _exploration),
 )
-"""Model and acquisition of the next sample without KPIs: the first row that holds.
+"""What the next sample minimizes without KPIs: the first row that holds.
 
 Deviation: the paper has the last row only.
 """
@@ -112,17 +67,17 @@ def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
 
     Source: eq. xNp1.
     Deviation: `most_promising` if KPIs explain the answers, otherwise `STRATEGY`; unsafe marks add
-    to the acquisition, see `penalized`.
+    to the acquisition, see `Penalized`.
     """
     history = fit.data.history
     rng = np.random.default_rng([setup.seed, history.answered])
+    penalty = _penalty(setup, history)
     if fit.kpis is not None:
-        penalty = unsafe_penalty(history, setup.settings) if history.unsafe() else None
         return most_promising(setup.space, history, fit.kpis, penalty, rng)
     rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
     objective = rule.objective(setup, fit)
-    if history.unsafe():
-        objective = penalized(objective, history, setup.settings)
+    if penalty is not None:
+        objective = Penalized(objective, penalty)
     return new_minimum(objective, setup.space, history, rng)
 
 
@@ -135,8 +90,14 @@ def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
     rng = np.random.default_rng([setup.seed, index])
     plan = latin_hypercube(setup.space, setup.n_init, setup.seed)
     z = np.asarray(plan[index])
-    penalty = unsafe_penalty(history, setup.settings) if history.unsafe() else None
+    penalty = _penalty(setup, history)
     if penalty is not None:
         others = np.vstack([cube_of(history), plan[index + 1 :]])
         z = replaced(z, others, random_points(setup.space, POOL, rng), penalty)
     return Tried(setup.space, history).fresh(z, rng)
+
+
+def _penalty(setup: Setup, history: History) -> Penalty | None:
+    if not history.unsafe():
+        return None
+    return unsafe_penalty(history, setup.settings.unsafe_weight, setup.settings.least_safe)

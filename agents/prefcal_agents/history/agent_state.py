@@ -4,11 +4,17 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from prefcal_env.errors import SettingsError
+import msgspec
+import numpy as np
+
+from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History, Lead, Sample
 
-_UNREADABLE = (KeyError, TypeError, AttributeError, ValueError)
+_UNREADABLE = (KeyError, TypeError, AttributeError, ValueError, msgspec.MsgspecError)
+_SAME_PLACE = 1e-6
+"""Maximum difference of θ and the θ of z in a saved sample, as a share of a knob's range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,39 +41,27 @@ class AgentState:
     settings: tuple[tuple[str, Any], ...] = ()
     start: tuple[tuple[float, ...], ...] = ()
 
-    def check(self, agent: str) -> None:
-        """Raise SettingsError unless this is the state of an agent called `agent`."""
-        if self.agent != agent:
-            raise SettingsError(f"expected the state of {agent}, got that of {self.agent!r}")
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON, which restores every float exactly."""
-        follow_ups = [
-            {"challenger": c.challenger, "after": c.after, **_comparison_to_dict(c)}
-            for c in self.history.follow_ups
-        ]
+        history = self.history
         return {
             **self.configuration(),
-            "samples": [_sample_to_dict(sample) for sample in self.history.samples],
-            "answers": [_comparison_to_dict(c) for c in self.history.comparisons],
-            **({"follow_ups": follow_ups} if follow_ups else {}),
-            **(
-                {"leads": [asdict(lead) for lead in self.history.leads]}
-                if self.history.leads
-                else {}
-            ),
+            "samples": [asdict(sample) for sample in history.samples],
+            "answers": [_comparison_to_dict(c) for c in history.comparisons],
+            "follow_ups": [
+                {"challenger": c.challenger, "after": c.after, **_comparison_to_dict(c)}
+                for c in history.follow_ups
+            ],
+            "leads": [asdict(lead) for lead in history.leads],
         }
 
     def configuration(self) -> dict[str, Any]:
         """Return the parts that do not change with samples and answers, as plain data for JSON."""
+        kept = ("agent", "version", "n_init", "n_max", "seed")
         return {
-            "agent": self.agent,
-            "version": self.version,
-            "n_init": self.n_init,
-            "n_max": self.n_max,
-            "seed": self.seed,
+            **{name: getattr(self, name) for name in kept},
             "settings": {name: _plain(value) for name, value in self.settings},
-            **({"start": [list(z) for z in self.start]} if self.start else {}),
+            **({"start": _plain(self.start)} if self.start else {}),
         }
 
     @classmethod
@@ -79,13 +73,13 @@ class AgentState:
         """
         try:
             history = History(
-                tuple(_sample_from_dict(s) for s in data["samples"]),
+                msgspec.convert(data["samples"], tuple[Sample, ...]),
                 tuple(_comparison_from_dict(h, c) for h, c in enumerate(data["answers"])),
                 tuple(
                     replace(_comparison_from_dict(c["challenger"], c), after=c["after"])
-                    for c in data.get("follow_ups", ())
+                    for c in data["follow_ups"]
                 ),
-                leads=tuple(Lead(int(c["index"]), int(c["after"])) for c in data.get("leads", ())),
+                leads=msgspec.convert(data["leads"], tuple[Lead, ...]),
             )
         except _UNREADABLE as error:
             raise _unreadable(error) from error
@@ -113,6 +107,44 @@ class AgentState:
             raise _unreadable(error) from error
 
 
+def check_record(history: History, space: KnobSpace, most: int, *, by_value: bool) -> None:
+    """Raise SettingsError unless `history` can be that of an agent of up to `most` experiments."""
+    answered, stored = history.answered, len(history.samples)
+    for h, c in enumerate(history.comparisons):
+        alone = h == 0 or by_value
+        if (c.incumbent is None) != alone or not -1 < (c.incumbent or 0) < max(h, 1):
+            raise SettingsError(f"answer {h} of a state cannot be against sample {c.incumbent}")
+    for c in history.follow_ups:
+        pair, after = {c.challenger, c.incumbent}, range(c.after or 0)
+        if len(after) > answered or by_value or len(pair) < 2 or not pair <= {*after}:
+            raise SettingsError(f"a follow-up answer of a state cannot be {c}")
+    for lead in history.leads:
+        if not (0 <= lead.index < answered and 0 < lead.after <= history.given):
+            raise SettingsError(f"the best one of a state cannot be {lead}")
+    for index, sample in enumerate(history.samples):
+        _check_sample(index, sample, space)
+        if not 0 <= (sample.after or 0) <= min(index, answered):
+            raise SettingsError(f"sample {index} of a state cannot be after {sample.after} answers")
+    if not answered <= stored <= most:
+        raise SettingsError(
+            f"a state of up to {most} experiments cannot hold {stored} samples and "
+            f"{answered} answers"
+        )
+
+
+def _check_sample(index: int, sample: Sample, space: KnobSpace) -> None:
+    try:
+        theta = space.check_allowed(np.array(sample.theta))
+        there = space.decode(np.array(sample.z))
+    except KnobError as error:
+        raise SettingsError(f"sample {index} of a state: {error}") from error
+    span = np.array([knob.high - knob.low for knob in space])
+    if np.any(np.abs(there - theta) > _SAME_PLACE * span):
+        raise SettingsError(
+            f"sample {index} of a state: z and theta are not the same place, got {sample}"
+        )
+
+
 def _plain(value: Any) -> Any:
     return [_plain(v) for v in value] if isinstance(value, tuple) else value
 
@@ -123,22 +155,6 @@ def _frozen(value: Any) -> Any:
 
 def _unreadable(error: Exception) -> SettingsError:
     return SettingsError(f"the state of an agent cannot be read: {type(error).__name__} {error}")
-
-
-def _sample_to_dict(sample: Sample) -> dict[str, Any]:
-    return {"z": list(sample.z), "theta": list(sample.theta), "after": sample.after}
-
-
-def _sample_from_dict(data: Any) -> Sample:
-    if not isinstance(data, Mapping):
-        raise SettingsError(
-            f"a sample of a state must hold z and theta by name, got {data!r}: states of earlier "
-            "versions must be made anew"
-        )
-    after = data.get("after")
-    if after is not None and type(after) is not int:
-        raise SettingsError(f"a sample of a state is proposed after a number, got {after!r}")
-    return Sample(tuple(map(float, data["z"])), tuple(map(float, data["theta"])), after)
 
 
 def _comparison_to_dict(comparison: Comparison) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float, Int
 
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Comparison, History
+from prefcal_env.preferences.kpis import Outcome
 
-_OF_THE_INCUMBENT = (Mark.INCUMBENT_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH)
+_GOOD = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +60,10 @@ class Marks:
     Args:
         samples: Points of the unit cube, shape (K, n).
         unsafe: Whether unsafe, shape (K,); a sample without that mark counts as safe.
-        good: Whether good enough, shape (K,); never where unsafe.
     """
 
     samples: Float[np.ndarray, "K n"]
     unsafe: Bool[np.ndarray, " K"]
-    good: Bool[np.ndarray, " K"]
 
     @classmethod
     def of(cls, history: History) -> "Marks":
@@ -74,25 +73,18 @@ class Marks:
         without a mark it does not say that sample 0 is safe. Nor is a run known to be safe that
         was cut short: what it became is unknown.
         """
-        seen: set[int] = set()
-        marked: dict[Mark, set[int]] = {mark: set() for mark in Mark}
-        for comparison in history.counting:
-            if comparison.retracted:
+        unsafe, seen, good = history.unsafe(), set[int](), set[int | None]()
+        for c in history.counting:
+            if c.retracted:
                 continue
-            sides = (comparison.challenger, comparison.incumbent)
-            seen.update(side for side in sides if side is not None and sides[1] is not None)
-            for mark in comparison.answer.marks:
-                side = sides[mark in _OF_THE_INCUMBENT]
-                if side is not None:
-                    marked[mark].add(side)
-        unsafe = marked[Mark.CHALLENGER_UNSAFE] | marked[Mark.INCUMBENT_UNSAFE]
-        good = marked[Mark.CHALLENGER_GOOD_ENOUGH] | marked[Mark.INCUMBENT_GOOD_ENOUGH]
-        known = np.array(sorted((seen - history.cut_short()) | unsafe | good), dtype=np.int64)
-        return cls(
-            samples=cube_of(history)[known],
-            unsafe=np.array([index in unsafe for index in known], dtype=np.bool_),
-            good=np.array([index in good - unsafe for index in known], dtype=np.bool_),
-        )
+            sides = dict(zip(_GOOD, (c.challenger, c.incumbent), strict=True))
+            good.update(sides[mark] for mark in c.answer.marks if mark in sides)
+            if c.incumbent is not None:
+                seen.update((c.challenger, c.incumbent))
+        safe = (seen - history.cut_short()) | {i for i in good if i is not None}
+        known = np.array(sorted(safe | unsafe), dtype=np.int64)
+        labels = np.array([index in unsafe for index in known], dtype=np.bool_)
+        return cls(cube_of(history)[known], labels)
 
 
 def cube_of(history: History) -> Float[np.ndarray, "N n"]:
@@ -125,6 +117,26 @@ def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
     return tuple(known)
 
 
+def filled_kpis(history: History) -> dict[str, Float[np.ndarray, " N"]]:
+    """Return each KPI of all samples that are answered, shape (N,), by name.
+
+    A missing one is that of the nearest θ that has it. KPIs with fewer than three values are left
+    out, since nothing can be learned from them.
+    """
+    z, known = cube_of(history), kpis_of(history)
+    found = {}
+    for name in sorted({name for kpis in known for name in kpis}):
+        values = np.array([kpis.get(name, np.nan) for kpis in known], dtype=float)
+        missing = np.isnan(values)
+        there = np.flatnonzero(~missing)
+        if len(there) >= _FEWEST:
+            apart = np.sum((z[missing][:, None] - z[there]) ** 2, axis=2)
+            values[missing] = values[there[np.argmin(apart, axis=1)]]
+            found[name] = values
+    return found
+
+
+_FEWEST = 3  # smallest number of experiments with a KPI to learn from it
 MOST = 250
 """Maximum number of answers to learn from, so that a proposal takes less than a second."""
 _OLDEST = 0.25  # share of the oldest answers: their samples are spread over the whole space
@@ -208,3 +220,55 @@ def _renumbered(comparison: Comparison, number: dict[int, int]) -> Comparison:
     assert comparison.incumbent is not None  # it teaches
     first, second = number[comparison.challenger], number[comparison.incumbent]
     return replace(comparison, challenger=first, incumbent=second)
+
+
+def judged(history: History) -> History:
+    """Return `history` for a model that learns from KPIs; the same object if no run was cut short.
+
+    The KPIs of a run that was cut short are lower bounds. Whole runs of similar θ have larger ones,
+    so each KPI becomes that of the nearest θ whose run was completed before, or its bound if that
+    is larger. Answers about such a run teach nothing about KPIs: they follow from what was learned,
+    or are about half a run.
+    """
+    cut = history.cut_short()
+    if not cut:
+        return history
+    z, known = cube_of(history), kpis_of(history)
+    partial = cut | history.unsafe()
+    # Interrupted runs have infinite KPIs. So have those that never settle, which look the same.
+    finite = [bool(kpis) and np.isfinite(list(kpis.values())).all() for kpis in known]
+    whole = [i for i, each in enumerate(finite) if each and i not in partial]
+    filled = {i: _filled(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
+
+    def taught(c: Comparison) -> Comparison:
+        if c.challenger not in cut and c.incumbent not in cut:
+            return c
+        pair = c.answer.outcomes or (None, None)
+        new = filled.get(c.challenger, pair[0])
+        old = pair[1] if c.incumbent is None else filled.get(c.incumbent, pair[1])
+        silent = Answer(None, marks=c.answer.marks, outcomes=(new, old))
+        return replace(c, answer=silent)
+
+    return replace(
+        history,
+        comparisons=tuple(taught(c) for c in history.comparisons),
+        follow_ups=tuple(taught(c) for c in history.follow_ups),
+    )
+
+
+def _filled(
+    z: Float[np.ndarray, "N n"],
+    known: tuple[Mapping[str, float], ...],
+    whole: list[int],
+    index: int,
+) -> Outcome:
+    """Return the KPIs of sample `index`, whose run was cut short, as those of a whole run."""
+    bounds = known[index]
+    if not whole:
+        return Outcome(bounds)
+    apart = np.sum((z[whole] - z[index]) ** 2, axis=1)
+    near = known[whole[int(np.argmin(apart))]]
+    return Outcome({
+        name: max(bounds.get(name, -np.inf), near.get(name, -np.inf))
+        for name in {*bounds, *near}
+    })  # fmt: skip

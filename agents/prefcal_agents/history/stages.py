@@ -28,6 +28,7 @@ class Stages(Generic[Known]):
             step is a new experiment with its answer, or all follow-up answers after it.
         most: Number of answers after which steps are long: ten answers at once, and the rest. This
             saves time when a long study is opened. With None, they never are.
+        whole: Whether a new experiment and all follow-up answers after it are one step.
     """
 
     def __init__(
@@ -35,8 +36,10 @@ class Stages(Generic[Known]):
         first: Callable[[], Known],
         following: Callable[[History, History, Known], Known],
         most: int | None = None,
+        *,
+        whole: bool = False,
     ) -> None:
-        self._first, self._following, self._most = first, following, most
+        self._first, self._following, self._most, self._whole = first, following, most, whole
         self._known: OrderedDict[History, Known] = OrderedDict()
 
     def after(self, history: History) -> Known:
@@ -45,7 +48,7 @@ class Stages(Generic[Known]):
         before, known = self._latest(past)
         for count in self._steps(before.answered + 1, past.answered):
             here = past.until(count)
-            alone = replace(here, follow_ups=before.follow_ups)
+            alone = here if self._whole else replace(here, follow_ups=before.follow_ups)
             known = self._kept(alone, before, known)
             if here != alone:
                 known = self._kept(here, alone, known)

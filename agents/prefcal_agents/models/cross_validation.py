@@ -3,21 +3,19 @@
 Source: end of the section "Training a surrogate function from preferences" of the paper.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from prefcal_agents.history.lessons import Preferences
-from prefcal_env.qp import Backend
 
 from .preference_qp import Learning, fits_without
 from .rbf import Shape
 
 FOLDS = 3
 """K of the cross-validation, as in section IV of the paper."""
-GAIN = 2  # additional comparisons that a new scale must predict: one more is often chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,32 +25,26 @@ class Validation:
     Args:
         preferences: M comparisons.
         learning: How β is learned from the rest.
-        backend: QP solver.
         slices: Which comparisons each of the K slices holds, shape (K, M).
     """
 
     preferences: Preferences
     learning: Learning
-    backend: Backend
     slices: Bool[np.ndarray, "K M"]
 
     @classmethod
     def deal(
-        cls,
-        preferences: Preferences,
-        learning: Learning,
-        backend: Backend,
-        rng: np.random.Generator,
+        cls, preferences: Preferences, learning: Learning, rng: np.random.Generator
     ) -> "Validation":
         """Split at random into `FOLDS` slices, whose sizes differ by at most one comparison."""
         share = rng.permutation(len(preferences)) % FOLDS
-        return cls(preferences, learning, backend, share == np.arange(FOLDS)[:, None])
+        return cls(preferences, learning, share == np.arange(FOLDS)[:, None])
 
     def reproduced(self, shape: Shape, epsilons: Sequence[float]) -> list[int]:
         """Return how many left-out preferences `shape` predicts right with each ε."""
         known = self.preferences
         bases = shape.bases(known.samples, known.samples, epsilons)
-        betas = fits_without(known, bases, self.slices, self.learning, self.backend)
+        betas = fits_without(known, bases, self.slices, self.learning)
         return [self._right(phi, each) for phi, each in zip(bases, betas, strict=True)]
 
     def _right(
@@ -88,13 +80,7 @@ def nearest(candidates: Sequence[float], epsilon: float, reach: int) -> Sequence
 
 
 def rescale_knob(
-    validation: Validation,
-    shape: Shape,
-    score: int,
-    candidates: Sequence[float],
-    *,
-    knob: int,
-    widest: float = 16.0,
+    shape: Shape, score: float, knob: int, judge: Callable[[Shape], tuple[Shape, float]]
 ) -> Shape:
     """Return `shape`, with `knob` counting twice or half as much if that is clearly better.
 
@@ -102,26 +88,15 @@ def rescale_knob(
     Deviation: the paper has one ε for all knobs.
 
     Args:
-        validation: Slices to score with.
-        shape: Shape in use.
-        score: Number of left-out preferences that `shape` reproduces.
-        candidates: Values of ε, increasing; those next to the one in use are tried again.
+        shape: Shape in use; with a single knob, it stays.
+        score: How well it predicts: a gain of 1 (one comparison, or one nat) may be chance.
         knob: Index of the knob.
-        widest: Largest ratio between the scales of two knobs.
+        judge: Function that returns the best one of similar shapes, and its score.
     """
-    around, best = nearest(candidates, shape.epsilon, 1), shape
-    for factor in (2.0, 0.5):
-        scales = _scaled(best.scales, knob, factor)
-        if scales.max() > widest * scales.min():
-            continue
-        rescaled = replace(best, scales=tuple(map(float, scales)))
-        challenger, reproduced = choose_epsilon(validation, rescaled, around)
-        if reproduced >= score + GAIN:
-            best, score = challenger, reproduced
-    return best
-
-
-def _scaled(scales: tuple[float, ...], knob: int, factor: float) -> Float[np.ndarray, " n"]:
-    changed = np.array(scales)
-    changed[knob] *= factor
-    return np.asarray(changed / np.exp(np.mean(np.log(changed))))
+    for factor in (2.0, 0.5) if len(shape.scales) > 1 else ():
+        changed = shape.rescaled(knob, factor)
+        if changed is not None:
+            better, found = judge(changed)
+            if found > score + 1:
+                shape, score = better, found
+    return shape

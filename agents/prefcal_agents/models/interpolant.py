@@ -6,9 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.models.rbf import squared_distances
-
-from .rbf import RADIAL_FUNCTIONS
+from .rbf import RADIAL_FUNCTIONS, squared_distances
 
 POSITIVE_DEFINITE = ("gaussian", "inverse_quadratic")
 """Radial functions with a positive definite matrix over all pairs of samples."""
@@ -50,48 +48,23 @@ class Interpolant:
 
 
 def interpolate(
-    samples: Float[np.ndarray, "N n"],
-    columns: Float[np.ndarray, "N p"],
-    epsilon: float,
-    rbf: str,
-) -> list[tuple[Interpolant, float]]:
-    """Return the interpolant of each of p columns of values at `samples`, and its error.
+    samples: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"], epsilon: float, rbf: str
+) -> tuple[Interpolant, float]:
+    """Return the interpolant of `values` at `samples`, and its error.
 
     The error is the root mean square difference between each value and its prediction from the
     others. One factorization gives all of them: S. Rippa, Advances in Computational Mathematics
     11 (1999), equation 13.
     """
-    offsets = columns.mean(axis=0)
+    column = values[:, None]
+    offset = column.mean(axis=0)
     phi = RADIAL_FUNCTIONS[rbf].value(epsilon**2 * squared_distances(samples, samples))
     eigenvalues, vectors = np.linalg.eigh(phi)
-    inverse = 1 / (np.maximum(eigenvalues, 0.0) + _RIDGE * len(columns))
-    betas = vectors @ (inverse[:, None] * (vectors.T @ (columns - offsets)))
-    left_out = betas / ((vectors**2) @ inverse)[:, None]
-    errors = np.sqrt(np.mean(left_out**2, axis=0))
-    return [
-        (Interpolant(samples, betas[:, k], float(offsets[k]), epsilon, rbf), float(errors[k]))
-        for k in range(columns.shape[1])
-    ]
-
-
-def best_interpolants(
-    samples: Float[np.ndarray, "N n"],
-    columns: Float[np.ndarray, "N p"],
-    epsilons: Sequence[float],
-    rbf: str,
-) -> tuple[tuple[Interpolant, float], ...]:
-    """Return for each of p columns the interpolant with the best ε, and its leave-one-out error.
-
-    The best ε of `epsilons` has the smallest error; with many samples, only the last ones count.
-    """
-    last = slice(max(len(samples) - _DECIDING, 0), None)
-    tries = [interpolate(samples[last], columns[last], epsilon, rbf) for epsilon in epsilons]
-    best = tuple(min(found, key=lambda f: f[1]) for found in zip(*tries, strict=True))
-    if len(samples) <= _DECIDING:
-        return best
-    chosen = {model.epsilon for model, _ in best}
-    whole = {epsilon: interpolate(samples, columns, epsilon, rbf) for epsilon in chosen}
-    return tuple((whole[m.epsilon][k][0], error) for k, (m, error) in enumerate(best))
+    inverse = 1 / (np.maximum(eigenvalues, 0.0) + _RIDGE * len(values))
+    beta = vectors @ (inverse[:, None] * (vectors.T @ (column - offset)))
+    left_out = beta / ((vectors**2) @ inverse)[:, None]
+    error = np.sqrt(np.mean(left_out**2, axis=0))
+    return Interpolant(samples, beta[:, 0], float(offset[0]), epsilon, rbf), float(error[0])
 
 
 def best_interpolant(
@@ -100,8 +73,16 @@ def best_interpolant(
     epsilons: Sequence[float],
     rbf: str,
 ) -> Interpolant:
-    """Return the interpolant with the ε of `epsilons` that predicts left-out values best."""
-    return best_interpolants(samples, values[:, None], epsilons, rbf)[0][0]
+    """Return the interpolant with the ε of `epsilons` that predicts left-out values best.
+
+    With many samples, only the last ones choose ε.
+    """
+    last = slice(max(len(samples) - _DECIDING, 0), None)
+    tries = [interpolate(samples[last], values[last], epsilon, rbf) for epsilon in epsilons]
+    best = min(tries, key=lambda each: each[1])[0]
+    if len(samples) <= _DECIDING:
+        return best
+    return interpolate(samples, values, best.epsilon, rbf)[0]
 
 
 def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:

@@ -9,7 +9,6 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import Backend
 
 from .kpi_model import Outcomes
 from .preference_qp import Constraints, Learning, fit
@@ -69,7 +68,7 @@ class LearnedCost:
         return {name: term.weight for name, term in self.terms.items()}
 
     @classmethod
-    def of(cls, history: History, seed: int, backend: Backend) -> "LearnedCost | None":
+    def of(cls, history: History, seed: int) -> "LearnedCost | None":
         """Learn the index from the answers in `history`; None without KPIs or strict answers.
 
         Source: none; eq. QP-pref with KPIs instead of φ, weights 0 or more, and soft margins,
@@ -78,13 +77,13 @@ class LearnedCost:
         outcomes, preferences = Outcomes.of(history), Preferences.of(history)
         if not len(outcomes) or not preferences.b.any():
             return None
-        weights = _weights(preferences, outcomes.columns, backend)
+        weights = _weights(preferences, outcomes.columns)
         if weights.sum() <= 0:
             return None
         weights = np.where(weights < _COUNTS * weights.sum(), 0.0, weights)
         shares = weights / weights.sum()
         order = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] > 0]
-        predicted = _predicted(preferences, outcomes.columns, seed, backend)
+        predicted = _predicted(preferences, outcomes.columns, seed)
         terms = {outcomes.names[k]: Term(float(shares[k]), *outcomes.ranges[k]) for k in order}
         return cls(terms, predicted, int(np.count_nonzero(preferences.b)))
 
@@ -133,7 +132,7 @@ def _share(value: float | None, term: Term) -> float:
 
 
 def _weights(
-    preferences: Preferences, columns: Float[np.ndarray, "N p"], backend: Backend
+    preferences: Preferences, columns: Float[np.ndarray, "N p"]
 ) -> Float[np.ndarray, " p"]:
     """Return the weights w, 0 or more, shape (p,).
 
@@ -146,12 +145,10 @@ def _weights(
     apart = np.linalg.norm(columns[preferences.first] - columns[preferences.second], axis=1)
     length = np.append(np.maximum(apart, _ALIKE), 1.0)[constraints.owner]  # the last: owner -1
     unit = replace(constraints, rows=constraints.rows / length[:, None])
-    return np.asarray(np.maximum(fit(unit, _SOFT, backend), 0.0))
+    return np.asarray(np.maximum(fit(unit, _SOFT), 0.0))
 
 
-def _predicted(
-    preferences: Preferences, columns: Float[np.ndarray, "N p"], seed: int, backend: Backend
-) -> int:
+def _predicted(preferences: Preferences, columns: Float[np.ndarray, "N p"], seed: int) -> int:
     """Return the number of strict answers that weights learned from others predict (3-fold)."""
     strict = preferences.subset(np.flatnonzero(preferences.b))
     share = np.random.default_rng([seed, len(strict), 2]).permutation(len(strict)) % _FOLDS
@@ -160,7 +157,7 @@ def _predicted(
         rest, left = strict.subset(np.flatnonzero(share != fold)), np.flatnonzero(share == fold)
         if not len(rest):
             continue
-        values = columns @ _weights(rest, columns, backend)
+        values = columns @ _weights(rest, columns)
         gap = values[strict.first[left]] - values[strict.second[left]]
         right += int(np.count_nonzero(strict.b[left] * gap > 0))
     return right

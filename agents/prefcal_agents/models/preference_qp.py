@@ -5,20 +5,22 @@ in units of σ the margin is 1 and λ becomes λσ. The solution stays the same,
 near 1e-6.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from threading import local
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.history.lessons import Preferences
-from prefcal_env.qp import Backend, Box
+from prefcal_env.qp import Box, make_backend
 
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long
 _FAR = 0.3  # root mean square distance per knob from which on the margin is σ in full
 _NEAR = 1e-9  # closer samples count as this share of it: a margin stays above 0
 _NOBODY = -1  # owner of a row that holds for any answer
 _RIDGE = 1e-11  # on a Gram matrix of unit rows: below any accuracy asked for, above rounding
+_SOLVERS = local()  # one solver for each thread, since agents may compute at the same time
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +113,7 @@ def margins(preferences: Preferences, power: float) -> Float[np.ndarray, " M"]:
     return np.asarray(np.clip(share, _NEAR, 1.0) ** power)
 
 
-def fit(constraints: Constraints, learning: Learning, backend: Backend) -> Float[np.ndarray, " N"]:
+def fit(constraints: Constraints, learning: Learning) -> Float[np.ndarray, " N"]:
     """Return the weights β of eq. QP-pref, shape (N,); zero where nothing is known.
 
     The dual is solved, in one multiplier α per row, 0 <= α <= c_h / (λσ). It has no slacks, so
@@ -121,7 +123,7 @@ def fit(constraints: Constraints, learning: Learning, backend: Backend) -> Float
     Source: eq. QP-pref.
     Deviation: none; see `margins` for what the margins may be.
     """
-    return _fits([constraints], learning, backend)[0]
+    return _fits([constraints], learning)[0]
 
 
 def fits_without(
@@ -129,61 +131,45 @@ def fits_without(
     bases: Sequence[Float[np.ndarray, "N N"]],
     slices: Bool[np.ndarray, "K M"],
     learning: Learning,
-    backend: Backend,
 ) -> list[list[Float[np.ndarray, " N"]]]:
     """Return β of many fits: for each of E bases, K fits without the comparisons of one slice."""
     margin, systems = margins(preferences, learning.margin_power), []
     for phi in bases:
         constraints = Constraints.of(preferences, phi, margin)
         systems += [constraints.without(left_out) for left_out in slices]
-    betas = _fits(systems, learning, backend)
+    betas = _fits(systems, learning)
     return [betas[k : k + len(slices)] for k in range(0, len(betas), len(slices))]
 
 
-def _fits(
-    systems: Sequence[Constraints], learning: Learning, backend: Backend
-) -> list[Float[np.ndarray, " N"]]:
-    duals = [_Dual.of(system, learning) for system in systems]
-    solutions = backend.solve_boxes([dual.box for dual in duals])
-    return [dual.beta(z, learning) for dual, z in zip(duals, solutions, strict=True)]
+def _fits(systems: Sequence[Constraints], learning: Learning) -> list[Float[np.ndarray, " N"]]:
+    if not hasattr(_SOLVERS, "backend"):
+        _SOLVERS.backend = make_backend()
+    duals = [_dual(system, learning) for system in systems]
+    solutions = _SOLVERS.backend.solve_boxes([box for box, _ in duals])
+    return [beta(z) for (_, beta), z in zip(duals, solutions, strict=True)]
 
 
-@dataclass(frozen=True, slots=True)
-class _Dual:
-    """The problem min ½|rowsᵀα|² - margins·α subject to 0 <= α <= ceiling.
+def _dual(
+    system: Constraints, learning: Learning
+) -> tuple[Box, Callable[[Float[np.ndarray, " R"] | None], Float[np.ndarray, " N"]]]:
+    """Return min ½|rowsᵀα|² - margins·α subject to 0 <= α <= ceiling, and β at a solution of it.
 
     Rows of close samples are short and their multipliers huge; unit rows even that out, so the
-    variables are z = α · length / scale.
+    variables are z = α · length / scale. Without a solution, β is zero.
     """
+    rows, ceiling = system.rows, system.weights / (learning.lam * learning.sigma)
+    length = np.maximum(np.sqrt(np.sum(rows * rows, axis=1)), _SHORTEST)
+    unit = rows / length[:, None]
+    gram = unit @ unit.T
+    scale = 1 / float(length.min(initial=np.inf))
+    symmetric = 0.5 * (gram + gram.T)
+    symmetric.flat[:: len(gram) + 1] += _RIDGE
 
-    rows: Float[np.ndarray, "R N"]
-    ceiling: Float[np.ndarray, " R"]
-    length: Float[np.ndarray, " R"]
-    scale: float
-    box: Box
-
-    @classmethod
-    def of(cls, system: Constraints, learning: Learning) -> "_Dual":
-        rows = system.rows
-        ceiling = system.weights / (learning.lam * learning.sigma)
-        length = np.maximum(np.sqrt(np.sum(rows * rows, axis=1)), _SHORTEST)
-        unit = rows / length[:, None]
-        gram = unit @ unit.T
-        scale = 1 / float(length.min(initial=np.inf))
-        symmetric = 0.5 * (gram + gram.T)
-        symmetric.flat[:: len(gram) + 1] += _RIDGE
-        box = Box(
-            P=symmetric,
-            q=-system.margins / (length * scale),
-            upper=ceiling * length / scale,
-        )
-        return cls(rows, ceiling, length, scale, box)
-
-    def beta(
-        self, z: Float[np.ndarray, " R"] | None, learning: Learning
-    ) -> Float[np.ndarray, " N"]:
-        """Return β at the solution `z`; zero if there is none."""
+    def beta(z: Float[np.ndarray, " R"] | None) -> Float[np.ndarray, " N"]:
         if z is None:
-            return np.zeros(self.rows.shape[1])
-        alpha = np.clip(z * self.scale / self.length, 0.0, self.ceiling)
-        return np.asarray(learning.sigma * (alpha @ self.rows))
+            return np.zeros(rows.shape[1])
+        alpha = np.clip(z * scale / length, 0.0, ceiling)
+        return np.asarray(learning.sigma * (alpha @ rows))
+
+    q, upper = -system.margins / (length * scale), ceiling * length / scale
+    return Box(P=symmetric, q=q, upper=upper), beta

@@ -5,7 +5,7 @@ division by a distance.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -13,33 +13,25 @@ from jaxtyping import Float
 
 Array = Float[np.ndarray, "..."]
 _TINY = 1e-300  # keeps log(u) finite at a center
+_WIDEST = 16.0  # largest ratio between the scales of two knobs
 
 
 @dataclass(frozen=True, slots=True)
 class RadialFunction:
     """φ as a function of u = (εd)²: `value` is φ, `slope` is dφ/du, both elementwise."""
 
-    name: str
     value: Callable[[Array], Array]
     slope: Callable[[Array], Array]
 
 
-def _thin_plate_spline(u: Array) -> Array:
-    return np.asarray(0.5 * u * np.log(np.maximum(u, _TINY)))
-
-
 RADIAL_FUNCTIONS: Mapping[str, RadialFunction] = MappingProxyType(
     {
-        f.name: f
-        for f in (
-            RadialFunction("inverse_quadratic", lambda u: 1 / (1 + u), lambda u: -1 / (1 + u) ** 2),
-            RadialFunction("gaussian", lambda u: np.exp(-u), lambda u: -np.exp(-u)),
-            RadialFunction(
-                "thin_plate_spline",
-                _thin_plate_spline,
-                lambda u: 0.5 * (np.log(np.maximum(u, _TINY)) + 1),
-            ),
-        )
+        "inverse_quadratic": RadialFunction(lambda u: 1 / (1 + u), lambda u: -1 / (1 + u) ** 2),
+        "gaussian": RadialFunction(lambda u: np.exp(-u), lambda u: -np.exp(-u)),
+        "thin_plate_spline": RadialFunction(
+            lambda u: 0.5 * u * np.log(np.maximum(u, _TINY)),
+            lambda u: 0.5 * (np.log(np.maximum(u, _TINY)) + 1),
+        ),
     }
 )
 """Radial functions of the paper by name."""
@@ -75,6 +67,15 @@ class Shape:
     scales: tuple[float, ...]
     rbf: str = "inverse_quadratic"
 
+    def rescaled(self, knob: int, factor: float) -> "Shape | None":
+        """Return the shape in which `knob` counts `factor` as much; None if too far from others."""
+        scales = np.array(self.scales)
+        scales[knob] *= factor
+        scales /= np.exp(np.mean(np.log(scales)))
+        if scales.max() > _WIDEST * scales.min():
+            return None
+        return replace(self, scales=tuple(map(float, scales)))
+
     def distances(
         self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
     ) -> Float[np.ndarray, "m N"]:
@@ -94,30 +95,11 @@ class Shape:
         return self.bases(a, b, (self.epsilon,))[0]
 
     def bases(
-        self,
-        a: Float[np.ndarray, "m n"],
-        b: Float[np.ndarray, "N n"],
-        epsilons: Sequence[float],
+        self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"], epsilons: Sequence[float]
     ) -> list[Float[np.ndarray, "m N"]]:
         """Return φ(εd) as `basis` does, for each of `epsilons` instead of the own ε."""
         d, value = self.distances(a, b), RADIAL_FUNCTIONS[self.rbf].value
         return [np.asarray(value((epsilon * d) ** 2)) for epsilon in epsilons]
-
-    def value_and_gradient(
-        self,
-        z: Float[np.ndarray, " n"],
-        centers: Float[np.ndarray, "N n"],
-        beta: Float[np.ndarray, " N"],
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Return Σ β_i φ(εd(z, center i)) at one point, and its gradient, shape (n,)."""
-        squared_scales = np.array(self.scales) ** 2
-        away = z - centers
-        d = (away * away) @ squared_scales
-        u = (self.epsilon * d) ** 2
-        phi = RADIAL_FUNCTIONS[self.rbf]
-        # du/dz = ε² 2d ∂d/dz and ∂d/dz = 2 scales² (z - center).
-        slope = ((4 * self.epsilon**2 * beta * phi.slope(u) * d) @ away) * squared_scales
-        return float(phi.value(u) @ beta), np.asarray(slope)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +118,13 @@ class Surrogate:
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return Ĵ and ∂Ĵ/∂z at one point of the cube, shape (n,)."""
-        return self.shape.value_and_gradient(z, self.centers, self.beta)
+        shape, away = self.shape, z - self.centers
+        squared_scales = np.array(shape.scales) ** 2
+        d = (away * away) @ squared_scales
+        u, phi = (shape.epsilon * d) ** 2, RADIAL_FUNCTIONS[shape.rbf]
+        # du/dz = ε² 2d ∂d/dz and ∂d/dz = 2 scales² (z - center).
+        slope = ((4 * shape.epsilon**2 * self.beta * phi.slope(u) * d) @ away) * squared_scales
+        return float(phi.value(u) @ self.beta), np.asarray(slope)
 
     @property
     def spread(self) -> float:

@@ -2,27 +2,27 @@
 
 from contextlib import AbstractContextManager
 from functools import cache
-from typing import Any, ClassVar, overload
+from typing import Any, ClassVar, Self, overload
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.history.agent_state import AgentState, check_record
+from prefcal_agents.optimize.search import Tried
 from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.start import Start, start_points
-from prefcal_agents.support.checks import integer
-from prefcal_env.errors import ProtocolError, SettingsError
+from prefcal_agents.support.checks import Settings, integer
+from prefcal_env.errors import KnobError, ProtocolError, SettingsError
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
+from prefcal_env.preferences.answer import Answer, Query, Suggestion
 from prefcal_env.preferences.best import representative, undominated
 from prefcal_env.preferences.history import History, Sample
-
-from .stored import Stored
 
 Pair = tuple[int, int]
 """Two known samples to compare: the later one, which is the challenger, and the earlier one."""
 
 
-class Agent(Stored):
+class Agent:
     """An agent with its record of samples and answers, and the open query.
 
     A subclass defines what to try next in `_propose`, a function of the record (its seed and
@@ -44,12 +44,19 @@ class Agent(Stored):
         seed: Seed of all randomness, 0 or more.
         start: Physical θ to start from, such as the current tuning, shape (n,), or several. They
             replace the first proposed samples.
+        settings: All other settings, of the class `options`; None for its defaults.
 
     Raises:
         SettingsError: If a value is not valid, or a θ is in `start` twice.
         KnobError: If a θ of `start` is outside the space.
     """
 
+    version: ClassVar[int]
+    """Version of the algorithm, raised when the same answers lead to another next sample."""
+    options: ClassVar[type[Settings]] = Settings
+    """Class of its further settings."""
+    pickled: ClassVar[tuple[str, ...]] = ("_given", "history")
+    """Names of what is pickled, besides the settings."""
     by_value = False
     """Whether the agent learns from scores, not preferences; then no query has an incumbent."""
     asks_further: ClassVar[bool] = True
@@ -63,9 +70,13 @@ class Agent(Stored):
         n_max: int = 50,
         seed: int = 0,
         start: Start | None = None,
+        settings: Any = None,
     ) -> None:
         if not isinstance(space, KnobSpace):
             raise SettingsError(f"space must be a KnobSpace, got {space!r}")
+        self._options: Any = self.options() if settings is None else settings
+        if not isinstance(self._options, self.options):
+            raise SettingsError(f"settings must be {self.options.__name__}, got {settings!r}")
         integer("n_init", n_init, low=1)
         integer("n_max", n_max, low=2)
         integer("seed", seed, low=0)
@@ -189,7 +200,13 @@ class Agent(Stored):
         return [*queries, *(Query(self._suggestion(index), rival) for index in waiting)]
 
     def tell(self, query: Query, answer: Any, /) -> None:
-        """Close `query` by a preference or a score; see the kinds of agents.
+        """Close `query`.
+
+        Args:
+            query: An open query.
+            answer: -1 if the challenger is better, 1 if the incumbent is, 0 for a tie, None for
+                "can't tell", or an `Answer`; for a value-based agent the score of the experiment,
+                lower is better, or None if it has none.
 
         Raises:
             ProtocolError: If it is not open.
@@ -257,6 +274,86 @@ class Agent(Stored):
         z = self.space.encode(theta)
         sample = Sample(tuple(map(float, z)), tuple(map(float, theta)))
         self.history = self.history.with_pending(sample)
+
+    # Saved states and copies.
+
+    @property
+    def state(self) -> AgentState:
+        """Return everything that has to be saved, including the sample of the open query."""
+        self.settle()
+        return self._snapshot()
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Return the settings as plain data, without what was learned; it proposes nothing."""
+        return self._snapshot().configuration()
+
+    @classmethod
+    def restore(cls, space: KnobSpace, state: AgentState) -> Self:
+        """Restore an agent from its saved `state`, with the identical next query.
+
+        Raises:
+            SettingsError: If it is the state of another agent, does not fit the space, or holds
+                settings that the agent does not have.
+        """
+        agent = cls._made(space, state)
+        history = state.history.bare()
+        history = history.scores_alone() if agent.by_value else history
+        check_record(history, space, agent._most(history), by_value=agent.by_value)
+        try:
+            thetas = [space.decode(np.array(z)) for z in state.start]
+        except KnobError as error:
+            raise SettingsError(f"the start of a state: {error}") from error
+        agent._given = start_points(space, thetas, agent._asked_for)
+        agent.history = history
+        return agent
+
+    def copy(self) -> Self:
+        """Return an independent copy, used to prepare the next sample for each likely answer.
+
+        Both share all that they hold: records are frozen, and the rest follows from a record.
+        """
+        twin = object.__new__(type(self))
+        vars(twin).update(vars(self))
+        return twin
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle settings, samples and answers: all else follows, solvers of others included."""
+        kept = {name: getattr(self, name) for name in self.pickled}
+        return type(self)._made, (self.space, self._snapshot()), kept
+
+    def _settings(self) -> dict[str, Any]:
+        """Return name and value of each further setting, plain data."""
+        return dict(self._options.pairs())
+
+    @classmethod
+    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
+        """Return the constructor's arguments for what `_settings` returned."""
+        settings = cls.options.of(saved)
+        return {"settings": settings} if settings.pairs() else {}
+
+    @classmethod
+    def _made(cls, space: KnobSpace, state: AgentState) -> Self:
+        """Return an agent with the settings of `state`, without its samples and answers."""
+        if state.agent != cls.__name__:
+            wanted = f"expected the state of {cls.__name__}"
+            raise SettingsError(f"{wanted}, got that of {state.agent!r}")
+        given = cls._arguments(dict(state.settings))
+        return cls(space, n_init=state.n_init, n_max=state.n_max, seed=state.seed, **given)
+
+    def _snapshot(self) -> AgentState:
+        return AgentState(
+            agent=type(self).__name__,
+            version=self.version,
+            n_init=self.n_init,
+            n_max=self._asked_for,
+            seed=self._seed,
+            history=self.history,
+            settings=tuple(self._settings().items()),
+            start=self._given,
+        )
+
+    # How queries are made.
 
     def settle(self) -> None:
         """Find the best sample, and store that of the open query, unless none is needed now."""
@@ -328,6 +425,11 @@ class Agent(Stored):
             history = history.with_answer(Answer(None), None)  # nobody looked at it
         return history if best is None else history.with_best(best)
 
+    def _fresh(self, history: History, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return `z`, shape (n,), or a random point if its θ ran already or is not allowed."""
+        rng = np.random.default_rng([self._seed, history.answered])
+        return Tried(self.space, history).fresh(z, rng)
+
     def _suggestion(self, index: int) -> Suggestion:
         return Suggestion(index, self._theta_of(index))
 
@@ -338,29 +440,11 @@ class Agent(Stored):
 class PreferenceBased(Agent):
     """An agent that learns from preferences."""
 
-    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
-        """Close `query`.
-
-        Raises:
-            ProtocolError: If it is not the open one.
-            PreferenceError: If `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
-        """
-        super().tell(query, answer)
-
 
 class ValueBased(Agent):
     """An agent that sees the score of every experiment: its queries have no incumbent."""
 
     by_value = True
-
-    def tell(self, query: Query, value: Answer | float | None) -> None:
-        """Close `query` with the score of its experiment, lower is better; None if it has none.
-
-        Raises:
-            ProtocolError: If it is not the open one.
-            PreferenceError: If `value` is not finite, or holds a preference.
-        """
-        super().tell(query, value)
 
 
 def rematch(history: History) -> Pair | None:

@@ -5,6 +5,7 @@ the history one answer at a time, and is kept as long as the history only grows.
 """
 
 from collections.abc import Callable
+from threading import local
 from typing import Generic, TypeVar, final
 
 from prefcal_env.preferences.history import History
@@ -16,8 +17,8 @@ Session = TypeVar("Session")
 class Replay(Generic[Session]):
     """A session that has seen exactly a history: kept if the history continues, else replaced.
 
-    A new session is needed after an undo, a retraction or a restart, and in copies of an agent. It
-    sees the stored samples and the current answers.
+    A new session is needed after an undo, a retraction or a restart, in each thread, and whenever
+    copies of an agent take turns. It sees the stored samples and the current answers.
 
     Args:
         start: Function that creates an empty session.
@@ -28,16 +29,16 @@ class Replay(Generic[Session]):
         self, start: Callable[[], Session], feed: Callable[[Session, History], None]
     ) -> None:
         self._start, self._feed = start, feed
-        self._seen = History()
-        self._session: Session | None = None
+        self._own = local()  # an optimizer serves one thread
 
     def at(self, history: History) -> Session:
         """Return a session that has seen all answers of `history` and no others."""
-        past = self._seen.answered
-        if self._session is None or history.until(past) != self._seen:
-            self._session, past = self._start(), 0
-        session, self._session = self._session, None  # dropped if feeding fails
-        for count in range(past + 1, history.answered + 1):
+        seen, session = getattr(self._own, "kept", None) or (History(), None)
+        if session is None or history.until(seen.answered) != seen:
+            seen, session = History(), self._start()
+        self._own.kept = None  # dropped if feeding fails
+        for count in range(seen.answered + 1, history.answered + 1):
             self._feed(session, history.until(count))
-        self._seen, self._session = history.until(history.answered), session
-        return session
+        self._own.kept = (history.until(history.answered), session)
+        found: Session = session
+        return found

@@ -1,23 +1,25 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
-from typing import ClassVar, Self, final
+from typing import ClassVar, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.glisp.selection import ModelSelection
+from prefcal_agents.glisp.settings import GLISpSettings, Setup
+from prefcal_agents.glisp.strategy import propose
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
+from prefcal_agents.utility.posterior import AFTER, explains
 from prefcal_agents.utility.utilities import Utilities
-from prefcal_env.preferences.history import History
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.history import Comparison, History
 
-from .beyond_kpis import BeyondKPIs
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
-from .simulating import Simulating
-from .simulations import Simulations
+from .simulations import Simulating, Simulations
 
 _DOUBT = 0.75
 """Probability of being noticeably better than the best by the answers above which an experiment
@@ -27,6 +29,11 @@ _OPEN = 4
 all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
 _ALIKE = 0.005
 """Experiments whose KPIs differ by less than this share look alike."""
+
+_STALLED = 5
+"""Number of challengers lost in a row after which every second one is proposed without KPIs."""
+_UNTIL, _EVERY = 30, 4
+"""Until so many answers, every fourth such proposal fills the space, as the start of GLISp does."""
 
 
 @final
@@ -40,13 +47,15 @@ class Screening(Simulating):
 
     version: ClassVar[int] = 5
     asks_further: ClassVar[bool] = False
-    _growth: Growth | None = None
-    _beyond: BeyondKPIs
 
-    def _begin(self, simulations: Simulations) -> None:
-        super()._begin(simulations)
-        self._growth = Growth(self.space, simulations, self._n_simulated, self._seed)
-        self._beyond = BeyondKPIs(self.space, self._seed)
+    @property
+    def _growth(self) -> Growth:
+        return self.simulations.learned(Growth, self.space, self.n_simulated, self._seed)
+
+    @property
+    def _stage(self) -> Stage:
+        with one_thread():
+            return self._growth.stage(self.history)
 
     # What people and programs look at.
 
@@ -58,12 +67,7 @@ class Screening(Simulating):
     @property
     def due(self) -> int:
         """Return the number of θ that are simulated by the time of the open query."""
-        return 0 if self._growth is None else self._growth.due(self.history)
-
-    @property
-    def _stage(self) -> Stage:
-        with one_thread():
-            return self._growing.stage(self.history)
+        return 0 if self._simulations is None else self._growth.due(self.history)
 
     @property
     def reason(self) -> Reason | None:
@@ -105,12 +109,6 @@ class Screening(Simulating):
         stage = self._stage
         return trend(stage.bank.z, stage.costs, stage.bank.find(self.best))
 
-    @property
-    def _growing(self) -> Growth:
-        if self._growth is None:
-            raise self._unable()
-        return self._growth
-
     # What the agent does.
 
     def _leader(self, history: History) -> int | None:
@@ -120,9 +118,9 @@ class Screening(Simulating):
         give it back without a question.
         """
         best = history.by_answers
-        if best is None or len(history.lessons()) < 2 or self._growth is None:
+        if best is None or len(history.lessons()) < 2 or self._simulations is None:
             return None
-        stage = self._growing.stage(history)
+        stage = self._growth.stage(history)
         rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         better[[*history.unsafe(), *history.cut_short()]] = 0.0  # or judged by half a run
@@ -130,12 +128,13 @@ class Screening(Simulating):
         return int(np.argmax(value)) if np.isfinite(value).any() else None
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        stage, best = self._growing.stage(history), history.incumbent
+        stage, best = self._growth.stage(history), history.incumbent
         rng = np.random.default_rng([self._seed, history.answered])
         tried = Tried(self.space, history)
-        if self._beyond.is_next(history, stage):
-            beyond = tried.fresh(self._beyond.propose(history, stage), rng)
-            if self._growing.works(beyond):
+        if without_kpis(history, stage):
+            others = self.simulations.learned(BeyondKPIs, self.space, self._seed)
+            beyond = tried.fresh(others.propose(history, stage), rng)
+            if self._growth.works(beyond):
                 return beyond
         if stage.rough and history.answered % _OPEN == 0:
             found = _open_minded(stage, history, rng)
@@ -162,12 +161,6 @@ class Screening(Simulating):
         if row is None:
             return np.asarray(2 * missed)
         return np.asarray(2 * missed + ~clearly_apart(kpis, missed == missed.min(), row))
-
-    def _twin(self, state: AgentState) -> Self:
-        twin = super()._twin(state)
-        twin._growth = self._growth
-        twin._beyond = BeyondKPIs(self.space, self._seed)  # its solver may not be shared
-        return twin
 
 
 def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int | None:
@@ -204,3 +197,40 @@ def _row(bank: Bank, theta: Float[np.ndarray, " n"]) -> int | None:
         return bank.find(theta)
     except KeyError:
         return None
+
+
+def without_kpis(history: History, stage: Stage) -> bool:
+    """Return whether the next θ is proposed without KPIs."""
+    known = not stage.bank.hopeless[stage.spread].all()
+    return known and (
+        is_stalled(history) or not explains(history, stage.bank, stage.scale, stage.utilities)
+    )
+
+
+def is_stalled(history: History) -> bool:
+    """Return whether it is the turn of a proposal without KPIs, since those with them all lost."""
+    lessons = history.lessons()
+    lost = not any(_won(c) for c in lessons[-_STALLED:])
+    strict = any(c.answer.preference for c in lessons)
+    return len(lessons) >= AFTER and len(lessons) % 2 == 1 and lost and strict
+
+
+def _won(comparison: Comparison) -> bool:
+    """Return whether the challenger won."""
+    verdict = comparison.verdict
+    return verdict is not None and verdict.winner == comparison.challenger
+
+
+class BeyondKPIs:
+    """Proposals from answers and θ alone; what it remembers only saves time."""
+
+    def __init__(self, simulations: Simulations, space: KnobSpace, seed: int) -> None:
+        self._models = ModelSelection(Setup(space, AFTER, seed, GLISpSettings(kpis=False)))
+
+    def propose(self, history: History, stage: Stage) -> Float[np.ndarray, " n"]:
+        """Return the next point of the cube, shape (n,)."""
+        count = len(history.lessons())
+        if count < _UNTIL and count % _EVERY == _EVERY - 1:
+            rows = stage.spread[~stage.bank.hopeless[stage.spread]]
+            return np.asarray(stage.bank.z[rows[count % len(rows)]])
+        return propose(self._models.setup, self._models.fit(history))

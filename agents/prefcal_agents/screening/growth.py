@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from prefcal_agents.history.stages import Stages
 from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.space.feasible import Region
 from prefcal_agents.utility.bank import Bank, runnable
 from prefcal_agents.utility.correction import Measured, corrected
 from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
@@ -14,7 +15,6 @@ from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-from .refine import near_leaders
 from .simulations import Simulations
 
 _FIRST, _SECOND, _LATER = (0.2, 0.08), (0.2, 0.12), (0.0, 0.04)
@@ -26,6 +26,16 @@ _ROUND = 50
 """Number of θ near the leaders after which leaders are chosen again."""
 _JUDGES, _GUIDES = 256, 64
 """Numbers of draws that judge the whole bank, and that say where to simulate next."""
+_LEADERS = 20
+"""Number of the best θ of a draw that span the step."""
+_BASES = 3
+"""Number of the best θ of a draw from which a step starts."""
+_STEP = (0.2, 0.8)
+"""Smallest and largest multiple of the difference of two leaders."""
+_MOVED = 0.8
+"""Probability that a knob moves along."""
+_JITTER = 0.01
+"""Standard deviation of a random step, in units of the cube, where all leaders agree."""
 _LEARN = 0
 """First stream of random numbers; the next ones place θ."""
 _CORRECT = 1000
@@ -62,14 +72,14 @@ class Growth:
     θ again.
 
     Args:
-        space: Knobs to tune.
         simulations: Simulations of the study.
+        space: Knobs to tune.
         n_simulated: Largest number of θ to simulate.
         seed: Seed of all randomness.
     """
 
     def __init__(
-        self, space: KnobSpace, simulations: Simulations, n_simulated: int, seed: int
+        self, simulations: Simulations, space: KnobSpace, n_simulated: int, seed: int
     ) -> None:
         self.simulations = simulations
         self._space, self._seed = space, seed
@@ -208,3 +218,41 @@ def _plan(n_simulated: int) -> list[tuple[int, int]]:
     counts = np.diff(np.round(n_simulated * np.cumsum(shares)), prepend=0.0).reshape(shares.shape)
     plan = [(int(wide), int(near)) for wide, near in counts]
     return [(max(plan[0][0], 1), plan[0][1]), *plan[1:]]
+
+
+def near_leaders(
+    space: KnobSpace,
+    z: Float[np.ndarray, "m n"],
+    costs: Float[np.ndarray, "s m"],
+    count: int,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "count n"]:
+    """Return points of the cube near the θ with the lowest costs, shape (count, n).
+
+    Each point belongs to one draw: one of its best θ, plus a part of the difference of two of its
+    leaders. So steps are long while leaders are far apart, and shrink with them.
+
+    Source: R. Storn, K. Price, "Differential evolution" (1997).
+    Deviation: the population is the leaders of one draw, and all simulated θ can be leaders.
+
+    Args:
+        space: Knobs to tune.
+        z: Simulated points of the cube, shape (m, n).
+        costs: Their costs in each draw, shape (s, m).
+        count: Number of points.
+        rng: Generator of the draws.
+    """
+    leaders = np.argsort(costs, axis=1, kind="stable")[:, :_LEADERS]
+    drawn = leaders[rng.integers(len(leaders), size=count)]
+    first = drawn[np.arange(count), rng.integers(min(_BASES, drawn.shape[1]), size=count)]
+    pair = np.array([rng.choice(row, 2) for row in drawn])
+    step = rng.uniform(*_STEP, (count, 1)) * (z[pair[:, 0]] - z[pair[:, 1]])
+    step *= rng.random(step.shape) < _MOVED
+    low, high = space.corners
+    points = z[first] + step + _JITTER * rng.standard_normal(step.shape)
+    points = np.clip(points, low, high)  # many optima lie at the edge
+    if not space.constraints:
+        return space.snap_all(points)
+    region = Region(space)
+    allowed = z[region.allows(z)]
+    return region.repaired(points, allowed) if len(allowed) else space.snap_all(points)

@@ -1,15 +1,20 @@
-"""Run simulations for an agent, each θ once, and keep their KPIs."""
+"""Run simulations for an agent, each θ once, keep their KPIs, and what all such agents share."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from threading import Lock
-from typing import Any, Protocol
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents.space.start import Start
+from prefcal_agents.support.checks import Settings, integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.knobs.key import theta_key
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.reading import Reading
 
@@ -25,6 +30,8 @@ several processes; see `SimulateMany`. An attribute `reading` says how people re
 
 _JUDGED = 10
 """Number of simulations from which it is judged whether the names of KPIs change."""
+
+Learned = TypeVar("Learned")
 
 
 class SimulateMany(Protocol):
@@ -63,17 +70,20 @@ class Simulations:
         self._many: Callable[[Sequence[Theta]], Iterable[Any]] | None = many
         self._known: dict[bytes, Outcome] = {}
         self._error: Exception | None = None
+        self._learned: dict[Callable[..., Any], Any] = {}
         self._one_at_a_time = Lock()
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return everything but the lock, which belongs to the threads of one process."""
-        state = {**vars(self), "_known": dict(self._known)}  # another thread may add to it
-        del state["_one_at_a_time"]
-        return state
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the function and what it returned; a lock belongs to the threads of a process."""
+        known = dict(self._known)  # another thread may add to it
+        return Simulations, (self.simulate,), {"_known": known, "_error": self._error}
 
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """Take what `__getstate__` returned, with a lock of its own."""
-        vars(self).update(state, _one_at_a_time=Lock())
+    def learned(self, learn: Callable[..., Learned], *given: Any) -> Learned:
+        """Return what `learn(simulations, *given)` returns, the same object for all copies."""
+        if learn not in self._learned:
+            self._learned.setdefault(learn, learn(self, *given))
+        found: Learned = self._learned[learn]
+        return found
 
     @property
     def count(self) -> int:
@@ -162,3 +172,76 @@ def _outcome(found: Any, theta: Theta) -> Outcome:
             f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
             f"got {found!r} at θ = {theta}"
         ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class Budget(Settings):
+    """Number of θ that an agent may simulate, 1 or more."""
+
+    n_simulated: int = 1000
+
+    def __post_init__(self) -> None:
+        integer("n_simulated", self.n_simulated, low=1)
+
+
+class Simulating(PreferenceBased):
+    """An agent that is given a simulation, and shows only some of what it simulates.
+
+    Copies share the simulations. A restored agent has none until `with_simulations`. Arguments and
+    errors are those of `Agent`, but `n_init` has no effect, and two are added:
+
+    Args:
+        simulate: Function of a physical θ, shape (n,), that returns KPIs by name, lower is better;
+            see `Simulate`. Without it, the agent can only be inspected.
+        n_simulated: Number of θ to simulate, 1 or more.
+    """
+
+    options = Budget
+    pickled = (*PreferenceBased.pickled, "_simulations")
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        simulate: Simulate | None = None,
+        n_simulated: int = 1000,
+        n_init: int = 1,
+        n_max: int = 11,
+        seed: int = 0,
+        start: Start | None = None,
+    ) -> None:
+        budget = Budget(n_simulated)
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start, settings=budget)
+        self._simulations = None if simulate is None else Simulations(simulate)
+
+    def with_simulations(self, simulate: Simulate) -> Self:
+        """Return a copy that simulates by `simulate`, for example one restored from a file."""
+        twin = self.copy()
+        twin._simulations, twin._judged = Simulations(simulate), None
+        return twin
+
+    @property
+    def n_simulated(self) -> int:
+        """Return the number of θ that the agent may simulate."""
+        return int(self._options.n_simulated)
+
+    @property
+    def simulate(self) -> Simulate | None:
+        """Return the function that simulates a θ; None for an agent that was restored without."""
+        return None if self._simulations is None else self._simulations.simulate
+
+    @property
+    def simulations(self) -> Simulations:
+        """Return the simulations so far: how many, and how many failed.
+
+        Raises:
+            SettingsError: If the agent has no `simulate`.
+        """
+        if self._simulations is None:
+            name = type(self).__name__
+            raise SettingsError(f"{name} needs simulate, a function of θ that returns KPIs")
+        return self._simulations
+
+    @classmethod
+    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
+        return dict(Budget.of(saved).pairs())

@@ -1,20 +1,20 @@
 """Check and save settings; each error says the name, the value and what was expected."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from math import isfinite
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 
 from prefcal_env.errors import SettingsError
 
 
+@dataclass(frozen=True)
 class Settings:
-    """Base of an agent's settings, which are a frozen dataclass."""
+    """Base of an agent's settings, which are a frozen dataclass; this one has none."""
 
     __slots__ = ()
-    __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def pairs(self) -> tuple[tuple[str, Any], ...]:
         """Return name and value of every setting, for an `AgentState`."""

@@ -1,11 +1,17 @@
-"""Learn from answers: draw costs by how well they explain them."""
+"""Learn from answers: draw costs by how well they explain them, and ask whether they do.
+
+A person may judge by something that no KPI measures. Then a model over θ explains the answers
+better.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import ndtr
+from scipy.special import logsumexp, ndtr
 
+from prefcal_agents.history.lessons import Preferences
+from prefcal_agents.models.gaussian_process import predicted
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
@@ -18,6 +24,12 @@ _STEPS = 24
 """Metropolis steps of each draw after an answer."""
 _SHARP = 3.0
 """How fast noticing becomes certain, in inverse just noticeable differences."""
+AFTER = 10
+"""Number of answers before KPIs can be left; fewer say too little."""
+_MARGIN = 2.0
+"""Nats by which θ must predict the answers better than KPIs."""
+_ERROR = 0.03
+"""Rate of wrong answers of the model over θ."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,3 +141,27 @@ def _moved(
         utilities = utilities.where(accepted, tried)
         logs = np.where(accepted, likely, logs)
     return utilities
+
+
+def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -> bool:
+    """Return whether KPIs predict the answers about as well as θ does, or too few are known.
+
+    Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
+    distributions" (1992).
+
+    Args:
+        history: Samples and answers.
+        bank: KPIs of all samples, and of others.
+        scale: How the KPIs are measured.
+        utilities: Draws of what the person wants, given the answers.
+    """
+    lessons = history.lessons()
+    if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
+        return True
+    known = Lessons.of(bank, scale, history)
+    strict = ~known.tie
+    strict[len(lessons) :] = False  # those that marks make are no answers
+    logs = known.log_probabilities(utilities)[:, strict]
+    # Each answer predicted from the others: the harmonic mean over draws given all answers.
+    by_kpis = float(np.sum(np.log(len(logs)) - logsumexp(-logs, axis=0)))
+    return bool(predicted(Preferences.of(history), _ERROR) <= by_kpis + _MARGIN)

@@ -2,11 +2,9 @@
 
 from dataclasses import replace
 
-from prefcal_agents.history.censored import judged
-from prefcal_agents.history.lessons import Memory
+from prefcal_agents.history.lessons import Memory, judged
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_env.preferences.history import Comparison, History
-from prefcal_env.qp import make_backend
 from prefcal_env.study import State
 
 from .experiments import ExperimentStore
@@ -29,7 +27,7 @@ def index_of(history: History, seed: int) -> LearnedCost | None:
 
     As for a proposal, at most 250 answers count: with 1,000, a person would wait for seconds.
     """
-    return LearnedCost.of(Memory.of(history).history, seed, make_backend())
+    return LearnedCost.of(Memory.of(history).history, seed)
 
 
 def trust_text(index: LearnedCost) -> str:

@@ -30,10 +30,3 @@ def test_it_proposes_what_the_agent_of_the_docs_does():
     for seed in (0, 1):
         ours = _tried(StepSearch(MIXED, n_init=3, n_max=15, seed=seed), 0.3)
         assert np.array_equal(ours, _tried(theirs(MIXED, n_init=3, n_max=15, seed=seed), 0.3))
-
-
-def test_its_steps_shrink_while_nothing_is_better():
-    agent = StepSearch(MIXED, n_init=1, n_max=40, start=MIXED.decode(np.full(len(MIXED), 0.5)))
-    z = np.array([MIXED.encode(t) for t in _tried(agent, 0.5)])
-    far = np.abs(z - z[0]).max(axis=1)
-    assert far[1:11].mean() > 2 * far[-10:].mean()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
-from prefcal_agents.glisp.training import train
+from prefcal_agents.glisp.selection import train
 from prefcal_agents.models.cross_validation import FOLDS
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_env.errors import KnobError, SettingsError
@@ -159,18 +159,6 @@ def test_the_error_rate_changes_nothing_for_someone_who_never_errs():
     assert fallible.best_index == fallible.state.history.incumbent
 
 
-@pytest.mark.campaign
-@pytest.mark.unchecked
-def test_with_four_wrong_answers_the_gap_is_smaller_than_if_all_were_kept():
-    ratios = []
-    for seed in range(8):  # in five of these the mistakes are noticed
-        gaps = [
-            bowl(answered(rate, {12, 16, 20, 25}, n_max=36, seed=seed).best) for rate in (0.1, 0.0)
-        ]
-        ratios.append(np.log10(gaps[0] / gaps[1]))
-    assert np.mean(ratios) < -0.3
-
-
 # The number of questions for each experiment may change.
 
 
@@ -244,44 +232,7 @@ def test_linear_algebra_keeps_to_one_thread_in_proposals(monkeypatch):
     assert limited.count(True) == limited.count(False) >= 4
 
 
-# Each deviation from the paper earns its place: medians over fixed seeds, with and without it.
-def gap(function, seeds, **settings):
-    def make(space, **counts):
-        return GLISp(space, settings=GLISpSettings(**settings), **counts)
-
-    latent = FUNCTIONS[function]
-    found = [
-        minimize_by_preference(latent.prefer, latent.space, agent=make, seed=seed).best
-        for seed in seeds
-    ]
-    return np.median([latent.gap(theta) for theta in found])
-
-
 @pytest.mark.unchecked
 def test_the_default_comes_much_closer_to_a_smooth_minimum_than_the_reference_package():
-    assert gap("camel", range(1)) < 5e-4 / 5  # over more seeds: the campaign
-
-
-@pytest.mark.unchecked
-@pytest.mark.campaign
-@pytest.mark.parametrize(
-    "without",
-    [{"margin_power": 0.0}, {"margin_power": 0.0, "rescale": False}],
-)
-def test_growing_margins_find_the_bottom_better(without):
-    assert gap("camel", range(20)) < gap("camel", range(20), **without) / 2
-
-
-@pytest.mark.unchecked
-@pytest.mark.campaign
-def test_knobs_that_count_differently_help_where_they_matter_differently():
-    assert gap("hartman3", range(20)) < gap("hartman3", range(20), rescale=False)
-
-
-@pytest.mark.unchecked
-@pytest.mark.campaign
-@pytest.mark.parametrize(
-    ("function", "bar"), [("camel", 5e-4), ("hartman3", 0.12), ("hartman6", 0.32)]
-)
-def test_the_default_beats_the_reference_package(function, bar):
-    assert gap(function, range(20)) < bar
+    found = minimize_by_preference(CAMEL.prefer, CAMEL.space, seed=0)
+    assert CAMEL.gap(found.best) < 5e-4 / 5  # its gap; more in docs/deviations.md

@@ -9,16 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import AgentState, GLISp, GLISpSettings, restore
-from prefcal_agents.glisp.kpi_fit import kpi_fits
+from prefcal_agents.acquisition.penalty import unsafe_penalty
+from prefcal_agents.glisp.kpi_fit import kpi_fits, most_promising
 from prefcal_agents.glisp.questions import follow_up
 from prefcal_agents.glisp.selection import ModelSelection
+from prefcal_agents.glisp.settings import Setup
 from prefcal_agents.utility.posterior import DRAWS
+from prefcal_env.knobs.constraints import LinearConstraint
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
-from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
-from support.histories import in_cube
+from prefcal_env.preferences.history import History, Sample
+from support.histories import in_cube, studied
 from support.studies import by, drive
 
 pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the shapes
@@ -40,24 +42,10 @@ def terms(theta):
 # What is learned from a record.
 
 
-def record_of(kpis, wanted, *, seed=0, marks=None):
-    """Random samples with these KPIs (a list), each compared with the best one before.
-
-    Args:
-        kpis: KPIs of each sample, a mapping or None.
-        wanted: Cost of each sample.
-        seed: Seed of the samples.
-        marks: Numbers of the samples that are marked unsafe.
-    """
-    history = History()
-    for k, z in enumerate(np.random.default_rng(seed).random((len(kpis), 2))):
-        best = history.incumbent
-        answer = None if best is None else int(np.sign(wanted[k] - wanted[best]))
-        told = (Mark.CHALLENGER_UNSAFE,) if marks and k in marks else ()
-        pair = None if kpis[k] is None else (kpis[k], None)
-        history = history.with_pending(in_cube(z))
-        history = history.with_answer(Answer(answer, outcomes=pair, marks=told), best)
-    return history
+def record_of(kpis, wanted, *, seed=0, marks=()):
+    """Random samples with these KPIs and costs; those with the numbers `marks` are unsafe."""
+    points = np.random.default_rng(seed).random((len(kpis), 2))
+    return studied(points, wanted, kpis=kpis, unsafe=marks)
 
 
 def columns(count=30, seed=3):
@@ -123,12 +111,8 @@ def test_one_kpi_and_two_hundred_are_learned_from(count):
 
 def test_a_theta_that_was_run_twice_counts_once_and_is_found():
     kpis, wanted = columns(12)
-    history, points = History(), np.random.default_rng(0).random((6, 2))
-    for k in range(12):
-        best = history.incumbent
-        answer = None if best is None else int(np.sign(wanted[k] - wanted[best]))
-        history = history.with_pending(in_cube(points[k % 6]))
-        history = history.with_answer(Answer(answer, outcomes=(kpis[k], None)), best)
+    points = np.random.default_rng(0).random((6, 2))
+    history = studied([points[k % 6] for k in range(12)], wanted, kpis=kpis)
     fit = learned(history)
     assert len(fit.bank) == 6
     once, again = fit.values(history).reshape(2, 6)
@@ -167,9 +151,9 @@ def test_a_run_cut_short_is_not_doubted_in_favor_of_a_whole_one():
 @pytest.mark.parametrize(("error_rate", "asks"), [(0.1, True), (0.0, False)])
 def test_nothing_is_asked_again_if_every_answer_counts_as_right(error_rate, asks):
     wrong = mistaken()
-    chosen, backend = GLISpSettings(validate_at=(), error_rate=error_rate), make_backend()
-    models = ModelSelection(2, 5, chosen, 0, backend)
-    assert (follow_up(wrong, models, chosen, backend) is not None) == asks
+    chosen = GLISpSettings(validate_at=(), error_rate=error_rate)
+    models = ModelSelection(Setup(SQUARE, 5, 0, chosen))
+    assert (follow_up(wrong, models, chosen) is not None) == asks
 
 
 def test_an_unsafe_experiment_is_neither_doubted_nor_good():
@@ -191,6 +175,84 @@ def test_a_kpi_that_comes_late_is_learned_from_all_answers():
     fit = fits.after(record)
     assert fit.scale.names == ("a", "b", "c")
     assert np.argmax(fit.utilities.normals.mean(axis=0)) == 1
+
+
+# What is proposed.
+
+
+UNIT = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)])
+
+
+def kpis_of(theta):
+    """Two KPIs; the person minds the first one, whose best θ is (0.3, 0.6)."""
+    return {"off": abs(theta[0] - 0.3) + abs(theta[1] - 0.6), "other": theta[0]}
+
+
+def promising_record(space, count, *, unsafe=lambda theta: False):
+    """Return random θ, each compared with the best one before it."""
+    history, rng = History(), np.random.default_rng(1)
+    while history.answered < count:
+        z = space.snap(rng.random(len(space)))
+        theta, best = space.decode(z), history.incumbent
+        if not space.allows(theta):
+            continue
+        off = kpis_of(theta)["off"]
+        rival = None if best is None else kpis_of(history.samples[best].theta)["off"]
+        answer = None if rival is None else int(np.sign(off - rival))
+        marks = (Mark.CHALLENGER_UNSAFE,) if unsafe(theta) else ()
+        history = history.with_pending(Sample.of(space, z))
+        told = Answer(answer, marks=marks, outcomes=(kpis_of(theta), None))
+        history = history.with_answer(told, best)
+    return history
+
+
+def proposed(space, history, seed=0):
+    fit = kpi_fits(seed).after(history)
+    penalty = unsafe_penalty(history, 30.0, 0.9)
+    z = most_promising(space, history, fit, penalty, np.random.default_rng(seed))
+    return space.decode(space.snap(z))
+
+
+def test_it_comes_closer_to_what_the_person_wants():
+    history = promising_record(UNIT, 15)
+    best = kpis_of(history.samples[history.incumbent].theta)["off"]
+    found = [kpis_of(proposed(UNIT, history, seed))["off"] for seed in range(5)]
+    assert np.median(found) < 0.7 * best
+
+
+def test_the_same_generator_gives_the_same_theta():
+    history = promising_record(UNIT, 8)
+    first, again, other = (proposed(UNIT, history, seed) for seed in (0, 0, 1))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize("count", [2, 11])
+def test_no_theta_runs_twice_as_long_as_there_is_another(count):
+    space = KnobSpace([Knob("a", 0, 3, integer=True), Knob("b", 0, 2, integer=True)])
+    history, z = History(), [(a, b) for a in range(4) for b in range(3)]
+    for theta in map(np.array, z[:count]):
+        best = history.incumbent
+        told = Answer(None if best is None else 1, outcomes=(kpis_of(theta), None))
+        history = history.with_pending(Sample.of(space, space.encode(theta))).with_answer(
+            told, best
+        )
+    assert tuple(proposed(space, history).astype(int)) in z[count:]
+
+
+def test_constraints_hold():
+    space = KnobSpace(
+        [Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)],
+        constraints=[LinearConstraint("sum", {"a": 1.0, "b": 1.0}, 0.8)],
+    )
+    history = promising_record(space, 12)
+    for seed in range(4):
+        assert space.allows(proposed(space, history, seed))
+
+
+def test_places_that_are_likely_unsafe_come_last():
+    history = promising_record(UNIT, 30, unsafe=lambda theta: theta[0] < 0.45)
+    assert all(proposed(UNIT, history, seed)[0] > 0.4 for seed in range(4))
 
 
 # Whole studies.

@@ -16,7 +16,8 @@ from prefcal_agents.glisp.questions import (
     follow_up,
     insertion_question,
 )
-from prefcal_agents.glisp.selection import ModelSelection, Selection
+from prefcal_agents.glisp.selection import Dataset, ModelSelection, Selection
+from prefcal_agents.glisp.settings import Setup
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.models.gaussian_process import ExpectationPropagation
@@ -25,15 +26,13 @@ from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
-from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
-from support.histories import in_cube
+from support.histories import in_cube, studied
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
+LINE = KnobSpace([Knob("x", 0.0, 1.0)])
 SHAPE = Shape(1.0, (1.0,))
 RATE = 0.1
-BACKEND = make_backend()
 
 
 def bowl(theta):
@@ -45,18 +44,15 @@ def bowl(theta):
 
 def line(answers, marks=()):
     """Return samples on a line, each compared with the one named; marks come with the last."""
-    history = History()
-    for k, (rival, answer) in enumerate([(None, None), *answers]):
-        given = Answer(answer, marks=marks if k == len(answers) else ())
-        history = history.with_pending(in_cube([k / 10])).with_answer(given, rival)
-    return history
+    rivals, given = zip((None, None), *answers, strict=True)
+    told = [*given[:-1], Answer(given[-1], marks=marks)]
+    return studied([[k / 10] for k in range(len(told))], answers=told, rivals=rivals)
 
 
 def confirmed(history, sure=2.0):
     """Return the question about the best sample, if 1 of 10 answers is wrong."""
-    models = ModelSelection(1, 2, GLISpSettings(), 0, BACKEND)
     selection = Selection(SHAPE, NoiseTest(SHAPE, 5.0), is_noisy=True)
-    return confirm_best(models, history, selection, RATE, sure)
+    return confirm_best(Dataset.of(history), selection, RATE, sure)
 
 
 def posterior_of(history):
@@ -137,11 +133,9 @@ def test_an_unsafe_sample_is_neither_the_best_nor_its_rival():
 
 
 def test_a_sample_that_was_not_compared_or_is_unsafe_is_no_contender():
-    history = History()
     answers = (None, -1, -1, None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)))
-    for k, answer in enumerate(answers):
-        history = history.with_pending(in_cube(np.full(2, k / 5)))
-        history = history.with_answer(Answer.of(answer), None if k == 0 else min(k - 1, 2))
+    points = [np.full(2, k / 5) for k in range(5)]
+    history = studied(points, answers=answers, rivals=[None, 0, 1, 2, 2])
     assert contenders(history).tolist() == [0, 1, 4]
 
 
@@ -155,12 +149,7 @@ def test_if_every_sample_is_unsafe_all_that_were_compared_are_contenders():
 
 def ranked(costs):
     """Return samples with these costs, each compared with the best before it."""
-    book = History()
-    for cost in costs:
-        rival = book.incumbent
-        answer = Answer(None if rival is None else int(np.sign(cost - costs[rival])))
-        book = book.with_pending(in_cube([cost])).with_answer(answer, rival)
-    return book
+    return studied([[cost] for cost in costs], costs)
 
 
 @given(st.lists(st.integers(0, 1000), min_size=3, max_size=40, unique=True))
@@ -202,8 +191,7 @@ def test_answers_about_other_samples_do_not_change_the_bisection():
 def asked_after(history, **settings):
     """Return the follow-up question after `history`."""
     options = GLISpSettings(validate_at=(), kpis=False, **settings)
-    models = ModelSelection(1, 2, options, 0, BACKEND)
-    return follow_up(history, models, options, BACKEND)
+    return follow_up(history, ModelSelection(Setup(LINE, 2, 0, options)), options)
 
 
 def test_a_follow_up_takes_three_experiments_and_a_question_that_is_left():
@@ -326,18 +314,6 @@ def agreement(questions, seed, **settings):
 
 def test_further_answers_teach_the_order():
     assert min(agreement(12, seed, validate_at=()) for seed in range(3)) > 0.99
-
-
-@pytest.mark.campaign
-def test_with_further_answers_the_samples_are_ranked_better():
-    """Not always perfectly: a very wide φ does not keep all answers about samples that are close.
-
-    See docs/research/archive.md.
-    """
-    many, one = ([agreement(questions, seed) for seed in range(5)] for questions in (12, 1))
-    assert np.median(many) > 0.99
-    assert min(many) > 0.94
-    assert np.mean(many) > np.mean(one)
 
 
 def cut_short(history, *indices):

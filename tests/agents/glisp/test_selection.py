@@ -8,16 +8,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISpSettings
-from prefcal_agents.glisp.selection import FEW, MANY, Dataset, ModelSelection, shared
+from prefcal_agents.glisp.noise_test import NoiseTest
+from prefcal_agents.glisp.selection import (
+    FEW,
+    MANY,
+    Dataset,
+    ModelSelection,
+    Selection,
+    train,
+    trust,
+)
+from prefcal_agents.glisp.settings import Setup
+from prefcal_agents.models.rbf import Shape
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
 from support.histories import in_cube
 
-BACKEND = make_backend()
 START = 4
 QUICK = GLISpSettings()
+ROUND = Shape(1.0, (1.0, 1.0))
 
 
 def cost(z):
@@ -49,8 +61,9 @@ def history_of(count, *, kpis_from=None, wrong=(), further=(), n=2, cost=cost):
     return history
 
 
-def selecting(options=QUICK, *, n=2):
-    return ModelSelection(n, START, options, 0, BACKEND)
+def selecting(options=QUICK, *, n=2, n_init=START):
+    space = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"[:n]])
+    return ModelSelection(Setup(space, n_init, 0, options))
 
 
 HISTORY = history_of(11, kpis_from=0, wrong=(6, 9), further=(7, 10))
@@ -72,7 +85,7 @@ def changed(history, change, index):
 
 
 CHANGES = st.sampled_from(["undo", "retract", "tell", "further", "until"])
-LOOKS = st.sampled_from(["after", "KPIs", "copy", "nothing"])
+LOOKS = st.sampled_from(["after", "KPIs", "nothing"])
 STEPS = st.lists(st.tuples(CHANGES, st.integers(0, 11), LOOKS), min_size=1, max_size=6)
 
 
@@ -91,10 +104,7 @@ def test_selections_are_those_of_a_fresh_one_in_any_order_of_calls(steps):
     models.after(history)
     for change, index, look in steps:
         history = changed(history, change, index)
-        if look == "copy":
-            models, old = models.copy(QUICK, BACKEND), models
-            old.after(history.until(1))  # the twin is independent
-        elif look == "KPIs":
+        if look == "KPIs":
             assert same(models.kpi_fit(history), selecting().kpi_fit(history))
         elif look != "nothing":
             assert models.after(history) == selecting().after(history)
@@ -105,7 +115,7 @@ def test_nothing_is_selected_during_the_start():
     models = selecting()
     for count in range(1, START):
         selection = models.after(HISTORY.until(count))
-        assert selection.shape == QUICK.shape(2)
+        assert selection.shape == ROUND
         assert (selection.noise, selection.is_noisy) == (None, False)
 
 
@@ -133,15 +143,14 @@ def test_a_shape_may_be_validated_at_given_numbers_only():
 
 
 def test_a_long_start_validates_nothing():
-    models = ModelSelection(2, MANY, QUICK, 0, BACKEND)
-    assert models.after(history_of(40)).shape == QUICK.shape(2)
+    assert selecting(n_init=MANY).after(history_of(40)).shape == ROUND
 
 
 @pytest.mark.parametrize("process", [True, False])
 def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
     seen = set()
 
-    def noted(validation, shape, score, candidates, *, knob):
+    def noted(shape, score, knob, judge):
         seen.add(knob)
         return shape
 
@@ -186,11 +195,65 @@ def test_a_data_set_is_strict_once_an_answer_says_which_is_better():
     assert not Dataset.of(clear.retracted(0, follow_up=True)).is_strict
 
 
-def test_histories_share_what_comes_before_their_first_difference():
-    assert shared(HISTORY, HISTORY) == 11
-    assert shared(HISTORY, HISTORY.until(5)) == shared(HISTORY.until(5), HISTORY) == 5
-    assert shared(HISTORY, History()) == 0
-    assert shared(HISTORY, HISTORY.retracted(4)) == 4
-    assert shared(HISTORY, HISTORY.retracted(0, follow_up=True)) == 6  # given after 7
-    assert shared(HISTORY, HISTORY.with_pending(in_cube(np.zeros(2)))) == 11
-    assert shared(HISTORY, HISTORY.with_follow_up(Answer(0), 3, 1)) == 10
+# From the data set and the selection to Ĵ.
+
+
+WIDE = Shape(0.5, (1.0, 1.0))
+TRUSTED = Selection(ROUND, None, is_noisy=False)
+NOISY = Selection(ROUND, NoiseTest(WIDE, 5.0), is_noisy=True)
+
+
+def data_of(count=16, wrong=()):
+    """Return random samples, each compared with the latest two."""
+    history, costs = History(), []
+    for k, z in enumerate(np.random.default_rng(2).random((count, 2))):
+        costs.append(float(np.sum((z - [0.3, 0.6]) ** 2)))
+        answers = [int(np.sign(costs[k] - costs[j])) for j in range(max(k - 2, 0), k)] or [None]
+        answers[-1] = -answers[-1] if k in wrong else answers[-1]
+        history = history.with_pending(in_cube(z))
+        history = history.with_answer(Answer(answers[-1]), k - 1 if k else None)
+        if len(answers) > 1:
+            history = history.with_follow_up(Answer(answers[0]), k, k - 2)
+    return Dataset.of(history)
+
+
+def trained(data, selection, **settings):
+    return train(data, selection, replace(QUICK, **settings))
+
+
+def agrees(surrogate, preferences):
+    """Return for each answer whether Ĵ agrees with it."""
+    values = surrogate(preferences.samples)
+    return preferences.b * (values[preferences.first] - values[preferences.second]) > 0
+
+
+def test_answers_that_are_trusted_are_all_kept():
+    data = data_of()
+    surrogate = trained(data, TRUSTED)
+    assert surrogate.shape == ROUND
+    assert np.all(agrees(surrogate, data.preferences))
+
+
+def test_if_answers_may_be_wrong_those_that_others_contradict_are_not_kept():
+    right, data = data_of(), data_of(wrong=(7, 12))
+    surrogate = trained(data, NOISY)
+    assert surrogate.shape == WIDE  # the shape of the noise test
+    assert not np.all(agrees(surrogate, data.preferences))
+    assert np.mean(agrees(surrogate, right.preferences)) > 0.9
+
+
+def test_the_error_rate_counts_only_if_answers_may_be_wrong():
+    data = data_of(wrong=(7, 12))
+
+    def changes(selection):
+        low, high = (trained(data, selection, error_rate=e) for e in (0.01, 0.3))
+        return not np.array_equal(low.beta, high.beta)
+
+    assert changes(NOISY)
+    assert not changes(TRUSTED)
+
+
+def test_the_posterior_has_one_coefficient_for_each_sample():
+    data = data_of(wrong=(7,))
+    assert trust(data, NOISY, 0.1).mean.shape == (16,)
+    assert trust(data, NOISY, 0.1).wrong.max() > 0.1 > trust(data, NOISY, 0.001).wrong.min()

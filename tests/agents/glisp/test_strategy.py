@@ -7,21 +7,20 @@ import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.exploration import Acquisition
-from prefcal_agents.glisp.kpi_fit import kpi_fits
+from prefcal_agents.glisp.kpi_fit import kpi_fits, most_promising
 from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.promising import most_promising
 from prefcal_agents.glisp.selection import FEW, Dataset, Fit, Selection
-from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
+from prefcal_agents.glisp.settings import Setup
+from prefcal_agents.glisp.strategy import STRATEGY, propose, propose_start
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
 from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
-from support.histories import in_cube
+from support.histories import in_cube, studied
 from support.studies import drive
 
 pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the shapes
@@ -41,19 +40,16 @@ def history_of(count, *, ties=False, further=False, unsafe=False):
 
     With `unsafe`, samples in the right half are marked so.
     """
-    history = History()
-    for z in np.random.default_rng(1).random((count, 2)):
-        best = history.incumbent
-        rival = None if best is None else np.array(history.samples[best].z)
-        answer = None if best is None else 0 if ties else int(np.sign(bowl(z) - bowl(rival)))
-        marks = (Mark.CHALLENGER_UNSAFE,) if unsafe and z[0] > 0.5 else ()
-        told = Answer(answer, marks=marks, outcomes=({"off": bowl(z)}, None))
-        history = history.with_pending(in_cube(z)).with_answer(told, best)
+    points = np.random.default_rng(1).random((count, 2))
+    risky = np.flatnonzero(points[:, 0] > 0.5) if unsafe else ()
+    answers = [None, *[0] * count] if ties else None
+    told = {"kpis": lambda z: {"off": bowl(z)}, "unsafe": risky}
+    history = studied(points, bowl, answers=answers, **told)
     return history.with_follow_up(Answer(1), count - 1, 0) if further else history
 
 
 def setup_of(**settings):
-    return Setup(SQUARE, 4, 2, GLISpSettings(**settings), make_backend())
+    return Setup(SQUARE, 4, 2, GLISpSettings(**settings))
 
 
 def fit_of(history, setup, *, kpis=False, noisy=False):
@@ -110,7 +106,7 @@ def test_if_all_are_ties_no_process_is_trained():
 
 
 def test_the_paper_minimizes_its_acquisition_at_every_step():
-    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper(), make_backend())
+    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper())
     for count in (9, FEW, ODD, EVEN):
         objective = objective_of(setup, fit_of(history_of(count), setup))
         assert kind(objective) == ACQUISITION

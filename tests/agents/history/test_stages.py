@@ -7,16 +7,14 @@ import pytest
 from prefcal_agents.history.stages import Stages
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
-from support.histories import in_cube
+from support.histories import in_cube, studied
 
 
 def line(count):
     """A record of `count` samples on a line, each compared with the one before."""
-    history = History()
-    for k in range(count):
-        answer = Answer(-1 if k else None)
-        history = history.with_pending(in_cube([k / 100])).with_answer(answer, k - 1 if k else None)
-    return history
+    rivals = [None, *range(count)][:count]
+    answers = [None, *[-1] * count][:count]
+    return studied([[k / 100] for k in range(count)], answers=answers, rivals=rivals)
 
 
 class Counting:

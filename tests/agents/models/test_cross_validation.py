@@ -2,12 +2,16 @@ import numpy as np
 import pytest
 
 from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.models.cross_validation import Validation, choose_epsilon, rescale_knob
+from prefcal_agents.models.cross_validation import (
+    Validation,
+    choose_epsilon,
+    nearest,
+    rescale_knob,
+)
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import Shape
-from prefcal_env.qp import make_backend
 
-LEARNING, BACKEND = Learning(), make_backend()
+LEARNING = Learning()
 CANDIDATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 
@@ -32,7 +36,12 @@ def study(latent, n=2, count=40, seed=0):
 
 
 def validation(preferences, seed=0):
-    return Validation.deal(preferences, LEARNING, BACKEND, np.random.default_rng(seed))
+    return Validation.deal(preferences, LEARNING, np.random.default_rng(seed))
+
+
+def judge(checked):
+    """What tries ε next to that of a shape."""
+    return lambda shape: choose_epsilon(checked, shape, nearest(CANDIDATES, shape.epsilon, 1))
 
 
 def test_every_comparison_is_left_out_exactly_once_in_slices_of_like_size():
@@ -76,7 +85,7 @@ def test_a_knob_that_hardly_matters_comes_to_count_less():
     for round_ in range(8):
         checked = validation(known, seed=round_)
         shape, score = choose_epsilon(checked, shape, CANDIDATES)
-        shape = rescale_knob(checked, shape, score, CANDIDATES, knob=round_ % 2)
+        shape = rescale_knob(shape, score, round_ % 2, judge(checked))
     assert shape.scales[1] > 2 * shape.scales[0]
     assert np.prod(shape.scales) == pytest.approx(1.0)
 
@@ -85,5 +94,5 @@ def test_scales_never_differ_by_more_than_the_widest_ratio():
     known = study(lambda z: np.sin(9 * z[1]), count=30)
     shape = Shape(1.0, (1.0, 1.0))
     for round_ in range(12):
-        shape = rescale_knob(validation(known, seed=round_), shape, -2, CANDIDATES, knob=1)
+        shape = rescale_knob(shape, -2, 1, judge(validation(known, seed=round_)))
         assert max(shape.scales) <= 16 * min(shape.scales)

@@ -21,7 +21,7 @@ VALUES = np.sin(SAMPLES @ [1.0, 2.0, -1.0])
 
 @pytest.mark.parametrize("rbf", POSITIVE_DEFINITE)
 def test_it_goes_through_the_values_and_has_the_right_slope(rbf):
-    ((interpolant, _),) = interpolate(SAMPLES, VALUES[:, None], 0.8, rbf)
+    interpolant, _ = interpolate(SAMPLES, VALUES, 0.8, rbf)
     assert interpolant(SAMPLES) == pytest.approx(VALUES, abs=1e-6)
     z = np.array([0.3, -0.2, 0.7])
     slope = check_grad(lambda x: interpolant(x[None])[0], interpolant.gradient, z)
@@ -29,7 +29,7 @@ def test_it_goes_through_the_values_and_has_the_right_slope(rbf):
 
 
 def test_it_agrees_with_scipy():
-    ((interpolant, _),) = interpolate(SAMPLES, VALUES[:, None], 1.3, "inverse_quadratic")
+    interpolant, _ = interpolate(SAMPLES, VALUES, 1.3, "inverse_quadratic")
     reference = RBFInterpolator(
         SAMPLES, VALUES - VALUES.mean(), kernel="inverse_quadratic", epsilon=1.3, degree=-1
     )
@@ -40,7 +40,7 @@ def test_it_agrees_with_scipy():
 def test_the_leave_one_out_error_is_what_leaving_one_out_gives():
     # The mean stays that of all values, as in the formula.
     offset, errors = VALUES.mean(), []
-    ((_, error),) = interpolate(SAMPLES, VALUES[:, None], 1.0, "inverse_quadratic")
+    _, error = interpolate(SAMPLES, VALUES, 1.0, "inverse_quadratic")
     for k in range(len(SAMPLES)):
         rest = np.arange(len(SAMPLES)) != k
         reference = RBFInterpolator(
@@ -59,7 +59,7 @@ def test_the_epsilon_that_predicts_best_is_chosen():
 def test_two_samples_at_one_place_break_nothing():
     samples = np.vstack([SAMPLES, SAMPLES[:1]])
     values = np.append(VALUES, VALUES[0] + 1e-3)
-    ((interpolant, _),) = interpolate(samples, values[:, None], 1.0, "gaussian")
+    interpolant, _ = interpolate(samples, values, 1.0, "gaussian")
     assert np.isfinite(interpolant(samples)).all()
 
 

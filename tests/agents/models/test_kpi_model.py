@@ -6,23 +6,17 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from prefcal_agents.models.kpi_model import Outcomes
-from prefcal_env import Answer
 from prefcal_env.preferences.history import History
-from support.histories import in_cube
+from support.histories import studied
 
 
 def history_of(columns):
     """A history whose samples have these KPIs: name to values."""
-    names, count = list(columns), len(next(iter(columns.values())))
-    rng = np.random.default_rng(0)
-    history = History()
-    for i in range(count):
-        kpis = {name: columns[name][i] for name in names if columns[name][i] is not None}
-        history = history.with_pending(in_cube(rng.random(2)))
-        history = history.with_answer(
-            Answer(None if i == 0 else 1, outcomes=(kpis, None)), 0 if i else None
-        )
-    return history
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    known = [{name: v for name, v in row.items() if v is not None} for row in rows]
+    points = np.random.default_rng(0).random((len(rows), 2))
+    answers, rivals = [None, *[1] * len(rows)], [None, *[0] * len(rows)]
+    return studied(points, answers=answers, rivals=rivals, kpis=known)
 
 
 def test_shares_run_from_the_best_to_the_worst_and_one_lost_run_does_not_flatten_them():

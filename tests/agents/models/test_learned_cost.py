@@ -12,11 +12,9 @@ from prefcal_agents import GLISp, RandomSearch
 from prefcal_agents.models.learned_cost import LearnedCost, Term
 from prefcal_env import Knob, KnobSpace
 from prefcal_env.preferences.history import History
-from prefcal_env.qp import make_backend
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)])
-BACKEND = make_backend()
 NUMBER = st.floats(width=64)
 
 
@@ -43,7 +41,7 @@ honest = by(cost)
 
 
 def index_of(agent, seed=0):
-    return LearnedCost.of(agent.state.history, seed, BACKEND)
+    return LearnedCost.of(agent.state.history, seed)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -73,7 +71,7 @@ def test_hardly_more_than_half_does_not_explain(right, of, explains):
 
 
 def test_without_kpis_or_strict_answers_there_is_none():
-    assert LearnedCost.of(History(), 0, BACKEND) is None
+    assert LearnedCost.of(History(), 0) is None
     assert index_of(GLISp(SQUARE)) is None
     assert index_of(study(RandomSearch(SQUARE, n_max=12), lambda *_: 0, 9)) is None
     assert index_of(study(RandomSearch(SQUARE, n_max=12), lambda *_: None, 9)) is None

@@ -7,9 +7,6 @@ from scipy.optimize import minimize
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
 from prefcal_agents.models.rbf import Shape, Surrogate
-from prefcal_env.qp import make_backend
-
-BACKEND = make_backend()
 
 
 def comparisons(n_samples=9, count=10, seed=0, ties=True, weights=None):
@@ -32,7 +29,7 @@ def basis(preferences, epsilon=1.5):
 def weights_of(preferences, learning):
     phi = basis(preferences)
     constraints = Constraints.of(preferences, phi, margins(preferences, learning.margin_power))
-    return fit(constraints, learning, BACKEND)
+    return fit(constraints, learning)
 
 
 def cost(beta, preferences, learning):

@@ -10,19 +10,15 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
-from support.histories import in_cube
+from support.histories import in_cube, studied
 
 LINE = KnobSpace([Knob("x", 0.0, 1.0)])
 
 
 def line(*answers):
     """Samples on a line, each compared with the one that is named."""
-    history = History().with_pending(in_cube(np.zeros(1))).with_answer(Answer(None), None)
-    for k, (rival, answer) in enumerate(answers, start=1):
-        history = history.with_pending(in_cube(np.array([k / 50]))).with_answer(
-            Answer(answer), rival
-        )
-    return history
+    rivals, given = zip((None, None), *answers, strict=True)
+    return studied([[k / 50] for k in range(len(given))], answers=given, rivals=rivals)
 
 
 def reigning(changes, *others):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from prefcal_agents.screening.beyond_kpis import BeyondKPIs
+from prefcal_agents.screening.agent import BeyondKPIs, without_kpis
 from prefcal_agents.screening.growth import Growth
 from prefcal_agents.screening.simulations import Simulations
 from prefcal_env.preferences.history import History
@@ -26,46 +26,30 @@ def by_kpis(theta):
 
 def studied(cost, count, seed=0):
     """The record of someone with this cost and `count` answers, and its stage."""
-    grown = Growth(SQUARE, Simulations(unrelated), 60, seed)
+    grown = Growth(Simulations(unrelated), SQUARE, 60, seed)
     bank = grown.stage(History()).bank
     costs = [cost(theta) for theta in bank.thetas[: count + 1]]
     record = in_chain(bank, range(count + 1), np.sign(np.diff(costs)).astype(int).tolist())
     return record, grown.stage(record)
 
 
-def beyond(seed=0):
-    return BeyondKPIs(SQUARE, seed)
+def proposed(record, stage, seed=0):
+    return BeyondKPIs(Simulations(unrelated), SQUARE, seed).propose(record, stage)
 
 
 def test_who_judges_by_theta_is_shown_proposals_without_kpis_after_ten_answers():
-    found = [beyond(s).is_next(*studied(by_theta, 10, s)) for s in range(3)]
+    found = [without_kpis(*studied(by_theta, 10, s)) for s in range(3)]
     assert all(found)
 
 
 def test_who_judges_by_the_kpis_is_not():
-    found = [beyond(s).is_next(*studied(by_kpis, 10, s)) for s in range(3)]
+    found = [without_kpis(*studied(by_kpis, 10, s)) for s in range(3)]
     assert not any(found)
-
-
-def in_vain(count):
-    """A record in which every challenger loses."""
-    grown = Growth(SQUARE, Simulations(unrelated), 60, 0)
-    bank = grown.stage(History()).bank
-    rows = [int(row) for row in np.argsort([by_kpis(theta) for theta in bank.thetas])]
-    record = in_chain(bank, rows[: count + 1], [1] * count)
-    return record, grown.stage(record)
-
-
-def test_every_second_time_while_challengers_lose():
-    assert beyond().is_next(*in_vain(11))
-    assert not beyond().is_next(*in_vain(12))
-    record, stage = in_vain(9)
-    assert not beyond().is_next(record, stage)
 
 
 def test_what_is_proposed_is_a_point_of_the_cube_and_the_same_for_the_same_seed():
     record, stage = studied(by_theta, 12)
-    one, again = (beyond(4).propose(record, stage) for _ in range(2))
+    one, again = (proposed(record, stage, 4) for _ in range(2))
     assert one.shape == (2,)
     assert np.all((one >= 0) & (one <= 1))
     assert np.array_equal(one, again)
@@ -73,7 +57,7 @@ def test_what_is_proposed_is_a_point_of_the_cube_and_the_same_for_the_same_seed(
 
 def test_every_fourth_proposal_fills_the_space():
     record, stage = studied(by_theta, 11)
-    point = beyond().propose(record, stage)
+    point = proposed(record, stage)
     assert np.array_equal(point, stage.bank.z[stage.spread[11]])
     record, stage = studied(by_theta, 12)
-    assert not np.any(np.all(stage.bank.z == beyond().propose(record, stage), axis=1))
+    assert not np.any(np.all(stage.bank.z == proposed(record, stage), axis=1))

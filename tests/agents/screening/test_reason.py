@@ -29,7 +29,7 @@ def trade_off(theta):
 
 def staged(answers=()):
     """A stage after a chain of answers about the first rows of the bank."""
-    grown = Growth(SQUARE, Simulations(trade_off), 100, 0)
+    grown = Growth(Simulations(trade_off), SQUARE, 100, 0)
     bank = grown.stage(History()).bank
     rows = range(len(answers) + 1)
     return grown.stage(in_chain(bank, rows, answers) if answers else History())
@@ -85,7 +85,7 @@ def test_chances_are_probabilities_and_follow_the_costs():
 
 
 def test_a_theta_that_is_better_in_every_kpi_is_surely_better():
-    grown = Growth(SQUARE, Simulations(lambda t: {"a": 0.1 + t[0], "b": 1 + 5 * t[0]}), 60, 0)
+    grown = Growth(Simulations(lambda t: {"a": 0.1 + t[0], "b": 1 + 5 * t[0]}), SQUARE, 60, 0)
     stage = grown.stage(History())
     order = np.argsort(stage.bank.thetas[:, 0])
     first, last = int(order[0]), int(order[-1])

@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from prefcal_agents.optimize.search import Domain, Tried
 from prefcal_agents.space.capacity import capacity
@@ -33,13 +31,6 @@ RING = KnobSpace(
 TINY = KnobSpace(KNOBS, [Constraint("near", near, vectorized=True)])
 NARROW = KnobSpace(KNOBS, [Constraint("narrow", lambda k: 1e4 * near(k) + 199.9, vectorized=True)])
 SPACES = pytest.mark.parametrize("space", [LINEAR, RING, TINY])
-coordinate = st.floats(0, 1)
-
-
-@given(st.tuples(coordinate, coordinate, coordinate))
-def test_decoding_many_agrees_with_decoding_one(z):
-    z = LINEAR.snap_all(np.array([z]))
-    assert LINEAR.decode_all(z)[0] == pytest.approx(LINEAR.decode(z[0]), rel=1e-12, abs=1e-12)
 
 
 @SPACES

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import check_grad
 
-from prefcal_agents.acquisition.inverse_distance import Slopes, Weights, distance, variance
-from prefcal_agents.acquisition.value_acquisition import ValueAcquisition
+from prefcal_agents.acquisition.value_acquisition import ValueAcquisition, Weights
 from prefcal_agents.models.interpolant import interpolate
 from prefcal_agents.models.rbf import squared_distances
 
@@ -24,16 +23,15 @@ def test_it_follows_the_published_formulas_one_by_one():
     z = np.array([0.15, -0.4])
     d = np.sum((z - SAMPLES) ** 2, axis=1)
     w = np.exp(-d) / d
-    assert distance(weights(z))[0] == pytest.approx(2 / np.pi * np.arctan(1 / w.sum()))
+    assert weights(z).distance[0] == pytest.approx(2 / np.pi * np.arctan(1 / w.sum()))
     s2 = np.sum(w / w.sum() * (VALUES - 0.3) ** 2)
-    assert variance(weights(z), VALUES, np.array([0.3]))[0] == pytest.approx(s2)
+    assert weights(z).variance(VALUES, np.array([0.3]))[0] == pytest.approx(s2)
 
 
 def test_both_are_zero_on_a_sample_where_the_value_is_known():
     at = weights(SAMPLES)
-    assert np.array_equal(distance(at), np.zeros(9))
-    assert variance(at, VALUES, VALUES) == pytest.approx(np.zeros(9), abs=1e-12)
-    assert Slopes.at(SAMPLES[2], SAMPLES) is None
+    assert np.array_equal(at.distance, np.zeros(9))
+    assert at.variance(VALUES, VALUES) == pytest.approx(np.zeros(9), abs=1e-12)
 
 
 @given(
@@ -41,20 +39,24 @@ def test_both_are_zero_on_a_sample_where_the_value_is_known():
 )
 def test_the_acquisition_has_the_slope_of_its_values(z, alpha, delta):
     z = np.array(z)
-    ((interpolant, _),) = interpolate(SAMPLES, VALUES[:, None], 0.7, "inverse_quadratic")
+    interpolant, _ = interpolate(SAMPLES, VALUES, 0.7, "inverse_quadratic")
     acquisition = ValueAcquisition(interpolant, VALUES, alpha, delta)
     inside = np.clip((z + 1) / 2, 0.01, 0.99)
     if np.sqrt(squared_distances(2 * inside[None] - 1, SAMPLES).min()) < 0.02:
         return  # s has a kink on every sample
-    slope = acquisition.value_and_gradient(inside)[1]
+    value, slope = acquisition.value_and_gradient(inside)
+    assert value == pytest.approx(acquisition(inside[None])[0])
     error = check_grad(
-        lambda x: acquisition(x[None])[0], acquisition.gradient, inside, epsilon=1e-7
+        lambda x: acquisition(x[None])[0],
+        lambda x: acquisition.value_and_gradient(x)[1],
+        inside,
+        epsilon=1e-7,
     )
     assert error < 1e-3 * (1 + np.abs(slope).max())
 
 
 def test_next_to_a_sample_nothing_overflows():
-    ((interpolant, _),) = interpolate(SAMPLES, VALUES[:, None], 0.7, "inverse_quadratic")
+    interpolant, _ = interpolate(SAMPLES, VALUES, 0.7, "inverse_quadratic")
     acquisition = ValueAcquisition(interpolant, VALUES, 0.8, 0.5)
     with np.errstate(all="raise", under="ignore"):
         for step in (0.0, 1e-200, 1e-12, 1e-6):
