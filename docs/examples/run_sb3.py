@@ -55,16 +55,14 @@ class Policy:
 def control(algorithm, steps):
     """No MPC and no θ: the action is the coolant temperature, a step is a sampling period."""
     env = gym.make("prefcal_env:prefcal/CSTR-v0")
-    if algorithm == "PPO":  # by default, most actions of PPO exceed the limits of the input
-        options = {"n_steps": 1000, "batch_size": 100, "policy_kwargs": {"log_std_init": -1.0}}
-    else:
-        options = {"learning_starts": 1000, "learning_rate": 1e-3, "train_freq": 2}
-    kind = {"PPO": PPO, "SAC": SAC}[algorithm]
+    # By default, most actions of PPO exceed the limits of the input.
+    ppo = {"n_steps": 1000, "batch_size": 100, "policy_kwargs": {"log_std_init": -1.0}}
+    sac = {"learning_starts": 1000, "learning_rate": 1e-3, "train_freq": 2}
+    kind, options = {"PPO": (PPO, ppo), "SAC": (SAC, sac)}[algorithm]
     model = kind("MlpPolicy", env, gamma=0.98, seed=0, device="cpu", **options)
     for name, count in (("untrained", 0), ("trained", steps)):
         if count:
             model.learn(count)
-
         # Driven by the policy, an episode is an experiment as any other.
         experiment = rollout(env, Policy(model, env), theta=np.zeros(1))
         index = round(performance_index(experiment), 3)
@@ -78,7 +76,5 @@ if __name__ == "__main__":
     parser.add_argument("--n-max", type=int, default=50, help="experiments")
     parser.add_argument("--plant", type=int, metavar="STEPS", help="learn to control instead")
     options = parser.parse_args()
-    if options.plant is None:
-        tune(options.algorithm, options.n_max)
-    else:
-        control(options.algorithm, options.plant)
+    run, count = (tune, options.n_max) if options.plant is None else (control, options.plant)
+    run(options.algorithm, count)

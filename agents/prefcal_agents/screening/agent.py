@@ -124,8 +124,10 @@ class Screening(Simulating):
         rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         better[[*history.unsafe(), *history.cut_short()]] = 0.0  # or judged by half a run
+        if not (better > _DOUBT).any():
+            return None
         value = np.where(better > _DOUBT, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
-        return int(np.argmax(value)) if np.isfinite(value).any() else None
+        return int(np.argmax(value))
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         stage, best = self._growth.stage(history), history.incumbent

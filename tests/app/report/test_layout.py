@@ -28,7 +28,7 @@ def many_knobs(record, count):
             for name in ("challenger", "incumbent")
             if (side := getattr(comparison, name)) is not None
         }
-        return replace(comparison, **sides)
+        return comparison._replace(**sides)
 
     return replace(
         record, scenario=replace(record.scenario, space=knobs, references={}), references={},
