@@ -208,3 +208,16 @@ def test_it_fits_every_width(browser, screen):
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= width
         assert box["width"] > 0.4 * width
+
+
+def test_nothing_serious_is_found_by_axe(browser, screen):
+    watched = opened(browser, screen(), color_scheme="light")
+    page = watched.page
+    never_shown(page)
+    page.click("#look-at")
+    page.wait_for_selector("#look .js-line")
+    assert serious(page) == []
+    page.keyboard.press("Escape")
+    watched.answer("ArrowLeft")
+    page.wait_for_selector("#offer:visible")
+    assert serious(page) == []

@@ -121,3 +121,19 @@ def test_impossible_settings_are_refused(changes, match):
 def test_an_estimate_whose_shapes_do_not_fit_is_refused():
     with pytest.raises(SettingsError, match="covariance of shape"):
         Estimate(np.zeros(2), np.eye(3))
+
+
+def test_it_knows_the_reactor_better_than_its_measurements():
+    rng, plant, noise = np.random.default_rng(2), CSTR(), np.array([0.5, 0.05])
+    x, u = plant.steady_state_at_concentration(8.56)
+    Q = np.diag([0.02, 0.002]) ** 2
+    ekf = ExtendedKalmanFilter(plant, T_S, Q=Q, R=np.diag(noise**2))
+    estimate, errors = Estimate(x + noise, np.diag(noise**2)), []
+    for T_c in rng.uniform(295, 301, size=200):
+        u = np.array([T_c])
+        x = plant.hold(x, u, FEED, np.array([T_S]))[0]
+        y = x + noise * rng.standard_normal(2)
+        estimate = ekf.update(ekf.predict(estimate, u, FEED), y, u, FEED)
+        errors.append((estimate.mean - x, y - x))
+    of_estimate, of_measurement = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert np.all(of_estimate < 0.5 * of_measurement)

@@ -233,3 +233,15 @@ def test_what_interrupts_the_equations_passes():
 
     with pytest.raises(KeyboardInterrupt):
         simulated(interrupted, [1.0], [1.0])
+
+
+@pytest.mark.parametrize(
+    ("x", "u", "T"),
+    [([400.0, 9.95], 310.0, 0.05), ([356.0, 9.0], 310.0, 0.25), ([311.0, 8.5], 298.0, 1.5)],
+)
+def test_the_reactor_is_precise_even_when_it_runs_away(x, u, T):
+    plant, x, u = CSTR(), np.array(x), np.array([u])
+    times = np.linspace(T / 7, T, 7)
+    states = integrate(plant.equations, x, u, FEED, times)
+    exact = precise(lambda x: plant.f(x, u, FEED), x, times)
+    np.testing.assert_allclose(states, exact, rtol=3e-9)

@@ -66,3 +66,19 @@ def test_dead_time_of_input_and_output_add_up_for_any_length(seed, n_x, dead, la
     for i in np.flatnonzero(t > dead + late + 1e-6):
         x = plain.hold(np.zeros(n_x), u[0], np.zeros(0), np.array([t[i] - dead - late]))[0]
         assert y[i] == pytest.approx(plain.g(x, u[0], np.zeros(0)), rel=1e-8, abs=1e-8)
+
+
+@settings(max_examples=25)
+@given(seed=seeds, n_x=sizes, periods=st.integers(1, 5), where=st.sampled_from(["in", "out"]))
+def test_dead_time_shifts_the_response_by_its_length(seed, n_x, periods, where):
+    system, _, _ = stable(seed, n_x)
+    T_s, dead = 0.2, periods * 0.2
+    u = np.random.default_rng(seed).normal(size=(10, 2))
+    name = {"in": "delay", "out": "output_delay"}[where]
+    t, y = outputs(Plant.of(system), u, T_s, 2.0)
+    later, late = outputs(Plant.of(system, **{name: dead}), u, T_s, 3.0)
+    for at in (0.05, 0.15, 0.75, 1.15, 1.9):  # between samples: there, nothing jumps
+        i, j = np.argmin(np.abs(t - at)), np.argmin(np.abs(later - (at + dead)))
+        assert [t[i], later[j]] == pytest.approx([at, at + dead], abs=1e-9)
+        assert late[j] == pytest.approx(y[i], rel=1e-8, abs=1e-8)
+    assert late[later < dead - 1e-9] == pytest.approx(0.0, abs=1e-12)
