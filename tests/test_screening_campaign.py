@@ -32,7 +32,7 @@ def small(script, **changes):
     values = {"agents": plan.AGENTS, "loops": {"named": ("servo", "lag")}, "tastes": ("weights",),
               "noisy": ("weights",), "seeds": 2, "case_seeds": 1,
               "case_agents": ("Screening",)}  # fmt: skip
-    return plan.Choice(**(values | changes))
+    return plan.Selection(**(values | changes))
 
 
 def test_each_part_runs_what_it_compares(script):

@@ -35,7 +35,7 @@ from pathlib import Path
 
 from judged import cases, tables
 from judged.courses import Courses
-from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, TASTES, Choice, suites
+from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, TASTES, Selection, suites
 from rich.console import Console
 
 from prefcal_bench import Processes, Result, Store, Suite, run_suite
@@ -77,14 +77,14 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-def choice_of(options: argparse.Namespace) -> Choice:
+def choice_of(options: argparse.Namespace) -> Selection:
     """Return what the options select."""
     if options.quick:
-        return Choice(AGENTS[:-1], dict(_QUICK_LOOPS), _NOISY, _NOISY[1:], 1, 1, (RANDOM,), 20)
+        return Selection(AGENTS[:-1], dict(_QUICK_LOOPS), _NOISY, _NOISY[1:], 1, 1, (RANDOM,), 20)
     loops: dict[str, Sequence[str]] = {n: GROUPS[n] for n in options.loops if n in GROUPS}
     named = [name for name in options.loops if name not in GROUPS]
     loops |= {"chosen": named} if named else {}
-    return Choice(
+    return Selection(
         options.agents, loops, options.tastes, options.noisy, options.seeds, options.case_seeds,
         options.agents, options.longest,
     )  # fmt: skip
@@ -111,7 +111,7 @@ def stored(todo: Sequence[Suite], store: Store) -> list[Result]:
 
 
 def lines_of(
-    options: argparse.Namespace, choice: Choice, results: dict[str, list[Result]]
+    options: argparse.Namespace, choice: Selection, results: dict[str, list[Result]]
 ) -> Iterator[str]:
     """Yield the tables of each part."""
     for part, some in results.items():

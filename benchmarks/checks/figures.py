@@ -26,7 +26,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gain import Calibration, gain
+from gain import CalibratedRuns, gain
 from gallery import FIGURES as GALLERY
 from gallery import gallery
 from hole import hole, lowest, rows_of, theta
@@ -108,7 +108,7 @@ def reactor(folder: Path) -> tuple[Pictures, Story]:
     scenario, tried = load("cstr"), found["tried"]
     pictures = {name: (folder / name).read_bytes() for name in REACTOR}
     first = [scenario.run(np.array(tried[n][0])) for n in range(1, found["initial"] + 1)]
-    calibration = Calibration(
+    calibration = CalibratedRuns(
         scenario, first, scenario.run(np.array(tried[found["number"]][0])), found["number"],
         [tried[n][1] for n in sorted(tried)],
     )  # fmt: skip

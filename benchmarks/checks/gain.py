@@ -20,7 +20,7 @@ TOLD = ("settling_time", "final_concentration", "mean_square_move", "index")
 
 
 @dataclass(frozen=True)
-class Calibration:
+class CalibratedRuns:
     """Finished study of a scenario with a cost.
 
     Args:
@@ -38,7 +38,7 @@ class Calibration:
     costs: Sequence[float]
 
 
-def gain(study: Calibration) -> Figure:
+def gain(study: CalibratedRuns) -> Figure:
     """Draw the initial experiments and the best one on the left, and every index on the right."""
     figure = canvas(3.9)
     left, right = figure.subfigures(1, 2, width_ratios=[1.5, 1])
@@ -56,7 +56,7 @@ def gain(study: Calibration) -> Figure:
     return figure
 
 
-def _curves(axes: Axes, panel: Plot, study: Calibration) -> None:
+def _curves(axes: Axes, panel: Plot, study: CalibratedRuns) -> None:
     first, *others = study.initial
     looks = [(e, PALE, 1.1, "") for e in others]
     if others:
@@ -79,7 +79,7 @@ def _curves(axes: Axes, panel: Plot, study: Calibration) -> None:
     axes.margins(x=0.01)
 
 
-def _costs(axes: Axes, study: Calibration) -> None:
+def _costs(axes: Axes, study: CalibratedRuns) -> None:
     costs, start = np.array(study.costs), len(study.initial)
     numbers = np.arange(1, len(costs) + 1)
     axes.set_yscale("log")
@@ -100,7 +100,7 @@ def _costs(axes: Axes, study: Calibration) -> None:
     axes.set_xlabel("experiment (shaded: before any learning)")
 
 
-def _table(axes: Axes, study: Calibration) -> None:
+def _table(axes: Axes, study: CalibratedRuns) -> None:
     """Write the KPIs that differ most visibly: before and after."""
     axes.set_axis_off()
     axes.set_xlim(0, 1)

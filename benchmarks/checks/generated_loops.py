@@ -36,7 +36,7 @@ FAILED = {"loop": (0.0, 0.85), "rough": (0.03, 0.45)}
 
 
 @dataclass(frozen=True)
-class Verdict:
+class LoopVerdict:
     """What was found about one loop.
 
     Args:
@@ -65,7 +65,7 @@ class Verdict:
         return inside and DECIDED[0] <= low and high <= DECIDED[1] and not self.faults
 
 
-def examined(name: str) -> Verdict:
+def examined(name: str) -> LoopVerdict:
     """Return the verdict on the loop called `name`."""
     scenario = load(name)
     usual, pool, tried = (sample(scenario, name) for name in (USUAL, "pool", "search"))
@@ -82,7 +82,7 @@ def examined(name: str) -> Verdict:
         worth[kind] = float(np.exp(np.mean(np.log(found))))
     failed = float(np.mean(np.isfinite(pool.survived)))
     ends = min(shares), max(shares)
-    return Verdict(name, scenario.title, worth, ends, failed, faults(scenario))
+    return LoopVerdict(name, scenario.title, worth, ends, failed, faults(scenario))
 
 
 def decided(rule: Priorities, runs: Runs, rng: np.random.Generator) -> float:

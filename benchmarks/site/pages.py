@@ -29,7 +29,7 @@ _CSS = re.compile(r"""(?:url\(\s*|@import\s+)["']?((?:https?:)?//[^"')\s]+)""")
 
 
 @dataclass
-class Found(HTMLParser):
+class _Found(HTMLParser):
     """What a page links to, loads, and can be linked to by."""
 
     links: set[str] = field(default_factory=set)
@@ -53,9 +53,9 @@ class Found(HTMLParser):
                 self.loads |= {part.split()[0] for part in parts if part.strip()}
 
 
-def read(page: Path) -> Found:
+def read(page: Path) -> _Found:
     """Return what is in a page."""
-    found = Found()
+    found = _Found()
     found.feed(page.read_text("utf-8"))
     return found
 

@@ -17,8 +17,8 @@ from prefcal_env.knobs.space import KnobSpace
 
 from .checks import check_apart, grid_of, names_of, referenced, shown, tuned
 from .model import Variable, read_model
-from .process import Process
-from .simulation import Answer, Job
+from .process import FMUProcess
+from .simulation import Job, Reply
 
 _KPIs = Callable[[Experiment], Mapping[str, float]]
 
@@ -102,7 +102,7 @@ class FMULoop:
             str(self.model.path), _places(self._parameters), _places(self._recorded), grid.instants,
             grid.every, self.model.tolerance,
         )  # fmt: skip
-        self._process = Process(job, timeout)
+        self._process = FMUProcess(job, timeout)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Simulate θ, physical, shape (n,). An FMU has no seed: `seed` changes nothing.
@@ -172,7 +172,7 @@ class FMULoop:
         own = self.model.variables[variable.name]
         return float(np.clip(variable.scale.stored(value), own.low, own.high))
 
-    def _experiment(self, theta: Float[np.ndarray, " n"], answer: Answer, count: int) -> Experiment:
+    def _experiment(self, theta: Float[np.ndarray, " n"], answer: Reply, count: int) -> Experiment:
         n_y, n_u = len(self._outputs), len(self._inputs)
         pairs = zip(self._recorded, answer.values[:count].T, strict=True)
         columns = [variable.scale.shown(column) for variable, column in pairs]

@@ -11,7 +11,7 @@ import numpy as np
 from prefcal_env.errors import MissingExtraError, PlantError
 from prefcal_env.wording import did_you_mean
 
-from .units import AS_IT_IS, Scale, Scales, display_units, plain
+from .units import AS_IT_IS, Scales, UnitScale, display_units, plain
 
 _NUMBERS = {
     "Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32",
@@ -53,7 +53,7 @@ class Variable:
     start: float | None = None
     about: str = ""
     units: Scales = field(default_factory=dict)
-    scale: Scale = AS_IT_IS
+    scale: UnitScale = AS_IT_IS
 
     def within(self, unit: str) -> "Variable | None":
         """Return the variable in a unit that the FMU defines for it; None if it defines none.
@@ -239,7 +239,7 @@ def _variable(v: Any, units: Mapping[str, Scales]) -> Variable:
     )
     others = dict(units.get(unit or "", {}))
     if relative in (True, "true", "1"):  # a difference of temperatures has no offset
-        others = {name: Scale(scale.factor) for name, scale in others.items()}
+        others = {name: UnitScale(scale.factor) for name, scale in others.items()}
     low, high = _number(low), _number(high)
     if v.type == "Boolean":
         low, high = 0.0, 1.0

@@ -11,7 +11,7 @@ from typing import final
 from prefcal_env.errors import RunError
 from prefcal_env.workers import Terms, Worker
 
-from .simulation import Answer, Job, Simulation
+from .simulation import FMUSimulation, Job, Reply
 from .unpacking import unpacked
 
 _RUNS = 1_000
@@ -20,7 +20,7 @@ _TERMS = Terms("the simulation", "timeout", threads=None, quiet=True)
 
 
 @final
-class Process:
+class FMUProcess:
     """A process that simulates an FMU; it starts with the first run and is kept for the next.
 
     Args:
@@ -40,7 +40,7 @@ class Process:
         """Return the id of the process; None before the first run and after a failed one."""
         return self._worker.pid
 
-    def run(self, theta: list[float]) -> Answer:
+    def run(self, theta: list[float]) -> Reply:
         """Simulate θ, one value for each knob of the job. May be called from any thread.
 
         Raises:
@@ -54,7 +54,7 @@ class Process:
                 self._resets = self._bears_reset()
             if started.runs > _RUNS:
                 self._worker.release()
-            answer: Answer = self._worker.run(theta)
+            answer: Reply = self._worker.run(theta)
             started.runs += 1
             return answer
 
@@ -93,7 +93,7 @@ class _Started:
             # Computers tidy their temporary folders, and a study may take weeks.
             self.home = unpacked(Path(self._job.path))
         self.owner, self.runs = os.getpid(), 0
-        return pickle.dumps((Simulation, (self._job._replace(path=str(self.home / "fmu")),)))
+        return pickle.dumps((FMUSimulation, (self._job._replace(path=str(self.home / "fmu")),)))
 
 
 def _release(worker: Worker, started: _Started) -> None:

@@ -48,7 +48,7 @@ class Job(NamedTuple):
     tolerance: float | None
 
 
-class Answer(NamedTuple):
+class Reply(NamedTuple):
     """What a run gave.
 
     Args:
@@ -98,7 +98,7 @@ class _Reader:
 
 
 @final
-class Simulation:
+class FMUSimulation:
     """One instance of an FMU that is used again and again.
 
     A reset FMU should run as a new one does. If the first run was quick, a request without θ finds
@@ -132,7 +132,7 @@ class Simulation:
             words = " ".join(str(error).split())
             raise PlantError(f"the FMU cannot be started: {words}") from error
         self._used = self._resettable = False
-        self._first: tuple[list[float], Answer] | None = None
+        self._first: tuple[list[float], Reply] | None = None
         groups: dict[str, tuple[list[int], list[int]]] = {}
         for column, (type_, reference) in enumerate(job.shown):
             references, columns = groups.setdefault(self._named(type_), ([], []))
@@ -141,7 +141,7 @@ class Simulation:
         self._readers = [_Reader(self._fmu, self.version, t, *g) for t, g in groups.items()]
         atexit.register(self.close)
 
-    def __call__(self, theta: list[float] | None) -> "Answer | bool":
+    def __call__(self, theta: list[float] | None) -> "Reply | bool":
         """Simulate θ, one value for each knob; without θ, return whether a reset can be tried."""
         with suppress(OSError):
             os.ftruncate(2, 0)  # what it printed during earlier runs
@@ -150,7 +150,7 @@ class Simulation:
             return self.try_reset()
         return self.run(theta)
 
-    def run(self, theta: list[float]) -> Answer:
+    def run(self, theta: list[float]) -> Reply:
         """Simulate θ, one value for each knob of the job."""
         self._said.clear()
         begun = time.perf_counter()
@@ -167,7 +167,7 @@ class Simulation:
         width = len(self._job.shown)
         t = np.array([row[0] for row in rows])
         values = np.array([row[1] for row in rows]).reshape(len(rows), width)
-        answer = Answer(problem, t, values, taken)
+        answer = Reply(problem, t, values, taken)
         self._first = self._first or (theta, answer)
         return answer
 

@@ -11,7 +11,7 @@ _NO_UNIT = ("", "-", "1")
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class UnitScale:
     """Conversion of a value from an FMU's unit: factor · value + offset.
 
     Args:
@@ -31,9 +31,9 @@ class Scale:
         return (value - self.offset) / self.factor
 
 
-AS_IT_IS = Scale()
+AS_IT_IS = UnitScale()
 """Conversion into the same unit."""
-Scales = Mapping[str, Scale]
+Scales = Mapping[str, UnitScale]
 """Units by name, each with its conversion from the FMU's unit."""
 
 
@@ -54,7 +54,7 @@ def display_units(path: Path) -> Mapping[str, Scales]:
         root = ElementTree.fromstring(content.read("modelDescription.xml"))
     return {
         unit.get("name", ""): {
-            d.get("name", ""): Scale(float(d.get("factor", 1)), float(d.get("offset", 0)))
+            d.get("name", ""): UnitScale(float(d.get("factor", 1)), float(d.get("offset", 0)))
             for d in unit.iterfind("DisplayUnit")
             if d.get("inverse", "false") not in ("true", "1") and float(d.get("factor", 1))
         }

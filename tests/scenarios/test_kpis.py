@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import LatinHypercube
-from prefcal_agents.models.learned_cost import LearnedCost, Term
+from prefcal_agents.models.learned_cost import CostTerm, LearnedCost
 from prefcal_app.session.kpi_index import trust_text
 from prefcal_env import End
 from prefcal_env.errors import ScenarioError
@@ -127,7 +127,7 @@ def test_whatever_the_agent_the_answers_say_what_counts():
 
 @pytest.mark.parametrize(("right", "doubt"), [(31, ""), (23, ": not clearly better than chance")])
 def test_how_far_a_sum_of_kpis_can_be_trusted_is_said(right, doubt):
-    index = LearnedCost({"t_f": Term(1.0, 0.0, 1.0)}, right, 44)
+    index = LearnedCost({"t_f": CostTerm(1.0, 0.0, 1.0)}, right, 44)
     assert trust_text(index) == (
         f"A weighted sum of the KPIs predicted {right} of 44 answers that it had not learned "
         f"from{doubt}."

@@ -21,7 +21,7 @@ from .selection import Fit, is_process_turn, train
 from .settings import Setup
 
 
-class Rule(NamedTuple):
+class StrategyRow(NamedTuple):
     """One row of the strategy.
 
     Args:
@@ -53,8 +53,8 @@ def _exploration(setup: Setup, fit: Fit) -> Objective:
 
 
 STRATEGY = (
-    Rule(_every_second_time, _mean),
-    Rule(lambda setup, fit: True, _exploration),
+    StrategyRow(_every_second_time, _mean),
+    StrategyRow(lambda setup, fit: True, _exploration),
 )
 """What the next sample minimizes without KPIs: the first row that holds.
 

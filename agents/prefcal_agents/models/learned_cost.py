@@ -23,7 +23,7 @@ _COUNTS = 0.01  # KPIs with a smaller share of the weights are left out
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class CostTerm:
     """One KPI of a learned index, which adds 0 at `best` and `weight` at `worst` and beyond.
 
     Args:
@@ -47,7 +47,7 @@ class LearnedCost:
         answers: Number of strict answers.
     """
 
-    terms: Mapping[str, Term]
+    terms: Mapping[str, CostTerm]
     predicted: int
     answers: int
 
@@ -84,7 +84,7 @@ class LearnedCost:
         shares = weights / weights.sum()
         order = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] > 0]
         predicted = _predicted(preferences, outcomes.columns, seed)
-        terms = {outcomes.names[k]: Term(float(shares[k]), *outcomes.ranges[k]) for k in order}
+        terms = {outcomes.names[k]: CostTerm(float(shares[k]), *outcomes.ranges[k]) for k in order}
         return cls(terms, predicted, int(np.count_nonzero(preferences.b)))
 
     def to_python(self) -> str:
@@ -122,7 +122,7 @@ def index(kpis):
 '''
 
 
-def _share(value: float | None, term: Term) -> float:
+def _share(value: float | None, term: CostTerm) -> float:
     if value is None:
         return 1.0
     share = (value - term.best) / (term.worst - term.best)

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from prefcal_app.report.export import versions
-from prefcal_app.report.ownership import Claim, Owner, claim_default, claim_given
+from prefcal_app.report.ownership import Owner, Ownership, claim_default, claim_given
 from prefcal_app.report.record import Record
 from prefcal_app.session import Interview, Phase
 from prefcal_app.session.memory import as_studied, is_simulating
@@ -49,7 +49,7 @@ class Calibration:
 
     opened: Opened
     interview: Interview
-    claim: Claim
+    claim: Ownership
     messages: Console
 
     @property
@@ -218,7 +218,7 @@ def _simulator(
     return simulator
 
 
-def _claim(opened: Opened, scenario: str) -> Claim:
+def _claim(opened: Opened, scenario: str) -> Ownership:
     """Claim the folder of the report: the requested one, or a free default one."""
     options, name = opened.options, opened.name
     owner = Owner(_identity(opened), name, options.scenario)

@@ -29,7 +29,7 @@ class Owner:
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class Ownership:
     """Folder that is reserved for a study.
 
     Args:
@@ -60,7 +60,7 @@ class Claim:
             pass  # keep a folder to which other files were added
 
 
-def claim_given(path: Path, owner: Owner) -> Claim:
+def claim_given(path: Path, owner: Owner) -> Ownership:
     """Claim the folder that the user named; it may exist.
 
     Raises:
@@ -74,7 +74,7 @@ def claim_given(path: Path, owner: Owner) -> Claim:
     return claim
 
 
-def claim_default(base: Path, owner: Owner) -> Claim:
+def claim_default(base: Path, owner: Owner) -> Ownership:
     """Claim the first of `base`, base-2, base-3, ... that is free or belongs to the study.
 
     Raises:
@@ -90,7 +90,7 @@ def claim_default(base: Path, owner: Owner) -> Claim:
     raise AssertionError("never reached: count does not end")
 
 
-def _claim(path: Path, owner: Owner) -> Claim | None:
+def _claim(path: Path, owner: Owner) -> Ownership | None:
     """Return the claim; None if the folder belongs to another study."""
     there = path.is_dir()
     folder = folder_for(path)
@@ -104,10 +104,10 @@ def _claim(path: Path, owner: Owner) -> Claim | None:
             file.write("\n")
     except FileExistsError:
         mine = _read(marker).get("identity") == owner.identity
-        return Claim(folder, owner, marked=False, made=False) if mine else None
+        return Ownership(folder, owner, marked=False, made=False) if mine else None
     except OSError as error:
         raise SettingsError(f"cannot write into the folder {path}: {error.strerror}") from error
-    return Claim(folder, owner, marked=True, made=not there)
+    return Ownership(folder, owner, marked=True, made=not there)
 
 
 def _holder(folder: Path) -> str:

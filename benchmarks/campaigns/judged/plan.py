@@ -29,7 +29,7 @@ _N_INIT = 10
 
 
 @dataclass(frozen=True)
-class Choice:
+class Selection:
     """What the options select.
 
     Args:
@@ -58,7 +58,7 @@ class Choice:
         return tuple(loop for loops in self.loops.values() for loop in loops)
 
 
-def suites(part: str, choice: Choice) -> Iterator[Suite]:
+def suites(part: str, choice: Selection) -> Iterator[Suite]:
     """Yield the suites of a part: one for each number of experiments.
 
     Agents of which the number of experiments changes no experiment run once, for the longest.
@@ -72,7 +72,7 @@ def suites(part: str, choice: Choice) -> Iterator[Suite]:
         yield from _on_loops(part, choice)
 
 
-def _on_loops(part: str, choice: Choice) -> Iterator[Suite]:
+def _on_loops(part: str, choice: Selection) -> Iterator[Suite]:
     tastes = {
         "loops": tuple(choice.tastes),
         "noise": tuple(f"{kind}{end}" for kind in choice.noisy for end in ("", *NOISES)),

@@ -40,7 +40,7 @@ _RANDOM = 60
 _TINY = re.compile(r"e[−-]\d")
 
 
-class Person(Protocol):
+class Judge(Protocol):
     """Somebody who compares two experiments by their KPIs as read."""
 
     def prefers(self, a: Mapping[str, float], b: Mapping[str, float]) -> int:
@@ -97,7 +97,7 @@ def _sign(gain: float, least: float) -> int:
 PEOPLE = ("in order", "within limits")
 
 
-def person(kind: str, scenario: Scenario, seed: int) -> Person:
+def person(kind: str, scenario: Scenario, seed: int) -> Judge:
     """Return person `seed` of a kind, by what is usual among random experiments."""
     rng, table = np.random.default_rng([seed, PEOPLE.index(kind)]), _usual(scenario.name)
     names = list(rng.permutation(list(table)))
@@ -138,7 +138,7 @@ def judged(scenario: Scenario, experiment: Experiment) -> Mapping[str, float]:
 
 
 @dataclass
-class Replay:
+class ReplayedStudy:
     """What happened in one study.
 
     Args:
@@ -157,10 +157,10 @@ class Replay:
     promised: list[tuple[float, bool]] = field(default_factory=list)
 
 
-def replay(scenario: Scenario, who: Person, seed: int, simulator: Simulator,
-           simulated: int = 1000) -> Replay:  # fmt: skip
+def replay(scenario: Scenario, who: Judge, seed: int, simulator: Simulator,
+           simulated: int = 1000) -> ReplayedStudy:  # fmt: skip
     """Answer a whole study, and return what happened."""
-    interview, found, asked = _begun(scenario, seed, simulator, simulated), Replay(), []
+    interview, found, asked = _begun(scenario, seed, simulator, simulated), ReplayedStudy(), []
     promise = interview.planned
     while (now := _next(interview)).question is not None:
         found.questions += 1
@@ -195,13 +195,13 @@ def _next(interview: Interview) -> Now:
     return interview.now()
 
 
-def _verdict(scenario: Scenario, who: Person, question: Question) -> Choice:
+def _verdict(scenario: Scenario, who: Judge, question: Question) -> Choice:
     left, right = (judged(scenario, s.experiment) for s in (question.left, question.right))
     return {1: Choice.LEFT, -1: Choice.RIGHT, 0: Choice.SAME}[who.prefers(left, right)]
 
 
 def _note_chances(
-    found: Replay, interview: Interview, question: Question, who: Person, verdict: Choice
+    found: ReplayedStudy, interview: Interview, question: Question, who: Judge, verdict: Choice
 ) -> None:
     """Note what the page says of the future, and what is the case."""
     screened = interview.screened()
@@ -302,7 +302,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--simulated", type=int, default=1000)
     options = parser.parse_args(words)
-    every: list[Replay] = []
+    every: list[ReplayedStudy] = []
     for loop in options.loops:
         scenario = scenario_of(loop)
         with Simulator(scenario, jobs=0) as simulator:
@@ -317,7 +317,7 @@ def main(words: Sequence[str] | None = None) -> int:
     return 1 if any(found.untrue for found in every) else 0
 
 
-def _line(loop: str, kind: str, some: Sequence[Replay]) -> str:
+def _line(loop: str, kind: str, some: Sequence[ReplayedStudy]) -> str:
     """Return the figures of a loop and kind, and what was not true."""
     asked, ties = (sum(getattr(r, n) for r in some) for n in ("questions", "ties"))
     words = [f"{loop}, {kind}: {len(some)} studies, {asked} questions, {100 * ties / asked:.0f} % "

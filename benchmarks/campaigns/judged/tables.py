@@ -7,7 +7,7 @@ import numpy as np
 from prefcal_bench.results.paired import interval, markdown, mean_of, ratio_of
 
 from .courses import Courses, largest_fall
-from .plan import NOISES, OTHERS, Choice
+from .plan import NOISES, OTHERS, Selection
 
 ANSWERS = (0, 3, 5, 10, 20, 50)
 FIRST, WITHIN = 10, 5
@@ -15,7 +15,7 @@ FIRST, WITHIN = 10, 5
 _NOISY_AT = 20
 
 
-def families(courses: Courses, choice: Choice) -> Iterator[str]:
+def families(courses: Courses, choice: Selection) -> Iterator[str]:
     """Yield for each group of loops the headline, and the questions of every family.
 
     The headline is the mean over the families that do not share the learner's form.
@@ -33,7 +33,7 @@ def families(courses: Courses, choice: Choice) -> Iterator[str]:
             yield from ("", f"Questions, {group} loops", "", *markdown(head, rows))
 
 
-def loops(courses: Courses, choice: Choice) -> Iterator[str]:
+def loops(courses: Courses, choice: Selection) -> Iterator[str]:
     """Yield the worth of all agents, a row for each kind of taste, by group of loops."""
     for group, names in choice.loops.items():
         rows = [
@@ -45,7 +45,7 @@ def loops(courses: Courses, choice: Choice) -> Iterator[str]:
         yield from markdown(["taste", "agent", "studies", *map(str, ANSWERS)], rows)
 
 
-def noise(courses: Courses, choice: Choice) -> Iterator[str]:
+def noise(courses: Courses, choice: Selection) -> Iterator[str]:
     """Yield what wrong answers leave of the worth, and how far it falls."""
     for group, names in choice.loops.items():
         rows = [
@@ -59,7 +59,7 @@ def noise(courses: Courses, choice: Choice) -> Iterator[str]:
         yield from markdown(["agent", "taste", "worth", "of that without", "largest fall"], rows)
 
 
-def hidden(courses: Courses, choice: Choice) -> Iterator[str]:
+def hidden(courses: Courses, choice: Selection) -> Iterator[str]:
     """Yield the worth to people whose KPIs are withheld."""
     for group, names in choice.loops.items():
         rows = _worths(courses, choice.agents, "hidden", names)
@@ -109,7 +109,7 @@ def _headline(worths: Mapping[str, float]) -> str:
     return f"{mean:.0f} ({worst} {worths[worst]:.0f})"
 
 
-def _questions(courses: Courses, choice: Choice, names: Sequence[str]) -> Iterator[list[str]]:
+def _questions(courses: Courses, choice: Selection, names: Sequence[str]) -> Iterator[list[str]]:
     for agent in choice.agents:
         for taste in choice.tastes:
             asked = courses.questions(agent, taste, FIRST, names)

@@ -12,7 +12,7 @@ from prefcal_app.report.export import versions
 from prefcal_app.report.html import environment
 from prefcal_app.report.trajectories import figure as side_by_side
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_scenarios.cases.overtake.picture import Shown, drawn
+from prefcal_scenarios.cases.overtake.picture import ShownDrive, drawn
 from prefcal_scenarios.presentation.folder import put
 from prefcal_scenarios.presentation.style import BEST, FIRST, OTHERS, save, style
 
@@ -116,7 +116,7 @@ def _of_reactor(reactor: Found, automated: Found) -> Iterator[Pictured]:
 def _of_car(car: Found) -> Iterator[Pictured]:
     space = car.scenario.space
     better, worse = _clearest(car, "path_peak", _in_time)
-    pair = (Shown(worse, "not preferred", FIRST), Shown(better, "preferred", BEST))
+    pair = (ShownDrive(worse, "not preferred", FIRST), ShownDrive(better, "preferred", BEST))
     yield Pictured(
         "Fig. car_comparison",
         "Query window of one iteration; both controllers compute in time, and the right one is "
@@ -125,8 +125,8 @@ def _of_car(car: Found) -> Iterator[Pictured]:
         "one with the largest difference in how far they move to the side.",
         _png(drawn(pair, space)),
     )
-    calibrated = Shown(car.first, "calibrated by preferences (GLISp)", BEST)
-    printed = Shown(car.paper, "the paper's θ", OTHERS[1])
+    calibrated = ShownDrive(car.first, "calibrated by preferences (GLISp)", BEST)
+    printed = ShownDrive(car.paper, "the paper's θ", OTHERS[1])
     yield Pictured(
         "Fig. car_finalPerf",
         "Performance of the calibrated controller.",

@@ -25,7 +25,7 @@ from .words import (
 SIGNIFICANCE = 0.05
 
 
-class Cell(NamedTuple):
+class TableCell(NamedTuple):
     """Cell of a table: plain text, and its class in the style sheet."""
 
     text: str
@@ -49,7 +49,7 @@ class Table:
     label: str
     caption: str
     columns: tuple[str, ...]
-    rows: list[list[Cell]]
+    rows: list[list[TableCell]]
     words: tuple[str, ...] = ()
     tall: bool = True
     page_only: tuple[str, ...] = ()
@@ -73,16 +73,16 @@ def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline:
     lines = []
     for problem, group in rows.groupby("problem", sort=False):
         lowest = short(group["gap_median"].min())
-        cells = {agent: Cell("–") for agent in agents}
+        cells = {agent: TableCell("–") for agent in agents}
         for row in group.itertuples():
             best = short(row.gap_median) == lowest
             counts[row.agent] += best
             text = f"{short(row.gap_median)}{_sign(row)}"
-            cells[row.agent] = Cell(text, "best" if best else "")
-        knobs = Cell(str(campaign.knobs(problem) or "–"), "note")
-        lines.append([Cell(problem), knobs, *cells.values()])
-    ends = [Cell(f"{counts[agent]} of {len(lines)}") for agent in agents]
-    averages = [Cell(f"{ranks[agent]:.2f}" if agent in ranks else "–") for agent in agents]
+            cells[row.agent] = TableCell(text, "best" if best else "")
+        knobs = TableCell(str(campaign.knobs(problem) or "–"), "note")
+        lines.append([TableCell(problem), knobs, *cells.values()])
+    ends = [TableCell(f"{counts[agent]} of {len(lines)}") for agent in agents]
+    averages = [TableCell(f"{ranks[agent]:.2f}" if agent in ranks else "–") for agent in agents]
     caption = (
         f"Median gap after {setting.n_max} experiments, {named(setting, campaign)}; "
         "the lowest is tinted. ▲ significantly nearer, ▼ significantly farther than "
@@ -91,8 +91,8 @@ def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline:
         "results on all problems; gaps below the floor are alike."
     )
     label = f"Median gaps, {setting.calibrator} {setting.n_max}"
-    lines.append([Cell("lowest on"), Cell(""), *ends])
-    lines.append([Cell("average rank"), Cell(""), *averages])
+    lines.append([TableCell("lowest on"), TableCell(""), *ends])
+    lines.append([TableCell("average rank"), TableCell(""), *averages])
     return Table(label, caption, ("problem", "knobs", *agents), lines, tall=False)
 
 
@@ -130,22 +130,22 @@ def numbers(rows: pd.DataFrame, baseline: str, label: str) -> Table:
     return Table(label, caption, columns, lines, words=("problem", "agent"), page_only=room)
 
 
-def _gap_cells(row: Any, lowest: str) -> list[Cell]:
+def _gap_cells(row: Any, lowest: str) -> list[TableCell]:
     """Return the cells of a row of the table of gaps."""
     low, median, high = row.gap_lower_quartile, short(row.gap_median), row.gap_upper_quartile
     tried = row.seeds + row.failed
     return [
-        Cell(row.problem),
-        Cell(row.agent, "words"),
-        Cell(f"{row.seeds} of {tried}" if row.failed else str(row.seeds)),
-        Cell(median, "best" if median == lowest != "–" else ""),
-        Cell("–" if low is None else f"{short(low)} to {short(high)}"),
-        Cell(short(row.visited_median)),
-        Cell(short(row.questions_median)),
-        Cell(ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high)),
-        Cell(score(row.wins, row.ties, row.losses)),
-        Cell(probability(row.p_holm), "sure" if _is_sure(row) else ""),
-        Cell(short(row.seconds_per_proposal)),
+        TableCell(row.problem),
+        TableCell(row.agent, "words"),
+        TableCell(f"{row.seeds} of {tried}" if row.failed else str(row.seeds)),
+        TableCell(median, "best" if median == lowest != "–" else ""),
+        TableCell("–" if low is None else f"{short(low)} to {short(high)}"),
+        TableCell(short(row.visited_median)),
+        TableCell(short(row.questions_median)),
+        TableCell(ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high)),
+        TableCell(score(row.wins, row.ties, row.losses)),
+        TableCell(probability(row.p_holm), "sure" if _is_sure(row) else ""),
+        TableCell(short(row.seconds_per_proposal)),
     ]
 
 
@@ -158,13 +158,13 @@ def duel_numbers(rows: pd.DataFrame) -> Table:
     columns = ("agent", "against", "seeds", "preferred", "95 % interval", "won–tied–lost", "p")
     lines = [
         [
-            Cell(t.agent),
-            Cell(t.rival, "words"),
-            Cell(str(t.seeds)),
-            Cell(percent(t.share)),
-            Cell(f"{percent(t.low)} to {percent(t.high)}"),
-            Cell(score(t.wins, t.ties, t.losses)),
-            Cell(probability(t.p)),
+            TableCell(t.agent),
+            TableCell(t.rival, "words"),
+            TableCell(str(t.seeds)),
+            TableCell(percent(t.share)),
+            TableCell(f"{percent(t.low)} to {percent(t.high)}"),
+            TableCell(score(t.wins, t.ties, t.losses)),
+            TableCell(probability(t.p)),
         ]
         for t in rows.itertuples()
     ]
@@ -175,7 +175,7 @@ def duel_numbers(rows: pd.DataFrame) -> Table:
 
 def failed(cells: Sequence[tuple[str, str]]) -> Table:
     """Return the failed cells with their reasons."""
-    lines = [[Cell(cell), Cell(words, "words")] for cell, words in cells]
+    lines = [[TableCell(cell), TableCell(words, "words")] for cell, words in cells]
     caption = "They have no numbers in any table or figure."
     return Table("Failed cells", caption, ("cell", "what happened"), lines, ("what happened",))
 
@@ -196,13 +196,13 @@ def worth_numbers(campaign: Campaign, rows: pd.DataFrame, setting: Setting, base
     for last in ends.itertuples():
         own = rows[(rows["setting"] == setting) & (rows["agent"] == last.agent)]
         found = {(row.unit, row.after): row for row in own.itertuples()}
-        line = [Cell(last.agent), Cell(_studies(last, loops))]
+        line = [TableCell(last.agent), TableCell(_studies(last, loops))]
         for n in spots:
-            line += map(Cell, _worth_cells(found["experiments", n]))
+            line += map(TableCell, _worth_cells(found["experiments", n]))
         if last.agent in tinted:
             line[-5] = line[-5]._replace(kind="best")
         by_answers = found.get(("answers", spots[-1] - 1))
-        lines.append([*line, Cell("–" if by_answers is None else _worth_cells(by_answers)[0])])
+        lines.append([*line, TableCell("–" if by_answers is None else _worth_cells(by_answers)[0])])
     beats = f"beats {short_name(baseline)} [95 %]"
     names = ("worth [95 %]", "middle half", "answers", beats, "drift")
     columns = [f"{name} ({n})" for n in spots for name in names]

@@ -44,7 +44,7 @@ _MISHAPS = None, Mishap.NOT_FINITE, Mishap.OFF_ROAD
 """What the second number of `_kernels.kept` means."""
 
 
-class Driven(NamedTuple):
+class DrivenCar(NamedTuple):
     """A completed period: its instants (including the start), the poses, and the held input."""
 
     t: Times  # instants [s], shape (M,)
@@ -125,12 +125,12 @@ class Course:
         if not self.options.vehicles_count:
             return None, (Obstacle(),)
         # Imported here so that highway-env is loaded only if there are drivers.
-        from .vehicles import Simulation
+        from .vehicles import SimulatedVehicle
 
-        simulation = Simulation(self.options, pose, rng)
+        simulation = SimulatedVehicle(self.options, pose, rng)
         return simulation, simulation.movers
 
-    def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
+    def apply(self, u: Float[np.ndarray, " 2"]) -> DrivenCar:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
 
         Raises:
@@ -149,7 +149,7 @@ class Course:
         t, x, self.mishap = self._period(u, times, others)
         trajectory.add(t[1:], x[1:], u, self._y_ref())
         self._phases.append((self.phase, len(t) - 1))
-        driven = Driven(t, x, u, self.phase)
+        driven = DrivenCar(t, x, u, self.phase)
         self.t, self.x, self.u = float(t[-1]), x[-1], u
         self._look(others[:, -1] if self.mishap is None else None)
         if self.mishap is not None:

@@ -17,7 +17,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.trajectory import Record
 from prefcal_env.plants.bicycle import KMH
 
-from .course import HIGH, LOW, Course, Driven, Mishap
+from .course import HIGH, LOW, Course, DrivenCar, Mishap
 from .options import OvertakeOptions, paper_scene
 from .rules import MISHAP_COST, T_S_RANGE, stage_cost
 from .vehicles import CRASHED, OWN, OwnVehicle, place, road_of
@@ -136,7 +136,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self.observation_space: Any = None
         self.viewer: Any = None
         self._once: dict[str, Any] = {}
-        self._driven: Driven | None = None
+        self._driven: DrivenCar | None = None
         for name, value in (("T_s", T_s), ("x0", x0)):
             if value is not None:
                 config = {**(config or {}), name: value}
@@ -251,7 +251,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self.action_type.act(action)
         return self.vehicle.inputs(self.T_s)  # type: ignore[no-any-return]
 
-    def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
+    def apply(self, u: Float[np.ndarray, " 2"]) -> DrivenCar:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
 
         Raises:

@@ -127,7 +127,7 @@ def place(vehicle: Any, x: float, y: float, turned: float) -> None:
     vehicle.on_state_update()
 
 
-class Simulation:
+class SimulatedVehicle:
     """A road with drivers who react to each other; they decide several times per period.
 
     In a period of T_s they decide and drive n times T_s/n, where n is the smallest number that

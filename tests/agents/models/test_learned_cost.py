@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISp, RandomSearch
-from prefcal_agents.models.learned_cost import LearnedCost, Term
+from prefcal_agents.models.learned_cost import CostTerm, LearnedCost
 from prefcal_env import Knob, KnobSpace
 from prefcal_env.preferences.history import History
 from support.studies import by, drive
@@ -102,7 +102,7 @@ LIMITS = st.tuples(NUMBER, NUMBER).filter(lambda p: p[0] < p[1] and np.isfinite(
     st.dictionaries(st.sampled_from(["k", "l", "'\"\\\n{x}"]), LIMITS), st.lists(KPI, max_size=5)
 )
 def test_the_module_computes_the_same_for_any_kpis(limits, mappings):
-    index = LearnedCost({name: Term(0.3, *pair) for name, pair in limits.items()}, 3, 4)
+    index = LearnedCost({name: CostTerm(0.3, *pair) for name, pair in limits.items()}, 3, 4)
     namespace = {}
     exec(index.to_python(), namespace)
     for mapping in mappings:
@@ -113,7 +113,7 @@ def test_the_module_computes_the_same_for_any_kpis(limits, mappings):
 
 
 def test_by_hand_and_what_is_unknown_or_never_counts_in_full():
-    index = LearnedCost({"k": Term(0.75, 10.0, 20.0), "l": Term(0.25, 0.0, np.inf)}, 3, 4)
+    index = LearnedCost({"k": CostTerm(0.75, 10.0, 20.0), "l": CostTerm(0.25, 0.0, np.inf)}, 3, 4)
     assert index({"k": 12.0, "l": 5.0}) == pytest.approx(0.15)
     assert index({"k": 8.0, "l": 5.0}) == pytest.approx(-0.15)
     assert index({"k": -np.inf, "l": -np.inf}) == -1.0

@@ -13,7 +13,7 @@ from prefcal_app.cli.parameters import examples
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class Starter:
     """One kind of starter.
 
     Args:
@@ -47,16 +47,16 @@ class Kind:
 
 
 KINDS = {
-    "function": Kind("any function of θ that returns curves", "function.py.txt"),
-    "pid": Kind("a plant; its PID is tuned", "pid.py.txt", ("pid", "--plant", "FILE:plant")),
-    "controller": Kind("a plant and a controller of your own", "controller.py.txt"),
-    "mpc": Kind("a plant and the MPC of prefcal", "mpc.py.txt"),
-    "fmu": Kind(
+    "function": Starter("any function of θ that returns curves", "function.py.txt"),
+    "pid": Starter("a plant; its PID is tuned", "pid.py.txt", ("pid", "--plant", "FILE:plant")),
+    "controller": Starter("a plant and a controller of your own", "controller.py.txt"),
+    "mpc": Starter("a plant and the MPC of prefcal", "mpc.py.txt"),
+    "fmu": Starter(
         "a closed loop in an FMU", "fmu.toml", ("FILE",),
         "Put the path of your FMU and the names of its parameters into it.",
     ),
-    "rig": Kind("a plant that only you can run", "rig.toml", ("FILE",)),
-    "opcua": Kind(
+    "rig": Starter("a plant that only you can run", "rig.toml", ("FILE",)),
+    "opcua": Starter(
         "a live plant behind OPC UA", "opcua.toml", ("FILE",),
         "Put the address of your server and its nodes into it.",
     ),

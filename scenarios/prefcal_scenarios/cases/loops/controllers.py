@@ -10,7 +10,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from . import _laws as laws
 from ._simulate import slopes
-from .course import Course, Driven, by_law
+from .course import Course, Trace, by_law
 from .plants import packed
 
 Values = Mapping[str, float]
@@ -19,7 +19,7 @@ Values = Mapping[str, float]
 class Tunable(Protocol):
     """A kind of controller."""
 
-    def drive(self, values: Values, course: Course) -> Driven:
+    def drive(self, values: Values, course: Course) -> Trace:
         """Return what the controller does with these values of the knobs, by name.
 
         Raises:
@@ -54,7 +54,7 @@ class PID:
     # None if there is no cascade
     inner: tuple[float, float, float] | None = None
 
-    def drive(self, values: Values, course: Course) -> Driven:
+    def drive(self, values: Values, course: Course) -> Trace:
         """Return what the controller does with these values of the knobs."""
         law = laws.PID if self.inner is None else laws.CASCADE
         return by_law(law, self.gains(values, course), course)
@@ -83,7 +83,7 @@ class LQR:
 
     fixed: Values = field(default_factory=dict)  # values that are not tuned
 
-    def drive(self, values: Values, course: Course) -> Driven:
+    def drive(self, values: Values, course: Course) -> Trace:
         """Return what the controller does with these values of the knobs."""
         return by_law(laws.FEEDBACK, self.gains(values, course), course)
 

@@ -43,7 +43,7 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Driven:
+class Trace:
     """States and inputs of an experiment until it stopped, and the N steps of its controller."""
 
     x: Float[np.ndarray, "V n_x"]  # states, shape (V, n_x), finite
@@ -53,14 +53,14 @@ class Driven:
     solved: Bool[np.ndarray, " N"]  # whether each step's problem was solved, shape (N,)
 
     @classmethod
-    def nothing(cls, n_x: int, n_u: int) -> "Driven":
+    def nothing(cls, n_x: int, n_u: int) -> "Trace":
         """Return no states and no steps: there was no controller."""
         none = np.zeros(0)
         x, u = np.zeros((0, n_x)), np.zeros((0, n_u))
         return cls(x, u, none.astype(np.int64), none, none.astype(np.bool_))
 
 
-def by_law(law: int, gains: Float[np.ndarray, "r c"], course: Course) -> Driven:
+def by_law(law: int, gains: Float[np.ndarray, "r c"], course: Course) -> Trace:
     """Return what a compiled law with these gains does."""
     x, u, valid = simulate(
         (*packed(course.plant), course.measured),
@@ -70,14 +70,14 @@ def by_law(law: int, gains: Float[np.ndarray, "r c"], course: Course) -> Driven:
         (course.x0, course.u0, course.safe),
     )
     steps = len(range(0, max(valid - 1, 0), course.hold))  # the last instant decides none
-    return Driven(
+    return Trace(
         x[:valid], u[:valid], np.zeros(steps, np.int64), np.zeros(steps), np.ones(steps, np.bool_)
     )
 
 
 def by_controller(
     controller: Controller, course: Course, clock: Callable[[], float] = time.perf_counter
-) -> Driven:
+) -> Trace:
     """Return what `controller` does; where it does not solve its problem, the input is held.
 
     Args:
@@ -109,6 +109,4 @@ def by_controller(
         if stopped:
             break
     iterations, solve_time, solved = zip(*steps, strict=True)
-    return Driven(
-        x[:valid], u[:valid], np.array(iterations), np.array(solve_time), np.array(solved)
-    )
+    return Trace(x[:valid], u[:valid], np.array(iterations), np.array(solve_time), np.array(solved))

@@ -12,7 +12,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from .controllers import Tunable
-from .course import Course, Driven
+from .course import Course, Trace
 from .kpis import compute_kpis, kpis_of, time_outside
 from .plants import Plant
 from .wording import about_knob, brief_of
@@ -152,7 +152,7 @@ class Loop:
         try:
             driven = self.controller.drive(values, self.course(hold, seed))
         except np.linalg.LinAlgError:
-            driven = Driven.nothing(len(self.states), len(self.inputs))
+            driven = Trace.nothing(len(self.states), len(self.inputs))
         return self._experiment(theta, driven, hold)
 
     def scenario(self) -> Scenario:
@@ -223,7 +223,7 @@ class Loop:
         """Number of instants of a whole experiment."""
         return round(self.timing.horizon / self.timing.step) + 1
 
-    def _experiment(self, theta: Float[np.ndarray, " n"], driven: Driven, hold: int) -> Experiment:
+    def _experiment(self, theta: Float[np.ndarray, " n"], driven: Trace, hold: int) -> Experiment:
         """Return the record with its KPIs; it is empty if there was no controller."""
         timing, steps = self.timing, hold * np.arange(len(driven.solved))
         bare = Experiment(

@@ -12,11 +12,11 @@ from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 
 from ._simulate import hold, rhs, slopes
 from .controllers import Values
-from .course import Course, Driven, by_controller
+from .course import Course, Trace, by_controller
 from .plants import packed
 
 
-class Model:
+class LoopModel:
     """A `prefcal_env` plant: the loop's plant, undisturbed, with its measured states as outputs.
 
     The disturbance stays at its value at the start, and the dead time is left out: what the
@@ -95,7 +95,7 @@ class MPC:
     on_inputs: tuple[int, ...] = ()
     fixed: Values = field(default_factory=dict)
 
-    def drive(self, values: Values, course: Course) -> Driven:
+    def drive(self, values: Values, course: Course) -> Trace:
         """Return what the controller does with these values of the knobs."""
         return by_controller(self.controller(values, course), course)
 
@@ -117,4 +117,4 @@ class MPC:
             drift=tuple(values["drift"] * scale for scale in offsets),
             on_outputs=self.on_outputs, on_inputs=self.on_inputs,
         )  # fmt: skip
-        return EstimatingMPC(Model(course), settings, estimator)
+        return EstimatingMPC(LoopModel(course), settings, estimator)

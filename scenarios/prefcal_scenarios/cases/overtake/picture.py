@@ -39,7 +39,7 @@ _DASHED: Any = (0, (6, 3))
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ShownDrive:
     """A run to draw, its label and its color."""
 
     experiment: Experiment
@@ -47,18 +47,18 @@ class Shown:
     color: str
 
 
-def shown(record: Any) -> tuple[Shown, ...]:
+def shown(record: Any) -> tuple[ShownDrive, ...]:
     """Return the best run and the one before; one run if they are the same."""
     assert record.best is not None
     best, before = record.best, record.before
-    runs = (Shown(best.experiment, f"best (experiment {best.number})", BEST),)
+    runs = (ShownDrive(best.experiment, f"best (experiment {best.number})", BEST),)
     if best.index == before.index:
         return runs
     label = f"{record.baseline.name} ({before.number})"
-    return *runs, Shown(before.experiment, label, FIRST)
+    return *runs, ShownDrive(before.experiment, label, FIRST)
 
 
-def drawn(runs: Sequence[Shown], space: KnobSpace) -> Figure:
+def drawn(runs: Sequence[ShownDrive], space: KnobSpace) -> Figure:
     """Draw one run or two side by side, as in Fig. car_comparison and Fig. car_finalPerf."""
     figure = canvas(7.0)
     axes = figure.subplots(3, len(runs), sharey="row", squeeze=False)
@@ -80,7 +80,7 @@ def drawn(runs: Sequence[Shown], space: KnobSpace) -> Figure:
     return figure
 
 
-def _theta_lines(space: KnobSpace, run: Shown) -> str:
+def _theta_lines(space: KnobSpace, run: ShownDrive) -> str:
     """Return θ in mathtext, on two lines."""
     parts = [
         f"{mathtext(k.name)} = {quantity(v, k.unit)}"
@@ -102,7 +102,7 @@ def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
     )
 
 
-def _path(axes: Axes, run: Shown) -> None:
+def _path(axes: Axes, run: ShownDrive) -> None:
     """Draw the road, both paths, and the cars at five moments, which have a number."""
     experiment, (low, high) = run.experiment, road_of(run.experiment)
     axes.axhspan(low, high, color=ASPHALT, zorder=0)
@@ -123,7 +123,7 @@ def _path(axes: Axes, run: Shown) -> None:
     axes.set_title("Path of the car and of the obstacle (orange)")
 
 
-def _speed(axes: Axes, run: Shown) -> None:
+def _speed(axes: Axes, run: ShownDrive) -> None:
     experiment = run.experiment
     x = experiment.x[:, 0]
     limits = np.array([KEEPING_SPEEDS, OVERTAKING_SPEEDS])[phases(experiment)] / KMH
@@ -138,7 +138,7 @@ def _speed(axes: Axes, run: Shown) -> None:
     axes.set_title("Speed $v$, its reference (dotted) and limits (dashed)")
 
 
-def _steering(axes: Axes, run: Shown) -> None:
+def _steering(axes: Axes, run: ShownDrive) -> None:
     experiment = run.experiment
     for limit in (-STEERING_LIMIT, STEERING_LIMIT):
         axes.axhline(limit, color=LIMIT, linewidth=1.1, linestyle=_DASHED)

@@ -98,14 +98,14 @@ def scenario_of_steps(
         kpis=kpis_of(found, plant.outputs, plant.time_unit, sensitivity(middle)),
         panels=_panels(plant, found),
         controller=make,
-        settings=Settings(make),
+        settings=StepSettings(make),
         simulated=True,
         **(said | {"brief": said["brief"] or _brief(plant, found)}),
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Settings:
+class StepSettings:
     """Function of θ that returns the controller as data, from which it can be made again."""
 
     make: Make

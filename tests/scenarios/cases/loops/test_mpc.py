@@ -6,7 +6,7 @@ import pytest
 from prefcal_env.plants.derivative import derivative
 from prefcal_scenarios.cases.loops import LOOPS
 from prefcal_scenarios.cases.loops.loop import random
-from prefcal_scenarios.cases.loops.mpc import Model
+from prefcal_scenarios.cases.loops.mpc import LoopModel
 from support.equations import evaluated
 
 NONE = np.zeros(0)
@@ -15,7 +15,7 @@ NONE = np.zeros(0)
 @pytest.mark.parametrize("name", LOOPS)
 def test_it_rests_where_the_loop_starts_and_holds_like_the_plant(name):
     course = LOOPS[name]().course(1, 0)
-    model, x, u = Model(course), course.x0, course.u0
+    model, x, u = LoopModel(course), course.x0, course.u0
     assert model.f(x, u, NONE) == pytest.approx(np.zeros(len(x)), abs=1e-9)
     assert (model.g(x, u, NONE) == x[course.measured]).all()
     times = course.step * np.array([1.0, 2.5, 6.0])
@@ -26,7 +26,7 @@ def test_it_rests_where_the_loop_starts_and_holds_like_the_plant(name):
 @pytest.mark.parametrize("name", LOOPS)
 def test_its_compiled_equations_are_its_own(name):
     course = LOOPS[name]().course(1, 0)
-    model, x, u = Model(course), course.x0 + 0.1, course.u0
+    model, x, u = LoopModel(course), course.x0 + 0.1, course.u0
     J = model.jacobians(x, u, NONE)
     matrices = np.concatenate([m.ravel() for m in (J.A, J.B, J.C, J.D)])
     for equation, values in (
@@ -46,7 +46,7 @@ def test_its_jacobians_are_those_of_the_equations():
             [((1 - p[2]) * p[1] - p[0] / R) / C, (supply - r * p[1] - (1 - p[2]) * p[0]) / L]
         )
 
-    J = Model(course).jacobians(point[:2], point[2:], NONE)
+    J = LoopModel(course).jacobians(point[:2], point[2:], NONE)
     exact = derivative(f, point)
     np.testing.assert_allclose(np.hstack([J.A, J.B]), exact, atol=1e-7)
 
@@ -55,7 +55,7 @@ def test_a_read_only_state_is_not_changed():
     course = LOOPS["tank"]().course(1, 0)
     x = course.x0.copy()
     x.setflags(write=False)
-    Model(course).jacobians(x, course.u0, NONE)
+    LoopModel(course).jacobians(x, course.u0, NONE)
     assert (x == course.x0).all()
 
 

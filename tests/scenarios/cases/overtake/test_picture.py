@@ -15,7 +15,7 @@ from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.cstr import cstr
 from prefcal_scenarios.cases.overtake import overtake
-from prefcal_scenarios.cases.overtake.picture import PICTURE, Shown, drawn, shown
+from prefcal_scenarios.cases.overtake.picture import PICTURE, ShownDrive, drawn, shown
 from prefcal_scenarios.cases.overtake.scene import moments
 from prefcal_scenarios.own.source import joined_source
 from prefcal_scenarios.presentation.style import BEST, FIRST, OTHERS, style
@@ -95,7 +95,7 @@ def test_a_run_without_an_obstacle_and_one_that_was_stopped_are_drawn_as_well(tm
 def test_the_road_is_as_wide_as_that_of_the_run():
     wide = load(joined_source("overtake", {"lanes_count": 3})).run(PAPER.theta)
     with style():
-        path, *_ = drawn((Shown(wide, "wide", BEST),), overtake.space).axes
+        path, *_ = drawn((ShownDrive(wide, "wide", BEST),), overtake.space).axes
     assert path.get_ylim() == pytest.approx((-2, 10), abs=1)
 
 
