@@ -137,6 +137,7 @@ class Process:
             self.kill()
         self._thread.join(_LAST_WORDS)
         while (message := self.hear()) is not None:
+            self.loaded |= message[0] is Kind.READY  # nobody has heard it yet
             if message[0] is Kind.ERROR and self.loaded:
                 return str(pickle.loads(message[1]))
         return ""
