@@ -49,7 +49,7 @@ export function symbol(text) {
 export const withUnit = (text, unit) => (unit && /[0-9]$/.test(text) ? `${text} ${unit}` : text);
 
 const colors = new Map();
-export const DARK = matchMedia("(prefers-color-scheme: dark)"); // whoever draws in colors listens to it
+export const DARK = matchMedia("(prefers-color-scheme: dark)"); // views that draw in colors listen to it
 DARK.addEventListener("change", () => colors.clear());
 
 // Return a color of the style sheet, read once per theme because reading triggers a layout.

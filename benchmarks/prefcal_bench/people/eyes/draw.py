@@ -132,7 +132,7 @@ def _with_eyes(
     rng: np.random.Generator,
     part: float = 1.0,
 ) -> Eyes:
-    """Return the person to whom some pairs of the best runs look alike.
+    """Return the person who cannot tell some pairs of the best runs apart.
 
     `judging` takes the factor of all just noticeable differences, which is found by bisection.
     Who is best depends on it, so that it is found twice.

@@ -19,7 +19,7 @@ class Judgement(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """A `Rule`: whoever survives longer is better, and otherwise what is noticed decides.
+    """A `Rule`: a run that survives longer is better; otherwise what is noticed decides.
 
     Differences that are not noticed can add up, so it is not transitive, and has no cost.
     """
