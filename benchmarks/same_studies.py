@@ -61,9 +61,7 @@ def camel(x: np.ndarray) -> float:
 
 
 _A = np.array([[3, 10, 30], [0.1, 10, 35], [3, 10, 30], [0.1, 10, 35]])
-_P = 1e-4 * np.array(
-    [[3689, 1170, 2673], [4699, 4387, 7470], [1091, 8732, 5547], [381, 5743, 8828]]
-)
+_P = 1e-4 * np.array([[3689, 1170, 2673], [4699, 4387, 7470], [1091, 8732, 5547], [381, 5743, 8828]])
 
 
 def hartman3(x: np.ndarray) -> float:
@@ -216,11 +214,15 @@ def narrowed(agent: Any) -> Any:
 
 CHANGES: Mapping[str, Mapping[int, Change]] = {
     "undo and retract": {
-        8: undone, 9: undone, 14: partial(retracted, 3), 17: undone, 19: partial(retracted, 6),
+        8: undone,
+        9: undone,
+        14: partial(retracted, 3),
+        17: undone,
+        19: partial(retracted, 6),
     },
     "reopened": {7: reopened, 15: reopened},
     "narrowed": {13: narrowed},
-}  # fmt: skip
+}
 FURTHER: Mapping[int, Change] = {22: further_retracted, 24: undone}
 
 
@@ -266,9 +268,7 @@ def _on_camel() -> dict[str, Callable[[], Lines]]:
     for name, kind in (("RandomSearch", RandomSearch), ("LatinHypercube", LatinHypercube)):
         make = partial(kind, CAMEL, n_init=6, n_max=18, seed=4)
         for change in CHANGES:
-            studies[f"camel, {name}, {change}"] = lambda m=make, c=CHANGES[change]: drive(
-                m(), sure, c
-            )
+            studies[f"camel, {name}, {change}"] = lambda m=make, c=CHANGES[change]: drive(m(), sure, c)
     return studies
 
 
@@ -335,8 +335,16 @@ def exported(folder: Path, study: str, knobs: int) -> Lines:
     rows = csv.reader((folder / "tables" / "experiments.csv").open(encoding="utf-8", newline=""))
     samples = [" ".join(row[: knobs + 1]) for row in rows]
     table = csv.DictReader((folder / "tables" / "comparisons.csv").open(encoding="utf-8"))
-    kept = ("challenger", "incumbent", "preference", "strength", "marks", "automatic marks",
-            "challenger on the left", "retracted")  # fmt: skip
+    kept = (
+        "challenger",
+        "incumbent",
+        "preference",
+        "strength",
+        "marks",
+        "automatic marks",
+        "challenger on the left",
+        "retracted",
+    )
     return [*samples, *(", ".join(row[name] for name in kept) for row in table)]
 
 

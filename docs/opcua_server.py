@@ -6,9 +6,7 @@ from contextlib import contextmanager
 
 from asyncua import Server, ua
 
-NODES = {
-    "Kp": 1.0, "Ti": 20.0, "Setpoint": 1.0, "Level": 1.0, "Valve": 50.0,
-}  # fmt: skip
+NODES = {"Kp": 1.0, "Ti": 20.0, "Setpoint": 1.0, "Level": 1.0, "Valve": 50.0}
 """Nodes "ns=2;s=Tank.NAME" and their values at the beginning."""
 
 

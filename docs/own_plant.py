@@ -67,6 +67,4 @@ if __name__ == "__main__":
     found = minimize_by_preference(prefer, knobs, n_max=30)
     best = experiment(found.best)
     print("best", knobs.named(found.best))
-    print(
-        f"peak {best.x[:, 0].max():.3f} rad, angle after 0.5 s {best.x[best.t <= 0.5][-1, 0]:.3f}"
-    )
+    print(f"peak {best.x[:, 0].max():.3f} rad, angle after 0.5 s {best.x[best.t <= 0.5][-1, 0]:.3f}")

@@ -20,10 +20,7 @@ oven = Scenario(
     name="oven",
     title="Heating an oven",
     space=KnobSpace(
-        [
-            Knob("K_p", 0.5, 20, "%/K", scale="log10"),
-            Knob("K_i", 0.01, 2, "%/(K min)", scale="log10"),
-        ]
+        [Knob("K_p", 0.5, 20, "%/K", scale="log10"), Knob("K_i", 0.01, 2, "%/(K min)", scale="log10")]
     ),
     run=rig,
     kpis=(KPI("overshoot", "overshoot", "K", at_most=5.0),),
@@ -53,8 +50,6 @@ def ask(a, b):
 
 if __name__ == "__main__":
     agent = GLISp(oven.space, n_init=5, n_max=15, seed=0)
-    for done in calibrate(
-        agent, lambda theta: rig.read(logged(theta), theta), HumanCalibrator(ask)
-    ):
+    for done in calibrate(agent, lambda theta: rig.read(logged(theta), theta), HumanCalibrator(ask)):
         best = done.winner
     print("best", oven.space.named(agent.best), dict(best.kpis))

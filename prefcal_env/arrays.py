@@ -79,7 +79,5 @@ def weights(
     smallest = float(np.linalg.eigvalsh(Q).min(initial=np.inf))
     if smallest < -1e-12 * scale or (definite and smallest <= 0):
         kind = "definite" if definite else "semidefinite"
-        raise SettingsError(
-            f"{name} must be positive {kind}, its smallest eigenvalue is {smallest:.3g}"
-        )
+        raise SettingsError(f"{name} must be positive {kind}, its smallest eigenvalue is {smallest:.3g}")
     return np.ascontiguousarray(Q)

@@ -62,10 +62,7 @@ def entries(
         raise error(f"{place}expected a table with {', '.join(every)}, got {values!r:.80}")
     for key in values:
         if key not in every:
-            raise error(
-                f"{place}there is no key {key!r}.{hint(str(key), every)} "
-                f"Expected {', '.join(every)}"
-            )
+            raise error(f"{place}there is no key {key!r}.{hint(str(key), every)} Expected {', '.join(every)}")
     found = {k: _value(v, every[k][0], f"{place}{k}", error) for k, v in values.items()}
     missing = [name for name, (_, needed) in every.items() if needed and name not in found]
     if missing and not partial:
@@ -104,9 +101,13 @@ def _value(value: Any, type_: Any, where: str, error: type[PrefcalError]) -> Any
 
 
 _WORDS = {
-    "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false",
-    "array": "a list", "object": "a table",
-}  # fmt: skip
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
 
 
 def _in_words(names: str) -> str:
@@ -123,7 +124,10 @@ def _options(type_: Any) -> list[str]:
 
 def _example(key: str) -> str:
     return {
-        "low": "low = 0.1", "high": "high = 100.0", "rate": "rate = 1.0, the largest change per "
-        "second", "node": 'node = "ns=2;s=Tank.Level"', "url": 'url = "opc.tcp://127.0.0.1:4840"',
+        "low": "low = 0.1",
+        "high": "high = 100.0",
+        "rate": "rate = 1.0, the largest change per second",
+        "node": 'node = "ns=2;s=Tank.Level"',
+        "url": 'url = "opc.tcp://127.0.0.1:4840"',
         "outputs": 'a table [rig.outputs] with level = { unit = "m" }',
-    }.get(key, f"{key} = ...")  # fmt: skip
+    }.get(key, f"{key} = ...")

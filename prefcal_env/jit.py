@@ -45,10 +45,7 @@ class _KernelFolder(_CacheLocator):
     """Where numba keeps the compiled functions of a module of this project."""
 
     def __init__(self, function: Any) -> None:
-        self._py_file, self._lineno = (
-            function.__code__.co_filename,
-            function.__code__.co_firstlineno,
-        )
+        self._py_file, self._lineno = (function.__code__.co_filename, function.__code__.co_firstlineno)
         self._stamp = stamp(function.__module__)
         root = Path(_config.CACHE_DIR or user_cache_path("prefcal", appauthor=False))
         self._path = root / "kernels" / f"{function.__module__}-{self._stamp}"

@@ -49,9 +49,7 @@ def canonical(content: Any) -> str:
         TypeError: If it is not plain data.
         ValueError: If a number is not finite or a string contains half of a surrogate pair.
     """
-    text = json.dumps(
-        content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
-    )
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     text.encode()  # half of a surrogate pair cannot be encoded
     return text
 

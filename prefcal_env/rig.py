@@ -88,8 +88,7 @@ class Rig:
                 )
         if not self.max_gap > 1 or self.max_rows < 2:
             raise SettingsError(
-                f"max_gap must be above 1 and max_rows 2 or more, got {self.max_gap} and "
-                f"{self.max_rows}"
+                f"max_gap must be above 1 and max_rows 2 or more, got {self.max_gap} and {self.max_rows}"
             )
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
@@ -139,9 +138,7 @@ class Rig:
         csv.writer(line, lineterminator="\n").writerow(self.columns)
         return line.getvalue()
 
-    def read(
-        self, source: Any, theta: Float[np.ndarray, " n"], *, unsafe: bool = False
-    ) -> Experiment:
+    def read(self, source: Any, theta: Float[np.ndarray, " n"], *, unsafe: bool = False) -> Experiment:
         """Return the experiment of a physical θ, shape (n,), from its record.
 
         Args:
@@ -281,20 +278,26 @@ class Rig:
                     f"[{low:g}, {high:g}] {unit}{and_more(len(outside))}: is the unit right?"
                 )
 
-    def _of(
-        self, values: Float[np.ndarray, "K m"], theta: Float[np.ndarray, " n"], end: End
-    ) -> Experiment:
+    def _of(self, values: Float[np.ndarray, "K m"], theta: Float[np.ndarray, " n"], end: End) -> Experiment:
         """Return an experiment without KPIs; `values` come from `_values`."""
         widths = [1, len(self.channels.x), len(self._measured), len(self.channels.u)]
         t, x, measured, u, y_ref = np.split(values, np.cumsum(widths), axis=1)
         count = len(values)
         return Experiment(
-            theta=theta, t=t[:, 0], x=x, u=u, t_control=t[:, 0], u_control=u,
+            theta=theta,
+            t=t[:, 0],
+            x=x,
+            u=u,
+            t_control=t[:, 0],
+            u_control=u,
             y_ref=np.where(np.isnan(y_ref), np.reshape(self.y_ref, (1, -1)), y_ref),
-            iterations=np.zeros(count, dtype=np.int64), solve_time=np.zeros(count),
-            solved=np.ones(count, dtype=bool), channels=self.channels, end=end,
+            iterations=np.zeros(count, dtype=np.int64),
+            solve_time=np.zeros(count),
+            solved=np.ones(count, dtype=bool),
+            channels=self.channels,
+            end=end,
             y=self._outputs(x, measured),
-        )  # fmt: skip
+        )
 
     def _outputs(
         self, x: Float[np.ndarray, "K n_x"], measured: Float[np.ndarray, "K m"]
@@ -307,9 +310,7 @@ class Rig:
         return np.hstack([x, measured])[:, places]
 
 
-def _computed(
-    kpis: Callable[[Experiment], Mapping[str, float]], made: Experiment
-) -> dict[str, float]:
+def _computed(kpis: Callable[[Experiment], Mapping[str, float]], made: Experiment) -> dict[str, float]:
     try:
         return {str(name): float(value) for name, value in computed(kpis, made).items()}
     except Exception as error:

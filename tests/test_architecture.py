@@ -8,17 +8,16 @@ import pytest
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
 PACKAGES = (
-    "prefcal_env", "agents/prefcal_agents", "scenarios/prefcal_scenarios", "app/prefcal_app",
+    "prefcal_env",
+    "agents/prefcal_agents",
+    "scenarios/prefcal_scenarios",
+    "app/prefcal_app",
     "benchmarks/prefcal_bench",
-)  # fmt: skip
+)
 HOMES = [ROOT, *(ROOT / each for package in PACKAGES for each in (Path(package).parent, package))]
 """A path is relative to one of these, as the page writes it."""
 PATHS = sorted(
-    {
-        path
-        for path in re.findall(r"`(?:python )?([\w./]+)[^`]*`", TEXT)
-        if re.search(r"/|\.py", path)
-    }
+    {path for path in re.findall(r"`(?:python )?([\w./]+)[^`]*`", TEXT) if re.search(r"/|\.py", path)}
     | {link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", TEXT)}
 )
 FOLDERS = [
@@ -33,9 +32,7 @@ COMMANDS = sorted(
     {
         path
         for page in PAGES
-        for path in re.findall(
-            r"python3? (benchmarks/[\w/]+\.py)", page.read_text(encoding="utf-8")
-        )
+        for path in re.findall(r"python3? (benchmarks/[\w/]+\.py)", page.read_text(encoding="utf-8"))
     }
 )
 

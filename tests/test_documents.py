@@ -23,10 +23,7 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EXTENDED = pytest.mark.documents  # all but the README
 BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
-SCRIPTS = [
-    *sorted((ROOT / "docs" / "examples").glob("*.py")),
-    *sorted((ROOT / "docs").glob("*.py")),
-]
+SCRIPTS = [*sorted((ROOT / "docs" / "examples").glob("*.py")), *sorted((ROOT / "docs").glob("*.py"))]
 SCRIPTS.remove(ROOT / "docs" / "own_plant.py")  # test_own_plant.py runs it
 SCRIPTS.remove(ROOT / "docs" / "opcua_server.py")  # it serves until it is ended; see live.md
 

@@ -83,9 +83,7 @@ def test_headlines_about_agents_are_computed_again_from_published_studies(headli
 
 def test_the_headline_is_the_mean_of_people_of_another_form(headlines):
     found = headlines.published()
-    kinds = [
-        found[f"Screening, {kind}, 10 answers"] for kind in ("ideal", "majority", "ranks", "curves")
-    ]
+    kinds = [found[f"Screening, {kind}, 10 answers"] for kind in ("ideal", "majority", "ranks", "curves")]
     product = np.prod([float(words.partition(" ")[0]) for words in kinds])
     mean = found["Screening, people of another form, 10 answers"]
     assert float(mean) == pytest.approx(product**0.25, rel=0.01)

@@ -242,9 +242,7 @@ def in_a_new_process(code):
     """Run Python code that finds the five packages; what it prints."""
     path = [str(ROOT), *(str(folder.parent) for folder in FOLDERS.values())]
     program = f"import sys; sys.path[:0] = {path!r}\n{code}"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     return done.stdout.strip()
 
 
@@ -271,9 +269,21 @@ def test_every_subpackage_is_there_once_the_package_is_imported(package, folder)
 
 def test_importing_plants_and_scenarios_loads_nothing_heavy():
     heavy = (
-        "torch", "pygame", "highway_env", "matplotlib", "numba", "stable_baselines3", "pandas",
-        "fmpy", "control", "casadi", "do_mpc", "asyncua", "scipy", "jaxtyping",
-    )  # fmt: skip
+        "torch",
+        "pygame",
+        "highway_env",
+        "matplotlib",
+        "numba",
+        "stable_baselines3",
+        "pandas",
+        "fmpy",
+        "control",
+        "casadi",
+        "do_mpc",
+        "asyncua",
+        "scipy",
+        "jaxtyping",
+    )
     code = (
         "import sys, prefcal_env, prefcal_scenarios, gymnasium\n"
         f"print([m for m in {heavy!r} if m in sys.modules],"

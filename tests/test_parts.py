@@ -9,16 +9,19 @@ import pytest
 from support import browser, parts
 
 FILES = [path.relative_to(parts.TESTS).as_posix() for path in parts.TESTS.rglob("test_*.py")]
-WHOLE, SINGLE = "import pytest\npytest.importorskip('not_there')\ndef test_a(): 1 / 0\n", (
-    "import pytest\n"
-    "def test_b(): pytest.importorskip('not_there')\n"
-    "def test_c(): pytest.skip('needs a plant: call the plant manager')\n"
-    "def test_d(): pytest.skip('only on Tuesdays')\n"
-    "@pytest.mark.extended\n"
-    "def test_e(): pass\n"
-    "@pytest.mark.campaign\n"
-    "def test_f(): 1 / 0\n"
-)  # fmt: skip
+WHOLE, SINGLE = (
+    "import pytest\npytest.importorskip('not_there')\ndef test_a(): 1 / 0\n",
+    (
+        "import pytest\n"
+        "def test_b(): pytest.importorskip('not_there')\n"
+        "def test_c(): pytest.skip('needs a plant: call the plant manager')\n"
+        "def test_d(): pytest.skip('only on Tuesdays')\n"
+        "@pytest.mark.extended\n"
+        "def test_e(): pass\n"
+        "@pytest.mark.campaign\n"
+        "def test_f(): 1 / 0\n"
+    ),
+)
 
 
 @pytest.fixture
@@ -32,8 +35,13 @@ def run(tmp_path):
     (tmp_path / "conftest.py").write_text('pytest_plugins = ["support.parts"]\n')
 
     def start(*words):
-        done = subprocess.run([sys.executable, "-m", "pytest", *words], cwd=tmp_path, text=True,
-                              capture_output=True, check=False)  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", *words],
+            cwd=tmp_path,
+            text=True,
+            capture_output=True,
+            check=False,
+        )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
@@ -63,9 +71,7 @@ def test_what_is_missing_is_said_once_for_each_cause_and_is_no_failure(run, word
 
 
 def test_a_test_with_a_browser_is_extended_and_needs_chromium(request, monkeypatch):
-    item = pytest.Function.from_parent(
-        request.node.parent, name="test_x", callobj=lambda browser: 0
-    )
+    item = pytest.Function.from_parent(request.node.parent, name="test_x", callobj=lambda browser: 0)
     parts.pytest_collection_modifyitems([item])
     assert {"browser", "extended"} <= {mark.name for mark in item.iter_markers()}
     monkeypatch.setattr(browser, "CHROMIUM", None)

@@ -49,11 +49,7 @@ def test_the_changelog_begins_with_what_is_unreleased_or_this_version():
 @posix
 @pytest.mark.parametrize(
     ("tag", "heading", "code"),
-    [
-        ("v2.0.0", "[2.0.0] - 2030-01-01", 0),
-        ("v2.0.0", "[Unreleased]", 1),
-        ("v2.0.1", "[2.0.0]", 1),
-    ],
+    [("v2.0.0", "[2.0.0] - 2030-01-01", 0), ("v2.0.0", "[Unreleased]", 1), ("v2.0.1", "[2.0.0]", 1)],
 )
 def test_a_release_needs_its_tag_and_its_heading(tag, heading, code, tmp_path):
     steps = read(".github/workflows/release.yml")["jobs"]["build"]["steps"]
@@ -61,8 +57,12 @@ def test_a_release_needs_its_tag_and_its_heading(tag, heading, code, tmp_path):
     (tmp_path / "pyproject.toml").write_text('[project]\nversion = "2.0.0"\n')
     (tmp_path / "CHANGELOG.md").write_text(f"# Changelog\n\n## {heading}\n")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, check=False,
-                          env={**os.environ, "PATH": path, "GITHUB_REF_NAME": tag})  # fmt: skip
+    done = subprocess.run(
+        ["bash", "-e", "-c", script],
+        cwd=tmp_path,
+        check=False,
+        env={**os.environ, "PATH": path, "GITHUB_REF_NAME": tag},
+    )
     assert done.returncode == code
 
 
@@ -112,9 +112,7 @@ def test_the_recipe_needs_what_the_wheel_needs_and_starts_the_same_command():
         wanted.add(f"{CONDA.get(name, name)} {limits}".strip())
     needed = [line for line in recipe["requirements"]["run"] if not line.startswith("python ")]
     assert set(needed) == wanted
-    assert recipe["build"]["python"]["entry_points"] == [
-        f"prefcal = {PROJECT['scripts']['prefcal']}"
-    ]
+    assert recipe["build"]["python"]["entry_points"] == [f"prefcal = {PROJECT['scripts']['prefcal']}"]
     least = recipe["context"]["python_min"]
     assert PROJECT["requires-python"] == f">={least}"
 
@@ -153,9 +151,7 @@ def test_ci_takes_each_browser_that_the_tests_take(tmp_path):
     )
     browsers = re.findall(r'"([\w-]+)"', taken[1])
     assert len(browsers) > 1
-    step = re.search(
-        r"^if ! command -v .*?^fi$", (ROOT / ".ci/run").read_text("utf-8"), re.M | re.S
-    )
+    step = re.search(r"^if ! command -v .*?^fi$", (ROOT / ".ci/run").read_text("utf-8"), re.M | re.S)
 
     def called(*programs, user=0):
         folder = tmp_path / "-".join((*programs, str(user)))
@@ -167,11 +163,7 @@ def test_ci_takes_each_browser_that_the_tests_take(tmp_path):
         shell = [shutil.which("bash"), "-euc", step[0]]
         subprocess.run(shell, env={"PATH": str(folder)}, check=True)
         log = folder / "log"
-        return (
-            [line.split()[0] for line in log.read_text("utf-8").splitlines()]
-            if log.exists()
-            else []
-        )
+        return [line.split()[0] for line in log.read_text("utf-8").splitlines()] if log.exists() else []
 
     assert [called(browser) for browser in browsers] == [[]] * len(browsers)
     assert called(user=0) == ["apt-get", "apt-get"]
@@ -201,8 +193,14 @@ def test_the_paper_has_the_length_and_the_parts_that_the_journal_asks_for():
     about = yaml.safe_load(front)
     assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= set(about)
     assert 750 <= len(body.split()) <= 1750
-    for part in ("Summary", "Statement of need", "Comparison", "How to reproduce",
-                 "Acknowledgments", "References"):  # fmt: skip
+    for part in (
+        "Summary",
+        "Statement of need",
+        "Comparison",
+        "How to reproduce",
+        "Acknowledgments",
+        "References",
+    ):
         assert f"# {part}" in body
     library = (ROOT / about["bibliography"]).read_text(encoding="utf-8")
     keys = set(re.findall(r"@\w+\{(\w+),", library))

@@ -29,9 +29,15 @@ def rising(agent, worth, loop="servo", seed=0, n_max=11, **changes):
 
 def small(script, **changes):
     plan = script("judged.plan")
-    values = {"agents": plan.AGENTS, "loops": {"named": ("servo", "lag")}, "tastes": ("weights",),
-              "noisy": ("weights",), "seeds": 2, "case_seeds": 1,
-              "case_agents": ("Screening",)}  # fmt: skip
+    values = {
+        "agents": plan.AGENTS,
+        "loops": {"named": ("servo", "lag")},
+        "tastes": ("weights",),
+        "noisy": ("weights",),
+        "seeds": 2,
+        "case_seeds": 1,
+        "case_agents": ("Screening",),
+    }
     return plan.Selection(**(values | changes))
 
 
@@ -108,8 +114,19 @@ def test_the_headline_is_about_families_of_another_form_with_the_worst_one_besid
 
 
 def test_questions_are_counted_with_ties_and_pairs_that_come_again(script):
-    asked = ((1, 0, 0), (0, 1, 0), (2, 1, -1), (3, 2, 0), (4, 2, 1), (5, 2, 1), (6, 2, 1),
-             (7, 2, 1), (2, 1, -1), (8, 2, 1), (9, 2, 0))  # fmt: skip
+    asked = (
+        (1, 0, 0),
+        (0, 1, 0),
+        (2, 1, -1),
+        (3, 2, 0),
+        (4, 2, 1),
+        (5, 2, 1),
+        (6, 2, 1),
+        (7, 2, 1),
+        (2, 1, -1),
+        (8, 2, 1),
+        (9, 2, 0),
+    )
     again = script("judged.tables").again
     assert again([asked], 5) == pytest.approx(1 / 11)  # (0, 1) at once; (2, 1) six later
     assert again([asked], None) == pytest.approx(2 / 11)
@@ -164,8 +181,21 @@ def test_the_script_reports_what_is_in_a_folder(script, tmp_path, capsys):
         values = (1.0,) + (4.0 ** (seed + 1),) * 50
         store.add(study("RandomSearch", "servo", seed, values, n_max=51, n_init=10))
     campaign = script("screening")
-    words = ["--report", "--out", str(tmp_path), "--parts", "loops", "--loops", "servo",
-             "--tastes", "weights", "--agents", "RandomSearch", "--seeds", "2"]  # fmt: skip
+    words = [
+        "--report",
+        "--out",
+        str(tmp_path),
+        "--parts",
+        "loops",
+        "--loops",
+        "servo",
+        "--tastes",
+        "weights",
+        "--agents",
+        "RandomSearch",
+        "--seeds",
+        "2",
+    ]
     assert campaign.main(words) == 0
     page = (tmp_path / "screening.md").read_text()
     assert "| weights | RandomSearch | 2 | 1 [1, 1] | 8 [4, 16] |" in page
@@ -187,13 +217,30 @@ def test_a_small_campaign_runs_here_and_keeps_what_a_failing_task_says():
 
 def test_again_drops_the_results_of_the_chosen_agents_alone(script, tmp_path, monkeypatch):
     campaign, store, ran = script("screening"), Store(tmp_path), []
-    kept, dropped = (study(agent, "servo", worth=(1.0,) * 51, n_max=51, n_init=10)
-                     for agent in ("EqualWeights", "RandomSearch"))  # fmt: skip
+    kept, dropped = (
+        study(agent, "servo", worth=(1.0,) * 51, n_max=51, n_init=10)
+        for agent in ("EqualWeights", "RandomSearch")
+    )
     for result in (kept, dropped):
         store.add(result)
     monkeypatch.setattr(campaign, "run_suite", lambda suite, *_: ran.append(suite))
-    campaign.main(["--again", "--out", str(tmp_path), "--parts", "loops", "--loops", "servo",
-                   "--tastes", "weights", "--agents", "RandomSearch", "--seeds", "1"])  # fmt: skip
+    campaign.main(
+        [
+            "--again",
+            "--out",
+            str(tmp_path),
+            "--parts",
+            "loops",
+            "--loops",
+            "servo",
+            "--tastes",
+            "weights",
+            "--agents",
+            "RandomSearch",
+            "--seeds",
+            "1",
+        ]
+    )
     assert [suite.agents for suite in ran] == [("RandomSearch",)]
     assert store.find(kept.cell)[0] == kept
     assert store.find(dropped.cell)[0] is None

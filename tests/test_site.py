@@ -172,13 +172,9 @@ def test_the_check_finds_what_is_broken_and_what_comes_from_elsewhere(check, tmp
         '<script src="https://cdn.example/x.js"></script><link rel="canonical" href="https://e.x/">'
         '<img srcset="../p.png 1x, //img.example/q.png 2x" src="data:image/png;base64,AA">'
     )
-    (tmp_path / "index.html").write_text(
-        '<p id="top"><a href="a/#here">a</a><a href="https://e.x">e</a>'
-    )
+    (tmp_path / "index.html").write_text('<p id="top"><a href="a/#here">a</a><a href="https://e.x">e</a>')
     (tmp_path / "p.png").touch()
-    (tmp_path / "s.css").write_text(
-        '@import "https://fonts.example/f.css"; a{background:url(p.png)}'
-    )
+    (tmp_path / "s.css").write_text('@import "https://fonts.example/f.css"; a{background:url(p.png)}')
     assert list(check.broken(tmp_path)) == [
         "a/index.html loads //img.example/q.png",
         "a/index.html loads https://cdn.example/x.js",

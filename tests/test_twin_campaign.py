@@ -18,9 +18,16 @@ def twin(monkeypatch):
 
 
 def row(agent, worth, twin="none", plant=1, cost=2.0):
-    return {"plant": plant, "taste": "weights", "seed": 0, "agent": agent, "twin": twin,
-            "worth": [1.0] + [worth] * 19, "cost": [9.0] + [cost] * 19,
-            "lowest": [1.9]}  # fmt: skip
+    return {
+        "plant": plant,
+        "taste": "weights",
+        "seed": 0,
+        "agent": agent,
+        "twin": twin,
+        "worth": [1.0] + [worth] * 19,
+        "cost": [9.0] + [cost] * 19,
+        "lowest": [1.9],
+    }
 
 
 def test_a_twin_with_wrong_signs_turns_two_kpis_and_leaves_the_others(twin):
@@ -37,8 +44,12 @@ def test_a_twin_with_wrong_signs_turns_two_kpis_and_leaves_the_others(twin):
 
 
 def test_the_tables_hold_worth_ratio_and_the_share_near_the_lowest_cost(twin):
-    rows = [row("GLISp", 10.0), row("corrected", 40.0, "3"), row("GLISp", 10.0, plant=2, cost=9.0),
-            row("corrected", 9.0, "3", plant=2, cost=2.0)]  # fmt: skip
+    rows = [
+        row("GLISp", 10.0),
+        row("corrected", 40.0, "3"),
+        row("GLISp", 10.0, plant=2, cost=9.0),
+        row("corrected", 9.0, "3", plant=2, cost=2.0),
+    ]
     text = "\n".join(twin.tables(rows))
     assert "| 3 | corrected | 2 | 1 | 19 | 19 | 19 | 19 |" in text  # √(40 · 9)
     assert "| 3 | corrected | 1.00 | 1.90 | 1.90 | 1.90 | 1.90 | 1 of 2 |" in text

@@ -5,9 +5,11 @@ import numpy as np
 from prefcal_env.experiments.experiment import Channel, Channels
 
 CHANNELS = Channels(
-    x=(Channel("level <h>", "m", target=2.0, band=0.06),), u=(Channel("valve", "%"),),
-    y=(Channel("level <h>", "m"),), time_unit="h",
-)  # fmt: skip
+    x=(Channel("level <h>", "m", target=2.0, band=0.06),),
+    u=(Channel("valve", "%"),),
+    y=(Channel("level <h>", "m"),),
+    time_unit="h",
+)
 
 
 def record_of_toy(rows: int = 30) -> str:

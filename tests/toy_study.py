@@ -22,13 +22,7 @@ def toy_scenario(name: str = "toy") -> Scenario:
 
 
 @cache
-def toy_record(
-    name: str = "toy",
-    *,
-    n_max: int = 8,
-    stop_after: int = 99,
-    learn: bool = True,
-) -> Record:
+def toy_record(name: str = "toy", *, n_max: int = 8, stop_after: int = 99, learn: bool = True) -> Record:
     """A study of the toy, perhaps stopped after some experiments."""
     scenario = toy_scenario(name)
     make: Any = GLISp if learn else RandomSearch

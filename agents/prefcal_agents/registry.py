@@ -55,15 +55,11 @@ class AgentRow:
 _SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
 
 AGENTS = (
-    AgentRow(
-        "Screening", "screening.agent", "screening",
-        "simulates many θ, asks about few", simulates=True,
-    ),
+    AgentRow("Screening", "screening.agent", "screening", "simulates many θ, asks about few", simulates=True),
     AgentRow("GLISp", "glisp.agent", "glisp"),
     AgentRow("GLISp.paper", "glisp.agent", "glisp-paper", "the algorithm as published"),
     AgentRow(
-        "GLIS", "baselines.glis", "glis", "learns from the scenario's score, needs no answers",
-        by_value=True,
+        "GLIS", "baselines.glis", "glis", "learns from the scenario's score, needs no answers", by_value=True
     ),
     AgentRow("PPOBandit", "rl", label="PPO", by_value=True, extra="rl", packages=_SB3),
     AgentRow("SACBandit", "rl", label="SAC", by_value=True, extra="rl", packages=_SB3),
@@ -71,7 +67,7 @@ AGENTS = (
     AgentRow("StepSearch", "baselines.step_search"),
     AgentRow("LatinHypercube", "baselines.latin_hypercube", "lhs", learns=False),
     AgentRow("RandomSearch", "baselines.random_search", "random", learns=False),
-)  # fmt: skip
+)
 """All agents of this package, in the order of tables and help."""
 
 CLASSES: dict[str, AgentRow] = {row.name: row for row in AGENTS if "." not in row.name}
@@ -103,9 +99,7 @@ def agent_class(name: str) -> Any:
     return CLASSES[name].load()
 
 
-def restore(
-    space: "KnobSpace", state: "AgentState", *, simulate: "Simulate | None" = None
-) -> "Agent":
+def restore(space: "KnobSpace", state: "AgentState", *, simulate: "Simulate | None" = None) -> "Agent":
     """Return the agent that `state` was taken from; its next query is identical.
 
     The state of an older version of the algorithm is accepted: its samples stay, and the current

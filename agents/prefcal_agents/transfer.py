@@ -77,8 +77,7 @@ class Earlier:
             unit = before[knob.name].unit if knob.name in before else knob.unit
             if unit != knob.unit:
                 raise KnobError(
-                    f"knob {knob.name!r} was in {unit!r} in the earlier study, and is in "
-                    f"{knob.unit!r} now"
+                    f"knob {knob.name!r} was in {unit!r} in the earlier study, and is in {knob.unit!r} now"
                 )
         try:
             values = {name: float(value) for name, value in added.items()}

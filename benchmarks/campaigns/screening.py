@@ -58,22 +58,33 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("prefcal-screening"), metavar="FOLDER")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
-    parser.add_argument("--loops", nargs="+", default=_GROUPS, metavar="GROUP",
-                        help=f"groups ({', '.join(GROUPS)}) or names of loops")  # fmt: skip
+    parser.add_argument(
+        "--loops",
+        nargs="+",
+        default=_GROUPS,
+        metavar="GROUP",
+        help=f"groups ({', '.join(GROUPS)}) or names of loops",
+    )
     parser.add_argument("--tastes", nargs="+", choices=TASTES, default=list(TASTES))
-    parser.add_argument("--noisy", nargs="+", choices=TASTES, default=list(_NOISY),
-                        help="kinds of taste of the part noise")  # fmt: skip
+    parser.add_argument(
+        "--noisy", nargs="+", choices=TASTES, default=list(_NOISY), help="kinds of taste of the part noise"
+    )
     parser.add_argument("--seeds", type=int, default=4, help="seeds of each loop and taste")
-    parser.add_argument("--case-seeds", type=int, default=20,
-                        help="seeds of reactor and overtaking")  # fmt: skip
-    parser.add_argument("--longest", type=int, choices=(10, 20, 50), default=20,
-                        help="most answers that Screening gets on the loops")  # fmt: skip
+    parser.add_argument("--case-seeds", type=int, default=20, help="seeds of reactor and overtaking")
+    parser.add_argument(
+        "--longest",
+        type=int,
+        choices=(10, 20, 50),
+        default=20,
+        help="most answers that Screening gets on the loops",
+    )
     parser.add_argument("--fresh", type=int, default=1000, help="random θ of the overtaking")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--again", action="store_true", help="drop the agents' results first")
     parser.add_argument("--report", action="store_true", help="run nothing, report what is there")
-    parser.add_argument("--quick", action="store_true",
-                        help="one seed of one loop; random search on the cases")  # fmt: skip
+    parser.add_argument(
+        "--quick", action="store_true", help="one seed of one loop; random search on the cases"
+    )
     return parser.parse_args(words)
 
 
@@ -85,9 +96,15 @@ def choice_of(options: argparse.Namespace) -> Selection:
     named = [name for name in options.loops if name not in GROUPS]
     loops |= {"chosen": named} if named else {}
     return Selection(
-        options.agents, loops, options.tastes, options.noisy, options.seeds, options.case_seeds,
-        options.agents, options.longest,
-    )  # fmt: skip
+        options.agents,
+        loops,
+        options.tastes,
+        options.noisy,
+        options.seeds,
+        options.case_seeds,
+        options.agents,
+        options.longest,
+    )
 
 
 def run(todo: Sequence[Suite], store: Store, options: argparse.Namespace) -> None:

@@ -113,9 +113,7 @@ def study_plant(plant: int, seed: int, options: argparse.Namespace, known: set[A
         without = agent in ("GLISp", "RandomSearch")
         for twin in (WITHOUT,) if without else options.twins:
             for taste in options.tastes:
-                row: Row = {
-                    "plant": plant, "taste": taste, "seed": seed, "agent": agent, "twin": twin,
-                }  # fmt: skip
+                row: Row = {"plant": plant, "taste": taste, "seed": seed, "agent": agent, "twin": twin}
                 if _key(row) in known:
                     continue
                 person = where.person(taste, seed)
@@ -231,10 +229,7 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def _after(rows: Sequence[Row], runs: int) -> dict[tuple[str, int], float]:
-    return {
-        (str(row["plant"]), row["seed"]): row["worth"][min(runs, len(row["worth"])) - 1]
-        for row in rows
-    }
+    return {(str(row["plant"]), row["seed"]): row["worth"][min(runs, len(row["worth"])) - 1] for row in rows}
 
 
 def _worth(rows: Sequence[Row], runs: int) -> str:

@@ -150,8 +150,7 @@ def growths() -> Numbers:
     along = [growth(*each) for each in x]
     k = int(np.argmax(along))
     steady = [
-        growth(*CSTR().steady_state_at_concentration(float(C_A))[0])
-        for C_A in np.linspace(0.5, 9.9, 200)
+        growth(*CSTR().steady_state_at_concentration(float(C_A))[0]) for C_A in np.linspace(0.5, 9.9, 200)
     ]
     at_365 = x[int(np.argmin(np.abs(x[:, 0] - 365.0)))]
     assert growth(*at_365) < 0
@@ -213,57 +212,91 @@ DEVIATIONS = "docs/deviations.md"
 CLAIMS: tuple[Claim, ...] = (
     Claim("docs/benchmarks.md", "best ‹0.691› outside of [a hole]", lambda: both_optima()[:1]),
     Claim("docs/gallery/reactor.md", "| index | ‹0.6907› | ‹0.4151› |", both_optima),
-    Claim("docs/gallery/reactor.md",
-          "| of which t_f / 48 h | ‹0.469› | ‹0.385› | | of which moves | ‹0.162› | ‹0.030› | "
-          "| of which final error | ‹0.060› | ‹0.000› | | undershoot of C_A below the target "
-          "| none | ‹0.49› kgmol/m³ |", parts_of_the_index),
-    Claim("docs/benchmarks.md", "the best index of the broad basin, ‹0.6907›",
-          lambda: both_optima()[:1]),
-    Claim("docs/mpc.md",
-          "grow by up to ‹0.85› per hour (at T = ‹344› K, C_A = ‹5.4›), and in the steady states "
-          "in between by up to ‹0.52›. In a hot tank with much of A left, for example after a "
-          "disturbance, they grow far faster: ‹3.2› per hour at T = 365 K, C_A = 5. At 365 K along "
-          "the run itself, where C_A has fallen to ‹2.8›, they decay", growths),
-    Claim("docs/mpc.md",
-          "| k_0 5 % higher | ‹1.819› | ‹2.000› | | US/V 5 % higher | ‹2.126› | ‹2.000› | "
-          "| US/V 5 % lower | ‹1.892› | ‹2.000› |", offset_table),
-    Claim("docs/mpc.md", "the same estimator's error is ‹0.47› and ‹0.37› of the measurement's",
-          noise_left),
-    Claim("docs/overtaking.md",
-          "| per second (default) | ‹3.129› m | ‹2.968› m | ‹3.3› m/s² | ‹3.4›° |",
-          lambda: at_optimum("per second")),
-    Claim("docs/overtaking.md", "| per step | ‹3.036› m | ‹2.9998› m | ‹14.9› m/s² | ‹15.0›° |",
-          lambda: at_optimum("per step")),
-    Claim("docs/overtaking.md",
-          "for Q_ε the car swerves to ‹5.9› m per step, and off the road per second",
-          lambda: [stiff_peak("per step")] if stiff_peak("per second") > 6 else [np.nan]),
+    Claim(
+        "docs/gallery/reactor.md",
+        "| of which t_f / 48 h | ‹0.469› | ‹0.385› | | of which moves | ‹0.162› | ‹0.030› | "
+        "| of which final error | ‹0.060› | ‹0.000› | | undershoot of C_A below the target "
+        "| none | ‹0.49› kgmol/m³ |",
+        parts_of_the_index,
+    ),
+    Claim("docs/benchmarks.md", "the best index of the broad basin, ‹0.6907›", lambda: both_optima()[:1]),
+    Claim(
+        "docs/mpc.md",
+        "grow by up to ‹0.85› per hour (at T = ‹344› K, C_A = ‹5.4›), and in the steady states "
+        "in between by up to ‹0.52›. In a hot tank with much of A left, for example after a "
+        "disturbance, they grow far faster: ‹3.2› per hour at T = 365 K, C_A = 5. At 365 K along "
+        "the run itself, where C_A has fallen to ‹2.8›, they decay",
+        growths,
+    ),
+    Claim(
+        "docs/mpc.md",
+        "| k_0 5 % higher | ‹1.819› | ‹2.000› | | US/V 5 % higher | ‹2.126› | ‹2.000› | "
+        "| US/V 5 % lower | ‹1.892› | ‹2.000› |",
+        offset_table,
+    ),
+    Claim("docs/mpc.md", "the same estimator's error is ‹0.47› and ‹0.37› of the measurement's", noise_left),
+    Claim(
+        "docs/overtaking.md",
+        "| per second (default) | ‹3.129› m | ‹2.968› m | ‹3.3› m/s² | ‹3.4›° |",
+        lambda: at_optimum("per second"),
+    ),
+    Claim(
+        "docs/overtaking.md",
+        "| per step | ‹3.036› m | ‹2.9998› m | ‹14.9› m/s² | ‹15.0›° |",
+        lambda: at_optimum("per step"),
+    ),
+    Claim(
+        "docs/overtaking.md",
+        "for Q_ε the car swerves to ‹5.9› m per step, and off the road per second",
+        lambda: [stiff_peak("per step")] if stiff_peak("per second") > 6 else [np.nan],
+    ),
     Claim("docs/overtaking.md", "the paper's worst t_comp of ‹0.081› s", lambda: [worst_t_comp()]),
-    Claim("docs/overtaking.md", "(numbers ‹3›, ‹15› and ‹12› of the seeded sample) form a circle",
-          circle),
+    Claim("docs/overtaking.md", "(numbers ‹3›, ‹15› and ‹12› of the seeded sample) form a circle", circle),
     Claim(DEVIATIONS, "C_A = ‹8.538›, ‹5.590› and ‹2.332›; as printed only ‹9.497›", readings.heat),
-    Claim(DEVIATIONS, "two θ ‹0.6996› and ‹0.8217›; from T_c0 = 298 K ‹0.6970› and ‹0.8036›",
-          readings.starts),
-    Claim(DEVIATIONS, "automated θ ‹0.6996›, with base e ‹0.8149›",
-          lambda: [*indices(AUTOMATED), *indices(AUTOMATED, base=np.e)]),
-    Claim(DEVIATIONS, "the car's peak ‹3.129› m, with base e ‹3.108› m",
-          lambda: [drive().kpis["path_peak"], drive(np.e).kpis["path_peak"]]),
-    Claim(DEVIATIONS, "automated θ ‹0.6996›, with twice the rates ‹0.7462›",
-          lambda: [*indices(AUTOMATED), *with_rates(2.0)]),
-    Claim(DEVIATIONS, "as printed ‹0.7009› and ‹0.8230›; the car's peak ‹3.129› m, as printed "
-          "‹3.128› m", lambda: [
-              *indices(AUTOMATED, PREFERRED, change=readings.up_to_last_but_one),
-              *peaks(readings.up_to_last_but_one)]),
-    Claim(DEVIATIONS, "with one more ‹0.6999› and ‹0.8213›; the car's peak ‹3.129› m and "
-          "‹3.119› m", lambda: [
-              *indices(AUTOMATED, PREFERRED, change=readings.one_more), *peaks(readings.one_more)]),
-    Claim(DEVIATIONS, "the preferences θ ‹0.8217›, without it ‹0.8848›",
-          lambda: [*indices(PREFERRED), *unlimited(PREFERRED)]),
-    Claim(DEVIATIONS, "a peak of ‹3.129› m, with 1e5 ‹6.205› m",
-          lambda: [drive().kpis["path_peak"], stiff_peak()]),
+    Claim(
+        DEVIATIONS, "two θ ‹0.6996› and ‹0.8217›; from T_c0 = 298 K ‹0.6970› and ‹0.8036›", readings.starts
+    ),
+    Claim(
+        DEVIATIONS,
+        "automated θ ‹0.6996›, with base e ‹0.8149›",
+        lambda: [*indices(AUTOMATED), *indices(AUTOMATED, base=np.e)],
+    ),
+    Claim(
+        DEVIATIONS,
+        "the car's peak ‹3.129› m, with base e ‹3.108› m",
+        lambda: [drive().kpis["path_peak"], drive(np.e).kpis["path_peak"]],
+    ),
+    Claim(
+        DEVIATIONS,
+        "automated θ ‹0.6996›, with twice the rates ‹0.7462›",
+        lambda: [*indices(AUTOMATED), *with_rates(2.0)],
+    ),
+    Claim(
+        DEVIATIONS,
+        "as printed ‹0.7009› and ‹0.8230›; the car's peak ‹3.129› m, as printed ‹3.128› m",
+        lambda: [
+            *indices(AUTOMATED, PREFERRED, change=readings.up_to_last_but_one),
+            *peaks(readings.up_to_last_but_one),
+        ],
+    ),
+    Claim(
+        DEVIATIONS,
+        "with one more ‹0.6999› and ‹0.8213›; the car's peak ‹3.129› m and ‹3.119› m",
+        lambda: [*indices(AUTOMATED, PREFERRED, change=readings.one_more), *peaks(readings.one_more)],
+    ),
+    Claim(
+        DEVIATIONS,
+        "the preferences θ ‹0.8217›, without it ‹0.8848›",
+        lambda: [*indices(PREFERRED), *unlimited(PREFERRED)],
+    ),
+    Claim(
+        DEVIATIONS,
+        "a peak of ‹3.129› m, with 1e5 ‹6.205› m",
+        lambda: [drive().kpis["path_peak"], stiff_peak()],
+    ),
     Claim(DEVIATIONS, "δ acts up to ‹16› times weaker", lambda: [z_weaker()]),
-    Claim(DEVIATIONS, "‹0.081› s at the paper's θ by construction",
-          lambda: [worst_t_comp()]),
-)  # fmt: skip
+    Claim(DEVIATIONS, "‹0.081› s at the paper's θ by construction", lambda: [worst_t_comp()]),
+)
 
 
 def main() -> int:

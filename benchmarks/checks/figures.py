@@ -48,9 +48,7 @@ MADE = "made.json"
 Pictures = Mapping[str, bytes]
 Story = Mapping[str, float]
 
-CAMPAIGNS = {
-    "benchmark_gaps.png": ("results", "gap-experiments.png", "docs/benchmarks.md"),
-}
+CAMPAIGNS = {"benchmark_gaps.png": ("results", "gap-experiments.png", "docs/benchmarks.md")}
 """Campaign folder and file of each figure, and the page with its command."""
 
 REACTOR = ("best_trajectory.png", "course.png", "tried.png")
@@ -69,9 +67,13 @@ def prefcal(*words: str) -> str:
     """Run the command; return its standard output."""
     code = "from prefcal_bench.cli.program import main; main()"
     done = subprocess.run(
-        [sys.executable, "-c", code, *words], check=True, text=True, stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
+        [sys.executable, "-c", code, *words],
+        check=True,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
     return done.stdout
 
 
@@ -109,9 +111,12 @@ def reactor(folder: Path) -> tuple[Pictures, Story]:
     pictures = {name: (folder / name).read_bytes() for name in REACTOR}
     first = [scenario.run(np.array(tried[n][0])) for n in range(1, found["initial"] + 1)]
     calibration = CalibratedRuns(
-        scenario, first, scenario.run(np.array(tried[found["number"]][0])), found["number"],
+        scenario,
+        first,
+        scenario.run(np.array(tried[found["number"]][0])),
+        found["number"],
         [tried[n][1] for n in sorted(tried)],
-    )  # fmt: skip
+    )
     story = {
         "experiments": len(tried),
         "initial": found["initial"],
@@ -147,9 +152,22 @@ def window(folder: Path) -> tuple[Pictures, Story]:
     from support.browser import Watched, chromium, serve
 
     path = folder / "answers.prefcal"
-    prefcal("calibrate", "cstr", "--agent", "glisp", "--calibrator", "synthetic",
-            "--n-max", str(ANSWERED + 2), "--n-init", "6", "--study", str(path),
-            "--out", str(folder / "answers"))  # fmt: skip
+    prefcal(
+        "calibrate",
+        "cstr",
+        "--agent",
+        "glisp",
+        "--calibrator",
+        "synthetic",
+        "--n-max",
+        str(ANSWERED + 2),
+        "--n-init",
+        "6",
+        "--study",
+        str(path),
+        "--out",
+        str(folder / "answers"),
+    )
     shown = json.loads(prefcal("studies", "show", str(path), "--json"))
     with chromium() as browser:
         served, watched = serve(folder, "cstr"), Watched(browser)
@@ -194,11 +212,9 @@ def worth(folder: Path) -> tuple[Pictures, Story]:
 PICTURED = {
     "environment_cstr.png": ("CSTR-v0", {}),
     "environment_cstr_tuning.png": ("CSTRTuning-v0", {}),
-    "environment_overtake.png": ("Overtake-v0", {"config": {
-        "lanes_count": 3, "vehicles_count": 3,
-    }}),
+    "environment_overtake.png": ("Overtake-v0", {"config": {"lanes_count": 3, "vehicles_count": 3}}),
     "environment_overtake_tuning.png": ("OvertakeTuning-v0", {}),
-}  # fmt: skip
+}
 """Environments in docs/environments.md, with their settings."""
 
 
@@ -231,9 +247,19 @@ def drive(loop: Any, controller: Any, until: float) -> float:
 
 EXAMPLES = tuple(
     f"gallery_{page}.png"
-    for page in ("reactor", "overtaking", "pid", "servo", "cart_pole", "fmu", "opc_ua",
-                 "own_agent", "benchmark", "rl")
-)  # fmt: skip
+    for page in (
+        "reactor",
+        "overtaking",
+        "pid",
+        "servo",
+        "cart_pole",
+        "fmu",
+        "opc_ua",
+        "own_agent",
+        "benchmark",
+        "rl",
+    )
+)
 """Figures of the gallery's examples that `benchmarks/site/examples.py` runs."""
 
 Maker = Callable[[Path], tuple[Pictures, Story]]
@@ -269,8 +295,9 @@ def made_by() -> dict[str, str]:
     """Return every figure and the command that makes it."""
     here = "python benchmarks/checks/figures.py"
     makers = {f: f"{here} --only {name}" for name, (_, files) in MAKERS.items() for f in files}
-    campaigns = {f: f"{here} --campaigns FOLDER, as described in {page}"
-                 for f, (_, _, page) in CAMPAIGNS.items()}  # fmt: skip
+    campaigns = {
+        f: f"{here} --campaigns FOLDER, as described in {page}" for f, (_, _, page) in CAMPAIGNS.items()
+    }
     return makers | campaigns
 
 

@@ -51,8 +51,15 @@ def gain(study: CalibratedRuns) -> Figure:
     _costs(costs, study)
     _table(table, study)
     handles, labels = above.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=3, borderaxespad=0.2,
-                  columnspacing=1.6, handlelength=1.6)  # fmt: skip
+    figure.legend(
+        handles,
+        labels,
+        loc="outside upper left",
+        ncols=3,
+        borderaxespad=0.2,
+        columnspacing=1.6,
+        handlelength=1.6,
+    )
     return figure
 
 
@@ -89,9 +96,15 @@ def _costs(axes: Axes, study: CalibratedRuns) -> None:
         cost = costs[number - 1]
         axes.plot(number, cost, "o", color=color, ms=8, mec="white", mew=1.2, zorder=4)
         axes.annotate(
-            f"{cost:.2f}", (number, cost), (0, -7), textcoords="offset points", ha="center",
-            va="top", color=INK if number == 1 else color, fontweight="bold",
-        )  # fmt: skip
+            f"{cost:.2f}",
+            (number, cost),
+            (0, -7),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            color=INK if number == 1 else color,
+            fontweight="bold",
+        )
     ticks = [t for t in (0.7, 2, 10, 100, 1000) if costs.min() < 1.1 * t]
     axes.set_yticks(ticks, [f"{t:g}" for t in ticks])
     axes.minorticks_off()

@@ -16,19 +16,34 @@ _FIRST = re.compile(r"^<!-- run first: ([\w.]+) -->", re.M)
 _FILE = re.compile(r"^```python\n(# (\w+\.py)\n.*?)^```", re.M | re.S)
 
 MODELS: Mapping[str, tuple[str, str, str, tuple[tuple[float, float], tuple[float, float]]]] = {
-    "python-control": ("gallery/linear-systems.md", "gallery_python_control.png",
-                       "heater.py:scenario", ((0.6, 6), (1.2, 14))),
-    "scipy": ("gallery/linear-systems.md", "gallery_scipy.png", "servo.py:scenario",
-              ((2, 0.6), (9, 0.94))),
-    "casadi": ("gallery/casadi.md", "gallery_casadi.png", "pendulum.py:scenario",
-               ((0.003, 0.001), (0.3, 0.1))),
+    "python-control": (
+        "gallery/linear-systems.md",
+        "gallery_python_control.png",
+        "heater.py:scenario",
+        ((0.6, 6), (1.2, 14)),
+    ),
+    "scipy": ("gallery/linear-systems.md", "gallery_scipy.png", "servo.py:scenario", ((2, 0.6), (9, 0.94))),
+    "casadi": (
+        "gallery/casadi.md",
+        "gallery_casadi.png",
+        "pendulum.py:scenario",
+        ((0.003, 0.001), (0.3, 0.1)),
+    ),
     "do-mpc": ("gallery/do-mpc.md", "gallery_do_mpc.png", "tank.py:scenario", ((0.1, 10), (5, 4))),
-    "quadruple-tank": ("mpc.md", "gallery_quadruple_tank.png", "quadruple_tank.py:tanks",
-                       ((10, 0.05), (30, 5))),
-    "simulink": ("fmu.md", "gallery_simulink.png",
-                 'Tank.fmu {"knobs": {"K_p": "0.1:100:log", "T_i": "1:60 s"}, '
-                 '"show": ["level", "valve"], "reference": {"level": 2}}', ((1, 4), (8, 20))),
-}  # fmt: skip
+    "quadruple-tank": (
+        "mpc.md",
+        "gallery_quadruple_tank.png",
+        "quadruple_tank.py:tanks",
+        ((10, 0.05), (30, 5)),
+    ),
+    "simulink": (
+        "fmu.md",
+        "gallery_simulink.png",
+        'Tank.fmu {"knobs": {"K_p": "0.1:100:log", "T_i": "1:60 s"}, '
+        '"show": ["level", "valve"], "reference": {"level": 2}}',
+        ((1, 4), (8, 20)),
+    ),
+}
 """Page of each model, its figure and scenario, and the two θ to draw, in physical units."""
 FIGURES = tuple(file for _, file, _, _ in MODELS.values())
 
@@ -49,12 +64,15 @@ def gallery(docs: Path, folder: Path) -> tuple[dict[str, bytes], Story]:
             for content, name in _FILE.findall(text):
                 (folder / name).write_text(content, "utf-8")
             for script in _FIRST.findall(text):
-                subprocess.run([sys.executable, docs / script], cwd=folder, check=True,
-                               stdout=subprocess.DEVNULL)  # fmt: skip
+                subprocess.run(
+                    [sys.executable, docs / script], cwd=folder, check=True, stdout=subprocess.DEVNULL
+                )
             scenario = load(f"{folder}/{source}")
             runs = [scenario.run(np.array(theta, dtype=float)) for theta in thetas]
-            names = [", ".join(f"{k.name} = {v:g}" for k, v in zip(scenario.space.knobs, t,
-                     strict=True)) for t in thetas]  # fmt: skip
+            names = [
+                ", ".join(f"{k.name} = {v:g}" for k, v in zip(scenario.space.knobs, t, strict=True))
+                for t in thetas
+            ]
             pictures[picture] = look(*runs, names=(names[0], names[1])).png()
             for side, run in zip(("left", "right"), runs, strict=True):
                 # Not the settling time, which is infinite or jumps: this one changes smoothly.

@@ -75,8 +75,7 @@ def examined(name: str) -> LoopVerdict:
         for person in range(PEOPLE):
             rule = taste(kind, scenario.kpis, usual, person).rule
             rng = np.random.default_rng(person)
-            found.append(random_search_worth(rule, tried, experiments=50, replays=200, rng=rng,
-                                             pool=pool))  # fmt: skip
+            found.append(random_search_worth(rule, tried, experiments=50, replays=200, rng=rng, pool=pool))
             if isinstance(rule, Priorities):
                 shares.append(decided(rule, pool, rng))
         worth[kind] = float(np.exp(np.mean(np.log(found))))
@@ -122,9 +121,11 @@ def main() -> int:
         worths = ", ".join(f"{kind} {worth:.0f}" for kind, worth in found.worth.items())
         low, high = found.decided
         mark = "ok " if found.fits else "BAD"
-        console.print(f"{mark} {found.name}: {worths}; first priority decides {low:.0%} to "
-                      f"{high:.0%} of pairs; {found.failed:.0%} of θ fail; {found.title}",
-                      soft_wrap=True)  # fmt: skip
+        console.print(
+            f"{mark} {found.name}: {worths}; first priority decides {low:.0%} to "
+            f"{high:.0%} of pairs; {found.failed:.0%} of θ fail; {found.title}",
+            soft_wrap=True,
+        )
         for words in found.faults:
             console.print(f"    {words}", soft_wrap=True)
     return 1 if bad else 0

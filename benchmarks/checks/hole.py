@@ -44,9 +44,7 @@ def hole(scenario: Scenario, table: Path) -> Figure:
     pair = [lowest(rows["calm"]), lowest(rows["all"])]
     runs = [scenario.run(theta(row)) for row in pair]
     figure = canvas(6.3)
-    grid = figure.subplot_mosaic(
-        [["y0", "y1"], ["u0", "u1"], ["n", "n"]], height_ratios=[1.25, 0.9, 1.25]
-    )
+    grid = figure.subplot_mosaic([["y0", "y1"], ["u0", "u1"], ["n", "n"]], height_ratios=[1.25, 0.9, 1.25])
     for i, (row, run) in enumerate(zip(pair, runs, strict=True)):
         color = (BEST, HOLE)[i]
         _concentration(grid[f"y{i}"], run, color)
@@ -56,8 +54,9 @@ def hole(scenario: Scenario, table: Path) -> Figure:
             f"{name}: index {row['index']:.3f}\n"
             f"$T_s$ = {row['T_s']:.3g} h, $N_p$ = {row['N_p']:.0f}, "
             f"log $Q_{{Δu}}$ = {number(row['log_Q'])}",
-            color=color, fontweight="bold",
-        )  # fmt: skip
+            color=color,
+            fontweight="bold",
+        )
     for name in ("y", "u"):
         grid[f"{name}1"].sharey(grid[f"{name}0"])
     _horizons(grid["n"], rows)

@@ -60,16 +60,13 @@ print(min(least))
 FILES: Mapping[str, str] = {
     "a.csv": "time,level [m],valve\n0,0,1\n1,1.2,0.4\n2,2,0\n3,2,0\n",
     "b.csv": "time,level [m],valve\n0,0,0.5\n1,0.5,0.5\n2,1,0.5\n3,1.5,0.5\n",
-    "tuned.py": "from prefcal_app import load_controller\n"
-    "print(load_controller('report/best.json').T_s)\n",
+    "tuned.py": "from prefcal_app import load_controller\nprint(load_controller('report/best.json').T_s)\n",
 }
 """Files that the runs below read."""
 
 RUNS: Mapping[str, Sequence[str]] = {
     "scenarios": ("scenarios", "scenarios cstr"),
-    "new": tuple(
-        f"new {kind}" for kind in ("function", "pid", "controller", "mpc", "fmu", "rig", "opcua")
-    ),
+    "new": tuple(f"new {kind}" for kind in ("function", "pid", "controller", "mpc", "fmu", "rig", "opcua")),
     "check": ("check controller.py:scenario",),
     "calibrate": (
         "calibrate cstr --agent glisp --calibrator synthetic --n-max 6 --n-init 3 "
@@ -78,25 +75,33 @@ RUNS: Mapping[str, Sequence[str]] = {
         "calibrate overtake --agent random --calibrator synthetic --n-max 2 --out overtaken",
         "calibrate servo --agent glisp --calibrator hidden --n-max 5 --study servo.prefcal",
     ),
-    "look": ("look a.csv b.csv --reference level=2 --inputs valve --out pair.png",
-             "look s.prefcal:1 s.prefcal:best --json"),
+    "look": (
+        "look a.csv b.csv --reference level=2 --inputs valve --out pair.png",
+        "look s.prefcal:1 s.prefcal:best --json",
+    ),
     "report": ("report s.prefcal --out again",),
     "studies list": ("studies list",),
     "studies show": ("studies show s.prefcal",),
-    "studies export": ("studies export s.prefcal", "studies export s.prefcal --format csv",
-                       "studies export s.prefcal --format parquet --out columns"),
+    "studies export": (
+        "studies export s.prefcal",
+        "studies export s.prefcal --format csv",
+        "studies export s.prefcal --format parquet --out columns",
+    ),
     "studies index": ("studies index servo.prefcal",),
     "studies import": ("studies import s.json --study ./second.prefcal",),
     "studies verify": ("studies verify ./second.prefcal",),
     "studies respace": ("studies respace ./second.prefcal --knob T_s=0.2:0.6",),
     "studies rename": ("studies rename ./second.prefcal ./third.prefcal",),
     "studies rm": ("studies rm ./third.prefcal --yes",),
-    "bench": ("bench --quick --problems servo,branin --calibrators weights,perfect --seeds 1 "
-              "--n-max 8 --agents GLISp,RandomSearch --jobs 1",),
-    "bench compare": ("bench compare RandomSearch --problems servo --calibrators weights --seeds 1 "
-                      "--jobs 1",),
+    "bench": (
+        "bench --quick --problems servo,branin --calibrators weights,perfect --seeds 1 "
+        "--n-max 8 --agents GLISp,RandomSearch --jobs 1",
+    ),
+    "bench compare": (
+        "bench compare RandomSearch --problems servo --calibrators weights --seeds 1 --jobs 1",
+    ),
     "reproduce": ("reproduce paper --seeds 1 --jobs 1",),
-}  # fmt: skip
+}
 """What is run of each command, in this order, since later runs read what earlier ones wrote."""
 
 
@@ -125,9 +130,14 @@ class Place:
 
     def _output(self, program: Path, *words: str) -> str:
         done = subprocess.run(
-            [program, *words], cwd=self.folder, env=self.environment, capture_output=True,
-            text=True, encoding="utf-8", check=False,
-        )  # fmt: skip
+            [program, *words],
+            cwd=self.folder,
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            check=False,
+        )
         if done.returncode:
             told = f"{done.returncode}\n{done.stdout}{done.stderr}"
             raise WrongError(f"{program.name} {' '.join(words)}: {told}")
@@ -147,8 +157,9 @@ def build(out: Path) -> Path:
     old = [*out.glob("prefcal-*.whl"), *out.glob("prefcal-*.tar.gz")]
     if old:
         raise WrongError(f"{out} holds {old[0].name} already: name an empty folder with --out")
-    subprocess.run([sys.executable, "-m", "build", "--outdir", out, ROOT], check=True,
-                   stdout=subprocess.DEVNULL)  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-m", "build", "--outdir", out, ROOT], check=True, stdout=subprocess.DEVNULL
+    )
     (wheel,), (source,) = out.glob("prefcal-*.whl"), out.glob("prefcal-*.tar.gz")
     subprocess.run([sys.executable, "-m", "twine", "check", "--strict", wheel, source], check=True)
     missing = expected() ^ packed(wheel)
@@ -163,17 +174,19 @@ def expected() -> set[str]:
         ["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout.split("\0")
     homes = [each for each in SOURCES if each != ROOT]
-    inner = [(ROOT / name).relative_to(home) for name in listed
-             for home in (*homes, ROOT) if (ROOT / name).is_relative_to(home)]  # fmt: skip
+    inner = [
+        (ROOT / name).relative_to(home)
+        for name in listed
+        for home in (*homes, ROOT)
+        if (ROOT / name).is_relative_to(home)
+    ]
     return {path.as_posix() for path in inner if path.parts[:1] and path.parts[0] in PACKAGES}
 
 
 def packed(wheel: Path) -> set[str]:
     """Return the files of the packages in a wheel."""
     with zipfile.ZipFile(wheel) as archive:
-        return {
-            name for name in archive.namelist() if name.startswith(tuple(f"{p}/" for p in PACKAGES))
-        }
+        return {name for name in archive.namelist() if name.startswith(tuple(f"{p}/" for p in PACKAGES))}
 
 
 def install(wheel: Path, folder: Path, extra: str, pinned: bool) -> Place:

@@ -39,24 +39,22 @@ def learning() -> tuple[Figure, Mapping[str, float]]:
             axes, tried = panels[count], np.array(agent.samples)[:, 0]
             best = agent.best[0]
             low, high = wish(tried).min(), wish(tried).max()
-            axes.plot(grid, (wish(grid) - low) / (high - low), color=FIRST, ls=(0, (4, 2)),
-                      label="what the person wants: unknown")  # fmt: skip
             axes.plot(
-                grid, agent.surrogate(grid[:, None]), color=BEST, label="learned from answers"
+                grid,
+                (wish(grid) - low) / (high - low),
+                color=FIRST,
+                ls=(0, (4, 2)),
+                label="what the person wants: unknown",
             )
-            axes.plot(tried, agent.surrogate(tried[:, None]), "o", color=BEST, ms=5,
-                      label="experiments")  # fmt: skip
-            axes.plot(best, agent.surrogate(np.array([[best]])), "*", color=BEST, ms=13,
-                      label="best so far")  # fmt: skip
+            axes.plot(grid, agent.surrogate(grid[:, None]), color=BEST, label="learned from answers")
+            axes.plot(tried, agent.surrogate(tried[:, None]), "o", color=BEST, ms=5, label="experiments")
+            axes.plot(best, agent.surrogate(np.array([[best]])), "*", color=BEST, ms=13, label="best so far")
             if not agent.done:
-                axes.axvline(agent.ask().challenger.theta[0], color=OTHERS[0], ls=":",
-                             label="tried next")  # fmt: skip
-            axes.set(title=f"{count} experiments, {count - 1} answers", xlabel="gain",
-                     ylim=(-0.35, 1.7))  # fmt: skip
+                axes.axvline(agent.ask().challenger.theta[0], color=OTHERS[0], ls=":", label="tried next")
+            axes.set(title=f"{count} experiments, {count - 1} answers", xlabel="gain", ylim=(-0.35, 1.7))
     panels[MOMENTS[0]].set_ylabel("cost, lower is better")
     handles, labels = panels[MOMENTS[0]].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=5, columnspacing=1.2,
-                  handlelength=1.5)  # fmt: skip
+    figure.legend(handles, labels, loc="outside upper left", ncols=5, columnspacing=1.2, handlelength=1.5)
     least = grid[np.argmin(wish(grid))]
     return figure, {"distance of GLISp's gain from the best": abs(float(agent.best[0] - least))}
 
@@ -65,8 +63,7 @@ def simulated() -> tuple[Figure, Mapping[str, float]]:
     """Draw everything that a study of the servo simulates, and the few experiments it shows."""
     servo = load("servo")
     person = taste("weights", servo.kpis, sample(servo, USUAL), seed=0).calibrator()
-    agent = Screening(servo.space, simulate=lambda theta: screened(servo, servo.run(theta)),
-                      n_max=8, seed=0)  # fmt: skip
+    agent = Screening(servo.space, simulate=lambda theta: screened(servo, servo.run(theta)), n_max=8, seed=0)
     for _ in calibrate(agent, servo.run, person, lambda run: outcome(servo, run)):
         pass
     names = list(agent.bank.names)
@@ -74,8 +71,7 @@ def simulated() -> tuple[Figure, Mapping[str, float]]:
     kpis = agent.bank.kpis
     figure = canvas(3.6, 6.0)
     axes = figure.subplots()
-    axes.loglog(kpis[:, i], kpis[:, j], ".", color="#aeb7c0", ms=3,
-                label=f"{len(kpis)} simulated")  # fmt: skip
+    axes.loglog(kpis[:, i], kpis[:, j], ".", color="#aeb7c0", ms=3, label=f"{len(kpis)} simulated")
     shown = [screened(servo, servo.run(s)) for s in agent.samples]
     best = screened(servo, servo.run(agent.best))
     x, y = ([run[names[k]] for run in shown] for k in (i, j))
@@ -84,8 +80,10 @@ def simulated() -> tuple[Figure, Mapping[str, float]]:
         axes.annotate(str(number), at, xytext=(6, 3), textcoords="offset points", color=FAINT)
     axes.loglog(best[names[i]], best[names[j]], "*", color=BEST, ms=15, label="best")
     units = {kpi.name: kpi.unit for kpi in servo.kpis}
-    axes.set(xlabel=f"integrated error of load angle [{units[names[i]]}]",
-             ylabel=f"noise in torque [{units[names[j]]}]")  # fmt: skip
+    axes.set(
+        xlabel=f"integrated error of load angle [{units[names[i]]}]",
+        ylabel=f"noise in torque [{units[names[j]]}]",
+    )
     figure.legend(loc="outside upper left", ncols=3, columnspacing=1.2)
     return figure, {"simulated": len(kpis), "shown": len(shown)}
 

@@ -10,27 +10,62 @@ from collections.abc import Mapping
 from pathlib import Path
 
 EXAMPLES: Mapping[str, tuple[str, str, str, str]] = {
-    "reactor": ("gallery/reactor.md", "reactor.png", "gallery_reactor.png",
-                "{'index before': cstr.cost(first), 'index after': cstr.cost(best)}"),
-    "overtaking": ("overtaking.md#In Python", "overtaking.png", "gallery_overtaking.png",
-                   "{'T_s of the best': float(agent.best[0])}"),
-    "pid": ("pid.md#A PID for a heater", "pid.png", "gallery_pid.png",
-            "{'recovery': heater.run(found.best).kpis['recovery']}"),
-    "servo": ("loops.md#Tune the servo drive", "servo.png", "gallery_servo.png",
-              "{'settling time': best.kpis['settling_time']}"),
-    "cart-pole": ("loops.md#Tune the pole on a cart", "cart_pole.png", "gallery_cart_pole.png",
-                  "{'integrated error': best.kpis['error']}"),
-    "fmu": ("fmu.md#In Python", "fmu.png", "gallery_fmu.png",
-            "{'integrated error': loop(found.best).kpis['integrated error of level']}"),
-    "opc-ua": ("live.md#In Python", "opc_ua.png", "gallery_opc_ua.png",
-               "{'restored': int(fast.restored)}"),
-    "own-agent": ("own_agent.md#In Python", "own_agent.png", "gallery_own_agent.png",
-                  "{'gap of StepSearch': float(after['StepSearch'])}"),
-    "benchmark": ("benchmarks.md#A small benchmark", "small/gap-experiments.png",
-                  "gallery_benchmark.png", "{'rows': len(table)}"),
-    "reinforcement-learning": ("gallery/reinforcement-learning.md", "rl.png", "gallery_rl.png",
-                               "{'index of PPO': float(after['PPO'])}"),
-}  # fmt: skip
+    "reactor": (
+        "gallery/reactor.md",
+        "reactor.png",
+        "gallery_reactor.png",
+        "{'index before': cstr.cost(first), 'index after': cstr.cost(best)}",
+    ),
+    "overtaking": (
+        "overtaking.md#In Python",
+        "overtaking.png",
+        "gallery_overtaking.png",
+        "{'T_s of the best': float(agent.best[0])}",
+    ),
+    "pid": (
+        "pid.md#A PID for a heater",
+        "pid.png",
+        "gallery_pid.png",
+        "{'recovery': heater.run(found.best).kpis['recovery']}",
+    ),
+    "servo": (
+        "loops.md#Tune the servo drive",
+        "servo.png",
+        "gallery_servo.png",
+        "{'settling time': best.kpis['settling_time']}",
+    ),
+    "cart-pole": (
+        "loops.md#Tune the pole on a cart",
+        "cart_pole.png",
+        "gallery_cart_pole.png",
+        "{'integrated error': best.kpis['error']}",
+    ),
+    "fmu": (
+        "fmu.md#In Python",
+        "fmu.png",
+        "gallery_fmu.png",
+        "{'integrated error': loop(found.best).kpis['integrated error of level']}",
+    ),
+    "opc-ua": ("live.md#In Python", "opc_ua.png", "gallery_opc_ua.png", "{'restored': int(fast.restored)}"),
+    "own-agent": (
+        "own_agent.md#In Python",
+        "own_agent.png",
+        "gallery_own_agent.png",
+        "{'gap of StepSearch': float(after['StepSearch'])}",
+    ),
+    "benchmark": (
+        "benchmarks.md#A small benchmark",
+        "small/gap-experiments.png",
+        "gallery_benchmark.png",
+        "{'rows': len(table)}",
+    ),
+    "reinforcement-learning": (
+        "gallery/reinforcement-learning.md",
+        "rl.png",
+        "gallery_rl.png",
+        "{'index of PPO': float(after['PPO'])}",
+    ),
+}
 """Of each example: its page and section, the file that it saves, the figure, numbers to keep."""
 FIGURES = tuple(figure for _, _, figure, _ in EXAMPLES.values())
 _BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
@@ -87,5 +122,11 @@ def _run(page: Path, heading: str, place: Path, expression: str) -> dict[str, fl
 
 def _python(place: Path, *words: str) -> None:
     path = os.pathsep.join(entry or "." for entry in sys.path)
-    subprocess.run([sys.executable, *words], cwd=place, check=True, stdout=subprocess.DEVNULL,
-                   stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": path})  # fmt: skip
+    subprocess.run(
+        [sys.executable, *words],
+        cwd=place,
+        check=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": path},
+    )

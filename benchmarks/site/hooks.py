@@ -22,11 +22,7 @@ PAGES = {
     "SECURITY.md": "security.md",
 }
 """Pages made of files outside of docs/."""
-PLACES = {
-    **PAGES,
-    "README.md": "index.md",
-    "README.md#try-it": "start.md",
-}
+PLACES = {**PAGES, "README.md": "index.md", "README.md#try-it": "start.md"}
 """Page of the site for what else links name; with an anchor, for that section."""
 _LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 
@@ -69,8 +65,11 @@ def linked_sources(pages: list[tuple[str, str]]) -> Iterator[str]:
     """Yield the files outside of docs/ that pages, (folder, Markdown), link to."""
     for folder, text in pages:
         for _, link, _ in _LINK.findall(text):
-            at = posixpath.normpath(posixpath.join("docs", posixpath.relpath(folder or "docs",
-                 "docs"), moved(link, folder).partition("#")[0]))  # fmt: skip
+            at = posixpath.normpath(
+                posixpath.join(
+                    "docs", posixpath.relpath(folder or "docs", "docs"), moved(link, folder).partition("#")[0]
+                )
+            )
             if at.startswith("docs/source/"):
                 yield at.removeprefix("docs/source/")
 
@@ -100,9 +99,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Let links lead to where things are on the site."""
     if page.file.src_uri in PAGES.values():
         return markdown
-    return rewritten(
-        markdown, posixpath.join("docs", posixpath.dirname(page.file.src_uri)).rstrip("/")
-    )
+    return rewritten(markdown, posixpath.join("docs", posixpath.dirname(page.file.src_uri)).rstrip("/"))
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:

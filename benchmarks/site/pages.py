@@ -18,10 +18,18 @@ from urllib.parse import unquote, urlsplit
 from rich.console import Console
 
 LOADED = {
-    "script": ("src",), "img": ("src", "srcset"), "source": ("src", "srcset"), "link": ("href",),
-    "iframe": ("src",), "video": ("src", "poster"), "audio": ("src",), "object": ("data",),
-    "embed": ("src",), "track": ("src",), "input": ("src",),
-}  # fmt: skip
+    "script": ("src",),
+    "img": ("src", "srcset"),
+    "source": ("src", "srcset"),
+    "link": ("href",),
+    "iframe": ("src",),
+    "video": ("src", "poster"),
+    "audio": ("src",),
+    "object": ("data",),
+    "embed": ("src",),
+    "track": ("src",),
+    "input": ("src",),
+}
 """Attributes that make a browser load something, by tag."""
 NOT_LOADED = {"canonical", "alternate", "prev", "next", "author", "license"}
 """Relations of `link` that load nothing."""

@@ -35,9 +35,12 @@ def seconds(words: Sequence[str], folder: Path, until_link: bool = False) -> flo
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache")}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed prefcal has its bytecode
     process = subprocess.Popen(
-        [sys.executable, *words], cwd=folder, env=environment,
-        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        [sys.executable, *words],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
     assert process.stdout is not None
     if until_link:
         process.stdout.readline()
@@ -62,9 +65,7 @@ def unattended(scenario: str, folder: Path) -> float:
     calibrator = CALIBRATORS.get(scenario, "hidden")
     with tempfile.TemporaryDirectory(dir=folder) as out:
         kept = ("--study", f"{out}/one.prefcal", "--out", f"{out}/report")
-        words = calibrate(
-            scenario, "--agent", "glisp", "--calibrator", calibrator, "--n-max", "3", *kept
-        )
+        words = calibrate(scenario, "--agent", "glisp", "--calibrator", calibrator, "--n-max", "3", *kept)
         return seconds(words, folder)
 
 

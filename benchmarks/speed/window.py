@@ -107,8 +107,10 @@ def main() -> None:
     print(f"  {shown:.2f} s (median of {len(starts)}; worst {starts[:, 1].max():.2f} s)")
     print(f"  {compiled:.2f} s the first time, which compiles if NUMBA_CACHE_DIR is empty")
     median, late = np.percentile(waits, [50, 95])
-    print(f"key to next question drawn: median {median * 1e3:.0f} ms, 95 % {late * 1e3:.0f} ms "
-          f"({len(waits)} answers)")  # fmt: skip
+    print(
+        f"key to next question drawn: median {median * 1e3:.0f} ms, 95 % {late * 1e3:.0f} ms "
+        f"({len(waits)} answers)"
+    )
     for name, value in figures.items():
         print(f"{name}: {value:.0f}")
 

@@ -59,6 +59,9 @@ def _turned(answer: Answer) -> Answer:
     preference = None if answer.preference is None else Preference(-answer.preference)
     outcomes = None if answer.outcomes is None else answer.outcomes[::-1]
     return Answer(
-        preference, answer.strength, tuple(m.mirrored for m in answer.marks), outcomes,
+        preference,
+        answer.strength,
+        tuple(m.mirrored for m in answer.marks),
+        outcomes,
         automatic=tuple(m.mirrored for m in answer.automatic),
-    )  # fmt: skip
+    )

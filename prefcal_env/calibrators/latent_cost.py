@@ -148,9 +148,7 @@ class LatentCost:
         if isinstance(self.tie_band, bool) or not 0 <= self.tie_band < np.inf:
             raise SettingsError(f"tie_band must be 0 or more, got {self.tie_band!r}")
         if self.noise is not None and not isinstance(self.noise, Noise):
-            raise SettingsError(
-                f"noise must be Thurstone, BradleyTerry or None, got {self.noise!r}"
-            )
+            raise SettingsError(f"noise must be Thurstone, BradleyTerry or None, got {self.noise!r}")
         if not is_seed(self.seed):
             raise SettingsError(f"seed must be an integer of 0 or more, got {self.seed!r}")
 

@@ -34,8 +34,7 @@ class Criterion:
             raise SettingsError(f"criterion {self.name!r}: key must be a function of an experiment")
         if not 0 <= self.just_noticeable < np.inf:
             raise SettingsError(
-                f"criterion {self.name!r}: just_noticeable must be 0 or more, "
-                f"got {self.just_noticeable!r}"
+                f"criterion {self.name!r}: just_noticeable must be 0 or more, got {self.just_noticeable!r}"
             )
 
     def compare(self, challenger: Experiment, incumbent: Experiment) -> Preference:
@@ -76,17 +75,13 @@ class Lexicographic:
         object.__setattr__(self, "first", tuple(self.first))
         strangers = [c for c in (*self.first, *self.criteria) if not isinstance(c, Criterion)]
         if not self.criteria or strangers:
-            raise SettingsError(
-                f"criteria must be one or more Criterion, got {strangers or 'none'}"
-            )
+            raise SettingsError(f"criteria must be one or more Criterion, got {strangers or 'none'}")
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:
         """Return which experiment is better, as in eq. pref_fun."""
         return self.decide(challenger, incumbent)[0]
 
-    def decide(
-        self, challenger: Experiment, incumbent: Experiment
-    ) -> tuple[Preference, Criterion | None]:
+    def decide(self, challenger: Experiment, incumbent: Experiment) -> tuple[Preference, Criterion | None]:
         """Return which one is better, and the deciding criterion; None if there is none."""
         for criterion in (*self.first, _SURVIVAL, *self.criteria):
             verdict = criterion.compare(challenger, incumbent)

@@ -46,9 +46,16 @@ class Linearized:
     def __post_init__(self) -> None:
         n_x, n_u, n_y = np.size(self.x0), np.size(self.u0), np.size(self.y0)
         shapes = {
-            "A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x), "D": (n_y, n_u),
-            "x0": (n_x,), "u0": (n_u,), "y0": (n_y,), "low": (n_u,), "high": (n_u,),
-        }  # fmt: skip
+            "A": (n_x, n_x),
+            "B": (n_x, n_u),
+            "C": (n_y, n_x),
+            "D": (n_y, n_u),
+            "x0": (n_x,),
+            "u0": (n_u,),
+            "y0": (n_y,),
+            "low": (n_u,),
+            "high": (n_u,),
+        }
         for field in fields(self):
             name = field.name
             array = np.array(getattr(self, name), dtype=float)
@@ -77,9 +84,11 @@ def linearized(plant: Plant, x0: Any, u0: Any, d0: Any, T_s: float) -> Linearize
     x, u, d = (
         vector(name, np.zeros(len(channels)) if value is None else value, len(channels), "finite")
         for name, value, channels in (
-            ("x0", x0, plant.states), ("u0", u0, plant.inputs), ("d0", d0, plant.disturbances)
+            ("x0", x0, plant.states),
+            ("u0", u0, plant.inputs),
+            ("d0", d0, plant.disturbances),
         )
-    )  # fmt: skip
+    )
     rate = np.asarray(plant.f(x, u, d), dtype=float)
     if not np.abs(rate).max(initial=0.0) * T_s <= _RESTS * (1 + np.abs(x).max(initial=0.0)):
         raise SettingsError(

@@ -43,9 +43,7 @@ def index_of(which: int | str, channels: Sequence[Channel] | None, kind: str) ->
     """
     if isinstance(which, str):
         if channels is None:
-            raise SettingsError(
-                f"{kind} {which!r}: a name needs the plant; pass plant=, or a number"
-            )
+            raise SettingsError(f"{kind} {which!r}: a name needs the plant; pass plant=, or a number")
         names = [c.name for c in channels]
         if names.count(which) != 1:
             raise SettingsError(f"{kind} must be one of {names}, got {which!r}")

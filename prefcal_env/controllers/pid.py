@@ -86,9 +86,7 @@ class PID:
         self._r, self._y = 0.0, 0.0
 
     @classmethod
-    def of_gains(
-        cls, K_p: float, K_i: float = 0.0, K_d: float = 0.0, *, T_s: float, **others: Any
-    ) -> "PID":
+    def of_gains(cls, K_p: float, K_i: float = 0.0, K_d: float = 0.0, *, T_s: float, **others: Any) -> "PID":
         """Return the PID with the gains K_p, K_i = K_p / T_i and K_d = K_p T_d.
 
         Args:

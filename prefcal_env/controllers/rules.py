@@ -64,9 +64,7 @@ def simc(process: Process, *, derivative: bool = True) -> Tuning | None:
     return Tuning(K * factor, T_i * factor, T_d / factor)
 
 
-def ziegler_nichols(
-    plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: float
-) -> Tuning | None:
+def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: float) -> Tuning | None:
     """Return the tuning by the ultimate gain K_u and period T_u; None if there is none.
 
     K_p = 0.6 K_u, T_i = T_u / 2, T_d = T_u / 8.

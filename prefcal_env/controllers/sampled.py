@@ -6,9 +6,7 @@ from jaxtyping import Float
 from prefcal_env.plants.systems import LinearSystem
 
 
-def sampled(
-    J: LinearSystem, T_s: float, delay: Float[np.ndarray, "n_y n_u"] | None = None
-) -> LinearSystem:
+def sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, "n_y n_u"] | None = None) -> LinearSystem:
     """Return x⁺ = A x + B u, y = C x of a linear plant, exact also for fractions of T_s.
 
     u is held for T_s, and x holds delayed inputs, too. With a direct feedthrough D, an output is

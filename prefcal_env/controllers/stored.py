@@ -91,6 +91,10 @@ def _lqr(content: Mapping[str, Any]) -> LQR:
         model[name] = np.reshape(model[name], shape)
     Q_i = np.reshape(content["Q_i"], (len(content["integral"]),) * 2)
     return LQR(
-        Linearized(**model), content["Q"], content["R"], T_s=content["T_s"],
-        integral=content["integral"], Q_i=Q_i,
-    )  # fmt: skip
+        Linearized(**model),
+        content["Q"],
+        content["R"],
+        T_s=content["T_s"],
+        integral=content["integral"],
+        Q_i=Q_i,
+    )

@@ -28,9 +28,7 @@ class ClosedLoop:
         SettingsError: If `env` or `controller` is none of these.
     """
 
-    def __init__(
-        self, env: EnvSource, controller: ControllerFactory, kpis: KPIs | None = None
-    ) -> None:
+    def __init__(self, env: EnvSource, controller: ControllerFactory, kpis: KPIs | None = None) -> None:
         made = gym.make(env) if isinstance(env, str) else env
         if callable(made) and not isinstance(made, gym.Env):
             made = made()

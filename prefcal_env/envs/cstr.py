@@ -76,14 +76,24 @@ def cstr_task(plant: CSTR | None = None) -> Task:
     x0, u0 = plant.steady_state_at_concentration(START)
     target, _ = plant.steady_state_at_concentration(TARGET)
     return Task(
-        x0=x0, u0=u0, y_ref=target, d=FEED, horizon=HORIZON,
-        T_s=0.25, T_s_range=(0.01, 6.0), dense_step=0.05,
-        tracked=(1,), bands={1: BAND},
+        x0=x0,
+        u0=u0,
+        y_ref=target,
+        d=FEED,
+        horizon=HORIZON,
+        T_s=0.25,
+        T_s_range=(0.01, 6.0),
+        dense_step=0.05,
+        tracked=(1,),
+        bands={1: BAND},
         # T, C_A, last T_c, reference of C_A, T_f, C_Af
         observed=np.array([(280, 400), (0, 10), (284, 310), (0, 10), (280, 320), (5, 15)]),
-        unsafe=unsafe, vectorized=True, settled=settled, stage_cost=stage_cost,
+        unsafe=unsafe,
+        vectorized=True,
+        settled=settled,
+        stage_cost=stage_cost,
         unsafe_cost=10.0,  # the stage cost of reasonable states is below 2
-    )  # fmt: skip
+    )
 
 
 @makes(PlantEnv)

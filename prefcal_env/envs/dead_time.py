@@ -71,9 +71,7 @@ class DeadTime:
             x = states[-1]
         return np.concatenate(rows)
 
-    def _held(
-        self, x: X, d: D, start: float, t: Float[np.ndarray, " M"]
-    ) -> Float[np.ndarray, "M n_x"]:
+    def _held(self, x: X, d: D, start: float, t: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M n_x"]:
         """Return the states at `t` after x at `start`; no delayed input changes meanwhile."""
         reaching = self._reaching(start)
         self._since.append(start)

@@ -124,9 +124,7 @@ def check_rate(plant: Plant, x: X, u: U, d: Float[np.ndarray, "*n_d"]) -> None:
 
 def _check_measuring(task: Task, n_y: int) -> None:
     if task.noise is not None and (task.noise.shape != (n_y,) or np.any(task.noise < 0)):
-        raise SettingsError(
-            f"task: noise must be {n_y} standard deviations of 0 or more, got {task.noise}"
-        )
+        raise SettingsError(f"task: noise must be {n_y} standard deviations of 0 or more, got {task.noise}")
     if np.shape(task.measurement_delay) not in ((), (n_y,)):
         raise SettingsError(
             f"task: measurement_delay must be one number or {n_y}, got {task.measurement_delay}"

@@ -33,9 +33,14 @@ class Law:
         inverse = np.linalg.inv(one - h * self.A)
         C = self.C @ inverse
         return Law(
-            inverse @ (one + h * self.A), 2 * h * inverse @ self.B_r, 2 * h * inverse @ self.B_y,
-            C, self.D_r + h * C @ self.B_r, self.D_y + h * C @ self.B_y, T_s,
-        )  # fmt: skip
+            inverse @ (one + h * self.A),
+            2 * h * inverse @ self.B_r,
+            2 * h * inverse @ self.B_y,
+            C,
+            self.D_r + h * C @ self.B_r,
+            self.D_y + h * C @ self.B_y,
+            T_s,
+        )
 
 
 def law_of(system: LinearSystem, n_y: int, n_u: int, free: Bool[np.ndarray, " n_y"]) -> Law:
@@ -95,10 +100,7 @@ class Closed:
     D: Float[np.ndarray, "n_o n_w"]
 
     def run(
-        self,
-        z: Float[np.ndarray, " n_z"],
-        w: Float[np.ndarray, "K n_w"],
-        step: float,
+        self, z: Float[np.ndarray, " n_z"], w: Float[np.ndarray, "K n_w"], step: float
     ) -> tuple[Float[np.ndarray, "K n_z"], Float[np.ndarray, "K n_o"]]:
         """Return z and (y, u) at K instants, `step` apart, with w held in between: exact."""
         from scipy.linalg import expm  # takes a while to import

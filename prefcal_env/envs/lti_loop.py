@@ -114,17 +114,20 @@ class LTILoop:
                 return self._finished(self._exact(theta, law))
             controller = LTIController(law.sampled(self._sampling_time()))
         found = rollout(self._env, controller, theta, seed=seed)
-        return self._finished(
-            replace(found, x=found.x[:, : len(self.channels.x)], channels=self.channels)
-        )
+        return self._finished(replace(found, x=found.x[:, : len(self.channels.x)], channels=self.channels))
 
     def _finished(self, experiment: Experiment) -> Experiment:
         return experiment.with_kpis(computed(self.kpis, experiment))
 
     def _task(
-        self, horizon: float, reference: Reference, d: Any, noise: Any,
-        bands: Mapping[str, float] | None, runaway: float,
-    ) -> Task:  # fmt: skip
+        self,
+        horizon: float,
+        reference: Reference,
+        d: Any,
+        noise: Any,
+        bands: Mapping[str, float] | None,
+        runaway: float,
+    ) -> Task:
         plant, n_y = self.plant, len(self.plant.outputs)
         start = getattr(plant, "x0", None), getattr(plant, "u0", None)
         x0 = np.zeros(len(plant.states)) if start[0] is None else np.asarray(start[0])
@@ -142,10 +145,15 @@ class LTILoop:
             return bool(np.any(np.abs(plant.g(x, u0, d0)) > farthest))
 
         return Task(
-            x0=x0, u0=u0, y_ref=y_ref, d=load, horizon=horizon, unsafe=unsafe,
+            x0=x0,
+            u0=u0,
+            y_ref=y_ref,
+            d=load,
+            horizon=horizon,
+            unsafe=unsafe,
             noise=None if noise is None else _numbers("noise", noise, n_y),
             bands={self._output(name): band for name, band in (bands or {}).items()},
-        )  # fmt: skip
+        )
 
     def _reference(self, given: Reference) -> Any:
         n_y = len(self.plant.outputs)
@@ -204,12 +212,20 @@ class LTILoop:
         y, u = np.split(found[:kept], [n_y], axis=1)
         steps = kept - 1
         return Experiment(
-            theta=np.array(theta, dtype=float), t=t[:kept], x=x[:kept, : len(self.channels.x)],
-            u=u, t_control=t[:steps], u_control=u[:steps], y_ref=r[:steps],
-            iterations=np.zeros(steps, dtype=int), solve_time=np.zeros(steps),
-            solved=np.ones(steps, dtype=bool), channels=self.channels,
-            end=End.UNSAFE if stopped else End.TIME_UP, y=y,
-        )  # fmt: skip
+            theta=np.array(theta, dtype=float),
+            t=t[:kept],
+            x=x[:kept, : len(self.channels.x)],
+            u=u,
+            t_control=t[:steps],
+            u_control=u[:steps],
+            y_ref=r[:steps],
+            iterations=np.zeros(steps, dtype=int),
+            solve_time=np.zeros(steps),
+            solved=np.ones(steps, dtype=bool),
+            channels=self.channels,
+            end=End.UNSAFE if stopped else End.TIME_UP,
+            y=y,
+        )
 
 
 def _numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:

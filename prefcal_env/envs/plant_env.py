@@ -55,12 +55,7 @@ class PlantEnv(gym.Env[Array, Array]):
     """Additional signals of its experiments beside states, inputs and outputs: none."""
 
     def __init__(
-        self,
-        plant: Plant,
-        task: Task,
-        render_mode: str | None = None,
-        *,
-        outputs_are_states: bool = False,
+        self, plant: Plant, task: Task, render_mode: str | None = None, *, outputs_are_states: bool = False
     ) -> None:
         check_fit(plant, task)
         check_render_mode(render_mode, self.metadata)

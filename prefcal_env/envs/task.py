@@ -144,17 +144,13 @@ class Task:
         self._derive()
         for name in ("horizon", "dense_step"):
             if not 0 < getattr(self, name) < np.inf:
-                raise SettingsError(
-                    f"task: {name} must be positive and finite, got {getattr(self, name)}"
-                )
+                raise SettingsError(f"task: {name} must be positive and finite, got {getattr(self, name)}")
         rows = self.observed
         if rows is not None and (rows.ndim != 2 or np.any(rows[:, 0] >= rows[:, 1])):
             raise SettingsError("task: observed must be rows (low, high) with low below high")
         delay = np.asarray(self.measurement_delay)
         if not np.all((delay >= 0) & (delay < np.inf)):
-            raise SettingsError(
-                f"task: measurement_delay must be 0 or more and finite, got {delay.tolist()}"
-            )
+            raise SettingsError(f"task: measurement_delay must be 0 or more and finite, got {delay.tolist()}")
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
         self.sampling_time(self.T_s)

@@ -67,9 +67,7 @@ class TuningEnv(gym.Env[Array, Array]):
         render_mode: str | None = None,
     ) -> None:
         if not isinstance(space, KnobSpace) or not callable(run):
-            raise SettingsError(
-                f"needs a KnobSpace and a function that runs θ, got {space!r} and {run!r}"
-            )
+            raise SettingsError(f"needs a KnobSpace and a function that runs θ, got {space!r} and {run!r}")
         check_render_mode(render_mode, self.metadata)
         self.space, self.render_mode = space, render_mode
         self._run, self._score, self._panels = run, score, panels

@@ -46,9 +46,7 @@ class Curve:
         return np.asarray(self.values[np.maximum(held_rows(self.t, t), 0)])
 
 
-def held_rows(
-    instants: Float[np.ndarray, " M"], t: Float[np.ndarray, " K"]
-) -> Int[np.ndarray, " K"]:
+def held_rows(instants: Float[np.ndarray, " M"], t: Float[np.ndarray, " K"]) -> Int[np.ndarray, " K"]:
     """Return the index of the last of `instants` at or before each of `t`; -1 if there is none."""
     tolerance = _SAME_INSTANT * _span(t)
     return np.asarray(np.searchsorted(instants, t + tolerance, side="right") - 1)
@@ -115,9 +113,14 @@ def numbers(name: str, values: Any) -> Float[np.ndarray, " K"]:
 
 
 def curve_of(
-    what: str, given: Any, t: Float[np.ndarray, " K"] | None, unit: str, *,
-    held: bool = False, gaps: bool = False,
-) -> Curve:  # fmt: skip
+    what: str,
+    given: Any,
+    t: Float[np.ndarray, " K"] | None,
+    unit: str,
+    *,
+    held: bool = False,
+    gaps: bool = False,
+) -> Curve:
     """Return the curve of the values `given` at `t`, shape (K,), or of a tuple (times, values).
 
     If `t` is None, every curve has its own times. Without `gaps`, it ends with its last finite
@@ -132,9 +135,7 @@ def curve_of(
     elif t is not None:
         base, values = t, given
     else:
-        raise ExperimentError(
-            f"{what} needs instants: give t, or a tuple (times, values) for every curve"
-        )
+        raise ExperimentError(f"{what} needs instants: give t, or a tuple (times, values) for every curve")
     found = numbers(what, values)
     if found.shape != base.shape:
         where = "its times" if own else "t"
@@ -143,9 +144,7 @@ def curve_of(
     return Curve(what, base[:kept], found[:kept], held, own, kept < len(found), gaps)
 
 
-def _finite_rows(
-    what: str, t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], unit: str
-) -> int:
+def _finite_rows(what: str, t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], unit: str) -> int:
     """Return how many rows come before the values that are not finite at the end."""
     finite = np.isfinite(values)
     if finite.all():

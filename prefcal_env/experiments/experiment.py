@@ -153,10 +153,16 @@ class Experiment:
         n_x, n_u, n_y = (len(c) for c in (self.channels.x, self.channels.u, self.channels.y))
         dense, steps = len(np.atleast_1d(self.t)), len(np.atleast_1d(self.t_control))
         expected = {
-            "t": (dense,), "x": (dense, n_x), "u": (dense, n_u),
-            "t_control": (steps,), "u_control": (steps, n_u), "y_ref": (steps, n_y),
-            "iterations": (steps,), "solve_time": (steps,), "solved": (steps,),
-        }  # fmt: skip
+            "t": (dense,),
+            "x": (dense, n_x),
+            "u": (dense, n_u),
+            "t_control": (steps,),
+            "u_control": (steps, n_u),
+            "y_ref": (steps, n_y),
+            "iterations": (steps,),
+            "solve_time": (steps,),
+            "solved": (steps,),
+        }
         if self.y is not None:
             expected["y"] = (dense, n_y)
         shapes = {name: np.shape(getattr(self, name)) for name in expected}
@@ -254,10 +260,17 @@ class Experiment:
 
 
 _ARRAYS: dict[str, Any] = {
-    "theta": float, "t": float, "x": float, "u": float, "t_control": float,
-    "u_control": float, "y_ref": float, "iterations": np.int64, "solve_time": float,
+    "theta": float,
+    "t": float,
+    "x": float,
+    "u": float,
+    "t_control": float,
+    "u_control": float,
+    "y_ref": float,
+    "iterations": np.int64,
+    "solve_time": float,
     "solved": bool,
-}  # fmt: skip
+}
 
 
 def _mapping(name: str, value: object) -> Mapping[str, Any]:

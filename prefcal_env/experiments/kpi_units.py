@@ -31,16 +31,10 @@ class TrackingKind:
 OF_OUTPUT = (
     TrackingKind("integrated error", "Area between the curve and its reference.", "{unit} {time}"),
     TrackingKind(
-        "late error",
-        "Area between the curve and its reference, weighted with time.",
-        "{unit} {time}²",
+        "late error", "Area between the curve and its reference, weighted with time.", "{unit} {time}²"
     ),
-    TrackingKind(
-        "settling time", "Time of the last entry into the band around the reference.", "{time}"
-    ),
-    TrackingKind(
-        "overshoot", "Largest distance beyond the reference, on the other side than the start."
-    ),
+    TrackingKind("settling time", "Time of the last entry into the band around the reference.", "{time}"),
+    TrackingKind("overshoot", "Largest distance beyond the reference, on the other side than the start."),
     TrackingKind("final error", "Distance from the reference at the end."),
 )
 """Kinds of each output with a reference, in the order in which `tracking_kpis` computes them."""

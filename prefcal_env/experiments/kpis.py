@@ -37,9 +37,7 @@ def tracking_kpis(experiment: Experiment) -> dict[str, float]:
     return found
 
 
-def _named(
-    kinds: Sequence[TrackingKind], channel: Channel, values: Iterable[float]
-) -> dict[str, float]:
+def _named(kinds: Sequence[TrackingKind], channel: Channel, values: Iterable[float]) -> dict[str, float]:
     """Return the values of a channel's kinds, in their order, by name."""
     return {kind.of(channel): float(value) for kind, value in zip(kinds, values, strict=True)}
 

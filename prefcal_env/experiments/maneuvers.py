@@ -15,9 +15,7 @@ from .experiment import Channels, Experiment
 MEAN = "mean"
 """What the mean over all maneuvers is called: "NAME (mean)". No maneuver can have this name."""
 
-_ARRAYS = (
-    "t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved",
-)  # fmt: skip
+_ARRAYS = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
 
 
 class Run(Protocol):
@@ -137,17 +135,14 @@ class Maneuvers:
     ) -> None:
         if not isinstance(runs, Mapping) or not runs:
             raise ExperimentError(
-                'maneuvers must map names to runs, such as {"step": run_1, "load": run_2}, '
-                f"got {runs!r}"
+                f'maneuvers must map names to runs, such as {{"step": run_1, "load": run_2}}, got {runs!r}'
             )
         for name, run in runs.items():
             _check_name(name)
             if not callable(run):
                 raise ExperimentError(f"maneuver {name!r} must be a function of θ, got {run!r}")
         if isinstance(higher_is_better, str):
-            raise ExperimentError(
-                f"higher_is_better must hold names of KPIs; write ({higher_is_better!r},)"
-            )
+            raise ExperimentError(f"higher_is_better must hold names of KPIs; write ({higher_is_better!r},)")
         self.runs = dict(runs)
         self.higher_is_better = tuple(higher_is_better)
         self.targets = dict(targets or {})
@@ -204,8 +199,7 @@ def _check(runs: Sequence[Experiment]) -> None:
             raise ExperimentError(f"two maneuvers are called {run.maneuver!r}: rename one of them")
         if run.runs:
             raise ExperimentError(
-                f"maneuver {run.maneuver!r} must be a single run, got a combination of "
-                f"{len(run.runs)} runs"
+                f"maneuver {run.maneuver!r} must be a single run, got a combination of {len(run.runs)} runs"
             )
         if not np.array_equal(run.theta, runs[0].theta):
             raise ExperimentError(
@@ -252,9 +246,7 @@ def _badness(
     return (lambda value: -value) if name in higher_is_better else (lambda value: value)
 
 
-def _kpis(
-    runs: Sequence[Experiment], badness: Mapping[str, Callable[[float], float]]
-) -> dict[str, float]:
+def _kpis(runs: Sequence[Experiment], badness: Mapping[str, Callable[[float], float]]) -> dict[str, float]:
     """Return the worst of each KPI, then the means, then the KPIs of each maneuver."""
     known = {
         name: [float(run.kpis[name]) for run in runs if name in run.kpis]
@@ -270,7 +262,5 @@ def _kpis(
     each = {named(n, run.maneuver): float(v) for run in runs for n, v in run.kpis.items()}
     clashes = sorted(set(worst) & set(means | each))
     if clashes:
-        raise ExperimentError(
-            f"the KPI {clashes[0]!r} has the name of a KPI in one maneuver: rename it"
-        )
+        raise ExperimentError(f"the KPI {clashes[0]!r} has the name of a KPI in one maneuver: rename it")
     return {**worst, **means, **each}

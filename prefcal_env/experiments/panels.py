@@ -101,17 +101,13 @@ class Panel:
             raise ScenarioError(f"a panel needs the name of a channel or signal, got {self.name!r}")
         if self.kind not in ("", *KINDS):
             raise ScenarioError(
-                f"panel {self.name!r}: kind must be one of {list(KINDS)} or left out, "
-                f"got {self.kind!r}"
+                f"panel {self.name!r}: kind must be one of {list(KINDS)} or left out, got {self.kind!r}"
             )
         if not np.isfinite(self.scale) or self.scale == 0:
-            raise ScenarioError(
-                f"panel {self.name!r}: scale must be finite and not 0, got {self.scale}"
-            )
+            raise ScenarioError(f"panel {self.name!r}: scale must be finite and not 0, got {self.scale}")
         if self.scale != 1 and self.unit is None:
             raise ScenarioError(
-                f"panel {self.name!r}: scale {self.scale:g} changes the unit: "
-                "give the new one as unit="
+                f"panel {self.name!r}: scale {self.scale:g} changes the unit: give the new one as unit="
             )
         if self.band is not None and not self.band > 0:
             raise ScenarioError(f"panel {self.name!r}: band must be above 0, got {self.band}")
@@ -187,9 +183,13 @@ class Panel:
     def _dressed(self, plot: Plot) -> Plot:
         look = self._look(_scaled(plot.channel, self.scale))
         return replace(
-            plot, channel=look, scale=self.scale, reference=self.reference or plot.reference,
-            low_signal=self.low_signal, high_signal=self.high_signal,
-        )  # fmt: skip
+            plot,
+            channel=look,
+            scale=self.scale,
+            reference=self.reference or plot.reference,
+            low_signal=self.low_signal,
+            high_signal=self.high_signal,
+        )
 
     def _look(self, channel: Channel) -> Channel:
         """Return `channel` with the attributes that this panel overrides."""

@@ -11,16 +11,7 @@ from numpy.typing import ArrayLike
 from prefcal_env.errors import ExperimentError
 from prefcal_env.wording import did_you_mean
 
-from .curves import (
-    Curve,
-    check_covers,
-    common_instants,
-    curve_of,
-    held_rows,
-    instants_of,
-    named,
-    numbers,
-)
+from .curves import Curve, check_covers, common_instants, curve_of, held_rows, instants_of, named, numbers
 from .experiment import Channel, Channels, End, Experiment
 from .kpis import tracking_kpis
 from .rollout import computed
@@ -44,9 +35,13 @@ class _Look:
             )
         low, high = (None if v is None else float(v) for v in limits)
         return Channel(
-            name, self.units.get(name, ""), -np.inf if low is None else low,
-            np.inf if high is None else high, target, self.bands.get(name),
-        )  # fmt: skip
+            name,
+            self.units.get(name, ""),
+            -np.inf if low is None else low,
+            np.inf if high is None else high,
+            target,
+            self.bands.get(name),
+        )
 
 
 def recorded(
@@ -117,14 +112,21 @@ def recorded(
     y_ref, moves = _table(references, instants), _table([c.at(instants) for c in held], instants)
     rows = _decided(held, instants, y_ref)
     made = Experiment(
-        theta=_theta(theta), t=instants, x=np.zeros((len(instants), 0)), u=moves,
+        theta=_theta(theta),
+        t=instants,
+        x=np.zeros((len(instants), 0)),
+        u=moves,
         y=_table([curve.at(instants) for curve in curves], instants),
-        t_control=instants[rows], u_control=moves[rows], y_ref=y_ref[rows],
-        iterations=np.zeros(len(rows), dtype=np.int64), solve_time=np.zeros(len(rows)),
-        solved=np.ones(len(rows), dtype=bool), channels=channels,
+        t_control=instants[rows],
+        u_control=moves[rows],
+        y_ref=y_ref[rows],
+        iterations=np.zeros(len(rows), dtype=np.int64),
+        solve_time=np.zeros(len(rows)),
+        solved=np.ones(len(rows), dtype=bool),
+        channels=channels,
         end=_end(instants, [*curves, *held]) if end is None else end,
         signals=_drawn(channels, references) | extra,
-    )  # fmt: skip
+    )
     return made if kpis is None else made.with_kpis(computed(kpis, made))
 
 
@@ -188,9 +190,12 @@ def _end(instants: Float[np.ndarray, " K"], curves: Sequence[Curve]) -> End:
 
 
 def _references(
-    names: Sequence[str], given: Mapping[str, Any], t: Float[np.ndarray, " K"] | None,
-    instants: Float[np.ndarray, " M"], unit: str,
-) -> list[Float[np.ndarray, " M"]]:  # fmt: skip
+    names: Sequence[str],
+    given: Mapping[str, Any],
+    t: Float[np.ndarray, " K"] | None,
+    instants: Float[np.ndarray, " M"],
+    unit: str,
+) -> list[Float[np.ndarray, " M"]]:
     """Return the reference of each output at `instants`; NaN for outputs without one."""
     found = []
     for name in names:
@@ -208,13 +213,15 @@ def _references(
 
 
 def _channels(
-    outputs: Sequence[str], inputs: Sequence[str],
-    references: Sequence[Float[np.ndarray, " K"]], look: _Look, time_unit: str,
-) -> Channels:  # fmt: skip
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    references: Sequence[Float[np.ndarray, " K"]],
+    look: _Look,
+    time_unit: str,
+) -> Channels:
     """Return the channels; a constant reference is the target of its output."""
     targets = [
-        float(v[0]) if len(v) and np.isfinite(v[0]) and (v == v[0]).all() else None
-        for v in references
+        float(v[0]) if len(v) and np.isfinite(v[0]) and (v == v[0]).all() else None for v in references
     ]
     return Channels(
         x=(),
@@ -225,9 +232,12 @@ def _channels(
 
 
 def _check_names(
-    outputs: Mapping[str, Any], inputs: Mapping[str, Any], look: _Look,
-    reference: Mapping[str, Any], signals: Mapping[str, Any],
-) -> None:  # fmt: skip
+    outputs: Mapping[str, Any],
+    inputs: Mapping[str, Any],
+    look: _Look,
+    reference: Mapping[str, Any],
+    signals: Mapping[str, Any],
+) -> None:
     """Refuse names that are used twice, and properties of names that do not exist."""
     if not outputs:
         raise ExperimentError("outputs must hold one curve or more, such as {'level': values}")
@@ -239,14 +249,15 @@ def _check_names(
         )
     channels = [*outputs, *inputs]
     known: list[tuple[str, Any, Sequence[str]]] = [
-        ("units", look.units, channels), ("limits", look.limits, channels),
-        ("bands", look.bands, list(outputs)), ("reference", reference, list(outputs)),
-    ]  # fmt: skip
+        ("units", look.units, channels),
+        ("limits", look.limits, channels),
+        ("bands", look.bands, list(outputs)),
+        ("reference", reference, list(outputs)),
+    ]
     for what, given, there in known:
         if not isinstance(given, Mapping):
             raise ExperimentError(
-                f"{what} must be a mapping by name, such as {{{there[0]!r}: ...}}, "
-                f"got {type(given).__name__}"
+                f"{what} must be a mapping by name, such as {{{there[0]!r}: ...}}, got {type(given).__name__}"
             )
         for name in given:
             if name not in there:

@@ -138,8 +138,17 @@ def _experiment(record: Record, theta: object, steps: list[tuple[int, float, boo
     iterations, solve_time, solved = zip(*steps, strict=True)
     return Experiment(
         theta=np.array(theta, dtype=float),
-        t=record.t, x=record.x, u=record.u,
-        t_control=record.t_control, u_control=record.u_control, y_ref=record.y_ref,
-        iterations=np.array(iterations), solve_time=np.array(solve_time), solved=solved,
-        channels=record.channels, end=record.end, signals=record.signals, y=record.y,
-    )  # fmt: skip
+        t=record.t,
+        x=record.x,
+        u=record.u,
+        t_control=record.t_control,
+        u_control=record.u_control,
+        y_ref=record.y_ref,
+        iterations=np.array(iterations),
+        solve_time=np.array(solve_time),
+        solved=solved,
+        channels=record.channels,
+        end=record.end,
+        signals=record.signals,
+        y=record.y,
+    )

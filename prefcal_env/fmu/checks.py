@@ -108,9 +108,7 @@ def _check_range(knob: Knob, variable: Variable) -> None:
             + f", the limits of the FMU, got [{knob.low:g}, {knob.high:g}]"
         )
     if variable.whole and not knob.integer:
-        raise KnobError(
-            f"knob {knob.name!r}: the FMU's type is {variable.type}, so it needs integer=True"
-        )
+        raise KnobError(f"knob {knob.name!r}: the FMU's type is {variable.type}, so it needs integer=True")
 
 
 def referenced(
@@ -164,17 +162,14 @@ def grid_of(model: Model, stop_time: float | None, output_interval: float | None
     """
     start, stop = model.start_time, model.stop_time if stop_time is None else stop_time
     if stop is None:
-        raise PlantError(
-            f"FMU {model.path.name!r} declares no stop time: give stop_time, in seconds"
-        )
+        raise PlantError(f"FMU {model.path.name!r} declares no stop time: give stop_time, in seconds")
     if not (is_number(stop) and isfinite(stop) and stop > start):
         raise PlantError(f"stop_time must be above the start time {start:g} s, got {stop!r} s")
     if output_interval is not None and not (
         is_number(output_interval) and 0 < output_interval <= stop - start
     ):
         raise PlantError(
-            f"output_interval must be above 0 s and at most {stop - start:g} s, got "
-            f"{output_interval!r}"
+            f"output_interval must be above 0 s and at most {stop - start:g} s, got {output_interval!r}"
         )
     step, every = _step(model, stop - start, output_interval)
     count = (stop - start) / step

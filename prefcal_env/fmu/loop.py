@@ -99,9 +99,13 @@ class FMULoop:
         self._recorded = [*shown_.values(), *self._variables.values()]
         grid = grid_of(self.model, stop_time, output_interval)
         job = Job(
-            str(self.model.path), _places(self._parameters), _places(self._recorded), grid.instants,
-            grid.every, self.model.tolerance,
-        )  # fmt: skip
+            str(self.model.path),
+            _places(self._parameters),
+            _places(self._recorded),
+            grid.instants,
+            grid.every,
+            self.model.tolerance,
+        )
         self._process = FMUProcess(job, timeout)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
@@ -161,8 +165,7 @@ class FMULoop:
         for knob, variable, value in zip(self.space, self._parameters, theta, strict=True):
             if not variable.low <= value <= variable.high:
                 raise KnobError(
-                    f"{knob.name} must lie in [{variable.low:g}, {variable.high:g}] "
-                    f"{variable.unit}".rstrip()
+                    f"{knob.name} must lie in [{variable.low:g}, {variable.high:g}] {variable.unit}".rstrip()
                     + f", the limits of the FMU, got {value:g}"
                 )
         return theta
@@ -180,9 +183,14 @@ class FMULoop:
         inputs = dict(zip(self._inputs, columns[n_y:], strict=False))
         curves = dict(zip(self._variables, columns[n_y + n_u :], strict=True))
         return self._made(
-            theta, answer.t[:count], outputs, inputs, {**self._numbers, **curves},
-            End.UNSAFE if self.problem else End.TIME_UP, self.kpis,
-        )  # fmt: skip
+            theta,
+            answer.t[:count],
+            outputs,
+            inputs,
+            {**self._numbers, **curves},
+            End.UNSAFE if self.problem else End.TIME_UP,
+            self.kpis,
+        )
 
     def _failed(self, theta: Float[np.ndarray, " n"]) -> Experiment:
         """Return an experiment without a record."""
@@ -195,16 +203,20 @@ class FMULoop:
         return self._made(theta, t, outputs, inputs, dict(self._numbers), end, None)
 
     def _made(
-        self, theta: Any, t: Any, outputs: Any, inputs: Any, reference: Any, end: End,
-        kpis: _KPIs | None,
-    ) -> Experiment:  # fmt: skip
+        self, theta: Any, t: Any, outputs: Any, inputs: Any, reference: Any, end: End, kpis: _KPIs | None
+    ) -> Experiment:
         variables = {**self._outputs, **self._inputs}
         return recorded(
-            theta, t, outputs, inputs, reference,
+            theta,
+            t,
+            outputs,
+            inputs,
+            reference,
             units={name: v.unit for name, v in variables.items()},
             limits={name: (v.low, v.high) for name, v in variables.items()},
-            end=end, kpis=kpis,
-        )  # fmt: skip
+            end=end,
+            kpis=kpis,
+        )
 
 
 def _places(variables: Sequence[Variable]) -> tuple[tuple[str, int], ...]:

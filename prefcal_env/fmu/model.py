@@ -14,9 +14,21 @@ from prefcal_env.wording import did_you_mean
 from .units import AS_IT_IS, Scales, UnitScale, display_units, plain
 
 _NUMBERS = {
-    "Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32",
-    "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64",
-}  # fmt: skip
+    "Real",
+    "Integer",
+    "Boolean",
+    "Enumeration",
+    "Float64",
+    "Float32",
+    "Int8",
+    "UInt8",
+    "Int16",
+    "UInt16",
+    "Int32",
+    "UInt32",
+    "Int64",
+    "UInt64",
+}
 """Types of FMI 2 and 3 whose values are numbers."""
 _REALS = {"Real", "Float64", "Float32"}
 _LISTED = 12
@@ -135,9 +147,7 @@ class Model:
             found = self.variables[bare].within(unit)
             if found is None:
                 units = self.variables[bare].every_unit
-                raise PlantError(
-                    f"the unit of {bare!r} must be {units} as in the FMU, got {unit!r}"
-                )
+                raise PlantError(f"the unit of {bare!r} must be {units} as in the FMU, got {unit!r}")
             return found
         name = bare
         hint = did_you_mean(name, self.variables)
@@ -209,9 +219,7 @@ def _description(path: Path) -> Any:
             f"{path.name!r} is no FMU that can be read ({why}): export it again as FMI 2 or 3"
         ) from error
     if not str(found.fmiVersion).startswith(("2.", "3.")):
-        raise PlantError(
-            f"FMU {path.name!r} is of FMI {found.fmiVersion}: export it as FMI 2 or FMI 3"
-        )
+        raise PlantError(f"FMU {path.name!r} is of FMI {found.fmiVersion}: export it as FMI 2 or FMI 3")
     if found.coSimulation is None:
         raise PlantError(
             f"FMU {path.name!r} has no co-simulation interface: export it for co-simulation, so "
@@ -244,14 +252,18 @@ def _variable(v: Any, units: Mapping[str, Scales]) -> Variable:
     if v.type == "Boolean":
         low, high = 0.0, 1.0
     return Variable(
-        v.name, v.valueReference, v.type, v.causality or "local", v.variability or "continuous",
+        v.name,
+        v.valueReference,
+        v.type,
+        v.causality or "local",
+        v.variability or "continuous",
         unit=unit or "",
         low=-np.inf if low is None else low,
         high=np.inf if high is None else high,
         start=_number(v.start),
         about=" ".join((v.description or "").split()),
         units=others,
-    )  # fmt: skip
+    )
 
 
 def _number(text: object) -> float | None:

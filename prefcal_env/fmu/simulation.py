@@ -79,9 +79,7 @@ class _Reader:
         columns: Their columns in the record.
     """
 
-    def __init__(
-        self, fmu: Any, version: str, type_: str, references: list[int], columns: list[int]
-    ) -> None:
+    def __init__(self, fmu: Any, version: str, type_: str, references: list[int], columns: list[int]) -> None:
         count = len(references)
         self._fmu, self._get = fmu, getattr(fmu, f"fmi{version}Get{type_}")
         self._references = (ctypes.c_uint32 * count)(*references)
@@ -122,11 +120,7 @@ class FMUSimulation:
             self._description = fmpy.read_model_description(job.path, validate=False)
             self.version = self._description.fmiVersion[0]
             self._fmu: Any = instantiate_fmu(
-                job.path,
-                self._description,
-                "CoSimulation",
-                logger=self._hear,
-                require_functions=False,
+                job.path, self._description, "CoSimulation", logger=self._hear, require_functions=False
             )
         except Exception as error:  # whatever FMPy raises
             words = " ".join(str(error).split())

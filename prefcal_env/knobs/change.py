@@ -35,8 +35,7 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
     fresh = [name for name in new.names if name not in before]
     if sorted(added) != sorted(fresh):
         raise KnobError(
-            f"values in the experiments so far are needed for the added knobs {fresh}, got "
-            f"{sorted(added)}"
+            f"values in the experiments so far are needed for the added knobs {fresh}, got {sorted(added)}"
         )
     knobs = [
         _wider(knob, before[knob.name])
@@ -49,10 +48,7 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
 
 
 def carried(
-    theta: Float[np.ndarray, " m"],
-    old: KnobSpace,
-    new: KnobSpace,
-    added: Mapping[str, float] | None = None,
+    theta: Float[np.ndarray, " m"], old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None
 ) -> Float[np.ndarray, " n"]:
     """Return a physical θ of `old`, shape (m,), as a θ of `new`, shape (n,), with `added` values.
 

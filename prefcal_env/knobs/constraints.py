@@ -104,9 +104,7 @@ class LinearConstraint:
             )
         for what, value in [*coefficients.items(), ("at_most", at_most)]:
             if not is_number(value) or not isfinite(value):
-                raise KnobError(
-                    f"constraint {name!r}: {what} must be a finite number, got {value!r}"
-                )
+                raise KnobError(f"constraint {name!r}: {what} must be a finite number, got {value!r}")
         object.__setattr__(self, "name", name)
         pairs = tuple((knob, float(c)) for knob, c in coefficients.items())
         object.__setattr__(self, "coefficients", pairs)

@@ -125,9 +125,7 @@ class KnobSpace:
             if not 0.0 <= zi <= 1.0:
                 raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
         values = [k.decode(zi) for k, zi in zip(self.knobs, z, strict=True)]
-        return np.array(
-            [_exact(*each) for each in zip(self.knobs, values, self.within, strict=True)]
-        )
+        return np.array([_exact(*each) for each in zip(self.knobs, values, self.within, strict=True)])
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Map a physical θ, shape (n,), to the unit cube.
@@ -229,8 +227,7 @@ class KnobSpace:
         for knob, value in zip(self.knobs, theta.tolist(), strict=True):
             if not knob.low <= value <= knob.high:
                 raise KnobError(
-                    f"theta of knob {knob.name!r} must be in [{knob.low}, {knob.high}] "
-                    f"{knob.unit}".rstrip()
+                    f"theta of knob {knob.name!r} must be in [{knob.low}, {knob.high}] {knob.unit}".rstrip()
                     + f", got {value}"
                 )
             if knob.integer and value != round(value):
@@ -279,10 +276,7 @@ class KnobSpace:
     def named(self, theta: Float[np.ndarray, " n"]) -> dict[str, float]:
         """Return a dict from knob name to physical value, in order; integer knobs as int."""
         theta = self.check(theta)
-        return {
-            k.name: int(v) if k.integer else float(v)
-            for k, v in zip(self.knobs, theta, strict=True)
-        }
+        return {k.name: int(v) if k.integer else float(v) for k, v in zip(self.knobs, theta, strict=True)}
 
     def _vector(self, values: object, what: str) -> Float[np.ndarray, " n"]:
         try:

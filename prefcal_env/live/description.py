@@ -50,9 +50,7 @@ class LiveTable(msgspec.Struct, frozen=True, kw_only=True):
     timeout: float | None = None
 
 
-def live_rig(
-    description: Mapping[str, Any], *, plant: Callable[[str], LivePlant] | None = None
-) -> LiveRig:
+def live_rig(description: Mapping[str, Any], *, plant: Callable[[str], LivePlant] | None = None) -> LiveRig:
     """Return the live rig that plain data describes.
 
     Args:

@@ -57,9 +57,7 @@ class Drive:
         hands: Clock, confirmation, stop and progress.
     """
 
-    def __init__(
-        self, rig: "LiveRig", theta: Mapping[str, float], journal: Journal, hands: Hands
-    ) -> None:
+    def __init__(self, rig: "LiveRig", theta: Mapping[str, float], journal: Journal, hands: Hands) -> None:
         self.rig, self.theta, self.journal, self.hands = rig, theta, journal, hands
         parts = [*(knob.written for knob in rig.knobs), *rig.start]
         self.plant, self.written = rig.plant, {part.name: part for part in parts}
@@ -116,9 +114,7 @@ class Drive:
                     f"{written.high:g}] {written.unit}: set it there, or widen the range"
                 )
         self._check_types()
-        changes = tuple(
-            Change(written, values[name], new[name]) for name, written in self.written.items()
-        )
+        changes = tuple(Change(written, values[name], new[name]) for name, written in self.written.items())
         for change in changes:
             name = change.part.name
             if name in self.start and change.seconds >= self.rig.duration:
@@ -257,9 +253,7 @@ class Drive:
             for n, v in targets.items()
             if not self.written[n].same(shown[n], v)
         ]
-        return (
-            f"the plant shows {', '.join(wrong)}: it limits the value, or another station writes it"
-        )
+        return f"the plant shows {', '.join(wrong)}: it limits the value, or another station writes it"
 
     def _until_ready(self) -> None:
         ready = self.rig.keyed(self.rig.ready)
@@ -311,8 +305,7 @@ class Drive:
             shown, written = self._now[name], self.written[name]
             if not isnan(shown) and not written.same(shown, value):
                 raise _EndedError(
-                    End.FAILED,
-                    f"{name} was changed on the plant to {shown:g} {written.unit} during the run",
+                    End.FAILED, f"{name} was changed on the plant to {shown:g} {written.unit} during the run"
                 )
 
     def _sample(self, stage: Stage) -> None:
@@ -346,9 +339,7 @@ class Drive:
                         f"[{tag.abort[0]:g}, {tag.abort[1]:g}]",
                     )
             elif now - self._seen_at.setdefault(key, now) > self.rig.blind:
-                raise _EndedError(
-                    End.FAILED, f"{tag.name} had no good value for {self.rig.blind:g} s"
-                )
+                raise _EndedError(End.FAILED, f"{tag.name} had no good value for {self.rig.blind:g} s")
 
     def _wait(self, *, stops: bool = False) -> None:
         """Sleep until the next sampling instant; a person can stop the run meanwhile."""

@@ -33,9 +33,8 @@ class OPCUAPlant:
     """
 
     def __init__(
-        self, address: str, *, user: str = "", password: str = "", security: str = "",
-        timeout: float = 4.0,
-    ) -> None:  # fmt: skip
+        self, address: str, *, user: str = "", password: str = "", security: str = "", timeout: float = 4.0
+    ) -> None:
         try:
             import asyncua
         except ImportError as error:
@@ -43,9 +42,7 @@ class OPCUAPlant:
                 "OPC UA needs the package asyncua: pip install 'prefcal[opcua]'"
             ) from error
         if not address.startswith("opc.tcp://"):
-            raise LiveError(
-                f"the address of an OPC UA server begins with opc.tcp://, got {address!r}"
-            )
+            raise LiveError(f"the address of an OPC UA server begins with opc.tcp://, got {address!r}")
         if not (isfinite(timeout) and timeout > 0):
             raise SettingsError(f"timeout must be above 0 s and finite, got {timeout}")
         self.address, self._timeout = address, timeout
@@ -151,9 +148,7 @@ class OPCUAPlant:
         try:
             return self._connection().get_node(node)
         except self._ua.uaerrors.UaStringParsingError as error:
-            raise LiveError(
-                f"the address of a node looks like ns=2;s=Tank.Level, got {node!r}"
-            ) from error
+            raise LiveError(f"the address of a node looks like ns=2;s=Tank.Level, got {node!r}") from error
 
     def _connection(self) -> Any:
         if self._client is None:
@@ -165,9 +160,7 @@ class OPCUAPlant:
         from concurrent.futures import CancelledError
         from concurrent.futures import TimeoutError as TooLate
 
-        future = asyncio.run_coroutine_threadsafe(
-            asyncio.wait_for(work, 2 * self._timeout), self._running()
-        )
+        future = asyncio.run_coroutine_threadsafe(asyncio.wait_for(work, 2 * self._timeout), self._running())
         try:
             return future.result(2 * self._timeout + _MARGIN)
         except LiveError:
@@ -187,13 +180,24 @@ class OPCUAPlant:
         return error.code in {
             getattr(self._ua.StatusCodes, name)
             for name in (
-                "BadSessionIdInvalid", "BadSessionClosed", "BadSecureChannelIdInvalid",
-                "BadSecureChannelClosed", "BadConnectionClosed", "BadTimeout", "BadShutdown",
-                "BadServerHalted", "BadNotConnected", "BadCommunicationError",
-                "BadTcpEndpointUrlInvalid", "BadServerNotConnected", "BadSessionNotActivated",
-                "BadConnectionRejected", "BadNoCommunication", "BadRequestTimeout",
+                "BadSessionIdInvalid",
+                "BadSessionClosed",
+                "BadSecureChannelIdInvalid",
+                "BadSecureChannelClosed",
+                "BadConnectionClosed",
+                "BadTimeout",
+                "BadShutdown",
+                "BadServerHalted",
+                "BadNotConnected",
+                "BadCommunicationError",
+                "BadTcpEndpointUrlInvalid",
+                "BadServerNotConnected",
+                "BadSessionNotActivated",
+                "BadConnectionRejected",
+                "BadNoCommunication",
+                "BadRequestTimeout",
             )
-        }  # fmt: skip
+        }
 
     def _lost(self, error: BaseException) -> ConnectionLostError:
         self._drop()
@@ -204,9 +208,7 @@ class OPCUAPlant:
         client, self._client = self._client, None
         if client is None or self._loop is None:
             return
-        gone = asyncio.run_coroutine_threadsafe(
-            asyncio.wait_for(client.disconnect(), 1.0), self._loop
-        )
+        gone = asyncio.run_coroutine_threadsafe(asyncio.wait_for(client.disconnect(), 1.0), self._loop)
         with suppress(Exception):
             gone.result(2.0)
 

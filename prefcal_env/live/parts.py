@@ -154,14 +154,12 @@ class Tag:
         _check_node(self.name, self.node)
         if self.role not in get_args(Role):
             raise SettingsError(
-                f"role of {self.name!r} must be one of {', '.join(get_args(Role))}, "
-                f"got {self.role!r}"
+                f"role of {self.name!r} must be one of {', '.join(get_args(Role))}, got {self.role!r}"
             )
         for what, (low, high) in (("limits", (self.low, self.high)), ("abort", self.abort)):
             if not low < high:
                 raise SettingsError(
-                    f"{what} of {self.name!r} must be low < high, got [{low}, {high}] "
-                    f"{self.unit}".rstrip()
+                    f"{what} of {self.name!r} must be low < high, got [{low}, {high}] {self.unit}".rstrip()
                 )
 
     @property

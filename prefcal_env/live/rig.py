@@ -103,8 +103,7 @@ class LiveRig:
         for tag in self.tags:
             if tag.role == "reference" and tag.name not in outputs:
                 raise SettingsError(
-                    f"a reference must have the name of an output, {sorted(outputs)}, "
-                    f"got {tag.name!r}"
+                    f"a reference must have the name of an output, {sorted(outputs)}, got {tag.name!r}"
                 )
 
     @property
@@ -130,8 +129,7 @@ class LiveRig:
             ScenarioError: Always.
         """
         raise ScenarioError(
-            "this is a live plant, where a person confirms each run: calibrate it with the "
-            "calibrator human"
+            "this is a live plant, where a person confirms each run: calibrate it with the calibrator human"
         )
 
     def look(
@@ -219,9 +217,7 @@ class LiveRig:
                 f"by hand, then remove {self._kept.path}"
             )
         if not drive.restore(old):
-            raise LiveError(
-                f"the values from before an interrupted run are not restored: {drive.problem}"
-            )
+            raise LiveError(f"the values from before an interrupted run are not restored: {drive.problem}")
         return True
 
     @property
@@ -238,7 +234,6 @@ class LiveRig:
         for name, (low, high) in limits.items():
             if name not in found or not low < high:
                 raise SettingsError(
-                    f"a condition must give low < high of one of {sorted(found)}, "
-                    f"got {name!r}: {low}, {high}"
+                    f"a condition must give low < high of one of {sorted(found)}, got {name!r}: {low}, {high}"
                 )
         return {found[name]: (float(low), float(high)) for name, (low, high) in limits.items()}

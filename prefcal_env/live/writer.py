@@ -36,11 +36,7 @@ class Writer:
     """
 
     def __init__(
-        self,
-        plant: LivePlant,
-        written: Mapping[str, Written],
-        period: float,
-        clock: Callable[[], float],
+        self, plant: LivePlant, written: Mapping[str, Written], period: float, clock: Callable[[], float]
     ) -> None:
         self._plant, self._written = plant, written
         self._period, self._clock = period, clock

@@ -70,9 +70,11 @@ class LinearMPC:
         horizons = float(s.T_s), s.N_p, s.N_u, s.N_p if soft else 0
         self._problem = horizons, roots, hard, (y_min, y_max, give)
         self._solver = (
-            s.backend == ACTIVE_SET, float(s.tolerances.absolute), float(s.tolerances.relative),
+            s.backend == ACTIVE_SET,
+            float(s.tolerances.absolute),
+            float(s.tolerances.relative),
             s.tolerances.max_iterations,
-        )  # fmt: skip
+        )
         # What the compiled method does not solve, PIQP may.
         self._backend = make_backend(s.tolerances)
         n = s.N_u * n_u + (1 if soft else 0)
@@ -175,10 +177,7 @@ class LinearMPC:
         return equations, (x, u, d, y_ref), found
 
     def _nominal(
-        self,
-        x: Float[np.ndarray, " n_x"],
-        u: Float[np.ndarray, " n_u"],
-        d: Float[np.ndarray, "N n_d"],
+        self, x: Float[np.ndarray, " n_x"], u: Float[np.ndarray, " n_u"], d: Float[np.ndarray, "N n_d"]
     ) -> tuple[Float[np.ndarray, "N_p1 n_x"], Float[np.ndarray, "N_p n_u"]]:
         """Return the states and inputs of the last plan, shifted by one step (eq. MPCsys).
 

@@ -91,9 +91,8 @@ class DisturbanceEstimator:
         start = process if s.start is None else vector("start", s.start, n_x)
         self._n_x = n_x
         self._filter = ExtendedKalmanFilter(
-            self.model, T_s,
-            Q=np.diag(np.concatenate([process, drift]) ** 2) * T_s, R=np.diag(noise**2),
-        )  # fmt: skip
+            self.model, T_s, Q=np.diag(np.concatenate([process, drift]) ** 2) * T_s, R=np.diag(noise**2)
+        )
         self._P0 = np.diag(np.concatenate([start, drift]) ** 2)
         self._estimate: Estimate | None = None
         self._d = np.zeros(0)

@@ -72,12 +72,7 @@ class ExtendedKalmanFilter:
     """
 
     def __init__(
-        self,
-        plant: Plant,
-        T_s: float,
-        *,
-        Q: Float[np.ndarray, "n_x n_x"],
-        R: Float[np.ndarray, "n_y n_y"],
+        self, plant: Plant, T_s: float, *, Q: Float[np.ndarray, "n_x n_x"], R: Float[np.ndarray, "n_y n_y"]
     ) -> None:
         if not 0 < T_s < np.inf:
             raise SettingsError(f"T_s must be positive and finite, got {T_s}")
@@ -101,9 +96,15 @@ class ExtendedKalmanFilter:
             return Estimate(mean, np.full_like(self._Q, np.inf))
         equations, middles = self._model.equations, np.ascontiguousarray(states[::2])
         covariance = kernels.carried(
-            equations.packed, middles, u, d, estimate.covariance.copy(order="C"), self._Q,
-            self.T_s / _PIECES, len(self._R),
-        )  # fmt: skip
+            equations.packed,
+            middles,
+            u,
+            d,
+            estimate.covariance.copy(order="C"),
+            self._Q,
+            self.T_s / _PIECES,
+            len(self._R),
+        )
         equations.check()
         return Estimate(mean, covariance)
 

@@ -93,8 +93,7 @@ class MPCSettings:
                 raise SettingsError(f"{what}_min must not be above {what}_max, got {low}, {high}")
         if self.linearization not in get_args(Linearization):
             raise SettingsError(
-                f"linearization must be one of {get_args(Linearization)}, "
-                f"got {self.linearization!r}"
+                f"linearization must be one of {get_args(Linearization)}, got {self.linearization!r}"
             )
         if not isinstance(self.tolerances, Tolerances):
             raise SettingsError(f"tolerances must be Tolerances, got {self.tolerances!r}")

@@ -134,7 +134,7 @@ def _jumps(error, h, k, y):  # type: ignore[no-untyped-def]
     """
     if not error < math.inf:
         return False
-    for i in range(y.shape[1]):
+    for i in range(y.shape[1]):  # noqa: SIM110 (compiled: no generator)
         if not h * abs(k[0, i]) < 1e4 * (ABSOLUTE + RELATIVE * abs(y[0, i])):
             return False
     return True

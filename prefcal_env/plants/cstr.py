@@ -82,10 +82,7 @@ class CSTR:
 
     name = "CSTR"
     time_unit = "h"
-    states = (
-        Channel("temperature", "K", symbol="T"),
-        Channel("concentration", "kgmol/m³", symbol="C_A"),
-    )
+    states = (Channel("temperature", "K", symbol="T"), Channel("concentration", "kgmol/m³", symbol="C_A"))
     outputs = states
     inputs = (Channel("coolant temperature", "K", low=284.0, high=310.0, symbol="T_c"),)
     disturbances = (
@@ -154,10 +151,7 @@ class CSTR:
         highest = max(d[0], T_c) + p.H / p.rho_Cp * d[1] + 1.0
         grid = np.linspace(lowest, highest, 2001)
         signs = np.sign([imbalance(T) for T in grid])
-        roots = [
-            brentq(imbalance, grid[i], grid[i + 1], xtol=1e-12)
-            for i in np.flatnonzero(np.diff(signs))
-        ]
+        roots = [brentq(imbalance, grid[i], grid[i + 1], xtol=1e-12) for i in np.flatnonzero(np.diff(signs))]
         return np.array([[T, concentration(T)] for T in roots])
 
 

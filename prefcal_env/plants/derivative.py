@@ -17,9 +17,7 @@ _AGREE = 1e-4
 Vector = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
-def derivative(
-    function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "m n"]:
+def derivative(function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]) -> Float[np.ndarray, "m n"]:
     """Return the Jacobian of `function`, from (n,) to (m,), at `point`, shape (m, n).
 
     The complex step Im f(p + ih)/h has no cancellation and is exact to rounding for analytic

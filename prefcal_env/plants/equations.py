@@ -94,9 +94,7 @@ def rates_of(f: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D) -> 
     return out
 
 
-def matrices_of(
-    jacobians: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D
-) -> Jacobians:
+def matrices_of(jacobians: Callable[..., None], p: tuple[float, ...], x: X, u: U, d: D) -> Jacobians:
     """Return A, B, C and D of a plant with y = x, likewise."""
     n, m = len(x), len(u)
     out = np.empty(2 * n * (n + m))

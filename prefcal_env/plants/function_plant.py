@@ -157,9 +157,7 @@ class FunctionPlant:
         """Return a CasADi Function as an equation, and anything else unchanged."""
         if not is_function(equation):
             return equation
-        return CasadiEquation(
-            equation, (len(self.states), len(self.inputs), len(self.disturbances))
-        )
+        return CasadiEquation(equation, (len(self.states), len(self.inputs), len(self.disturbances)))
 
     def _values(self, name: str, x: Any, u: Any, d: Any) -> Any:
         """Return the result of f or g as a float or complex array of the right shape."""

@@ -15,9 +15,7 @@ _EVALUATIONS = 10_000
 """Evaluations of ẋ after which the implicit method gives up."""
 
 
-def integrate(
-    equations: Equations, x: X, u: U, d: D, times: Times, max_step: float = np.inf
-) -> States:
+def integrate(equations: Equations, x: X, u: U, d: D, times: Times, max_step: float = np.inf) -> States:
     """Return the states at `times` after `x` at time 0, with `u` and `d` held, shape (K, n_x).
 
     Once a state blows up, it is NaN. The error of a step is below 1e-10 of each state or 1e-12;
@@ -74,9 +72,8 @@ def _implicit(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # failure is told by `success`
             found = solve_ivp(
-                rate, (0.0, times[-1]), x, "LSODA", times,
-                rtol=RELATIVE, atol=ABSOLUTE, max_step=max_step,
-            )  # fmt: skip
+                rate, (0.0, times[-1]), x, "LSODA", times, rtol=RELATIVE, atol=ABSOLUTE, max_step=max_step
+            )
     except _TooManyError:
         return None
     return np.ascontiguousarray(found.y.T) if found.success else None

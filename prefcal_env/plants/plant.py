@@ -68,9 +68,18 @@ class _PlantType(_ProtocolType):
         from prefcal_env.plants.systems.linear import LinearPlant
 
         return LinearPlant(
-            system, states=states, inputs=inputs, outputs=outputs, disturbances=disturbances,
-            delay=delay, output_delay=output_delay, x0=x0, u0=u0, name=name, time_unit=time_unit,
-        )  # fmt: skip
+            system,
+            states=states,
+            inputs=inputs,
+            outputs=outputs,
+            disturbances=disturbances,
+            delay=delay,
+            output_delay=output_delay,
+            x0=x0,
+            u0=u0,
+            name=name,
+            time_unit=time_unit,
+        )
 
 
 class Plant(Protocol, metaclass=_PlantType):

@@ -99,9 +99,7 @@ class Answer:
                 raise PreferenceError(f"a mark must be one of {list(Mark)}, got {mark!r}")
         object.__setattr__(self, "automatic", tuple(self.automatic))
         if not set(self.automatic) <= set(self.marks):
-            raise PreferenceError(
-                f"automatic must be some of the marks {self.marks}, got {self.automatic}"
-            )
+            raise PreferenceError(f"automatic must be some of the marks {self.marks}, got {self.automatic}")
         if self.outcomes is not None:
             object.__setattr__(self, "outcomes", _outcomes(self.outcomes))
         if self.value is not None:
@@ -125,9 +123,7 @@ class Answer:
         """
         answer = value if isinstance(value, cls) else cls(None, value=value)  # type: ignore[arg-type]
         if answer.preference is not None:
-            raise PreferenceError(
-                f"a value-based agent needs a score, not a preference: got {answer}"
-            )
+            raise PreferenceError(f"a value-based agent needs a score, not a preference: got {answer}")
         return answer
 
     def to_dict(self) -> dict[str, Any]:
@@ -150,9 +146,7 @@ def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
     if isinstance(given, Mapping):
         given = (given, None)
     if not isinstance(given, (tuple, list)) or len(given) != 2:
-        raise PreferenceError(
-            f"outcomes must be the challenger's and the incumbent's, got {given!r}"
-        )
+        raise PreferenceError(f"outcomes must be the challenger's and the incumbent's, got {given!r}")
     challenger, incumbent = (
         o if o is None or isinstance(o, Outcome) else Outcome.from_dict(o) for o in given
     )
@@ -162,9 +156,7 @@ def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
 def _score(value: Any) -> float:
     if is_number(value) and np.isfinite(value):
         return float(value)
-    raise PreferenceError(
-        f"a score must be a finite number, or None if there is none, got {value!r}"
-    )
+    raise PreferenceError(f"a score must be a finite number, or None if there is none, got {value!r}")
 
 
 def _preference(value: Any) -> Preference:
@@ -254,7 +246,5 @@ class Agent(Protocol):
 class Calibrator(Protocol[ExperimentT]):
     """A judge of two experiments: the front end of a person, or a synthetic one."""
 
-    def prefer(
-        self, challenger: ExperimentT, incumbent: ExperimentT
-    ) -> Answer | Preference | int | None:
+    def prefer(self, challenger: ExperimentT, incumbent: ExperimentT) -> Answer | Preference | int | None:
         """Return which one is better: -1, 0 or 1 as in eq. pref_fun, or None to abstain."""

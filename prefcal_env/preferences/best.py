@@ -85,9 +85,7 @@ def reigns(verdicts: Sequence[Verdict], first: int = 0) -> tuple[int, ...]:
     return tuple(crowned)
 
 
-def undominated(
-    verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()
-) -> tuple[frozenset[int], ...]:
+def undominated(verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()) -> tuple[frozenset[int], ...]:
     """Return the groups of experiments that did not lose to any outside their group.
 
     A group is one experiment, or several that are tied or beat each other in a circle. Losing

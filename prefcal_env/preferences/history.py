@@ -48,9 +48,7 @@ class Sample:
         """Return the sample at point `z` of the cube, shape (n,)."""
         return cls(tuple(map(float, z)), tuple(map(float, space.decode(z))))
 
-    def moved(
-        self, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None
-    ) -> "Sample":
+    def moved(self, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None) -> "Sample":
         """Return the same θ as a sample of the space `new`.
 
         Raises:
@@ -272,9 +270,7 @@ class History:
         unsafe = accumulate((_unsafe(part) for part in given), or_)
         scores = ((c.value is None, c.value or 0.0, c.challenger) for c in self.comparisons)
         judged = accumulate(map(bool, verdicts), or_)
-        found = zip(
-            judged, bests(zip(verdicts, unsafe, strict=True)), accumulate(scores, min), strict=True
-        )
+        found = zip(judged, bests(zip(verdicts, unsafe, strict=True)), accumulate(scores, min), strict=True)
         best = [best if by_verdict else lowest[2] for by_verdict, best, lowest in found]
         leads = {each.after: each.index for each in self.leads}
         return tuple(map(leads.get, accumulate(map(len, given)), best))
@@ -390,9 +386,7 @@ class History:
         if isinstance(index, bool) or not isinstance(index, (int, np.integer)):
             raise ProtocolError(f"the index of an answer must be an integer, got {index!r}")
         if not 0 <= index < len(answers):
-            raise ProtocolError(
-                f"there is no {what} {index}: {len(answers)} are given, counted from 0"
-            )
+            raise ProtocolError(f"there is no {what} {index}: {len(answers)} are given, counted from 0")
         if answers[index].retracted:
             raise ProtocolError(f"{what} {index} is retracted already")
         before = next(k for k, c in enumerate(self.in_order()) if c is answers[index])
@@ -412,13 +406,9 @@ class History:
         def each(answers: Iterable[Comparison]) -> tuple[Comparison, ...]:
             return tuple(c.corrected(index, outcome, unsafe=unsafe) for c in answers)
 
-        return History(
-            self.samples, each(self.comparisons), each(self.follow_ups), each(self.repeats)
-        )
+        return History(self.samples, each(self.comparisons), each(self.follow_ups), each(self.repeats))
 
-    def moved(
-        self, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None
-    ) -> "History":
+    def moved(self, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None) -> "History":
         """Return the record for the space `new`, given that its samples are of the space `old`.
 
         Raises:
@@ -434,13 +424,10 @@ class History:
 
         def each(answers: Iterable[Comparison]) -> tuple[Comparison, ...]:
             return tuple(
-                Comparison(c.challenger, c.incumbent, c.answer, c.after, c.retracted)
-                for c in answers
+                Comparison(c.challenger, c.incumbent, c.answer, c.after, c.retracted) for c in answers
             )
 
-        return History(
-            self.samples, each(self.comparisons), each(self.follow_ups), leads=self.leads
-        )
+        return History(self.samples, each(self.comparisons), each(self.follow_ups), leads=self.leads)
 
     def scores_alone(self) -> "History":
         """Return the record for an agent that learns from scores: nothing is compared.
@@ -448,8 +435,7 @@ class History:
         A study file also keeps which experiment each score was compared with, for its readers.
         """
         alone = tuple(
-            replace(c, incumbent=None, answer=replace(c.answer, preference=None))
-            for c in self.comparisons
+            replace(c, incumbent=None, answer=replace(c.answer, preference=None)) for c in self.comparisons
         )
         return replace(self, comparisons=alone)
 

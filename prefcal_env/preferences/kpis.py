@@ -55,9 +55,7 @@ class Outcome(Mapping[str, float]):
         """Read the data that `to_dict` returns. Raises PreferenceError for anything else."""
         if not isinstance(data, Mapping):
             raise PreferenceError(f"an outcome must map names to numbers, got {data!r}")
-        words: dict[str, Any] = {
-            k: _NUMBERS.get(v, v) if isinstance(v, str) else v for k, v in data.items()
-        }
+        words: dict[str, Any] = {k: _NUMBERS.get(v, v) if isinstance(v, str) else v for k, v in data.items()}
         return cls(words)
 
 

@@ -24,10 +24,7 @@ def counts_as_unsafe(experiment: Experiment) -> bool:
 
 
 def completed(
-    answer: Answer,
-    challenger: Experiment,
-    incumbent: Experiment | None,
-    outcomes: Outcomes | None = None,
+    answer: Answer, challenger: Experiment, incumbent: Experiment | None, outcomes: Outcomes | None = None
 ) -> Answer:
     """Return `answer` with `outcomes` and the marks that follow from how the two runs ended.
 
@@ -45,8 +42,10 @@ def completed(
     if found:
         marks, automatic = (*answer.marks, *found), (*answer.automatic, *found)
         answer = replace(answer, marks=marks, automatic=automatic)
-    good = {Mark.CHALLENGER_UNSAFE: Mark.CHALLENGER_GOOD_ENOUGH,
-            Mark.INCUMBENT_UNSAFE: Mark.INCUMBENT_GOOD_ENOUGH}  # fmt: skip
+    good = {
+        Mark.CHALLENGER_UNSAFE: Mark.CHALLENGER_GOOD_ENOUGH,
+        Mark.INCUMBENT_UNSAFE: Mark.INCUMBENT_GOOD_ENOUGH,
+    }
     contradicted = {good[mark] for mark in answer.marks if mark in good}
     if contradicted & set(answer.marks):
         kept = tuple(mark for mark in answer.marks if mark not in contradicted)

@@ -13,9 +13,7 @@ _DIGITS = 4
 """Significant digits that a number is shown with."""
 
 
-def as_read(
-    values: Float[np.ndarray, "*shape"] | float, step: float = 0.0
-) -> Float[np.ndarray, "*shape"]:
+def as_read(values: Float[np.ndarray, "*shape"] | float, step: float = 0.0) -> Float[np.ndarray, "*shape"]:
     """Return values as they are shown: multiples of `step`, in four significant digits.
 
     Args:
@@ -54,9 +52,7 @@ class Reading:
         read = as_read(values, self.steps[name])
         return np.where(read <= self.limits[name], 0.0, read) if name in self.targets else read
 
-    def table(
-        self, names: Sequence[str], kpis: Float[np.ndarray, "m k"]
-    ) -> Float[np.ndarray, "m k"]:
+    def table(self, names: Sequence[str], kpis: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
         """Return the KPIs `names` of m experiments as people read them, shape (m, k)."""
         columns = [self(name, values) for name, values in zip(names, kpis.T, strict=True)]
         return np.array(columns).T.reshape(kpis.shape)

@@ -38,9 +38,7 @@ class Runs(Protocol[R_co]):
 
 
 @contextmanager
-def runs_of(
-    run: Callable[[Theta], R], at_once: int, executor: Executor | None
-) -> Iterator[Runs[R]]:
+def runs_of(run: Callable[[Theta], R], at_once: int, executor: Executor | None) -> Iterator[Runs[R]]:
     """Yield what runs experiments for `ask_and_tell`, whose arguments these are."""
     whole = isinstance(at_once, int | np.integer) and not isinstance(at_once, bool)
     if not whole or at_once < 1:

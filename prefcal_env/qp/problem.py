@@ -28,8 +28,7 @@ class Tolerances:
         for name in ("absolute", "relative"):
             if not 0 <= getattr(self, name) < 1 or self.absolute + self.relative == 0:
                 raise SettingsError(
-                    f"{name} QP tolerance must be in [0, 1) and not both may be 0, "
-                    f"got {getattr(self, name)}"
+                    f"{name} QP tolerance must be in [0, 1) and not both may be 0, got {getattr(self, name)}"
                 )
         if self.max_iterations < 1:
             raise SettingsError(f"max_iterations must be 1 or more, got {self.max_iterations}")
@@ -74,11 +73,7 @@ class Solution:
 
     @classmethod
     def checked(
-        cls,
-        qp: QP,
-        z: Float[np.ndarray, " n"],
-        multipliers: Float[np.ndarray, " m"],
-        iterations: int,
+        cls, qp: QP, z: Float[np.ndarray, " n"], multipliers: Float[np.ndarray, " m"], iterations: int
     ) -> "Solution":
         """Return a solution that is "solved" only if the optimality conditions hold to 1e-6.
 
@@ -88,9 +83,7 @@ class Solution:
         from ._kernels import TOLERANCE, residuals  # imported here: they load the compiler
 
         z, y = z.copy(), multipliers.copy()
-        primal, reach, dual, force, gap, value = residuals(
-            qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y
-        )
+        primal, reach, dual, force, gap, value = residuals(qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y)
         good = primal <= TOLERANCE * reach and dual <= TOLERANCE * force
         return cls(z, y, iterations, bool(good and gap <= TOLERANCE * value))
 

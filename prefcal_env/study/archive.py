@@ -81,8 +81,7 @@ def _rows(text: str) -> list[tuple[Recorded, bytes | None]]:
         version = msgspec.json.decode(text, type=_Header).format
         if version != FORMAT:
             raise StudyError(
-                f"this is an exported study of format {version}, this prefcal reads format "
-                f"{FORMAT} only"
+                f"this is an exported study of format {version}, this prefcal reads format {FORMAT} only"
             )
         events = msgspec.json.decode(text, type=_Export).events
     except UNREADABLE as error:

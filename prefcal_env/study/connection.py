@@ -28,9 +28,7 @@ _WORDS = {
 
 
 @contextmanager
-def told(
-    path: Path | str, doing: str, consequence: str = "", *, what: str = "the study"
-) -> Iterator[None]:
+def told(path: Path | str, doing: str, consequence: str = "", *, what: str = "the study") -> Iterator[None]:
     """Turn errors of SQLite and the file system inside into a StudyError.
 
     It says "cannot DOING WHAT PATH", for example "cannot open the study a.prefcal", why, and what
@@ -75,9 +73,7 @@ def connect(path: Path | str, *, timeout: float = 5.0) -> sqlite3.Connection:
     """
     # SQLite would take a relative path that begins with "file:" for a URI.
     place = path if path == ":memory:" else os.path.abspath(path)
-    connection = sqlite3.connect(
-        place, timeout=timeout, isolation_level=None, check_same_thread=False
-    )
+    connection = sqlite3.connect(place, timeout=timeout, isolation_level=None, check_same_thread=False)
     try:
         connection.execute("PRAGMA trusted_schema = OFF")
         # With a rollback journal, EXTRA keeps an answer even if the power fails at once.

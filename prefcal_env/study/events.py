@@ -20,9 +20,7 @@ MARKS = ("unsafe", "good enough")
 """Marks of an experiment; setting one removes the other."""
 
 
-class Event(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag=str.lower
-):
+class Event(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag=str.lower):
     """Base of all events; the JSON text names the class in lower case as its "kind"."""
 
 

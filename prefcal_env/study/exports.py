@@ -101,10 +101,7 @@ def dictionary(tables: Mapping[str, Iterable[Column]]) -> list[Column]:
 def _whole(study: StudyFile, experiments: dict[int, Any]) -> dict[str, list[Column]]:
     """Return the tables that a study has once, by name."""
     state = study.state
-    return {
-        "comparisons": answers_of(state),
-        "experiments": experiments_of(state, experiments),
-    }
+    return {"comparisons": answers_of(state), "experiments": experiments_of(state, experiments)}
 
 
 def _together(tables: Mapping[int, Sequence[Column]]) -> list[Column]:
@@ -153,8 +150,7 @@ def _named(table: Sequence[Column], known: dict[_Key, str] | None = None) -> lis
 def _arrow(table: Sequence[Column]) -> Any:
     """Return a table of pyarrow, with unit and meaning in the metadata of each field."""
     pa = pyarrow()
-    types = {"integer": pa.int64(), "number": pa.float64(), "text": pa.string(),
-             "boolean": pa.bool_()}  # fmt: skip
+    types = {"integer": pa.int64(), "number": pa.float64(), "text": pa.string(), "boolean": pa.bool_()}
     fields, arrays = [], []
     for column in table:
         about = {"unit": column.unit, "meaning": column.meaning}

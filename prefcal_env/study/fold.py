@@ -120,8 +120,7 @@ def _arranged(state: State, order: Sequence[int]) -> State:
     """Return the state with the samples of these present indices, and what is known of them."""
     now = {index: number for number, index in enumerate(order)}
     maps: dict[str, Any] = {
-        name: {now[i]: value for i, value in getattr(state, name).items() if i in now}
-        for name in _KNOWN
+        name: {now[i]: value for i, value in getattr(state, name).items() if i in now} for name in _KNOWN
     }
     requested = frozenset(now[i] for i in state.requested if i in now)
     return replace(state, history=state.history.arranged(order), requested=requested, **maps)
@@ -205,23 +204,28 @@ def _answered(state: State, seq: int, at: str, event: events.Answered) -> State:
     pair = None if shown is None else (shown.challenger, shown.incumbent)
     if first:
         _require(
-            event.challenger == 0 == state.history.answered and event.incumbent is None, seq,
+            event.challenger == 0 == state.history.answered and event.incumbent is None,
+            seq,
             "only the first experiment is compared with nothing",
-        )  # fmt: skip
+        )
         _require(0 in state.finished, seq, "there is no experiment of sample 0")
     elif scored:
         for index in (event.challenger, event.incumbent):
             _require(index in state.finished, seq, f"there is no experiment of sample {index}")
     else:
-        _require(
-            pair == (event.challenger, event.incumbent), seq,
-            f"question {event.question} is not open",
-        )  # fmt: skip
+        _require(pair == (event.challenger, event.incumbent), seq, f"question {event.question} is not open")
     answer = Comparison(
-        event.challenger, event.incumbent, event.answer, seq=seq, at=at, question=event.question,
-        challenger_left=None if shown is None else shown.challenger_left, comment=event.comment,
-        blind=event.blind, repeats=None if shown is None else shown.repeats,
-    )  # fmt: skip
+        event.challenger,
+        event.incumbent,
+        event.answer,
+        seq=seq,
+        at=at,
+        question=event.question,
+        challenger_left=None if shown is None else shown.challenger_left,
+        comment=event.comment,
+        blind=event.blind,
+        repeats=None if shown is None else shown.repeats,
+    )
     due = state.history.answered
     about_known = answer.repeats is not None or (shown is not None and event.challenger < due)
     is_due = about_known or event.challenger == due
@@ -286,9 +290,7 @@ def _respaced(state: State, seq: int, _at: str, event: events.Respaced) -> State
     _require(set(event.space) == expected, seq, f"its space must have {sorted(expected)}")
     agent = state.configuration.get("agent", {})
     _require(isinstance(agent, Mapping), seq, "the study has no agent")
-    configuration = {
-        **state.configuration, **event.space, "agent": {**agent, **event.agent}, "respaced": seq,
-    }  # fmt: skip
+    configuration = {**state.configuration, **event.space, "agent": {**agent, **event.agent}, "respaced": seq}
     old, new = space_of(state.configuration), space_of(configuration)
     space_of({"knobs": event.space["scenario_knobs"]})
 
@@ -300,12 +302,7 @@ def _respaced(state: State, seq: int, _at: str, event: events.Respaced) -> State
         }
     except (KnobError, TypeError, ValueError) as error:
         raise StudyError(f"event {seq} is impossible: {error}") from error
-    return replace(
-        kept,
-        configuration=MappingProxyType(configuration),
-        history=history,
-        proposed=proposed,
-    )
+    return replace(kept, configuration=MappingProxyType(configuration), history=history, proposed=proposed)
 
 
 _RULES: Mapping[type[events.Event], Callable[[State, int, str, Any], State]] = {

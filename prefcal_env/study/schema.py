@@ -81,9 +81,7 @@ def _layout(connection: sqlite3.Connection) -> frozenset[tuple[bytes, ...]]:
     return frozenset(connection.execute(f"SELECT {columns} FROM sqlite_master"))
 
 
-def insert(
-    connection: sqlite3.Connection, recorded: Recorded, payload: bytes | None, before: int
-) -> int:
+def insert(connection: sqlite3.Connection, recorded: Recorded, payload: bytes | None, before: int) -> int:
     """Insert an event with its packed experiment, if any, inside a transaction.
 
     Return its checksum, given the one of the event `before` it; 0 for the first one.
@@ -98,9 +96,7 @@ def insert(
     return found
 
 
-def check_experiment(
-    seq: int, event: Event, has_payload: bool, brought: Callable[[int], bool]
-) -> None:
+def check_experiment(seq: int, event: Event, has_payload: bool, brought: Callable[[int], bool]) -> None:
     """Check that each Finished, and no other event, has an experiment or names one.
 
     `brought` returns whether the earlier event of a number has an experiment.
@@ -121,8 +117,7 @@ def check_experiment(
 _IDS = 256
 """The last byte of SQLite's user_version is the format; the rest tells studies apart."""
 _EVENTS = (
-    "SELECT seq, CAST(at AS BLOB), CAST(body AS BLOB), length(payload), checksum FROM event "
-    "ORDER BY seq"
+    "SELECT seq, CAST(at AS BLOB), CAST(body AS BLOB), length(payload), checksum FROM event ORDER BY seq"
 )
 
 

@@ -22,11 +22,15 @@ def knobs_as_dicts(space: KnobSpace) -> list[dict[str, Any]]:
     """Return the knobs as plain data."""
     return [
         {
-            "name": k.name, "low": float(k.low), "high": float(k.high), "unit": k.unit,
-            "scale": k.scale, "integer": bool(k.integer),
+            "name": k.name,
+            "low": float(k.low),
+            "high": float(k.high),
+            "unit": k.unit,
+            "scale": k.scale,
+            "integer": bool(k.integer),
         }
         for k in space
-    ]  # fmt: skip
+    ]
 
 
 def within_as_dict(space: KnobSpace) -> dict[str, list[float]]:

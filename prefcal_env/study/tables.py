@@ -76,14 +76,18 @@ def html_of(study: StudyFile) -> str:
 
 
 _ANSWERS: Mapping[str, tuple[Kind, str]] = {
-    "answer": ("integer", "Number of the new experiment that was answered, from 0; empty for a "
-               "follow-up comparison or a repeated question"),
+    "answer": (
+        "integer",
+        "Number of the new experiment that was answered, from 0; empty for a "
+        "follow-up comparison or a repeated question",
+    ),
     "at": ("text", "Time of the answer, ISO 8601"),
     "challenger": ("integer", "Number of the newer experiment, from 1"),
-    "incumbent": ("integer", "Number of the older experiment, from 1; empty for the first "
-                  "experiment"),
-    "preference": ("integer", "Verdict, -1: the challenger is better, 0: about the same, 1: the "
-                   "incumbent is; empty: can't tell"),
+    "incumbent": ("integer", "Number of the older experiment, from 1; empty for the first experiment"),
+    "preference": (
+        "integer",
+        "Verdict, -1: the challenger is better, 0: about the same, 1: the incumbent is; empty: can't tell",
+    ),
     "strength": ("number", "Weight c_h of the answer, usually 1"),
     "marks": ("text", "What was marked with the answer, separated by semicolons"),
     "automatic marks": ("text", _AUTOMATIC),
@@ -93,7 +97,7 @@ _ANSWERS: Mapping[str, tuple[Kind, str]] = {
     "retracted": ("boolean", "Whether the answer no longer teaches"),
     "repeats question": ("integer", "Id of the question that this one repeats"),
     "question": ("integer", "Id of the question"),
-}  # fmt: skip
+}
 """Type and meaning of each column of the answers."""
 
 

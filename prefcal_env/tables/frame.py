@@ -137,9 +137,7 @@ class _Used:
         if sheet.uneven:
             raise RecordError(sheet.uneven)
         if not len(sheet.frame):
-            raise RecordError(
-                "a table needs a line of headings and rows of values, got headings only"
-            )
+            raise RecordError("a table needs a line of headings and rows of values, got headings only")
         time = timing.time_column(sheet, about.columns.get("time", about.time))
         unit = timing.time_unit_of(sheet, time, about.time_unit)
         t = timing.instants(sheet, time, unit, about.time_format)
@@ -172,9 +170,7 @@ class _Used:
         if len(long) and "gaps" not in allow:
             k = int(long[0])
             words = timing.gap_words(used.t, k, self.time_unit, len(long))
-            raise RecordError(
-                f"{used.place(k + 1)}: {words}: fill it, or give allow=('gaps',) to bridge it"
-            )
+            raise RecordError(f"{used.place(k + 1)}: {words}: fill it, or give allow=('gaps',) to bridge it")
         return replace(used, t=used.t - used.t[0]) if self.about.from_zero else used
 
     def place(self, k: int) -> str:
@@ -186,15 +182,11 @@ class _Used:
         if word not in self.about.allow:
             wrong = timing.step_back_words(self.t, k, self.time_unit, count)
             raise RecordError(
-                f"{self.place(k + 1)}: {wrong}: if this is one run, give allow=({word!r},) to "
-                f"{what}"
+                f"{self.place(k + 1)}: {wrong}: if this is one run, give allow=({word!r},) to {what}"
             )
 
     def recorded(
-        self,
-        theta: ArrayLike,
-        kpis: Callable[[Experiment], Mapping[str, float]] | None,
-        end: End | None,
+        self, theta: ArrayLike, kpis: Callable[[Experiment], Mapping[str, float]] | None, end: End | None
     ) -> Experiment:
         """Return the experiment of these rows."""
         about, resample = self.about, self.about.resample
@@ -231,9 +223,7 @@ class _Used:
                 values = self._bridged(name, holes, last)
         return values if self.about.resample is None else (self.t, values)
 
-    def _bridged(
-        self, name: str, holes: Int[np.ndarray, " M"], last: int
-    ) -> Float[np.ndarray, " K"]:
+    def _bridged(self, name: str, holes: Int[np.ndarray, " M"], last: int) -> Float[np.ndarray, " K"]:
         """Return a column with empty cells filled; those before the first value get that value.
 
         Those after the `last` value stay empty: the run stopped there.
@@ -262,9 +252,7 @@ def _ref(name: str) -> str:
     return f"{name} ref"
 
 
-def _reference_places(
-    sheet: Sheet, about: TableColumns, outputs: Collection[str]
-) -> dict[str, int]:
+def _reference_places(sheet: Sheet, about: TableColumns, outputs: Collection[str]) -> dict[str, int]:
     """Return the columns of the references, named or called "NAME ref"."""
     unknown = [name for name in about.reference if name not in outputs]
     if unknown:
@@ -301,9 +289,7 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
             sheet.numbers(i)  # says which cell holds no number
         if name not in about.columns and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype):
             found.append(name)
-    outputs = tuple(
-        n for n in found if not (n.endswith(" ref") and n.removesuffix(" ref") in there)
-    )
+    outputs = tuple(n for n in found if not (n.endswith(" ref") and n.removesuffix(" ref") in there))
     if not outputs:
         raise RecordError(
             f"no column but the time holds numbers only; name the outputs among "

@@ -87,9 +87,7 @@ class Sheet:
         exact = [i for i, h in enumerate(self.headings) if h.strip() == wanted]
         found = exact or [i for i in range(len(self.headings)) if self.name(i) == wanted]
         if len(found) > 1:
-            raise RecordError(
-                f"column {heading!r} appears {len(found)} times: rename or remove all but one"
-            )
+            raise RecordError(f"column {heading!r} appears {len(found)} times: rename or remove all but one")
         return found[0] if found else None
 
     def column(self, heading: str, name: str) -> int:
@@ -129,9 +127,7 @@ class Sheet:
         first = {sign: line for line, sign in sorted(seen, reverse=True)}
         if len(first) < 2:
             return ""
-        return (
-            f"line {first[',']} has a decimal comma, line {first['.']} a decimal point: {_ONE_SIGN}"
-        )
+        return f"line {first[',']} has a decimal comma, line {first['.']} a decimal point: {_ONE_SIGN}"
 
     def numbers(self, column: int) -> Float[np.ndarray, " K"]:
         """Return a column as numbers, shape (K,); NaN for empty cells.

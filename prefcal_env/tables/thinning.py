@@ -29,9 +29,7 @@ def period_of(resample: Any, unit: str) -> float:
     return value
 
 
-def grid(
-    t: Float[np.ndarray, " K"], period: float, most: int = 10_000_000
-) -> Float[np.ndarray, " M"]:
+def grid(t: Float[np.ndarray, " K"], period: float, most: int = 10_000_000) -> Float[np.ndarray, " M"]:
     """Return the multiples of `period` from the first of the instants `t` to the last one.
 
     Raises:

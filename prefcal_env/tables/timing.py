@@ -50,9 +50,7 @@ def time_unit_of(sheet: Sheet, column: int, given: str | None) -> str:
     return given or parts_of(sheet.headings[column])[1] or "s"
 
 
-def instants(
-    sheet: Sheet, column: int, unit: str, time_format: str | None
-) -> Float[np.ndarray, " K"]:
+def instants(sheet: Sheet, column: int, unit: str, time_format: str | None) -> Float[np.ndarray, " K"]:
     """Return the time of each row in `unit`, shape (K,).
 
     Time stamps count from the earliest one; those with time zones are converted to UTC.
@@ -98,8 +96,10 @@ def _clock(values: Any) -> Float[np.ndarray, " K"] | None:
     if parts[0].isna().any():
         return None
     parts[2] = parts[2].fillna("0")
-    t = sum(scale * parts[i].str.replace(",", ".").astype(float).to_numpy()
-            for i, scale in enumerate((3600.0, 60.0, 1.0)))  # fmt: skip
+    t = sum(
+        scale * parts[i].str.replace(",", ".").astype(float).to_numpy()
+        for i, scale in enumerate((3600.0, 60.0, 1.0))
+    )
     days = np.cumsum(np.append(0, np.diff(t) < -_HALF_DAY))
     return np.asarray(t + 2 * _HALF_DAY * days)
 
@@ -153,9 +153,7 @@ def _expected(time_format: str | None) -> str:
 
 def _seconds(unit: str) -> float:
     if unit not in SECONDS:
-        raise RecordError(
-            f"the unit of time {unit!r} cannot be converted: use one of s, ms, us, min, h, d"
-        )
+        raise RecordError(f"the unit of time {unit!r} cannot be converted: use one of s, ms, us, min, h, d")
     return SECONDS[unit]
 
 

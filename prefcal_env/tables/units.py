@@ -1,11 +1,14 @@
 """Read the units of columns from their headings, and compare units."""
 
 SECONDS = {
-    **dict.fromkeys(("ns",), 1e-9), **dict.fromkeys(("us", "µs", "μs"), 1e-6),
-    **dict.fromkeys(("ms", "msec"), 1e-3), **dict.fromkeys(("s", "sec", "seconds"), 1.0),
-    **dict.fromkeys(("min", "minutes"), 60.0), **dict.fromkeys(("h", "hours"), 3600.0),
+    **dict.fromkeys(("ns",), 1e-9),
+    **dict.fromkeys(("us", "µs", "μs"), 1e-6),
+    **dict.fromkeys(("ms", "msec"), 1e-3),
+    **dict.fromkeys(("s", "sec", "seconds"), 1.0),
+    **dict.fromkeys(("min", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hours"), 3600.0),
     **dict.fromkeys(("d", "days"), 86400.0),
-}  # fmt: skip
+}
 """Length of each known unit of time in seconds."""
 
 

@@ -70,11 +70,7 @@ class Worker:
     """
 
     def __init__(
-        self,
-        work: Callable[[], bytes],
-        limit: float,
-        terms: Terms,
-        bell: threading.Event | None = None,
+        self, work: Callable[[], bytes], limit: float, terms: Terms, bell: threading.Event | None = None
     ) -> None:
         self._work, self.limit, self._terms = work, limit, terms
         self._bell = bell or threading.Event()

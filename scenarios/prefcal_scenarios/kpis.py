@@ -86,9 +86,7 @@ def reading(scenario: Scenario) -> Reading:
     )
 
 
-def simulator(
-    scenario: Scenario | str, *, seed: int = 0
-) -> Callable[[Float[np.ndarray, " n"]], Outcome]:
+def simulator(scenario: Scenario | str, *, seed: int = 0) -> Callable[[Float[np.ndarray, " n"]], Outcome]:
     """Return a function of a physical θ, shape (n,), that runs it here and returns its KPIs.
 
     It is the `simulate` of `Screening` and `minimize_by_preference`; its KPIs are `screened`.

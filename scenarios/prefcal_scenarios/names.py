@@ -5,10 +5,22 @@ import re
 CASES = ("cstr", "overtake")
 """Names of the paper's case studies."""
 CLOSED_LOOPS = (
-    "lag", "integrating", "oscillatory", "unstable", "tank", "quadruple-tank", "distillation",
-    "building", "servo", "cart-pole", "boost-converter", "steering", "mpc-oscillatory",
-    "mpc-quadruple-tank", "mpc-boost-converter",
-)  # fmt: skip
+    "lag",
+    "integrating",
+    "oscillatory",
+    "unstable",
+    "tank",
+    "quadruple-tank",
+    "distillation",
+    "building",
+    "servo",
+    "cart-pole",
+    "boost-converter",
+    "steering",
+    "mpc-oscillatory",
+    "mpc-quadruple-tank",
+    "mpc-boost-converter",
+)
 """Names of the closed loops of `prefcal_scenarios.cases.loops`."""
 BUILT_IN = (*CASES, *CLOSED_LOOPS)
 NAMES = ", ".join([*CASES, "a closed loop such as servo"])

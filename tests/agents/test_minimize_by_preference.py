@@ -92,9 +92,7 @@ def test_with_a_simulation_few_are_shown_and_many_simulated():
     assert len(set(run)) == len(run) <= 200
     assert {tuple(theta) for theta in found.simulated.thetas} == set(run) >= shown
     assert found.simulated.names == ("gain", "steps")
-    assert found.best.tolist() == min(
-        found.samples.tolist(), key=lambda t: sum(simulate(t).values())
-    )
+    assert found.best.tolist() == min(found.samples.tolist(), key=lambda t: sum(simulate(t).values()))
     better = [sum(simulate(theta).values()) for theta in found.simulated.thetas]
     assert np.mean(np.array(better) < sum(simulate(found.best).values())) < 0.05
 
@@ -104,9 +102,7 @@ def test_without_a_simulation_nothing_is_said_to_be_simulated():
 
 
 def test_the_numbers_shown_and_simulated_and_the_start_may_be_chosen():
-    found = minimize_by_preference(
-        prefer, SPACE, simulate=simulate, n_simulated=30, n_max=4, start=(2.0, 20)
-    )
+    found = minimize_by_preference(prefer, SPACE, simulate=simulate, n_simulated=30, n_max=4, start=(2.0, 20))
     assert found.samples[0] == pytest.approx([2.0, 20])
     assert len(found.samples) == 4
     assert 4 < len(found.simulated) <= 31

@@ -15,8 +15,7 @@ from support.extras import need
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=pytest.mark.peers) if CLASSES[n].extra else n for n in CLASSES],
+    "name", [pytest.param(n, marks=pytest.mark.peers) if CLASSES[n].extra else n for n in CLASSES]
 )
 def test_a_state_wakes_up_the_agent_that_it_was_taken_from(name):
     if CLASSES[name].extra:
@@ -47,7 +46,5 @@ def test_importing_the_agents_loads_no_extra():
     )
     path = [p for p in sys.path if p]
     program = f"import sys; sys.path[:0] = {path!r}\n{code}"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

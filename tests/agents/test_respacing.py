@@ -116,9 +116,9 @@ def test_an_impossible_change_is_refused(new, added, words):
 def test_no_proposal_leaves_what_is_searched(data):
     part = {}
     for knob in MIXED:
-        number = st.integers(int(knob.low), int(knob.high)) if knob.integer else st.floats(
-            knob.low, knob.high
-        )  # fmt: skip
+        number = (
+            st.integers(int(knob.low), int(knob.high)) if knob.integer else st.floats(knob.low, knob.high)
+        )
         low, high = sorted((data.draw(number), data.draw(number)))
         narrow = knob.encode(high) - knob.encode(low) < 1e-9
         part[knob.name] = (low, low) if narrow else (low, high)

@@ -78,9 +78,7 @@ def test_experiments_are_those_that_ran(interview, record, told):
 
 def test_comparisons_are_the_answers_that_stand(interview, record, told):
     state = interview.now().state
-    asked = [
-        c for c in (*state.history.comparisons[1:], *state.history.follow_ups) if not c.retracted
-    ]
+    asked = [c for c in (*state.history.comparisons[1:], *state.history.follow_ups) if not c.retracted]
     count = len(asked)
     assert interview.counts.comparisons == record.questions == told["questions"] == count
     assert sum(told["verdicts"].values()) == count
@@ -152,6 +150,4 @@ def test_follow_ups_are_called_so_and_do_not_count():
     until_further(study)
     planned = study.planned
     assert planned.total == 8
-    assert (
-        now_view(study)["progress"]["text"] == f"follow-up question, after {planned.answered} of 8"
-    )
+    assert now_view(study)["progress"]["text"] == f"follow-up question, after {planned.answered} of 8"

@@ -35,10 +35,7 @@ interview = reopened(KINDS[kind][0](), path) if path.exists() else begun(kind, p
 print("ready", flush=True)
 answer_all(interview, lambda number: print(number, flush=True))
 """
-KINDS = {
-    "glisp": (toy_scenario, GLISp),
-    "screening": (lambda: unseen, partial(Screening, n_simulated=60)),
-}
+KINDS = {"glisp": (toy_scenario, GLISp), "screening": (lambda: unseen, partial(Screening, n_simulated=60))}
 """Scenario and agent of a study; the second simulates θ that nobody looks at."""
 
 
@@ -81,9 +78,10 @@ def kill_one(path, kind, dice):
     starting = dice.random() < 0.25
     process = subprocess.Popen(
         [sys.executable, "-c", DRIVER, str(path), kind],
-        stdout=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE,
+        text=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
+    )
     assert process.stdout is not None
     if not starting:
         assert process.stdout.readline() == "ready\n"

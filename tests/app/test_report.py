@@ -84,9 +84,7 @@ def test_what_follows_an_underscore_is_a_subscript(page):
 def test_no_text_of_a_study_becomes_markup():
     evil = "<script>alert(1)</script>'\"&"
     record = toy_record()
-    knobs = KnobSpace(
-        [replace(k, name=f"{k.name}{evil}", unit=evil) for k in record.scenario.space]
-    )
+    knobs = KnobSpace([replace(k, name=f"{k.name}{evil}", unit=evil) for k in record.scenario.space])
     kpis = tuple(replace(k, title=evil, unit=evil) for k in record.scenario.kpis)
     scenario = replace(record.scenario, title=evil, space=knobs, kpis=kpis, references={})
     text = page_of(
@@ -110,9 +108,7 @@ def test_no_text_of_a_study_becomes_markup():
 
 
 def test_no_markup_is_trusted():
-    text = "".join(
-        path.read_text("utf-8") for path in files("prefcal_scenarios").rglob("*.html.j2")
-    )
+    text = "".join(path.read_text("utf-8") for path in files("prefcal_scenarios").rglob("*.html.j2"))
     assert re.findall(r"{{[^}]*\bsafe\b[^}]*}}", text) == []
     assert "autoescape" not in text
 
@@ -208,8 +204,7 @@ def test_without_a_learned_cost_experiments_are_drawn_at_their_number():
         axes = knobs(record).axes
         assert axes[0].get_ylabel().startswith(words)
         assert [a.get_title() for a in axes] == [
-            f"best {knob['text']}"
-            for knob in theta_view(record.scenario.space, record.best.experiment)
+            f"best {knob['text']}" for knob in theta_view(record.scenario.space, record.best.experiment)
         ]
     tried = axes[0].lines[0]
     assert tried.get_ydata().tolist() == [t.number for t in record.trials]

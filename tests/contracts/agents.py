@@ -14,19 +14,14 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark, Preference, Query, Suggestion
 
 MIXED = KnobSpace(
-    [
-        Knob("gain", 0.01, 10.0, scale="log10"),
-        Knob("horizon", 2, 9, integer=True),
-        Knob("weight", -5.0, 3.0),
-    ]
+    [Knob("gain", 0.01, 10.0, scale="log10"), Knob("horizon", 2, 9, integer=True), Knob("weight", -5.0, 3.0)]
 )
 SMALL = KnobSpace([Knob("a", 1, 4, integer=True), Knob("b", 1, 1000, scale="log10", integer=True)])
 TINY = KnobSpace([Knob("a", 0, 2, integer=True), Knob("b", 1, 2, integer=True)])
 
 HALF = KnobSpace(MIXED.knobs, [LinearConstraint("sum", {"gain": 1, "horizon": 1}, 6)])
 RING = KnobSpace(
-    MIXED.knobs,
-    [Constraint("ring", lambda knobs: abs(knobs["weight"] ** 2 + knobs["horizon"] - 8) - 1)],
+    MIXED.knobs, [Constraint("ring", lambda knobs: abs(knobs["weight"] ** 2 + knobs["horizon"] - 8) - 1)]
 )
 RARE = KnobSpace(
     MIXED.knobs,
@@ -125,8 +120,7 @@ def test_a_sure_hand_is_never_shown_a_loser_as_the_best_and_gets_the_best_of_all
 
 
 def test_nothing_is_proposed_nearer_than_the_resolution_of_its_knobs(make_agent):
-    agent = make_agent(KnobSpace([Knob("a", 0, 1, step=0.25), Knob("b", 0, 3, step=1)]), n_init=4,
-                       n_max=18)  # fmt: skip
+    agent = make_agent(KnobSpace([Knob("a", 0, 1, step=0.25), Knob("b", 0, 3, step=1)]), n_init=4, n_max=18)
     run(agent)
     steps = agent.samples / [0.25, 1.0]
     assert steps == pytest.approx(np.round(steps), abs=1e-9)
@@ -200,9 +194,7 @@ def test_theta_stays_in_the_box_integers_are_whole_and_none_runs_twice(make_agen
 
 
 @pytest.mark.unchecked
-@pytest.mark.parametrize(
-    "space", [HALF, RING, RARE, STAIRS], ids=["half", "ring", "rare", "stairs"]
-)
+@pytest.mark.parametrize("space", [HALF, RING, RARE, STAIRS], ids=["half", "ring", "rare", "stairs"])
 def test_every_proposal_is_allowed_by_the_constraints(make_agent, space):
     agent = make_agent(space, n_init=4, n_max=9, seed=2)
     thetas = [space.check_allowed(q.challenger.theta) for q in run(agent)]

@@ -114,8 +114,7 @@ def test_an_older_algorithms_samples_are_kept(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     run(agent, [None, -1, 1])
     moved = tuple(
-        Sample.of(MIXED, np.array([*sample.z[:-1], 0.125]))
-        for sample in agent.state.history.samples
+        Sample.of(MIXED, np.array([*sample.z[:-1], 0.125])) for sample in agent.state.history.samples
     )
     old = replace(agent.state, version=0, history=replace(agent.state.history, samples=moved))
     twin = woken(agent, MIXED, old)

@@ -96,9 +96,7 @@ def test_a_retraction_keeps_all_that_is_pending(make_agent):
     assert waiting(agent) == before
 
 
-@settings(
-    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     actions=st.lists(st.one_of(st.integers(0, 3), st.sampled_from(["undo", "save"])), max_size=16),
     n=st.integers(2, 4),

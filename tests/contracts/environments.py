@@ -89,9 +89,15 @@ def refuses_actions_that_are_no_plain_numbers(make: Make) -> None:
     n = env.action_space.shape[0]
     for action in (
         np.ma.masked_array(np.zeros(n), mask=[True] + [False] * (n - 1)),
-        np.zeros(n, "timedelta64[s]"), np.zeros(n, "datetime64[s]"), np.zeros(n, complex),
-        np.array(["0"] * n), np.zeros(n, bool), [None] * n, np.zeros(n + 1), np.full(n, np.nan),
-    ):  # fmt: skip
+        np.zeros(n, "timedelta64[s]"),
+        np.zeros(n, "datetime64[s]"),
+        np.zeros(n, complex),
+        np.array(["0"] * n),
+        np.zeros(n, bool),
+        [None] * n,
+        np.zeros(n + 1),
+        np.full(n, np.nan),
+    ):
         env.reset(seed=0)
         with pytest.raises(PrefcalError, match="action must"):
             env.unwrapped.step(action)
@@ -211,9 +217,7 @@ def _episode(env: gym.Env[Any, Any], n: int = 30) -> list[tuple[Any, ...]]:
 
 CONTRACT = (
     passes_the_checker_of_gymnasium_without_a_warning,
-    pytest.param(
-        passes_the_checker_of_stable_baselines3_without_a_warning, marks=pytest.mark.peers
-    ),
+    pytest.param(passes_the_checker_of_stable_baselines3_without_a_warning, marks=pytest.mark.peers),
     repeats_itself,
     observes_and_rewards_within_bounds,
     acts_and_observes_in_the_unit_box,

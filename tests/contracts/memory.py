@@ -84,9 +84,7 @@ def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered
     assert np.array_equal(twin.best, agent.best)
 
 
-@settings(
-    max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     actions=st.lists(
         st.one_of(st.floats(-1e6, 1e6), st.sampled_from([None, "undo", "retract", "copy", "save"])),

@@ -31,9 +31,7 @@ def run(agent, values=None):
 
 
 @pytest.mark.unchecked
-@pytest.mark.parametrize(
-    "space", [HALF, RING, RARE, STAIRS], ids=["half", "ring", "rare", "stairs"]
-)
+@pytest.mark.parametrize("space", [HALF, RING, RARE, STAIRS], ids=["half", "ring", "rare", "stairs"])
 def test_every_proposal_is_allowed_by_the_constraints(make_agent, space):
     agent = make_agent(space, n_init=4, n_max=9, seed=2)
     thetas = [space.check_allowed(q.challenger.theta) for q in run(agent)]
@@ -104,9 +102,7 @@ def test_theta_stays_in_the_box_integers_are_whole_and_none_runs_twice(make_agen
 
 def test_a_space_with_fewer_theta_than_experiments_is_tried_in_full(make_agent):
     agent = make_agent(TINY, n_init=4, n_max=50)
-    assert {tuple(q.challenger.theta) for q in run(agent)} == {
-        (a, b) for a in (0, 1, 2) for b in (1, 2)
-    }
+    assert {tuple(q.challenger.theta) for q in run(agent)} == {(a, b) for a in (0, 1, 2) for b in (1, 2)}
     assert agent.done
 
 

@@ -36,8 +36,12 @@ def run(scenario, cache):
     environment = {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": ":".join(sys.path)}
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, scenario],
-        capture_output=True, text=True, check=True, env=environment, timeout=300,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+        timeout=300,
+    )
     return json.loads(done.stdout)
 
 

@@ -64,10 +64,11 @@ SETTINGS = {
     "prefcal/CSTRTuning-v0": {"T_s": 0.5, "x0": [310.0, 8.4], "max_move": 5.0},
     "prefcal/Overtake-v0": {"T_s": 0.2, "x0": [5.0, 1.0, 0.0], "config": {"lanes_count": 3}},
     "prefcal/OvertakeTuning-v0": {
-        "T_s": 0.2, "x0": [5.0, 1.0, 0.0],
+        "T_s": 0.2,
+        "x0": [5.0, 1.0, 0.0],
         "config": {"lanes_count": 3, "steering_limit": "per step"},
     },
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("env_id", SETTINGS)
@@ -90,10 +91,15 @@ def test_sampling_time_start_and_options_are_keywords(env_id):
 
 def test_what_cannot_be_is_refused_when_an_environment_is_made():
     for env_id, settings in [
-        ("CSTR", {"T_s": 0.0}), ("CSTR", {"x0": [1.0]}), ("CSTRTuning", {"T_s": 10.0}),
-        ("CSTRTuning", {"x0": [1.0]}), ("Overtake", {"T_s": 1.0}), ("Overtake", {"x0": [26, 0, 0]}),
-        ("OvertakeTuning", {"T_s": 1.0}), ("OvertakeTuning", {"config": {"lanes": 3}}),
-    ]:  # fmt: skip
+        ("CSTR", {"T_s": 0.0}),
+        ("CSTR", {"x0": [1.0]}),
+        ("CSTRTuning", {"T_s": 10.0}),
+        ("CSTRTuning", {"x0": [1.0]}),
+        ("Overtake", {"T_s": 1.0}),
+        ("Overtake", {"x0": [26, 0, 0]}),
+        ("OvertakeTuning", {"T_s": 1.0}),
+        ("OvertakeTuning", {"config": {"lanes": 3}}),
+    ]:
         with pytest.raises(PrefcalError):
             gym.make(f"prefcal/{env_id}-v0", **settings)
 

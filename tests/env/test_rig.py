@@ -12,13 +12,18 @@ from prefcal_env.experiments.experiment import Channel, Channels, End
 from prefcal_env.rig import Rig
 
 CHANNELS = Channels(
-    x=(Channel("temperature", "°C"), Channel("flow", "m³/h")), u=(Channel("power", "%"),),
-    y=(Channel("temperature", "°C"),), time_unit="min",
-)  # fmt: skip
+    x=(Channel("temperature", "°C"), Channel("flow", "m³/h")),
+    u=(Channel("power", "%"),),
+    y=(Channel("temperature", "°C"),),
+    time_unit="min",
+)
 RIG = Rig(
-    CHANNELS, (200.0,), kpis=lambda e: {"peak": float(e.x[:, 0].max())},
-    ranges={"temperature": (-20.0, 400.0)}, max_rows=1000,
-)  # fmt: skip
+    CHANNELS,
+    (200.0,),
+    kpis=lambda e: {"peak": float(e.x[:, 0].max())},
+    ranges={"temperature": (-20.0, 400.0)},
+    max_rows=1000,
+)
 THETA = np.array([1.0, 2.0])
 HEAD = "time [min],temperature [°C],flow [m³/h],power [%]"
 GOOD = f"{HEAD}\n0,20,1.5,100\n0.5,21,1.5,100\n1.0,23.5,1.6,90\n"
@@ -88,7 +93,7 @@ def test_a_historian_s_export_is_a_record_by_its_own_headings_and_time_stamps(te
         (("20261123090000", "20261123090030", "20261123090100"), "%Y%m%d%H%M%S"),
         (("09:00:00", "09:00:30", "09:01:00"), None),
     ],
-)  # fmt: skip
+)
 def test_time_stamps_of_a_record_need_not_begin_with_a_date(times, time_format):
     text = HISTORIAN
     for second, time in zip(("09:00:00", "09:00:30", "09:01:00"), times, strict=True):
@@ -132,10 +137,7 @@ def test_a_time_stamp_that_cannot_be_read_is_refused_with_its_line(old, new, wor
         (GOOD.replace("flow [m³/h]", "power [%]"), "column 'power' appears 2 times"),
         (GOOD.replace("[°C]", "[K]"), "column 'temperature' is in K, expected °C"),
         (GOOD.replace("[min]", "[s]"), "column 'time' is in s, expected min"),
-        (
-            GOOD.replace("23.5", "warm"),
-            "line 4, column 'temperature': expected a number, got 'warm'",
-        ),
+        (GOOD.replace("23.5", "warm"), "line 4, column 'temperature': expected a number, got 'warm'"),
         (GOOD.replace("23.5", ""), "line 4, column 'temperature': expected a number, got nothing"),
         (GOOD.replace("23.5", "nan"), "line 4, column 'temperature'"),
         (GOOD.replace("23.5", "inf"), "line 4, column 'temperature'"),

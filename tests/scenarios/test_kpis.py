@@ -129,6 +129,5 @@ def test_whatever_the_agent_the_answers_say_what_counts():
 def test_how_far_a_sum_of_kpis_can_be_trusted_is_said(right, doubt):
     index = LearnedCost({"t_f": CostTerm(1.0, 0.0, 1.0)}, right, 44)
     assert trust_text(index) == (
-        f"A weighted sum of the KPIs predicted {right} of 44 answers that it had not learned "
-        f"from{doubt}."
+        f"A weighted sum of the KPIs predicted {right} of 44 answers that it had not learned from{doubt}."
     )

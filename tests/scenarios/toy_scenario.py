@@ -38,12 +38,20 @@ def run(theta: Any, seed: int = 0) -> Experiment:
     outside = np.flatnonzero(np.abs(level - 2) > LEVEL.band)
     settled = t[outside[-1]] if len(outside) else 0.0
     return Experiment(
-        theta=theta, t=t, x=level[:, None], u=held[:, None], t_control=t_control,
-        u_control=decided[:, None], y_ref=np.full((n, 1), 2.0), iterations=np.full(n, 5),
-        solve_time=np.zeros(n), solved=np.ones(n, dtype=bool), channels=CHANNELS,
+        theta=theta,
+        t=t,
+        x=level[:, None],
+        u=held[:, None],
+        t_control=t_control,
+        u_control=decided[:, None],
+        y_ref=np.full((n, 1), 2.0),
+        iterations=np.full(n, 5),
+        solve_time=np.zeros(n),
+        solved=np.ones(n, dtype=bool),
+        channels=CHANNELS,
         end=End.UNSAFE if gain > 50 else End.TIME_UP,
         kpis={"t_f": settled, "final": level[-1], "largest": np.inf if gain > 50 else 1.0},
-    )  # fmt: skip
+    )
 
 
 def slow_run(theta: Any, seed: int = 0) -> Experiment:

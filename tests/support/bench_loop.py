@@ -51,7 +51,5 @@ def _outcome(theta: Any) -> Outcome:
 
 
 _REFEREE = LatentCost(_cost)
-PROBLEM = Problem(
-    "bowl", SPACE, _outcome, judges(_REFEREE, "perfect"), _REFEREE, best_known=0.0, version=7
-)
+PROBLEM = Problem("bowl", SPACE, _outcome, judges(_REFEREE, "perfect"), _REFEREE, best_known=0.0, version=7)
 NUMBER = 3

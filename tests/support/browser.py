@@ -21,16 +21,19 @@ from support.studies import state_of
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 SHOTS = Path(os.environ.get("PREFCAL_SHOTS", "screenshots"))
 # No name is resolved but the loopback address: whatever asks for the network fails, and is seen.
 FLAGS = [
-    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
     "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
-]  # fmt: skip
+]
 
 
 @dataclass
@@ -61,9 +64,16 @@ def serve(folder: Path, scenario: str, *words: str, study: str = "mine.prefcal")
     """Start the command in `folder`, and wait for its link."""
     path = folder / study
     process = start(
-        folder, "calibrate", scenario, "--study", str(path), "--no-browser",
-        "--out", str(folder / "report"), *words,
-    )  # fmt: skip
+        folder,
+        "calibrate",
+        scenario,
+        "--study",
+        str(path),
+        "--no-browser",
+        "--out",
+        str(folder / "report"),
+        *words,
+    )
     assert process.stdout is not None
     link = process.stdout.readline().strip()
     if not link.startswith("http://127.0.0.1:"):
@@ -137,8 +147,9 @@ class Watched:
             "other => document.body.dataset.phase === 'question' && "
             "document.body.dataset.question !== other && "
             "document.querySelectorAll('.js-plotly-plot .scatterlayer path.js-line').length > 1",
-            arg=other_than, timeout=60_000,
-        )  # fmt: skip
+            arg=other_than,
+            timeout=60_000,
+        )
         # The page takes no verdict in the first moment of a question.
         self.page.wait_for_timeout(200)
         return str(self.page.evaluate("document.body.dataset.question"))

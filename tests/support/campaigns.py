@@ -11,8 +11,7 @@ def result(agent="GLISp", problem="bowl", seed=0, gaps=(1.0, 0.1), *, knobs=2, *
     """A finished result with these gaps; a preference-based agent asks from the second θ on."""
     calibrator = changes.pop("calibrator", "perfect")
     count = 2 if gaps is None else len(gaps)
-    cell = Cell(agent, problem, calibrator, seed, changes.pop("n_init", 1),
-                changes.pop("n_max", count))  # fmt: skip
+    cell = Cell(agent, problem, calibrator, seed, changes.pop("n_init", 1), changes.pop("n_max", count))
     made = Result(
         cell=cell,
         thetas=((0.0,) * knobs,) * count,
@@ -26,9 +25,7 @@ def result(agent="GLISp", problem="bowl", seed=0, gaps=(1.0, 0.1), *, knobs=2, *
 
 def failed(agent="GLISp", problem="bowl", seed=0, words="the worker died", n_max=2):
     """A failed cell."""
-    return Result(
-        Cell(agent, problem, "perfect", seed, 1, n_max), (), None, None, (), (), failure=words
-    )
+    return Result(Cell(agent, problem, "perfect", seed, 1, n_max), (), None, None, (), (), failure=words)
 
 
 def ends(agent, problem, values, **changes):

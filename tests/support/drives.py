@@ -34,9 +34,17 @@ def drive(
     phases = zero if phase is None else np.array(phase, dtype=float)
     plant, steps = Bicycle(), K - 1
     return Experiment(
-        theta=np.array([T_s, *theta]), t=t, x=x, u=u,
-        t_control=t[:-1], u_control=u[:-1], y_ref=np.zeros((steps, 3)),
-        iterations=np.full(steps, 10), solve_time=np.zeros(steps), solved=np.ones(steps, bool),
-        channels=Channels(plant.states, plant.inputs, plant.outputs), end=end,
+        theta=np.array([T_s, *theta]),
+        t=t,
+        x=x,
+        u=u,
+        t_control=t[:-1],
+        u_control=u[:-1],
+        y_ref=np.zeros((steps, 3)),
+        iterations=np.full(steps, 10),
+        solve_time=np.zeros(steps),
+        solved=np.ones(steps, bool),
+        channels=Channels(plant.states, plant.inputs, plant.outputs),
+        end=end,
         signals=signals_of(t, x, phases, (Obstacle(*obstacle, speed=0.0),)),
-    )  # fmt: skip
+    )

@@ -90,10 +90,14 @@ def single_input_problem(plant, x, u, d, y_ref, settings):
     G = np.vstack([eye, -eye, moves, -moves])
     ones = exact(np.ones(N_u))
     last = exact(u)[0]
-    g = np.concatenate([
-        ones * (mpfr(plant.inputs[0].high) - last), ones * (last - mpfr(plant.inputs[0].low)),
-        ones * mpfr(settings.du_max[0]), ones * -mpfr(settings.du_min[0]),
-    ])  # fmt: skip
+    g = np.concatenate(
+        [
+            ones * (mpfr(plant.inputs[0].high) - last),
+            ones * (last - mpfr(plant.inputs[0].low)),
+            ones * mpfr(settings.du_max[0]),
+            ones * -mpfr(settings.du_min[0]),
+        ]
+    )
     return Dense(H, h, G, g)
 
 

@@ -33,9 +33,7 @@ def quick_peers(monkeypatch):
     # Not compiled, which takes seconds. Compiled code has no objection to a bare float for ΔF.
     monkeypatch.setattr(glis, "facquisition", glis.facquisition.py_func)
     monkeypatch.setattr(
-        glis,
-        "facquisition_pref_surrogate",
-        lambda *a: by_preference(*a[:5], np.float64(a[5]), *a[6:]),
+        glis, "facquisition_pref_surrogate", lambda *a: by_preference(*a[:5], np.float64(a[5]), *a[6:])
     )
     acquire = botorch.optim.optimize_acqf
     few = {"num_restarts": 1, "raw_samples": 8, "options": {"maxiter": 3}}

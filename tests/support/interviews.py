@@ -24,16 +24,29 @@ def clock() -> Any:
 
 
 def begin(
-    scenario: Scenario, *, n_max: int = 6, seed: int = 0, path: Path | None = None,
-    ahead: bool = False, agent: Any = GLISp, at_once: int = 1,
-) -> Interview:  # fmt: skip
+    scenario: Scenario,
+    *,
+    n_max: int = 6,
+    seed: int = 0,
+    path: Path | None = None,
+    ahead: bool = False,
+    agent: Any = GLISp,
+    at_once: int = 1,
+) -> Interview:
     """An interview of `agent`, a class, about `scenario`."""
     agent = agent(scenario.space, n_init=3, n_max=n_max, seed=seed)
     configuration = {
-        "scenario": scenario.name, "name": scenario.name, "title": scenario.title,
-        "knobs": knobs_as_dicts(scenario.space), "agent": agent_as_dict(agent), "n_max": n_max,
-        "seed": seed, "kpis": [], "options": {"calibrator": "human"}, "versions": {},
-    }  # fmt: skip
+        "scenario": scenario.name,
+        "name": scenario.name,
+        "title": scenario.title,
+        "knobs": knobs_as_dicts(scenario.space),
+        "agent": agent_as_dict(agent),
+        "n_max": n_max,
+        "seed": seed,
+        "kpis": [],
+        "options": {"calibrator": "human"},
+        "versions": {},
+    }
     file = StudyFile.create(path or ":memory:", configuration, clock=clock())
     return Interview(scenario, file, ahead=ahead, at_once=at_once)
 

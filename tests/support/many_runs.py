@@ -48,11 +48,20 @@ def _experiment(theta: Any, seed: int) -> Experiment:
     solved = np.arange(100) < 100 * theta[1]
     x = theta[1] * np.random.default_rng(seed).standard_normal(200)[:, None]
     return Experiment(
-        theta=theta, t=t, x=x, u=x, t_control=t[::2], u_control=x[::2], y_ref=x[::2],
-        iterations=np.full(100, 3), solve_time=np.zeros(100), solved=solved,
-        channels=CHANNELS, end=End.UNSAFE if theta[1] > 0.5 else End.TIME_UP,
+        theta=theta,
+        t=t,
+        x=x,
+        u=x,
+        t_control=t[::2],
+        u_control=x[::2],
+        y_ref=x[::2],
+        iterations=np.full(100, 3),
+        solve_time=np.zeros(100),
+        solved=solved,
+        channels=CHANNELS,
+        end=End.UNSAFE if theta[1] > 0.5 else End.TIME_UP,
         kpis={"mean": x.mean(), "count": 3, "never": np.inf},
-    )  # fmt: skip
+    )
 
 
 many = Scenario("many", "Many", SPACE, run, kpis=(KPI("mean", "mean level", "m"),))

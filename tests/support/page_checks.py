@@ -23,11 +23,7 @@ def serious(page: "Page") -> list[Any]:
     found += Axe().run(page, options=COLORS).response["violations"]
     page.emulate_media(color_scheme="light")
     page.wait_for_timeout(350)
-    return [
-        (v["id"], v["nodes"][0]["html"][:120])
-        for v in found
-        if v["impact"] in ("serious", "critical")
-    ]
+    return [(v["id"], v["nodes"][0]["html"][:120]) for v in found if v["impact"] in ("serious", "critical")]
 
 
 def pixels(page: "Page", selector: str, color: tuple[int, int, int]) -> int:

@@ -41,9 +41,7 @@ _TRADE_OFF = Weighted(
         Term("noise", 0.2, good=0.0, scale=0.1, steepness=1.0),
     )
 )
-_STRICT = Weighted(
-    tuple(Term(t.name, t.weight, t.good, t.scale / 4, t.steepness) for t in _TRADE_OFF.terms)
-)
+_STRICT = Weighted(tuple(Term(t.name, t.weight, t.good, t.scale / 4, t.steepness) for t in _TRADE_OFF.terms))
 RULES: dict[str, Any] = {
     "weighted": _TRADE_OFF,
     "limited": Limited((Limit("error", 1.0, 0.5), Limit("noise", 0.2, 0.1)), _TRADE_OFF),
@@ -52,22 +50,12 @@ RULES: dict[str, Any] = {
     ),
     "standards": Standards(_TRADE_OFF, _STRICT),
     "order": Eyes(Order((Criterion("error", 0.2, at_most=0.5), Criterion("effort", 1.0)))),
-    "majority": Eyes(
-        Majority((Criterion("error", 0.2), Criterion("effort", 1.0), Criterion("noise", 0.1)))
-    ),
+    "majority": Eyes(Majority((Criterion("error", 0.2), Criterion("effort", 1.0), Criterion("noise", 0.1)))),
     "ideal": Eyes(Ideal((Wish("error", 0.1, 2.0), Wish("noise", 0.0, 0.1)), 2.0, 0.3)),
     "ranks": Eyes(
-        Ranks(
-            (
-                Scale("error", (0.0, 1.0, 4.0), (0.1, 0.5, 0.9)),
-                Scale("noise", (0.5,), (0.5,)),
-            ),
-            0.2,
-        )
+        Ranks((Scale("error", (0.0, 1.0, 4.0), (0.1, 0.5, 0.9)), Scale("noise", (0.5,), (0.5,))), 0.2)
     ),
-    "trade": Eyes(
-        Trade((Share("error", 0.6, 0.0, 0.5, 1.5), Share("effort", 0.4, 0.0, 2.0, 1.0)), 0.1)
-    ),
+    "trade": Eyes(Trade((Share("error", 0.6, 0.0, 0.5, 1.5), Share("effort", 0.4, 0.0, 2.0, 1.0)), 0.1)),
 }
 """One rule of every class that does not change."""
 
@@ -81,9 +69,7 @@ def kinds(names: Iterable[str]) -> list[Any]:
     return [pytest.param(n, marks=eyes if n.partition("-")[0] in EYES else ()) for n in names]
 
 
-_VALUES = st.floats(0.0, allow_nan=False, allow_infinity=True) | st.sampled_from(
-    [0.0, 0.5, 1.0, np.inf]
-)
+_VALUES = st.floats(0.0, allow_nan=False, allow_infinity=True) | st.sampled_from([0.0, 0.5, 1.0, np.inf])
 _SURVIVED = st.just(np.inf) | st.floats(0.0, 1e4).map(lambda value: round(value, 3))
 
 

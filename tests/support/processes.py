@@ -17,9 +17,14 @@ def start(folder: Path, *words: str, **options: str) -> subprocess.Popen[str]:
     """
     environment = {"PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "120", **options}
     return subprocess.Popen(
-        [sys.executable, "-c", MAIN, *words], cwd=folder, env=os.environ | environment, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
-    )  # fmt: skip
+        [sys.executable, "-c", MAIN, *words],
+        cwd=folder,
+        env=os.environ | environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
 
 
 def finished(folder: Path, *words: str) -> tuple[int, str, str]:

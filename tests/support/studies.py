@@ -12,30 +12,26 @@ import numpy as np
 
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
 from prefcal_env.preferences.answer import Answer, Mark, Query
-from prefcal_env.study import (
-    Answered,
-    Finished,
-    Shown,
-    State,
-    StudyFile,
-    Suggested,
-    study_path,
-)
+from prefcal_env.study import Answered, Finished, Shown, State, StudyFile, Suggested, study_path
 from support.interviews import clock
 
 Theta = np.ndarray
 Prefer = Callable[[Theta, Theta], Any]
 
 CONFIGURATION: dict[str, Any] = {
-    "n_max": 9, "seed": 0, "name": "toy", "title": "Toy",
-    "knobs": [{"name": "gain", "low": 0.0, "high": 1.0, "unit": "m/%", "scale": "linear",
-               "integer": False}],
+    "n_max": 9,
+    "seed": 0,
+    "name": "toy",
+    "title": "Toy",
+    "knobs": [{"name": "gain", "low": 0.0, "high": 1.0, "unit": "m/%", "scale": "linear", "integer": False}],
     "kpis": [{"name": "late", "title": "late", "unit": "s"}],
-}  # fmt: skip
+}
 CHANNELS = Channels(
-    x=(Channel("level", "m", high=3.0, target=2.0, band=0.1),), u=(Channel("valve", "%"),),
-    y=(Channel("level", "m"),), time_unit="s",
-)  # fmt: skip
+    x=(Channel("level", "m", high=3.0, target=2.0, band=0.1),),
+    u=(Channel("valve", "%"),),
+    y=(Channel("level", "m"),),
+    time_unit="s",
+)
 
 
 def by(cost: Callable[[Theta], float]) -> Prefer:
@@ -44,11 +40,14 @@ def by(cost: Callable[[Theta], float]) -> Prefer:
 
 
 def drive(
-    agent: Any, prefer: Prefer, count: int | None = None, *,
+    agent: Any,
+    prefer: Prefer,
+    count: int | None = None,
+    *,
     kpis: Callable[[Theta], Mapping[str, float] | None] | None = None,
     wrong: Callable[[Query], bool] = lambda query: False,
     unsafe: Callable[[Theta], bool] = lambda theta: False,
-) -> list[Query]:  # fmt: skip
+) -> list[Query]:
     """Answer `count` queries of `agent`, or all that are left; return them.
 
     Args:
@@ -86,11 +85,20 @@ def experiment(theta: float, count: int = 4, **changes: Any) -> Experiment:
     """A small experiment of one knob with `count` instants."""
     t = np.arange(count, dtype=float)
     given: dict[str, Any] = {
-        "theta": np.array([theta]), "t": t, "x": theta + t[:, None], "u": t[:, None] / 3,
-        "t_control": t, "u_control": t[:, None], "y_ref": np.full((count, 1), 2.0),
-        "iterations": np.arange(count), "solve_time": t / 1000, "solved": t > 0,
-        "channels": CHANNELS, "end": End.TIME_UP, "kpis": {"late": np.inf, "sum": float(theta)},
-    }  # fmt: skip
+        "theta": np.array([theta]),
+        "t": t,
+        "x": theta + t[:, None],
+        "u": t[:, None] / 3,
+        "t_control": t,
+        "u_control": t[:, None],
+        "y_ref": np.full((count, 1), 2.0),
+        "iterations": np.arange(count),
+        "solve_time": t / 1000,
+        "solved": t > 0,
+        "channels": CHANNELS,
+        "end": End.TIME_UP,
+        "kpis": {"late": np.inf, "sum": float(theta)},
+    }
     return Experiment(**{**given, **changes})
 
 
@@ -109,9 +117,7 @@ def compared(file: StudyFile, index: int, preference: int | None = -1) -> None:
     file.append(Answered(shown, index, best, Answer(preference), f"answer {index}"))
 
 
-def small_study(
-    path: Path | str, answers: int = 3, now: Callable[[], str] | None = None
-) -> StudyFile:
+def small_study(path: Path | str, answers: int = 3, now: Callable[[], str] | None = None) -> StudyFile:
     """An open study with some answers."""
     file = StudyFile.create(path, CONFIGURATION, clock=now or clock())
     for index in range(answers + 1):

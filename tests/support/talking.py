@@ -15,9 +15,7 @@ def console_of(width: int = 140) -> Console:
     return Console(file=io.StringIO(), width=width, record=True, force_terminal=False)
 
 
-def talk(
-    interview: Interview, keys: Iterable[str], lines: Iterable[str] = (), width: int = 140
-) -> str:
+def talk(interview: Interview, keys: Iterable[str], lines: Iterable[str] = (), width: int = 140) -> str:
     """The conversation with these answers and other lines; what was printed."""
     console = console_of(width)
     typed, written = iter(keys), iter(lines)

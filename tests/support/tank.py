@@ -18,13 +18,7 @@ def balance(x: Any, u: Any, d: Any) -> list[float]:
     return [u[0] - x[0] / 2 + d[0]]
 
 
-TANK = FunctionPlant(
-    balance,
-    states=[LEVEL],
-    inputs=[INFLOW],
-    disturbances=[RAIN],
-    name="tank",
-)
+TANK = FunctionPlant(balance, states=[LEVEL], inputs=[INFLOW], disturbances=[RAIN], name="tank")
 
 
 def overflow(x: Any) -> bool:
@@ -42,11 +36,21 @@ def error(step: Step) -> float:
 def tank_task(**changes: Any) -> Task:
     """Fill the tank to 2 m within 10 s."""
     fields: dict[str, Any] = {
-        "x0": np.zeros(1), "u0": np.zeros(1), "y_ref": np.array([2.0]), "d": np.zeros(1),
-        "horizon": 10.0, "T_s": 0.5, "T_s_range": (0.1, 3.0), "dense_step": 0.1,
-        "observed": np.array([(0, 8), (0, 4), (0, 4), (-1, 1)]), "bands": {0: 0.1},
-        "unsafe": overflow, "settled": still, "stage_cost": error, "unsafe_cost": 5.0,
-    }  # fmt: skip
+        "x0": np.zeros(1),
+        "u0": np.zeros(1),
+        "y_ref": np.array([2.0]),
+        "d": np.zeros(1),
+        "horizon": 10.0,
+        "T_s": 0.5,
+        "T_s_range": (0.1, 3.0),
+        "dense_step": 0.1,
+        "observed": np.array([(0, 8), (0, 4), (0, 4), (-1, 1)]),
+        "bands": {0: 0.1},
+        "unsafe": overflow,
+        "settled": still,
+        "stage_cost": error,
+        "unsafe_cost": 5.0,
+    }
     return Task(**fields | changes)
 
 

@@ -37,9 +37,16 @@ def twinned(
     """An interview about `scenario`, whose study names a twin."""
     agent = Screening(scenario.space, n_simulated=40, n_max=6)
     configuration = {
-        "scenario": scenario.name, "name": scenario.name, "title": scenario.title,
-        "knobs": knobs_as_dicts(scenario.space), "agent": agent_as_dict(agent), "n_max": 6,
-        "seed": 0, "kpis": [], "options": {"calibrator": "human", "twin": "model"}, "versions": {},
-    }  # fmt: skip
+        "scenario": scenario.name,
+        "name": scenario.name,
+        "title": scenario.title,
+        "knobs": knobs_as_dicts(scenario.space),
+        "agent": agent_as_dict(agent),
+        "n_max": 6,
+        "seed": 0,
+        "kpis": [],
+        "options": {"calibrator": "human", "twin": "model"},
+        "versions": {},
+    }
     file = StudyFile.create(path or ":memory:", configuration, clock=clock())
     return Interview(scenario, file, ahead=False, simulator=simulator)

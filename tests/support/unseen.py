@@ -32,11 +32,20 @@ def run(theta: Any, seed: int = 0) -> Experiment:
     t = np.linspace(0.0, 1.0, 20)
     x = 1 - np.exp(-(1 + 5 * gain) * t)[:, None]
     return Experiment(
-        theta=np.array(theta), t=t, x=x, u=x, t_control=t, u_control=x, y_ref=np.ones((20, 1)),
-        iterations=np.ones(20, dtype=int), solve_time=np.zeros(20), solved=np.ones(20, dtype=bool),
-        channels=CHANNELS, end=End.UNSAFE if delay > 0.9 else End.TIME_UP,
+        theta=np.array(theta),
+        t=t,
+        x=x,
+        u=x,
+        t_control=t,
+        u_control=x,
+        y_ref=np.ones((20, 1)),
+        iterations=np.ones(20, dtype=int),
+        solve_time=np.zeros(20),
+        solved=np.ones(20, dtype=bool),
+        channels=CHANNELS,
+        end=End.UNSAFE if delay > 0.9 else End.TIME_UP,
         kpis={"slow": 1.0 - gain + delay, "rough": gain**2, "mood": 7.0},
-    )  # fmt: skip
+    )
 
 
 def _in_worker() -> bool:
@@ -51,8 +60,16 @@ def cost(experiment: Experiment) -> float:
 
 
 unseen = Scenario(
-    "unseen", "Unseen", SPACE, run, cost=cost, simulated=True,
-    kpis=(KPI("slow", "slowness", better="lower"), KPI("rough", "roughness", better="lower"),
-          KPI("mood", "mood")),
-)  # fmt: skip
+    "unseen",
+    "Unseen",
+    SPACE,
+    run,
+    cost=cost,
+    simulated=True,
+    kpis=(
+        KPI("slow", "slowness", better="lower"),
+        KPI("rough", "roughness", better="lower"),
+        KPI("mood", "mood"),
+    ),
+)
 """KPI "mood" has no direction, so nothing is learned from it."""

@@ -22,9 +22,12 @@ def spin():
 
 
 WILD = {
-    1: spin, 2: lambda: os._exit(3), 3: lambda: sys.exit("bye"), 4: lambda: 1 / 0,
+    1: spin,
+    2: lambda: os._exit(3),
+    3: lambda: sys.exit("bye"),
+    4: lambda: 1 / 0,
     5: lambda: np.ones(1 << 50),
-}  # fmt: skip
+}
 
 
 def run(theta, seed=0):

@@ -82,9 +82,7 @@ class Room:
         return question.id
 
 
-def make_room(
-    interview: Interview, static: Path | None = None, *, pace: Pace | None = None
-) -> Room:
+def make_room(interview: Interview, static: Path | None = None, *, pace: Pace | None = None) -> Room:
     """A room around `interview`, in which nobody is let wait."""
     reports, closed, seen = Reports(), threading.Event(), []
     pace = pace or Pace(poll=0.05, after_answer=0.0)

@@ -17,9 +17,16 @@ def study(agent="GLISp", loop="servo", seed=0, worth=(1.0, 4.0), *, taste="weigh
     if comparisons is None:
         comparisons = tuple((k + 1, k, -1) for k in range(questions[-1]))
     return Result(
-        cell, tuple((float(k), 0.5) for k in range(len(worth))), None, None, questions,
-        (0.0, 0.5), worth=tuple(map(float, worth)), comparisons=comparisons, **changes,
-    )  # fmt: skip
+        cell,
+        tuple((float(k), 0.5) for k in range(len(worth))),
+        None,
+        None,
+        questions,
+        (0.0, 0.5),
+        worth=tuple(map(float, worth)),
+        comparisons=comparisons,
+        **changes,
+    )
 
 
 def walk(agent, loop, seed, strength, *, taste="weights", n_max=50, per_experiment=1, loss=0.1):
@@ -35,9 +42,16 @@ def walk(agent, loop, seed, strength, *, taste="weights", n_max=50, per_experime
         held.append(min(best, 4001.0))
     asked = [per_experiment * k for k in range(n_max)]
     return study(
-        agent, loop, seed, held, taste=taste, questions=asked, n_init=min(10, n_max), n_max=n_max,
+        agent,
+        loop,
+        seed,
+        held,
+        taste=taste,
+        questions=asked,
+        n_init=min(10, n_max),
+        n_max=n_max,
         comparisons=tuple((min(k, n_max - 1), 0, 1) for k in range(1, asked[-1] + 1)),
-    )  # fmt: skip
+    )
 
 
 def walks(agents, loops=("servo", "boost", "steering"), tastes=("weights",), seeds=4, **options):

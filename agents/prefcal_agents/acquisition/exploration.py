@@ -82,9 +82,7 @@ class Acquisition:
         d = squared_distances(z, self.tried)
         return np.asarray(value - self.delta * exploration(d))
 
-    def value_and_gradient(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
+    def value_and_gradient(self, z: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return a and ∂a/∂z at one point of the cube, shape (n,)."""
         value, slope = self.surrogate.value_and_gradient(z)
         value, slope = value / self.spread, slope / self.spread

@@ -133,9 +133,7 @@ class Penalty:
         """Return the penalty at the rows of `z`, shape (m,)."""
         return np.asarray(self.weight * np.maximum(1 - self.safety(z) / self.least, 0.0) ** 2)
 
-    def value_and_gradient(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
+    def value_and_gradient(self, z: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return value and gradient at one point of the cube, shape (n,)."""
         lack = max(1 - self.safety(z[None])[0] / self.least, 0.0)
         slope = -2 * self.weight * lack / self.least * self.safety.gradient(z)
@@ -158,9 +156,7 @@ class Penalized:
         """Return the values at the rows of `z`, shape (m,)."""
         return np.asarray(self.acquisition(z) + self.penalty(z))
 
-    def value_and_gradient(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
+    def value_and_gradient(self, z: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return value and gradient at one point, shape (n,)."""
         value, slope = self.acquisition.value_and_gradient(z)
         extra, extra_slope = self.penalty.value_and_gradient(z)

@@ -82,9 +82,7 @@ class ValueAcquisition:
         s = np.sqrt(weights.variance(self.values, f))
         return np.asarray(f - self.alpha * s - self.delta * weights.distance)
 
-    def value_and_gradient(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
+    def value_and_gradient(self, z: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return a and ∂a/∂z at one point of the cube, shape (n,); s and z are flat on a sample."""
         x, centers = 2 * z - 1, self.interpolant.centers
         d = squared_distances(x[None], centers)

@@ -26,10 +26,7 @@ class EqualWeights(Simulating):
     @property
     def bank(self) -> Bank:
         """Return the simulated θ; it simulates them if needed."""
-        simulations, design = (
-            self.simulations,
-            latin_hypercube(self.space, self.n_simulated, self._seed),
-        )
+        simulations, design = (self.simulations, latin_hypercube(self.space, self.n_simulated, self._seed))
         z, thetas = runnable(self.space, design)
         return Bank.of(z, thetas, simulations(thetas))
 

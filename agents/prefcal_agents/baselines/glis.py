@@ -8,12 +8,7 @@ from jaxtyping import Float
 
 from prefcal_agents.acquisition.value_acquisition import ValueAcquisition
 from prefcal_agents.history.lessons import cube_of, scores_of
-from prefcal_agents.models.interpolant import (
-    POSITIVE_DEFINITE,
-    Interpolant,
-    best_interpolant,
-    normalized,
-)
+from prefcal_agents.models.interpolant import POSITIVE_DEFINITE, Interpolant, best_interpolant, normalized
 from prefcal_agents.optimize.search import Tried, new_minimum
 from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.space.design import latin_hypercube

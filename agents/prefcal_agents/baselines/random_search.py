@@ -21,6 +21,4 @@ class RandomSearch(PreferenceBased):
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         rng = np.random.default_rng([self._seed, history.answered])
-        return Tried(self.space, history).fresh(
-            self.space.scaled(rng.random((1, len(self.space))))[0], rng
-        )
+        return Tried(self.space, history).fresh(self.space.scaled(rng.random((1, len(self.space))))[0], rng)

@@ -53,9 +53,7 @@ class GLISp(PreferenceBased):
     ) -> None:
         if delta is not None:
             settings = replace(settings or GLISpSettings(), delta=delta, kpis=False)
-        super().__init__(
-            space, n_init=n_init, n_max=n_max, seed=seed, start=start, settings=settings
-        )
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start, settings=settings)
         self._setup = Setup(space, self.n_init, self._seed, self.settings)
         self._models = ModelSelection(self._setup)
 
@@ -73,13 +71,7 @@ class GLISp(PreferenceBased):
 
     @classmethod
     def paper(
-        cls,
-        space: KnobSpace,
-        *,
-        n_init: int = 10,
-        n_max: int = 50,
-        seed: int = 0,
-        start: Start | None = None,
+        cls, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0, start: Start | None = None
     ) -> "GLISp":
         """Create an agent with the algorithm and settings of the paper, section IV.
 
@@ -142,8 +134,6 @@ class GLISp(PreferenceBased):
                 learned = train(fit.data, fit.selection, self.settings)
                 values, on_samples = learned(z), learned(learned.centers)
             else:
-                values, on_samples = (
-                    fit.kpis.beaten_by(x, self._seed) for x in (z, fit.kpis.bank.z)
-                )
+                values, on_samples = (fit.kpis.beaten_by(x, self._seed) for x in (z, fit.kpis.bank.z))
         spread = float(np.ptp(on_samples))
         return np.asarray((values - on_samples.min()) / (spread if spread > 0 else 1.0))

@@ -162,11 +162,7 @@ def _rng(seed: int, past: History) -> np.random.Generator:
 
 
 def most_promising(
-    space: KnobSpace,
-    history: History,
-    fit: KPIFit,
-    penalty: Penalty | None,
-    rng: np.random.Generator,
+    space: KnobSpace, history: History, fit: KPIFit, penalty: Penalty | None, rng: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
     """Return the point of the cube to run next, shape (n,): the best one for `expected_best`.
 
@@ -195,9 +191,7 @@ def most_promising(
     return tried.fresh(ranked[0], rng) if found is None else found
 
 
-def _steps(
-    space: KnobSpace, best: tuple[float, ...], rng: np.random.Generator
-) -> Float[np.ndarray, "s n"]:
+def _steps(space: KnobSpace, best: tuple[float, ...], rng: np.random.Generator) -> Float[np.ndarray, "s n"]:
     """Return steps from the best θ of all lengths, which move some of the knobs, shape (s, n)."""
     shape = (_NEAR, len(space))
     moved = rng.random(shape) < rng.uniform(_MOVED, 1.0, (_NEAR, 1))

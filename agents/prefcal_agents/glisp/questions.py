@@ -21,9 +21,7 @@ FINALS = 3
 """Maximum number of questions after the last experiment."""
 
 
-def follow_up(
-    history: History, models: ModelSelection, settings: GLISpSettings
-) -> tuple[int, int] | None:
+def follow_up(history: History, models: ModelSelection, settings: GLISpSettings) -> tuple[int, int] | None:
     """Return two known samples to compare now, the challenger first; None if there are none.
 
     If mistakes are suspected, ask whether the best sample really is the best; once that is

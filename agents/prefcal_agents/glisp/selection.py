@@ -10,13 +10,7 @@ from jaxtyping import Int
 
 from prefcal_agents.history.lessons import MOST, Memory, Preferences, judged, kpis_of
 from prefcal_agents.history.stages import Stages
-from prefcal_agents.models.cross_validation import (
-    FOLDS,
-    Validation,
-    choose_epsilon,
-    nearest,
-    rescale_knob,
-)
+from prefcal_agents.models.cross_validation import FOLDS, Validation, choose_epsilon, nearest, rescale_knob
 from prefcal_agents.models.gaussian_process import ExpectationPropagation
 from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
 from prefcal_agents.models.rbf import Shape, Surrogate
@@ -126,9 +120,7 @@ class ModelSelection:
         self._settings, self._n_init, self._seed = settings, setup.n_init, setup.seed
         self._learning = Learning(margin_power=settings.margin_power)
         self._candidates: Sequence[float] = tuple(settings.epsilon * factor for factor in EPSILONS)
-        first = _Stage(
-            Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf)
-        )
+        first = _Stage(Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf))
         self._stages = Stages(lambda: first, self._following, whole=True)
         self._kpi_fits = kpi_fits(setup.seed) if settings.kpis else None
         # What was asked for last, with the history that it follows from.

@@ -52,10 +52,7 @@ def _exploration(setup: Setup, fit: Fit) -> Objective:
     return Acquisition.of(surrogate, setup.settings.delta, cube_of(fit.data.history))
 
 
-STRATEGY = (
-    StrategyRow(_every_second_time, _mean),
-    StrategyRow(lambda setup, fit: True, _exploration),
-)
+STRATEGY = (StrategyRow(_every_second_time, _mean), StrategyRow(lambda setup, fit: True, _exploration))
 """What the next sample minimizes without KPIs: the first row that holds.
 
 Deviation: the paper has the last row only.

@@ -127,8 +127,7 @@ def check_record(history: History, space: KnobSpace, most: int, *, by_value: boo
             raise SettingsError(f"sample {index} of a state cannot be after {sample.after} answers")
     if not answered <= stored <= most:
         raise SettingsError(
-            f"a state of up to {most} experiments cannot hold {stored} samples and "
-            f"{answered} answers"
+            f"a state of up to {most} experiments cannot hold {stored} samples and {answered} answers"
         )
 
 
@@ -140,9 +139,7 @@ def _check_sample(index: int, sample: Sample, space: KnobSpace) -> None:
         raise SettingsError(f"sample {index} of a state: {error}") from error
     span = np.array([knob.high - knob.low for knob in space])
     if np.any(np.abs(there - theta) > _SAME_PLACE * span):
-        raise SettingsError(
-            f"sample {index} of a state: z and theta are not the same place, got {sample}"
-        )
+        raise SettingsError(f"sample {index} of a state: z and theta are not the same place, got {sample}")
 
 
 def _plain(value: Any) -> Any:

@@ -211,9 +211,7 @@ def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray,
         if c.after is not None:
             after = int(np.searchsorted(kept, c.after))
             follow_ups.append(replace(_renumbered(c, number), after=after))
-    return History(
-        tuple(history.samples[index] for index in number), tuple(comparisons), tuple(follow_ups)
-    )
+    return History(tuple(history.samples[index] for index in number), tuple(comparisons), tuple(follow_ups))
 
 
 def _renumbered(comparison: Comparison, number: dict[int, int]) -> Comparison:
@@ -257,10 +255,7 @@ def judged(history: History) -> History:
 
 
 def _filled(
-    z: Float[np.ndarray, "N n"],
-    known: tuple[Mapping[str, float], ...],
-    whole: list[int],
-    index: int,
+    z: Float[np.ndarray, "N n"], known: tuple[Mapping[str, float], ...], whole: list[int], index: int
 ) -> Outcome:
     """Return the KPIs of sample `index`, whose run was cut short, as those of a whole run."""
     bounds = known[index]
@@ -268,7 +263,6 @@ def _filled(
         return Outcome(bounds)
     apart = np.sum((z[whole] - z[index]) ** 2, axis=1)
     near = known[whole[int(np.argmin(apart))]]
-    return Outcome({
-        name: max(bounds.get(name, -np.inf), near.get(name, -np.inf))
-        for name in {*bounds, *near}
-    })  # fmt: skip
+    return Outcome(
+        {name: max(bounds.get(name, -np.inf), near.get(name, -np.inf)) for name in {*bounds, *near}}
+    )

@@ -75,11 +75,7 @@ class Stages(Generic[Known]):
 
     def _kept(self, past: History, before: History, known: Known) -> Known:
         found = self._known.get(past)  # another thread may drop it at any time
-        return (
-            found
-            if found is not None
-            else self._remembered(past, self._following(past, before, known))
-        )
+        return found if found is not None else self._remembered(past, self._following(past, before, known))
 
     def _remembered(self, past: History, known: Known) -> Known:
         self._known[past] = known

@@ -33,9 +33,7 @@ class Validation:
     slices: Bool[np.ndarray, "K M"]
 
     @classmethod
-    def deal(
-        cls, preferences: Preferences, learning: Learning, rng: np.random.Generator
-    ) -> "Validation":
+    def deal(cls, preferences: Preferences, learning: Learning, rng: np.random.Generator) -> "Validation":
         """Split at random into `FOLDS` slices, whose sizes differ by at most one comparison."""
         share = rng.permutation(len(preferences)) % FOLDS
         return cls(preferences, learning, share == np.arange(FOLDS)[:, None])
@@ -47,9 +45,7 @@ class Validation:
         betas = fits_without(known, bases, self.slices, self.learning)
         return [self._right(phi, each) for phi, each in zip(bases, betas, strict=True)]
 
-    def _right(
-        self, phi: Float[np.ndarray, "N N"], betas: Sequence[Float[np.ndarray, " N"]]
-    ) -> int:
+    def _right(self, phi: Float[np.ndarray, "N N"], betas: Sequence[Float[np.ndarray, " N"]]) -> int:
         known, right = self.preferences, 0
         for left_out, beta in zip(self.slices, betas, strict=True):
             values = phi @ beta
@@ -60,9 +56,7 @@ class Validation:
         return right
 
 
-def choose_epsilon(
-    validation: Validation, shape: Shape, candidates: Sequence[float]
-) -> tuple[Shape, int]:
+def choose_epsilon(validation: Validation, shape: Shape, candidates: Sequence[float]) -> tuple[Shape, int]:
     """Return `shape` with the best ε of `candidates`, and how many preferences it reproduces.
 
     Among equally good ones (with a few dozen answers there are many), take the middle one.

@@ -34,9 +34,7 @@ def squares(a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]) -> Float[n
     return np.asarray((a.T[:, :, None] - b.T[:, None, :]) ** 2)
 
 
-def matern(
-    u: Float[np.ndarray, "n m N"],
-) -> tuple[Float[np.ndarray, "m N"], Float[np.ndarray, "m N"]]:
+def matern(u: Float[np.ndarray, "n m N"]) -> tuple[Float[np.ndarray, "m N"], Float[np.ndarray, "m N"]]:
     """Return the kernel, and twice its slope in Σ u, for squared differences u scaled by 1/ℓ².
 
     Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
@@ -242,9 +240,7 @@ class PreferenceGP:
         u = squares(z, self.centers) / self.lengths[:, None, None] ** 2
         return np.asarray(matern(u)[0] @ self.alpha)
 
-    def value_and_gradient(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
+    def value_and_gradient(self, z: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return the mean and its gradient at one point of the cube, shape (n,)."""
         away = (z - self.centers) / self.lengths
         kernel, slope = (each[:, 0] for each in matern((away.T**2)[:, :, None]))
@@ -308,14 +304,10 @@ class _Known:
         kernel, slope = matern(u)
         return np.linalg.cholesky(kernel + _NUGGET * np.eye(len(kernel))), u, slope
 
-    def posterior(
-        self, factor: Float[np.ndarray, "N N"], start: Sites | None
-    ) -> ExpectationPropagation:
+    def posterior(self, factor: Float[np.ndarray, "N N"], start: Sites | None) -> ExpectationPropagation:
         """Return the posterior of β, where the values at the samples are factor · β."""
         rows = self.constraints.rows @ factor
-        return ExpectationPropagation.of(
-            replace(self.constraints, rows=rows), self.error_rate, start
-        )
+        return ExpectationPropagation.of(replace(self.constraints, rows=rows), self.error_rate, start)
 
     def likeliest(self) -> tuple[Float[np.ndarray, " n"], Sites | None]:
         """Return ℓ that maximizes evidence times a log-normal prior, and sites close to it."""

@@ -68,10 +68,7 @@ def interpolate(
 
 
 def best_interpolant(
-    samples: Float[np.ndarray, "N n"],
-    values: Float[np.ndarray, " N"],
-    epsilons: Sequence[float],
-    rbf: str,
+    samples: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"], epsilons: Sequence[float], rbf: str
 ) -> Interpolant:
     """Return the interpolant with the ε of `epsilons` that predicts left-out values best.
 

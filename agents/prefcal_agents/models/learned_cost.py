@@ -93,9 +93,7 @@ class LearnedCost:
             f"    {name!r}: ({term.weight!r}, {term.best!r}, {term.worst!r}),"
             for name, term in self.terms.items()
         ]
-        return _MODULE.format(
-            terms="\n".join(lines), predicted=self.predicted, answers=self.answers
-        )
+        return _MODULE.format(terms="\n".join(lines), predicted=self.predicted, answers=self.answers)
 
 
 _MODULE = '''"""An index learned from comparisons of experiments; lower is better.
@@ -131,9 +129,7 @@ def _share(value: float | None, term: CostTerm) -> float:
     return max(-1.0, share) if better else 1.0
 
 
-def _weights(
-    preferences: Preferences, columns: Float[np.ndarray, "N p"]
-) -> Float[np.ndarray, " p"]:
+def _weights(preferences: Preferences, columns: Float[np.ndarray, "N p"]) -> Float[np.ndarray, " p"]:
     """Return the weights w, 0 or more, shape (p,).
 
     The margin of a comparison is the distance of its two experiments in KPIs. With one margin for

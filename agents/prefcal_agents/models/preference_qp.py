@@ -60,10 +60,7 @@ class Constraints:
 
     @classmethod
     def of(
-        cls,
-        preferences: Preferences,
-        phi: Float[np.ndarray, "N P"],
-        margin: Float[np.ndarray, " M"],
+        cls, preferences: Preferences, phi: Float[np.ndarray, "N P"], margin: Float[np.ndarray, " M"]
     ) -> "Constraints":
         """Make the rows of M comparisons, each with its margin in units of σ.
 
@@ -93,9 +90,7 @@ class Constraints:
     def without(self, left_out: Bool[np.ndarray, " M"]) -> "Constraints":
         """Return the rows of the comparisons that are not left out."""
         kept = (self.owner == _NOBODY) | ~left_out[self.owner]
-        return Constraints(
-            self.rows[kept], self.margins[kept], self.weights[kept], self.owner[kept]
-        )
+        return Constraints(self.rows[kept], self.margins[kept], self.weights[kept], self.owner[kept])
 
 
 def margins(preferences: Preferences, power: float) -> Float[np.ndarray, " M"]:

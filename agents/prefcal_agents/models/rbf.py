@@ -37,9 +37,7 @@ RADIAL_FUNCTIONS: Mapping[str, RadialFunction] = MappingProxyType(
 """Radial functions of the paper by name."""
 
 
-def squared_distances(
-    a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
-) -> Float[np.ndarray, "m N"]:
+def squared_distances(a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "m N"]:
     """Return d of eq. distance between all rows of `a` and all of `b`, shape (m, N).
 
     Differences are taken before squaring: near the optimum samples lie within 1e-6 of each
@@ -76,9 +74,7 @@ class Shape:
             return None
         return replace(self, scales=tuple(map(float, scales)))
 
-    def distances(
-        self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
-    ) -> Float[np.ndarray, "m N"]:
+    def distances(self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "m N"]:
         """Return d between the scaled points, shape (m, N).
 
         Source: eq. distance.
@@ -88,9 +84,7 @@ class Shape:
         scales = np.array(self.scales)
         return squared_distances(a * scales, b * scales)
 
-    def basis(
-        self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
-    ) -> Float[np.ndarray, "m N"]:
+    def basis(self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "m N"]:
         """Return φ(εd) of eq. rbf between all rows of `a` and all of `b`, shape (m, N)."""
         return self.bases(a, b, (self.epsilon,))[0]
 
@@ -114,9 +108,7 @@ class Surrogate:
         """Return Ĵ at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
         return np.asarray(self.shape.basis(z, self.centers) @ self.beta)
 
-    def value_and_gradient(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
+    def value_and_gradient(self, z: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return Ĵ and ∂Ĵ/∂z at one point of the cube, shape (n,)."""
         shape, away = self.shape, z - self.centers
         squared_scales = np.array(shape.scales) ** 2

@@ -36,9 +36,7 @@ class Objective(Protocol):
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return the values at the rows of `z`."""
 
-    def value_and_gradient(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
+    def value_and_gradient(self, z: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         """Return the value and the gradient at one point."""
 
 
@@ -109,9 +107,7 @@ def multistart(
     order = np.argsort(values, kind="stable")
     points, values = points[order], values[order]
     chosen = _apart(points, starts)
-    descended = domain.snap(
-        np.array([_descend(objective, domain, points[k], iterations) for k in chosen])
-    )
+    descended = domain.snap(np.array([_descend(objective, domain, points[k], iterations) for k in chosen]))
     everything = np.vstack([descended, points])
     values = np.concatenate([objective(descended), values])
     return np.asarray(everything[np.argsort(values, kind="stable")])
@@ -197,9 +193,7 @@ class Tried:
             close &= np.abs(here[:, None] - there) < _SAME
         return np.asarray(close.any(axis=1))
 
-    def fresh(
-        self, z: Float[np.ndarray, " n"], rng: np.random.Generator
-    ) -> Float[np.ndarray, " n"]:
+    def fresh(self, z: Float[np.ndarray, " n"], rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Return `z`, shape (n,), or another point if its θ ran already or is not allowed.
 
         The other point is a random one of the searched part.

@@ -25,9 +25,7 @@ class Replay(Generic[Session]):
         feed: Function that shows a session the last answer of a history; it has seen the others.
     """
 
-    def __init__(
-        self, start: Callable[[], Session], feed: Callable[[Session, History], None]
-    ) -> None:
+    def __init__(self, start: Callable[[], Session], feed: Callable[[Session, History], None]) -> None:
         self._start, self._feed = start, feed
         self._own = local()  # an optimizer serves one thread
 

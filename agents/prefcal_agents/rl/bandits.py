@@ -41,9 +41,7 @@ class _Learner(ValueBased):
     the history with the θ that ran.
     """
 
-    def __init__(
-        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
-    ) -> None:
+    def __init__(self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0) -> None:
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
         self._library = load("stable_baselines3", "rl")
         self._replay = Replay(self._start, self._feed)

@@ -204,9 +204,7 @@ def _row(bank: Bank, theta: Float[np.ndarray, " n"]) -> int | None:
 def without_kpis(history: History, stage: Stage) -> bool:
     """Return whether the next θ is proposed without KPIs."""
     known = not stage.bank.hopeless[stage.spread].all()
-    return known and (
-        is_stalled(history) or not explains(history, stage.bank, stage.scale, stage.utilities)
-    )
+    return known and (is_stalled(history) or not explains(history, stage.bank, stage.scale, stage.utilities))
 
 
 def is_stalled(history: History) -> bool:

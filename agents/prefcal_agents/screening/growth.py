@@ -78,9 +78,7 @@ class Growth:
         seed: Seed of all randomness.
     """
 
-    def __init__(
-        self, simulations: Simulations, space: KnobSpace, n_simulated: int, seed: int
-    ) -> None:
+    def __init__(self, simulations: Simulations, space: KnobSpace, n_simulated: int, seed: int) -> None:
         self.simulations = simulations
         self._space, self._seed = space, seed
         self._plan = _plan(n_simulated)
@@ -198,9 +196,7 @@ class Growth:
             stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities, judges)
         return stage
 
-    def _extended(
-        self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]
-    ) -> Bank:
+    def _extended(self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
         return self._simulated(np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas]))
 
     def _simulated(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:

@@ -134,8 +134,7 @@ class Simulations:
         found = list(found)
         if len(found) != len(new):
             raise SimulationError(
-                f"simulate.many must return the KPIs of all {len(new)} θ in order, "
-                f"got {len(found)} results"
+                f"simulate.many must return the KPIs of all {len(new)} θ in order, got {len(found)} results"
             )
         outcomes = [_outcome(f, t) for f, t in zip(found, new.values(), strict=True)]
         self._known.update(zip(new, outcomes, strict=True))

@@ -26,8 +26,7 @@ def capacity(space: KnobSpace) -> float:
     if not space.constraints or total > _COUNTED:
         return float(total)
     every = np.meshgrid(
-        *(choices(knob, part) for knob, part in zip(space, space.within, strict=True)),
-        indexing="ij",
+        *(choices(knob, part) for knob, part in zip(space, space.within, strict=True)), indexing="ij"
     )
     allowed = np.count_nonzero(space.allows(np.stack(every, axis=-1).reshape(-1, len(space))))
     if not allowed:

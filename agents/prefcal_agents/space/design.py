@@ -26,19 +26,13 @@ def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray
     return _moved_inside(points, space, seed) if space.constraints else points
 
 
-def _moved_inside(
-    points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int
-) -> Float[np.ndarray, "N n"]:
+def _moved_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int) -> Float[np.ndarray, "N n"]:
     """Replace each point that the constraints refuse by an allowed one far from all others."""
     region = Region(space)
     refused = np.flatnonzero(~region.allows(points))
     if len(refused):
-        pool = region.draw(
-            max(_POOL, _POOL_SHARE * len(refused)), np.random.default_rng([seed, 0, 1])
-        )
-        nearest = cdist(pool, np.delete(points, refused, axis=0), "sqeuclidean").min(
-            axis=1, initial=np.inf
-        )
+        pool = region.draw(max(_POOL, _POOL_SHARE * len(refused)), np.random.default_rng([seed, 0, 1]))
+        nearest = cdist(pool, np.delete(points, refused, axis=0), "sqeuclidean").min(axis=1, initial=np.inf)
         for index in refused:
             farthest = int(np.argmax(nearest))
             points[index] = pool[farthest]

@@ -126,9 +126,7 @@ class Region:
         return np.asarray(start + allowed * (end - start))
 
 
-def random_points(
-    space: KnobSpace, count: int, rng: np.random.Generator
-) -> Float[np.ndarray, "count n"]:
+def random_points(space: KnobSpace, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count n"]:
     """Return random points of the searched space that the constraints allow, shape (count, n).
 
     Raises:

@@ -37,10 +37,7 @@ class Bank:
 
     @classmethod
     def of(
-        cls,
-        z: Float[np.ndarray, "m n"],
-        thetas: Float[np.ndarray, "m n"],
-        outcomes: Sequence[Outcome],
+        cls, z: Float[np.ndarray, "m n"], thetas: Float[np.ndarray, "m n"], outcomes: Sequence[Outcome]
     ) -> "Bank":
         """Return the bank of m simulated θ; a KPI that an experiment lacks is infinite.
 

@@ -75,9 +75,11 @@ def now_and_next(
 
 
 def _telling(
-    costs: Float[np.ndarray, "s m"], kept: Float[np.ndarray, "s m"], best: int,
+    costs: Float[np.ndarray, "s m"],
+    kept: Float[np.ndarray, "s m"],
+    best: int,
     allowed: Bool[np.ndarray, " m"],
-) -> Bool[np.ndarray, " m"]:  # fmt: skip
+) -> Bool[np.ndarray, " m"]:
     """Return `allowed` without likely ties, if what is left promises enough, shape (m,)."""
     gain = kept.mean(axis=0) - kept[:, best].mean()
     clear = allowed & (np.mean(np.abs(costs - costs[:, [best]]) <= 1.0, axis=0) <= _TIE)
@@ -116,9 +118,7 @@ def clearly_apart(
     return apart
 
 
-def trend(
-    z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
-) -> Float[np.ndarray, " n"]:
+def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int) -> Float[np.ndarray, " n"]:
     """Return how the expected worth grows along each knob near one θ, shape (n,).
 
     It is the slope of a plane through the θ of the bank, of which those near count more.

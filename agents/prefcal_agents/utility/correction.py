@@ -126,9 +126,7 @@ def _drawn(
     """
     spread, count = float(twin.std()) + 1e-9, len(beliefs[0].outer)
     bases = [twin if belief.twin else np.full(count, twin.mean()) for belief in beliefs]
-    fits = [
-        belief.fit(real - base[rows], spread) for belief, base in zip(beliefs, bases, strict=True)
-    ]
+    fits = [belief.fit(real - base[rows], spread) for belief, base in zip(beliefs, bases, strict=True)]
     chosen = rng.choice(len(beliefs), draws, p=softmax([fit.evidence for fit in fits]))
     found = np.empty((draws, count))
     for k in np.unique(chosen):
@@ -179,11 +177,7 @@ class _Belief:
         cosines = np.sqrt(2.0 / _FEATURES) * np.cos(z @ waves.T + phases)
         constant = np.full((len(z), 1), np.sqrt(_OFFSET[twin]))
         return cls(
-            twin,
-            rows,
-            outer[rows] + _NUGGET * np.eye(len(rows)),
-            outer,
-            np.hstack([cosines, constant]),
+            twin, rows, outer[rows] + _NUGGET * np.eye(len(rows)), outer, np.hstack([cosines, constant])
         )
 
     def fit(self, values: Float[np.ndarray, " r"], spread: float) -> _Fit:

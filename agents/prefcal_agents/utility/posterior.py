@@ -57,13 +57,14 @@ class Lessons:
         An unsafe experiment is worse than all others that a person looked at.
         """
         rows = [bank.find(sample.theta) for sample in history.samples[: history.answered]]
-        given = [(v.challenger, v.incumbent, v.preference, c.answer.strength)
-                 for c in history.lessons() if (v := c.verdict) is not None]  # fmt: skip
+        given = [
+            (v.challenger, v.incumbent, v.preference, c.answer.strength)
+            for c in history.lessons()
+            if (v := c.verdict) is not None
+        ]
         unsafe = history.unsafe()
-        seen = {i for c in history.counting if c.incumbent is not None
-                for i in (c.challenger, c.incumbent)}  # fmt: skip
-        given += [(i, j, Preference.CHALLENGER, 1.0)
-                  for j in sorted(unsafe) for i in sorted(seen - unsafe)]  # fmt: skip
+        seen = {i for c in history.counting if c.incumbent is not None for i in (c.challenger, c.incumbent)}
+        given += [(i, j, Preference.CHALLENGER, 1.0) for j in sorted(unsafe) for i in sorted(seen - unsafe)]
         turned = [(b, a) if p is Preference.INCUMBENT else (a, b) for a, b, p, _ in given]
         pairs = np.array(turned, dtype=np.int64).reshape(-1, 2)
         return cls(
@@ -85,9 +86,7 @@ class Lessons:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
         return self.judged(utilities, utilities.levels(self.logs))
 
-    def judged(
-        self, utilities: Utilities, levels: Float[np.ndarray, "c s p"]
-    ) -> Float[np.ndarray, "s a"]:
+    def judged(self, utilities: Utilities, levels: Float[np.ndarray, "c s p"]) -> Float[np.ndarray, "s a"]:
         """Return the same, given the levels of all shown experiments in each draw."""
         gain = utilities.gains(levels, self.better, self.worse).sum(axis=0)
         won, lost = noticed(gain), noticed(-gain)
@@ -119,9 +118,7 @@ def updated(
     return _moved(utilities, new, scale, rng)
 
 
-def _moved(
-    utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator
-) -> Utilities:
+def _moved(utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
     """Return draws after Metropolis steps. Only what a step changes is computed again."""
     count, k = utilities.normals.shape
     levels = utilities.levels(lessons.logs)

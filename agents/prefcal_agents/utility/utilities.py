@@ -71,10 +71,7 @@ class Scale:
 
     @classmethod
     def of(
-        cls,
-        bank: Bank,
-        spread: Int[np.ndarray, " r"],
-        limits: Mapping[str, float] = MappingProxyType({}),
+        cls, bank: Bank, spread: Int[np.ndarray, " r"], limits: Mapping[str, float] = MappingProxyType({})
     ) -> "Scale":
         """Return the scale for the KPIs of `bank`, whose rows `spread` fill the space.
 
@@ -151,11 +148,7 @@ class Utilities:
 
     @classmethod
     def drawn(
-        cls,
-        scale: Scale,
-        count: int,
-        rng: np.random.Generator,
-        ordered: Bool[np.ndarray, " s"] | None = None,
+        cls, scale: Scale, count: int, rng: np.random.Generator, ordered: Bool[np.ndarray, " s"] | None = None
     ) -> "Utilities":
         """Return `count` draws before any answer is known.
 
@@ -249,10 +242,7 @@ class Utilities:
         return found
 
     def gains(
-        self,
-        levels: Float[np.ndarray, "c s p"],
-        better: Int[np.ndarray, " a"],
-        worse: Int[np.ndarray, " a"],
+        self, levels: Float[np.ndarray, "c s p"], better: Int[np.ndarray, " a"], worse: Int[np.ndarray, " a"]
     ) -> Float[np.ndarray, "c s a"]:
         """Return how much better one experiment is than another by each part, shape (2k, s, a).
 
@@ -303,6 +293,7 @@ class Utilities:
         masks = {"scales": shape, "exponents": shape, "steps": shape}
         common = (part == k + 1)[:, 0]
         masks |= dict.fromkeys(("spreads", "noticed", "ordered", "errors"), common)
-        taken = {name: np.where(mask, getattr(other, name), getattr(self, name))
-                 for name, mask in masks.items()}  # fmt: skip
+        taken = {
+            name: np.where(mask, getattr(other, name), getattr(self, name)) for name, mask in masks.items()
+        }
         return replace(self, normals=np.where(weight, step, self.normals), **taken)

@@ -45,8 +45,7 @@ def _version(asked: bool) -> None:
 @app.callback()
 def _common(
     version: Annotated[
-        bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Print the version."),
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Tune a controller by comparing experiments: you say which one went better."""
@@ -66,8 +65,7 @@ def _one_thread() -> None:
 @app.command()
 def scenarios(
     name: Annotated[
-        str | None,
-        typer.Argument(metavar="[SCENARIO]", help="Scenario to describe: task, knobs and KPIs."),
+        str | None, typer.Argument(metavar="[SCENARIO]", help="Scenario to describe: task, knobs and KPIs.")
     ] = None,
 ) -> None:
     """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
@@ -154,10 +152,7 @@ _PLAINER = (
     (r"^invalid value for '(.+?)': (?:value error, )?", r"\1: "),
     (r"input should be a (valid )?(\w+), unable to parse.*", r"expected an \2"),
     (r"expected an number", "expected a number"),
-    (
-        r"^no such option: (\S+) \(possible options: ([^,)]+).*\)",
-        r"no such option: \1. Did you mean \2?",
-    ),
+    (r"^no such option: (\S+) \(possible options: ([^,)]+).*\)", r"no such option: \1. Did you mean \2?"),
     (r"^got unexpected extra arguments? \((.*)\)", r"too many arguments: \1"),
     (r"^got unexpected extra argument\(s\) \((.*)\)", r"too many arguments: \1"),
     (r"^option '(.+?)' requires an argument", r"\1 needs a value"),

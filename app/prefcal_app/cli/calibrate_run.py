@@ -8,13 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from rich.console import Console, RenderableType
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from prefcal_app.report.record import VERDICTS
@@ -139,10 +133,12 @@ def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
 
     options, announced = work.options, False
     links = work.messages.file if options.json else None
-    with Window(
-        work.interview, host=options.host, port=options.port, again=work.again,
-        command=options.command(),
-    ) as window, Background(work.interview):  # fmt: skip
+    with (
+        Window(
+            work.interview, host=options.host, port=options.port, again=work.again, command=options.command()
+        ) as window,
+        Background(work.interview),
+    ):
         if window.warning:
             work.say(window.warning)
         # A link stands on a line of its own, unwrapped and flushed, so that programs can read it.
@@ -236,10 +232,13 @@ class _Display(Progress):
         self._interview = work.interview
         self._rows = {"θ now": "none yet", "best θ": "none yet", "verdicts": ""}
         super().__init__(
-            TextColumn("[bold]{task.description}"), BarColumn(bar_width=None),
-            MofNCompleteColumn(), TimeRemainingColumn(compact=True), console=work.messages,
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(compact=True),
+            console=work.messages,
             expand=True,
-        )  # fmt: skip
+        )
         name = escape(printable(self._interview.scenario.name))
         self._bar = self.add_task(f"calibrating {name}", total=self._interview.n_max)
 

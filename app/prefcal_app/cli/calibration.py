@@ -148,9 +148,7 @@ class Calibration:
             if not options.by_a_person:  # no program can repeat a person's answers
                 console.print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
         if report is not None and record.stopped and not record.good_enough:
-            self.say(
-                f"This is a partial report: {len(record.trials)} of {record.n_max} experiments."
-            )
+            self.say(f"This is a partial report: {len(record.trials)} of {record.n_max} experiments.")
 
     @property
     def _simulated(self) -> int | None:
@@ -163,12 +161,7 @@ class Calibration:
 
 @contextmanager
 def calibration(
-    opened: Opened,
-    scenario: Scenario,
-    messages: Console,
-    *,
-    asks: bool = True,
-    keep: bool = True,
+    opened: Opened, scenario: Scenario, messages: Console, *, asks: bool = True, keep: bool = True
 ) -> Iterator[Calibration]:
     """Claim the folder of the report, and get a study to work.
 
@@ -197,9 +190,7 @@ def calibration(
         yield Calibration(opened, interview, claim, messages)
 
 
-def _simulator(
-    stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool
-) -> Simulator | None:
+def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool) -> Simulator | None:
     """Return what the study's agent simulates with, for the knobs of the study; None if nothing."""
     state, options = opened.file.state, opened.options
     if not is_simulating(state):
@@ -249,9 +240,7 @@ def _identity(opened: Opened) -> str:
     return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
 
 
-def report_of(
-    name: str, source: str | None, cost: str | None, *, out: Path | None, json: bool
-) -> None:
+def report_of(name: str, source: str | None, cost: str | None, *, out: Path | None, json: bool) -> None:
     """Write the report of the study called `name`.
 
     Args:
@@ -274,13 +263,7 @@ def report_of(
         if cost is not None and stored.get("cost") is not None:
             stored = {**stored, "cost": cost}  # the file may have moved
         # A report simulates nothing, so its twin is taken as it is.
-        given = {
-            "scenario": source,
-            "cost": cost,
-            "twin": stored.get("twin"),
-            "out": out,
-            "json": json,
-        }
+        given = {"scenario": source, "cost": cost, "twin": stored.get("twin"), "out": out, "json": json}
         opened = Opened(file, Options.resumed(stored, given), name, resumed=True)
         if not file.state.history.answered:
             raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")

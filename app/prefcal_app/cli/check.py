@@ -11,14 +11,8 @@ from .parameters import examples, given, made, option, takes
 
 EPILOG = examples(
     ("check own.py:plant", "Your own scenario: the variable plant in the file own.py."),
-    (
-        'check own.py:plant --theta "K_p=2, K_i=0.1"',
-        "The same at your current tuning, every knob given.",
-    ),
-    (
-        "check cstr --out reactor.png",
-        "A built-in scenario, with the picture in a file of your choice.",
-    ),
+    ('check own.py:plant --theta "K_p=2, K_i=0.1"', "The same at your current tuning, every knob given."),
+    ("check cstr --out reactor.png", "A built-in scenario, with the picture in a file of your choice."),
     (
         'check loop.fmu --knob "K_p=0.1:50:log" --reference level=2',
         "An FMU with a controller in it; without knobs, its parameters are listed.",

@@ -192,9 +192,7 @@ class Checkup:
         known |= {kpi.name for _, kpi in grouped(self.scenario.shown_kpis, e)}
         spare = sorted(set(e.kpis) - known)
         if spare:
-            yield Finding(
-                "other KPIs", None, f"returned, but not shown anywhere: {', '.join(spare)}"
-            )
+            yield Finding("other KPIs", None, f"returned, but not shown anywhere: {', '.join(spare)}")
 
     def _cost(self) -> Iterator[Finding]:
         if self.scenario.cost is None:
@@ -222,9 +220,11 @@ class Checkup:
         differ = [n for n in names if not _same(getattr(first, n), getattr(second, n))]
         where = ", ".join(differ) or "runs"
         yield Finding(
-            "same again", False, f"the same θ and seed give another experiment: {where} differ; "
+            "same again",
+            False,
+            f"the same θ and seed give another experiment: {where} differ; "
             "take randomness from the seed only",
-        )  # fmt: skip
+        )
 
     def _references(self) -> Iterator[Finding]:
         for name, theta in self.scenario.references.items():
@@ -323,12 +323,7 @@ def _draw(checkup: Checkup, path: Path) -> Path | None:
 
 
 def _end(
-    source: str,
-    checkup: Checkup | None,
-    findings: Sequence[Finding],
-    picture: Path | None,
-    *,
-    as_json: bool,
+    source: str, checkup: Checkup | None, findings: Sequence[Finding], picture: Path | None, *, as_json: bool
 ) -> int:
     """Print the result; return the exit code."""
     wrong = sum(finding.ok is False for finding in findings)

@@ -134,9 +134,7 @@ def with_cost(scenario: Scenario, source: str | None) -> Scenario:
     return replace(scenario, cost=partial(_function_cost, source, found))
 
 
-def _function_cost(
-    source: str, function: Callable[[Experiment], Any], experiment: Experiment
-) -> float:
+def _function_cost(source: str, function: Callable[[Experiment], Any], experiment: Experiment) -> float:
     """Return the cost of `experiment`. Raises ScenarioError if it is not a finite number."""
     value = function(experiment)
     if isinstance(value, bool) or not isinstance(value, Real) or not isfinite(float(value)):
@@ -291,10 +289,7 @@ def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
     """Return the error message for a calibrator that the scenario does not have."""
     name = f"scenario {scenario.name!r}"
     if isinstance(scenario.run, Rig | LiveRig):
-        return (
-            f"{name} is a rig that only a person can run: its calibrator is human, "
-            f"got {calibrator!r}"
-        )
+        return f"{name} is a rig that only a person can run: its calibrator is human, got {calibrator!r}"
     if not known:
         kpi = next((kpi.name for kpi in scenario.kpis if kpi.goal is not None), "")
         such_as = f"--cost {shlex.quote(kpi)}" if kpi else "--cost NAME; `prefcal check` lists them"

@@ -21,10 +21,7 @@ EPILOG = examples(
         'look a.csv b.csv --time Stamp --columns "level=TI-101.PV" --unit level=m',
         "Columns of a historian under names of your own.",
     ),
-    (
-        "look mine:3 mine:best plant.csv",
-        "Experiments of the study mine, beside a record of the plant.",
-    ),
+    ("look mine:3 mine:best plant.csv", "Experiments of the study mine, beside a record of the plant."),
     ("look a.csv b.csv --out pair.png", "The picture in a file, without a page."),
     ("look a.csv b.csv --json", "The KPIs of both, for programs."),
     more="""\

@@ -125,27 +125,29 @@ def _named(runs: Sequence[Run]) -> list[Run]:
     """Return the runs with different names: files of the same name are numbered."""
     names = [run.name for run in runs]
     return [
-        run if names.count(run.name) == 1
+        run
+        if names.count(run.name) == 1
         else replace(run, name=f"{run.name} ({names[:k].count(run.name) + 1})")
         for k, run in enumerate(runs)
-    ]  # fmt: skip
+    ]
 
 
 def _as_dict(runs: Sequence[Run], look: Look) -> dict[str, Any]:
     return {
         "runs": [
             {
-                "name": run.name, "read": run.about, "rows": len(run.experiment.t),
+                "name": run.name,
+                "read": run.about,
+                "rows": len(run.experiment.t),
                 "duration": run.experiment.duration,
                 "time_unit": run.experiment.channels.time_unit,
-                "kpis": [{"name": k.name, "unit": k.unit, "value": _finite(run, k)}
-                         for k in run.kpis],
+                "kpis": [{"name": k.name, "unit": k.unit, "value": _finite(run, k)} for k in run.kpis],
             }
             for run in runs
         ],
         "comparison": look.kpis(),
         "notes": list(look.pair.notes),
-    }  # fmt: skip
+    }
 
 
 def _finite(run: Run, kpi: KPI) -> float | None:

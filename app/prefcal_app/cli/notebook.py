@@ -87,8 +87,11 @@ def ask(
         earlier.close()
     given = _given(options)
     own = scenario if isinstance(scenario, Scenario) else None
-    given |= {"scenario": scenario.name if isinstance(scenario, Scenario) else scenario,
-              "study": study, "out": None if out is None else Path(out)}  # fmt: skip
+    given |= {
+        "scenario": scenario.name if isinstance(scenario, Scenario) else scenario,
+        "study": study,
+        "out": None if out is None else Path(out),
+    }
     return Asking(own, given, height)
 
 
@@ -210,9 +213,7 @@ class Asking:
             Exception: What a run or the report has raised.
         """
         with self._changed:
-            self._changed.wait_for(
-                lambda: self.over or self._closed or self._problem is not None, timeout
-            )
+            self._changed.wait_for(lambda: self.over or self._closed or self._problem is not None, timeout)
         if self._problem is not None:
             raise self._problem
         return self.over

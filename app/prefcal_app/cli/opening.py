@@ -48,13 +48,7 @@ from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.scenario import Scenario
 
-from .choices import (
-    Thetas,
-    check_agent_takes,
-    make_agent,
-    make_calibrator,
-    start_of,
-)
+from .choices import Thetas, check_agent_takes, make_agent, make_calibrator, start_of
 from .options import Options
 
 IN_MEMORY = ":memory:"
@@ -182,9 +176,7 @@ def _taken_from(
     added = dict(zip(space.names, map(float, mine[0]), strict=True)) if len(mine) else {}
     missing = earlier.missing(space, added)
     if missing:
-        raise KnobError(
-            f"study {name!r} has no knobs {missing}: give their values with --start as well"
-        )
+        raise KnobError(f"study {name!r} has no knobs {missing}: give their values with --start as well")
     if n_max <= len(mine):
         raise SettingsError("every experiment has its θ: leave --from out, or increase --n-max")
     theta = earlier.start(space, added=added)

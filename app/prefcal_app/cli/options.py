@@ -54,9 +54,7 @@ class Described:
     scenario: str = argument("SCENARIO", kept=Kept("scenario", always=True, anew=True))
     knob: tuple[str, ...] = option((), "KNOB", shown="found, for a standard controller")
     show: tuple[str, ...] = option((), "NAMES", shown="all outputs and inputs")
-    reference: tuple[str, ...] = option(
-        (), "NAME=NUMBER", shown="none; a standard controller finds one"
-    )
+    reference: tuple[str, ...] = option((), "NAME=NUMBER", shown="none; a standard controller finds one")
     plant: str | None = option(None, "FILE.py:NAME")
     stop_time: float | None = option(None, "TIME", shown="that of the model")
     config: Path | None = option(None, "FILE.json")
@@ -123,9 +121,7 @@ class Options(Described):
         kept=Kept("simulated unseen", least=0, agents=SIMULATING),
     )
     twin: str | None = option(None, "SCENARIO", shown="none", kept=Kept("twin", agents=SIMULATING))
-    study: str | None = option(
-        None, "NAME_OR_PATH", shown="a new one, SCENARIO-1; unattended: none"
-    )
+    study: str | None = option(None, "NAME_OR_PATH", shown="a new one, SCENARIO-1; unattended: none")
     seed: int = option(0, "N", shown="0", kept=Kept("seed", always=True, least=0))
     n_init: int = option(
         10,
@@ -134,27 +130,16 @@ class Options(Described):
         kept=Kept("initial experiments", always=True, least=1),
     )
     n_max: int = option(
-        50,
-        "N",
-        shown="50; screening: 11",
-        kept=Kept("experiments", always=True, anew=True, least=1),
+        50, "N", shown="50; screening: 11", kept=Kept("experiments", always=True, anew=True, least=1)
     )
     questions_per_experiment: int = option(
-        1,
-        "N",
-        min=1,
-        shown="1",
-        kept=Kept("questions per experiment", anew=True, agents=("glisp",)),
+        1, "N", min=1, shown="1", kept=Kept("questions per experiment", anew=True, agents=("glisp",))
     )
     start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
     earlier: str | None = option(None, "STUDY", flag="--from", kept=Kept("earlier study"))
-    outcomes: bool = option(
-        True, flag="--no-outcomes", kept=Kept("learns from KPIs", agents=("glisp",))
-    )
+    outcomes: bool = option(True, flag="--no-outcomes", kept=Kept("learns from KPIs", agents=("glisp",)))
     cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))
-    out: Path | None = option(
-        None, "FOLDER", shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED"
-    )
+    out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED")
     at_once: int = option(1, "N", min=1, shown="1")
     terminal: bool = option(False, flag="--terminal")
     browser: bool = option(True, flag="--no-browser")
@@ -167,8 +152,7 @@ class Options(Described):
         problem = next(filter(None, wrong), "")
         if not problem and self.n_init > self.n_max:
             problem = (
-                f"--n-max must be at least --n-init, got --n-max {self.n_max} and "
-                f"--n-init {self.n_init}"
+                f"--n-max must be at least --n-init, got --n-max {self.n_max} and --n-init {self.n_init}"
             )
         if problem:
             # Imported here: --help must not import numpy.
@@ -259,15 +243,10 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     from prefcal_scenarios.names import is_described, is_own
     from prefcal_scenarios.own.source import split_source
 
-    for name, does in (
-        ("cost", "goes by a cost that was given to it"),
-        ("twin", "simulates with a program"),
-    ):
+    for name, does in (("cost", "goes by a cost that was given to it"), ("twin", "simulates with a program")):
         program = str(kept.get(name) or "")
         if given.get(name) is None and is_own(program):
-            raise SettingsError(
-                f"the study {does}: if you trust it, add --{name} {shlex.quote(program)}"
-            )
+            raise SettingsError(f"the study {does}: if you trust it, add --{name} {shlex.quote(program)}")
     if is_described(str(kept.get("scenario", ""))):
         return  # checked when its source was made
     # The configuration's file may have moved, so compare only its content.

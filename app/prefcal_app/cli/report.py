@@ -30,10 +30,7 @@ from .options import Options
 
 
 def record_of(
-    interview: Interview,
-    options: Options,
-    references: Mapping[str, Experiment],
-    name: str | None = None,
+    interview: Interview, options: Options, references: Mapping[str, Experiment], name: str | None = None
 ) -> Record:
     """Return the record of the study as it stands, for reports."""
     now = interview.now()
@@ -94,11 +91,7 @@ def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dic
 
 
 def as_json(
-    record: Record,
-    options: Options,
-    report: Path | None,
-    study: str | None,
-    simulated: int | None = 0,
+    record: Record, options: Options, report: Path | None, study: str | None, simulated: int | None = 0
 ) -> str:
     """Return the result as strict, indented JSON, with null for missing numbers or no report."""
     best = record.best
@@ -147,9 +140,11 @@ def _gain(record: Record, number: int) -> Table:
     for row in gain_rows(record):
         change = f"{row['change']} {row['verdict']}".strip()
         table.add_row(
-            _plain(labeled(row["title"], row["unit"])), row["before"],
-            Text.assemble(row["after"], _MARKS[row["met"]]), Text(change, _STYLES[row["verdict"]]),
-        )  # fmt: skip
+            _plain(labeled(row["title"], row["unit"])),
+            row["before"],
+            Text.assemble(row["after"], _MARKS[row["met"]]),
+            Text(change, _STYLES[row["verdict"]]),
+        )
     return table
 
 

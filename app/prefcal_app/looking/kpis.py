@@ -14,9 +14,15 @@ from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.scenario import KPI
 
 _KINDS = (
-    "settling time", "overshoot", "integrated error", "final error", "late error",
-    "total move", "largest move", "RMS move",
-)  # fmt: skip
+    "settling time",
+    "overshoot",
+    "integrated error",
+    "final error",
+    "late error",
+    "total move",
+    "largest move",
+    "RMS move",
+)
 """Kinds of tracking KPIs, the most telling ones first."""
 _SURE = 5.0
 """Standard deviations of a median over many values that fit into the band."""
@@ -114,9 +120,7 @@ def _tracking(experiment: Experiment, values: Mapping[str, float]) -> list[KPI]:
     return [KPI(**rows[name]) for name in sorted(rows, key=kinds.__getitem__) if name in values]
 
 
-def _statistics(
-    t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]
-) -> Iterator[tuple[str, float, str]]:
+def _statistics(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]) -> Iterator[tuple[str, float, str]]:
     """Yield name, value and meaning of what describes a curve; gaps are left out."""
     there = np.isfinite(y)
     if not there.any():

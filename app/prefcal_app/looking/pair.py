@@ -149,10 +149,12 @@ def in_time_unit(run: Run, unit: str) -> Run:
         by = factors[kpi.name] = factor ** sum(power for _, power in parts)
         kpis.append(
             replace(
-                kpi, unit=" ".join(part for part, _ in parts),
-                at_most=by * kpi.at_most, at_least=by * kpi.at_least,
+                kpi,
+                unit=" ".join(part for part, _ in parts),
+                at_most=by * kpi.at_most,
+                at_least=by * kpi.at_least,
             )
-        )  # fmt: skip
+        )
 
     def of_kpi(name: str) -> float:
         in_one_maneuver = name.rpartition(" (")[0]
@@ -160,10 +162,12 @@ def in_time_unit(run: Run, unit: str) -> Run:
 
     def scaled(e: Experiment) -> Experiment:
         return replace(
-            e, t=factor * e.t, t_control=factor * e.t_control,
+            e,
+            t=factor * e.t,
+            t_control=factor * e.t_control,
             channels=replace(e.channels, time_unit=unit),
             kpis={name: value * of_kpi(name) for name, value in e.kpis.items()},
-        )  # fmt: skip
+        )
 
     return replace(run.changed(scaled), kpis=tuple(kpis))
 
@@ -193,9 +197,7 @@ def _with_other_kpis(run: Run, other: Run) -> Run:
     """Return `run` with other names for the KPIs that `other` has in another unit."""
     units = {kpi.name: kpi.unit for kpi in other.kpis}
     names = {
-        kpi.name: f"{kpi.name} [{kpi.unit}]"
-        for kpi in run.kpis
-        if units.get(kpi.name, kpi.unit) != kpi.unit
+        kpi.name: f"{kpi.name} [{kpi.unit}]" for kpi in run.kpis if units.get(kpi.name, kpi.unit) != kpi.unit
     }
     if not names:
         return run
@@ -229,10 +231,12 @@ def _panels(experiments: Iterable[Experiment]) -> dict[_Curve, Plot]:
         target = float(levels.pop()) if len(levels) == 1 else np.nan
         fixed = np.isfinite(target)
         channel = replace(
-            plots[0].channel, target=target if fixed else None,
+            plots[0].channel,
+            target=target if fixed else None,
             band=_agreed(plots, "band", None) if fixed else None,
-            low=_agreed(plots, "low", -np.inf), high=_agreed(plots, "high", np.inf),
-        )  # fmt: skip
+            low=_agreed(plots, "low", -np.inf),
+            high=_agreed(plots, "high", np.inf),
+        )
         label = name if len({u for n, u, _ in found if n == name}) == 1 else f"{name} [{unit}]"
         label += f" ({nth + 1})" if nth else ""
         kind = "u" if all(plot.held for plot in plots) else "signal"
@@ -272,9 +276,15 @@ def _drawn(experiment: Experiment, panels: dict[_Curve, Plot]) -> Experiment:
     u = np.stack([values for _, values in inputs], axis=1) if inputs else np.zeros((n, 0))
     channels = Channels((), tuple(c for c, _ in inputs), (), experiment.channels.time_unit)
     return replace(
-        experiment, x=np.zeros((n, 0)), y=None, u=u, u_control=np.zeros((steps, len(inputs))),
-        y_ref=np.zeros((steps, 0)), channels=channels, signals=signals,
-    )  # fmt: skip
+        experiment,
+        x=np.zeros((n, 0)),
+        y=None,
+        u=u,
+        u_control=np.zeros((steps, len(inputs))),
+        y_ref=np.zeros((steps, 0)),
+        channels=channels,
+        signals=signals,
+    )
 
 
 def _references(experiment: Experiment) -> dict[str, Float[np.ndarray, " K"]]:

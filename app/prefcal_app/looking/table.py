@@ -11,13 +11,7 @@ from prefcal_env.errors import RecordError
 from prefcal_env.experiments.end import End
 from prefcal_env.tables.frame import ALLOWED, TableColumns
 from prefcal_env.tables.sheet import Sheet, sheet_of
-from prefcal_env.tables.timing import (
-    gap_words,
-    gaps,
-    instants,
-    time_unit_of,
-    usual_time_columns,
-)
+from prefcal_env.tables.timing import gap_words, gaps, instants, time_unit_of, usual_time_columns
 from prefcal_env.tables.units import parts_of
 
 from .look import run_of
@@ -63,11 +57,18 @@ def _run_from(path: Path, about: TableColumns) -> Run:
     # The page shows times as they are, and needs every row. Look computes KPIs of its own, and
     # nobody says that the run was unsafe.
     columns = replace(
-        about, columns={n: h for n, h in about.columns.items() if n in used},
-        time=sheet.headings[time], outputs=outputs, reference=reference,
+        about,
+        columns={n: h for n, h in about.columns.items() if n in used},
+        time=sheet.headings[time],
+        outputs=outputs,
+        reference=reference,
         units={n: u for n, u in about.units.items() if n in used},
-        from_zero=False, allow=ALLOWED, max_rows=None, kpis=None, end=End.TIME_UP,
-    )  # fmt: skip
+        from_zero=False,
+        allow=ALLOWED,
+        max_rows=None,
+        kpis=None,
+        end=End.TIME_UP,
+    )
     experiment = columns.read(sheet, [0.0])  # θ is not known
     heading, unit = parts_of(sheet.headings[time])[0], experiment.channels.time_unit
     taken = {"outputs": outputs, "inputs": about.inputs, "references of": reference}
@@ -156,9 +157,7 @@ def _outputs(
         raise RecordError(f"there is no column of numbers beside the time, only {headings}")
     said = [f"without numbers and left out: {', '.join(text[:5])}"] if text else []
     if len(numeric) > _MOST:
-        said.append(
-            f"only the first {_MOST} of {len(numeric)} columns: choose others with --outputs"
-        )
+        said.append(f"only the first {_MOST} of {len(numeric)} columns: choose others with --outputs")
     return tuple(numeric[:_MOST]), said
 
 

@@ -39,12 +39,7 @@ class LookWindow(Site):
     """
 
     def __init__(
-        self,
-        runs: Sequence[Run],
-        *,
-        align: bool | None = None,
-        host: str = "127.0.0.1",
-        port: int = 0,
+        self, runs: Sequence[Run], *, align: bool | None = None, host: str = "127.0.0.1", port: int = 0
     ) -> None:
         def make(*, token: str, port: int, hosts: Hosts) -> Starlette:
             pages = Pages(Assets(), Reports(), token, port, "look.html")

@@ -43,9 +43,7 @@ def sheet(record: Record) -> str:
         (row.name, row.values[0].text, row.values[2].text)
         for row in (*content["knobs"].rows, *content["kpis"].rows[:-1])
     ]
-    lines = sum(
-        1 + max(len(text) // room for text, room in zip(row, _LINE, strict=True)) for row in rows
-    )
+    lines = sum(1 + max(len(text) // room for text, room in zip(row, _LINE, strict=True)) for row in rows)
     picture = _curves(record, height=min(5.0, max(2.0, 2.4 + _HIGH * (2 * _MOST - lines))))
     template = environment().get_template("report/acceptance.html.j2")
     return template.render(record=record, sheet=content, curves=picture and data_uri(picture))
@@ -72,8 +70,7 @@ def sheet_of(record: Record) -> dict[str, Any]:
     when = record.origin.get("when (UTC)")
     return {
         "facts": list(_facts(record)),
-        "of": f"{f' of study {record.study}' if record.study else ''}"
-        f"{f', {when} (UTC)' if when else ''}",
+        "of": f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' if when else ''}",
         "knobs": _table("Controller parameters", ["parameter", "range", *heads], knobs[:_MOST]),
         "kpis": _table("Key performance indicators", columns, rows),
         "more_knobs": len(knobs[_MOST:]),
@@ -85,15 +82,11 @@ def _table(label: str, headings: list[str], rows: list[Row]) -> Table:
     return Table(label, "", [Column(name) for name in headings], rows, look="sheet")
 
 
-def _row(
-    name: str, limits: str, before: str, after: str, unit: str = "", met: bool | None = None
-) -> Row:
+def _row(name: str, limits: str, before: str, after: str, unit: str = "", met: bool | None = None) -> Row:
     """Return a line of the table of KPIs."""
     verdict, kind = {True: ("yes", "yes"), False: ("NO", "no"), None: ("–", "")}[met]
     new = Value(after, kind="best")
-    return Row(
-        name, (Value(limits or "–"), Value(before), new, Value(unit), Value(verdict, kind=kind))
-    )
+    return Row(name, (Value(limits or "–"), Value(before), new, Value(unit), Value(verdict, kind=kind)))
 
 
 def _facts(record: Record) -> Iterator[str]:
@@ -131,9 +124,7 @@ def _knobs(record: Record) -> Iterator[Row]:
         )
         for i, knob in enumerate(record.scenario.space)
     ]
-    lines += [
-        (p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived
-    ]
+    lines += [(p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived]
     for name, limits, old, new, unit in lines:
         yield Row(name, (Value(limits), Value(old), Value(new, kind="best"), Value(unit)))
 
@@ -185,21 +176,15 @@ def _share(experiment: Experiment, i: int, channel: Channel, *, output: bool) ->
     if not there:
         return "never"
     percent = 100 * there / total
-    return (
-        f"{number(round(percent, 1))} % of the time" if percent >= 0.05 else "< 0.1 % of the time"
-    )
+    return f"{number(round(percent, 1))} % of the time" if percent >= 0.05 else "< 0.1 % of the time"
 
 
-def _is_there(
-    values: Float[np.ndarray, " K"], channel: Channel, *, output: bool
-) -> Bool[np.ndarray, " K"]:
+def _is_there(values: Float[np.ndarray, " K"], channel: Channel, *, output: bool) -> Bool[np.ndarray, " K"]:
     """Return where an input is at a limit, or an output beyond one."""
     ends = [limit for limit in (channel.low, channel.high) if np.isfinite(limit)]
     near = _NEAR * max(map(abs, (*ends, 1e-300)))
     margin = near if output else -near
-    outside: Bool[np.ndarray, " K"] = (values < channel.low - margin) | (
-        values > channel.high + margin
-    )
+    outside: Bool[np.ndarray, " K"] = (values < channel.low - margin) | (values > channel.high + margin)
     return outside
 
 

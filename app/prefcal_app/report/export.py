@@ -158,18 +158,12 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ScenarioError(
-            f"cannot read a tuned controller from {str(path)!r}: {error}"
-        ) from error
-    missing = {"format", "scenario", "theta", "settings"} - set(
-        content if isinstance(content, dict) else ()
-    )
+        raise ScenarioError(f"cannot read a tuned controller from {str(path)!r}: {error}") from error
+    missing = {"format", "scenario", "theta", "settings"} - set(content if isinstance(content, dict) else ())
     if missing:
         raise ScenarioError(f"{str(path)!r} is not a best.json: it lacks {sorted(missing)}")
     if content["format"] != FORMAT:
-        raise ScenarioError(
-            f"{str(path)!r} has format {content['format']}, this prefcal reads {FORMAT}"
-        )
+        raise ScenarioError(f"{str(path)!r} has format {content['format']}, this prefcal reads {FORMAT}")
     return dict(content)
 
 

@@ -28,9 +28,7 @@ def knobs(record: Record) -> Figure:
     grid = figure.subplots(down, across, squeeze=False)
     for axes in grid.flat[len(space) :]:
         axes.set_visible(False)
-    learned = record.surrogate and slices_view(
-        space, best.experiment.theta, record.thetas, record.surrogate
-    )
+    learned = record.surrogate and slices_view(space, best.experiment.theta, record.thetas, record.surrogate)
     numbers = [trial.number for trial in record.trials]
     dot: dict[str, Any] = {"marker": "o", "linestyle": "", "clip_on": False}
     for k, (axes, knob) in enumerate(zip(grid.flat, space, strict=False)):

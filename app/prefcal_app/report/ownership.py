@@ -68,9 +68,7 @@ def claim_given(path: Path, owner: Owner) -> Ownership:
     """
     claim = _claim(path, owner)
     if claim is None:
-        raise SettingsError(
-            f"--out {path} holds {_holder(path)}: choose another folder, or remove that one"
-        )
+        raise SettingsError(f"--out {path} holds {_holder(path)}: choose another folder, or remove that one")
     return claim
 
 

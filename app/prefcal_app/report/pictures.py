@@ -56,8 +56,7 @@ def _best_alt(record: Record) -> str:
     ]
     against = ", ".join(record.compared_with)
     return (
-        f"Time plots of the best run ({_best_theta(record)}) against the {against}. "
-        f"Best: {', '.join(kpis)}."
+        f"Time plots of the best run ({_best_theta(record)}) against the {against}. Best: {', '.join(kpis)}."
     )
 
 

@@ -130,9 +130,7 @@ class Record:
     @cached_property
     def thetas(self) -> Float[np.ndarray, "N n"]:
         """Return the θ of every trial, physical, shape (N, n)."""
-        return np.array([t.experiment.theta for t in self.trials]).reshape(
-            -1, len(self.scenario.space)
-        )
+        return np.array([t.experiment.theta for t in self.trials]).reshape(-1, len(self.scenario.space))
 
     @property
     def asked(self) -> tuple[Comparison, ...]:

@@ -238,8 +238,7 @@ def experiment_table(record: Record) -> Table:
 def comparison_table(record: Record) -> Table:
     """Return every question with its answer, in the order of the answers."""
     rows = [
-        Row(str(row), tuple(_answered(comparison)))
-        for row, comparison in enumerate(record.asked, start=1)
+        Row(str(row), tuple(_answered(comparison))) for row, comparison in enumerate(record.asked, start=1)
     ]
     words = [Column(name, kind="words") for name in ("verdict", "marks")]
     columns = [Column("no."), *words, Column("newer experiment"), Column("compared with")]
@@ -255,10 +254,7 @@ def _answered(comparison: Comparison) -> Iterator[Value]:
     assert query.incumbent is not None
     yield Value(VERDICTS[answer.preference], kind="words")
     yield Value("; ".join(marks_text(answer)), kind="words")
-    for sample, wins in (
-        (query.challenger, Preference.CHALLENGER),
-        (query.incumbent, Preference.INCUMBENT),
-    ):
+    for sample, wins in ((query.challenger, Preference.CHALLENGER), (query.incumbent, Preference.INCUMBENT)):
         yield Value(str(sample.index + 1), kind="best" if answer.preference is wins else "")
 
 

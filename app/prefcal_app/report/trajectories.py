@@ -245,9 +245,7 @@ def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str
 
 
 def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
-    axes.annotate(
-        text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look
-    )
+    axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
 def _zoomed(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
@@ -281,8 +279,14 @@ def _reference(axes: Axes, panel: Plot, experiment: Experiment) -> None:
     """Draw a reference that changes in time, as the runs recorded it."""
     values = experiment.signals.get(panel.reference)
     if values is not None and len(experiment.t):
-        axes.plot(experiment.t, panel.scale * np.asarray(values), drawstyle="steps-post",
-                  color=GOOD, linewidth=0.9, linestyle=(0, (1, 2)))  # fmt: skip
+        axes.plot(
+            experiment.t,
+            panel.scale * np.asarray(values),
+            drawstyle="steps-post",
+            color=GOOD,
+            linewidth=0.9,
+            linestyle=(0, (1, 2)),
+        )
 
 
 def _draw(axes: Axes, panel: Plot, curve: Curve) -> None:
@@ -290,9 +294,14 @@ def _draw(axes: Axes, panel: Plot, curve: Curve) -> None:
     if not np.isfinite(values).any():
         return
     axes.plot(
-        t, values, label=curve.label, color=curve.color, linewidth=curve.width,
-        linestyle=curve.dashes, drawstyle="steps-post" if panel.held else "default",
-    )  # fmt: skip
+        t,
+        values,
+        label=curve.label,
+        color=curve.color,
+        linewidth=curve.width,
+        linestyle=curve.dashes,
+        drawstyle="steps-post" if panel.held else "default",
+    )
     # Runs end at different times: a dot marks a completed run, a cross a stopped one.
     marker = "X" if curve.experiment.end.interrupted else "o"
     axes.plot(t[-1], values[-1], marker, color=curve.color, markersize=5, markeredgewidth=0)

@@ -125,11 +125,19 @@ class ExperimentStore:
         n_x, n_u, n_y = len(channels.x), len(channels.u), len(channels.y)
         none = np.zeros(0)
         return Experiment(
-            theta=theta, t=none, x=np.zeros((0, n_x)), u=np.zeros((0, n_u)), t_control=none,
-            u_control=np.zeros((0, n_u)), y_ref=np.zeros((0, n_y)),
-            iterations=np.zeros(0, dtype=np.int64), solve_time=none,
-            solved=np.zeros(0, dtype=bool), channels=channels, end=End.FAILED,
-        )  # fmt: skip
+            theta=theta,
+            t=none,
+            x=np.zeros((0, n_x)),
+            u=np.zeros((0, n_u)),
+            t_control=none,
+            u_control=np.zeros((0, n_u)),
+            y_ref=np.zeros((0, n_y)),
+            iterations=np.zeros(0, dtype=np.int64),
+            solve_time=none,
+            solved=np.zeros(0, dtype=bool),
+            channels=channels,
+            end=End.FAILED,
+        )
 
     def question(self, id_: int, number: int, shown: Shown) -> Question:
         """Return the question of the event `shown`, with the current marks."""

@@ -294,9 +294,7 @@ class Flow:
         if shown.repeats is None:
             known = self.store.outcomes(shown.challenger, shown.incumbent)
             further = shown.challenger < self.state.history.answered
-            left, right = (
-                self._with_role(side, further) for side in (question.left, question.right)
-            )
+            left, right = (self._with_role(side, further) for side in (question.left, question.right))
             question = replace(question, left=left, right=right, outcomes=known, further=further)
         else:
             further = any(c.question == shown.repeats for c in self.state.history.follow_ups)
@@ -342,9 +340,7 @@ class Flow:
             return self.move(Phase.FAILED, error)
         return self.move(Phase.FAILED, result)
 
-    def _ran_beside(
-        self, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]
-    ) -> None:
+    def _ran_beside(self, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]) -> None:
         """Save the experiment of pending sample `index`; its failure is shown when it is due."""
         if self.at_once == 1:
             return

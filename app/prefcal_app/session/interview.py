@@ -43,9 +43,7 @@ _LEAST = 5
 """Smallest number of verdicts for an outlook without simulations."""
 
 
-def _step(
-    step: Callable[Concatenate[Flow, P], None],
-) -> Callable[Concatenate["Interview", P], Now]:
+def _step(step: Callable[Concatenate[Flow, P], None]) -> Callable[Concatenate["Interview", P], Now]:
     """Return a method that takes a step, and returns what is to be seen after it."""
 
     @wraps(step)
@@ -85,9 +83,15 @@ class Interview:
     """
 
     def __init__(
-        self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True,
-        simulator: Simulator | None = None, at_once: int = 1,
-    ) -> None:  # fmt: skip
+        self,
+        scenario: Scenario,
+        study: StudyFile,
+        *,
+        ahead: bool = True,
+        asks: bool = True,
+        simulator: Simulator | None = None,
+        at_once: int = 1,
+    ) -> None:
         if at_once > 1:
             _check_at_once(scenario, study)
         scenario = self._scenario = as_studied(scenario, study.state)
@@ -132,15 +136,21 @@ class Interview:
         with self._changed:
             flow, worker = self._flow, runs.worker_of(self._flow)
             return Now(
-                version=flow.version, phase=flow.phase, question=flow.question,
+                version=flow.version,
+                phase=flow.phase,
+                question=flow.question,
                 problem=None if flow.problem is None else in_words(flow.problem),
-                pending=flow.pending, incumbent=flow.best,
-                can_undo=steps.can_undo(flow), state=flow.state, preparing=flow.preparing,
-                draft=flow.draft, run_limit=None if worker is None else worker.limit,
+                pending=flow.pending,
+                incumbent=flow.best,
+                can_undo=steps.can_undo(flow),
+                state=flow.state,
+                preparing=flow.preparing,
+                draft=flow.draft,
+                run_limit=None if worker is None else worker.limit,
                 simulated=self._simulated(),
                 running=len(flow.running),
                 live=None if driving.live_of(flow) is None else flow.live.now(),
-            )  # fmt: skip
+            )
 
     def wait(self, version: int, timeout: float) -> Now:
         """Return as soon as the version differs from `version`, or after `timeout` seconds."""
@@ -259,9 +269,7 @@ class Interview:
             return None
         best = self.experiment(now.incumbent).theta
         space, place = self.scenario.space, self.study.path
-        found = outlook(
-            promise, best, space, place, now.state, missed=self.missed, helps=self._helps
-        )
+        found = outlook(promise, best, space, place, now.state, missed=self.missed, helps=self._helps)
         if not self._flow.agent.by_value:
             found = replace(found, unbeaten=others_unbeaten(now.state.history))
         return found if found.sentences else None
@@ -309,9 +317,7 @@ class Interview:
         """
         with self._changed:
             comes = self.screens and self._has_background
-            self._changed.wait_for(
-                lambda: not comes or self._closing or self.screened() is not None, timeout
-            )
+            self._changed.wait_for(lambda: not comes or self._closing or self.screened() is not None, timeout)
             return self.screened()
 
     @property
@@ -399,9 +405,7 @@ class Interview:
         """Wait until there may be work; return False once the interview is closed."""
         with self._changed:
             self._has_background = True
-            self._changed.wait_for(
-                lambda: self._closing or self._flow.version != self._idle_at, timeout
-            )
+            self._changed.wait_for(lambda: self._closing or self._flow.version != self._idle_at, timeout)
             return not self._closing
 
     def raise_problem(self) -> None:
@@ -455,6 +459,5 @@ def _check_at_once(scenario: Scenario, study: StudyFile) -> None:
         raise SettingsError("a rig runs one experiment at a time: leave --at-once out")
     if is_simulating(study.state):
         raise SettingsError(
-            "the agent screening simulates on all cores already: leave --at-once out, or choose "
-            "--agent glisp"
+            "the agent screening simulates on all cores already: leave --at-once out, or choose --agent glisp"
         )

@@ -67,8 +67,7 @@ def _check_constraints(configuration: Mapping[str, Any], space: KnobSpace) -> No
     then, now = configuration.get("constraints", []), constraint_names(space)
     if not isinstance(then, list) or {str(name) for name in then} != set(now):
         raise StudyError(
-            f"the scenario's constraints have changed since the study was started: expected "
-            f"{then}, got {now}"
+            f"the scenario's constraints have changed since the study was started: expected {then}, got {now}"
         )
 
 

@@ -77,9 +77,7 @@ def _beside(flow: Flow) -> Attempt | None:
     return None
 
 
-def _run_beside(
-    flow: Flow, sample: Suggested, known: Experiment | Exception | None
-) -> Callable[[], None]:
+def _run_beside(flow: Flow, sample: Suggested, known: Experiment | Exception | None) -> Callable[[], None]:
     finish = _running(flow, sample, known)
 
     def ended() -> None:
@@ -107,9 +105,7 @@ def _go_on_running(flow: Flow) -> None:
         flow.proceed()
 
 
-def _running(
-    flow: Flow, sample: Suggested, known: Experiment | Exception | None
-) -> Callable[[], None]:
+def _running(flow: Flow, sample: Suggested, known: Experiment | Exception | None) -> Callable[[], None]:
     result = known or attempt(flow, np.array(sample.theta))
     if isinstance(result, RunError) and result.why == "given up":
         return lambda: None  # not a failure: it runs again when it is needed again

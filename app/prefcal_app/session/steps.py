@@ -26,9 +26,7 @@ def open_question(flow: Flow, question: int) -> Question:
     return asked
 
 
-def answer(
-    flow: Flow, question: int, choice: Choice, *, comment: str = "", blind: bool = False
-) -> None:
+def answer(flow: Flow, question: int, choice: Choice, *, comment: str = "", blind: bool = False) -> None:
     """Answer the open question by side.
 
     Args:
@@ -47,9 +45,7 @@ def give(flow: Flow, question: int, answer: Answer) -> None:
     _close(flow, open_question(flow, question), answer)
 
 
-def _close(
-    flow: Flow, asked: Question, given: Answer, comment: str = "", blind: bool = False
-) -> None:
+def _close(flow: Flow, asked: Question, given: Answer, comment: str = "", blind: bool = False) -> None:
     """Record the answer, teach it to the agent, and proceed."""
     new, old = asked.challenger.index, asked.incumbent.index
     given = asked.completed(given)

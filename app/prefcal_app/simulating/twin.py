@@ -43,8 +43,7 @@ def twin_of(plant: Scenario, model: Scenario) -> Scenario:
         )
     if has_goals(model) and not has_goals(plant):
         raise SettingsError(
-            f"the plant {plant.name!r} must have KPIs with a direction, as its twin "
-            f"{model.name!r} has: {has}"
+            f"the plant {plant.name!r} must have KPIs with a direction, as its twin {model.name!r} has: {has}"
         )
     return with_ranges(model, plant.space)
 

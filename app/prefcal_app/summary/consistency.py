@@ -74,9 +74,7 @@ def _groups(edges: Int[np.ndarray, "m 2"]) -> list[int]:
 
 def _path(edges: Int[np.ndarray, "m 2"], start: int, end: int) -> tuple[int, ...]:
     """Return the nodes of a shortest path from `start` to `end`, both included."""
-    _, before = shortest_path(
-        _graph(edges), unweighted=True, indices=start, return_predecessors=True
-    )
+    _, before = shortest_path(_graph(edges), unweighted=True, indices=start, return_predecessors=True)
     path = [end]
     while path[-1] != start:
         path.append(int(before[path[-1]]))

@@ -85,7 +85,5 @@ class Planned:
 def answered(state: State) -> tuple[Comparison, ...]:
     """Return the standing answers about two experiments, in the order given."""
     return tuple(
-        c
-        for c in state.answers
-        if c.incumbent is not None and c.repeats is None and not c.retracted
+        c for c in state.answers if c.incumbent is not None and c.repeats is None and not c.retracted
     )

@@ -85,9 +85,15 @@ def after_a_slip(history: History) -> str:
 
 
 def outlook(
-    promise: str, best: Float[np.ndarray, " n"], space: KnobSpace, place: str, state: State,
-    *, missed: Sequence[str] = (), helps: Callable[[int, bool], bool],
-) -> Outlook:  # fmt: skip
+    promise: str,
+    best: Float[np.ndarray, " n"],
+    space: KnobSpace,
+    place: str,
+    state: State,
+    *,
+    missed: Sequence[str] = (),
+    helps: Callable[[int, bool], bool],
+) -> Outlook:
     """Return the outlook of a study.
 
     Args:
@@ -152,8 +158,11 @@ def at_end(space: KnobSpace, theta: Float[np.ndarray, " n"]) -> list[tuple[Knob,
 
 def falls_outward(
     cost: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]],
-    space: KnobSpace, best: Float[np.ndarray, " n"], knob: int, upper: bool,
-) -> bool:  # fmt: skip
+    space: KnobSpace,
+    best: Float[np.ndarray, " n"],
+    knob: int,
+    upper: bool,
+) -> bool:
     """Return whether a learned cost of physical θ falls toward an end of the range of a knob."""
     inward = space.encode(best).copy()
     inward[knob] += -_INWARD if upper else _INWARD

@@ -35,13 +35,20 @@ ANSWER = "answer"
 """Words that ask for an answer."""
 # Letters that the page has as keys mean the same there.
 CHOICES = {
-    "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
-    "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
-}  # fmt: skip
+    "l": Choice.LEFT,
+    "left": Choice.LEFT,
+    "r": Choice.RIGHT,
+    "right": Choice.RIGHT,
+    "=": Choice.SAME,
+    "same": Choice.SAME,
+    "s": Choice.CANNOT_TELL,
+}
 MARKS = {
-    "q": ("left", UNSAFE), "e": ("right", UNSAFE),
-    "a": ("left", GOOD_ENOUGH), "d": ("right", GOOD_ENOUGH),
-}  # fmt: skip
+    "q": ("left", UNSAFE),
+    "e": ("right", UNSAFE),
+    "a": ("left", GOOD_ENOUGH),
+    "d": ("right", GOOD_ENOUGH),
+}
 STOP = ("x", "stop")
 UNDO = ("z", "undo")
 STOP_RUN = "k"
@@ -185,9 +192,7 @@ class _Conversation:
         if self.shown != now.version:
             show_next(self.interview, now, self.console)
             self.shown = now.version
-        said = self.line(
-            "its file, or: failed, unsafe FILE, set KNOB=VALUE, replace N FILE, undo, stop"
-        )
+        said = self.line("its file, or: failed, unsafe FILE, set KNOB=VALUE, replace N FILE, undo, stop")
         if said.startswith("set "):
             space = self.interview.scenario.space
             theta = theta_of(said.removeprefix("set "), space, now.pending.theta)
@@ -337,16 +342,17 @@ def _live_words(live: LiveNow) -> str:
         return ""
     left = max(progress.duration - progress.elapsed, 0.0)
     time = f", {left:.0f} s left" if progress.stage is Stage.RECORDING else ""
-    values = ", ".join(f"{key.split(' ', 1)[1]} {v:.4g}" for key, v in progress.values.items()
-                       if not key.startswith("reference"))  # fmt: skip
+    values = ", ".join(
+        f"{key.split(' ', 1)[1]} {v:.4g}"
+        for key, v in progress.values.items()
+        if not key.startswith("reference")
+    )
     shown = f" ({values})" if values else ""
     problem = f"; {progress.problem}" if progress.problem else ""
     return f": {progress.stage.value}{time}{shown}{problem}; k and Enter stops it"
 
 
-def converse(
-    interview: Interview, console: Console, line: Callable[[str], str] | None = None
-) -> None:
+def converse(interview: Interview, console: Console, line: Callable[[str], str] | None = None) -> None:
     """Ask in a terminal until the study is over or the person stops.
 
     Args:

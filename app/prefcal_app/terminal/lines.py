@@ -44,9 +44,7 @@ def typed() -> str | None:
     return sys.stdin.readline().strip().lower() if ready else None
 
 
-def theta_of(
-    text: str, space: KnobSpace, base: tuple[float, ...] | None = None
-) -> Float[np.ndarray, " n"]:
+def theta_of(text: str, space: KnobSpace, base: tuple[float, ...] | None = None) -> Float[np.ndarray, " n"]:
     """Return the physical θ of `knob=value, ...` in any order, shape (n,).
 
     Args:

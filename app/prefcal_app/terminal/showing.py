@@ -34,26 +34,30 @@ from prefcal_scenarios.scenario import Scenario
 NAMES = {"left": "LEFT", "right": "RIGHT"}
 STYLES = {"left": "blue", "right": "dark_orange3"}
 KEYS = (
-    ("l", "left is better"), ("r", "right is better"),
-    ("=", "about the same"), ("s", "can't tell"),
+    ("l", "left is better"),
+    ("r", "right is better"),
+    ("=", "about the same"),
+    ("s", "can't tell"),
     ("z", "undo the last answer"),
     ("q, e", "mark left, right as unsafe or very bad"),
-    ("a, d", "mark left, right as good enough"), ("c", "comment on the next answer"),
+    ("a, d", "mark left, right as good enough"),
+    ("c", "comment on the next answer"),
     ("b", "blind: hide θ and which experiment is the best so far"),
-    ("h", "history"), ("w", "where are we"),
+    ("h", "history"),
+    ("w", "where are we"),
     ("t", "all KPIs of both sides, largest difference first, once more"),
-    ("p", "ask me an earlier question again"), ("f, f", "finish the study"),
-    ("x", "stop for now, and say how to go on"), ("?", "the task, and these answers"),
-)  # fmt: skip
+    ("p", "ask me an earlier question again"),
+    ("f, f", "finish the study"),
+    ("x", "stop for now, and say how to go on"),
+    ("?", "the task, and these answers"),
+)
 """What can be answered, and what it means."""
 
 
 def say(console: Console, *lines: str, style: str | None = None) -> None:
     """Print lines as they are, whatever is in them; long ones are not broken."""
     for line in lines:
-        console.print(
-            printable_lines(line), style=style, markup=False, highlight=False, soft_wrap=True
-        )
+        console.print(printable_lines(line), style=style, markup=False, highlight=False, soft_wrap=True)
 
 
 def show_brief(interview: Interview, console: Console) -> None:
@@ -75,9 +79,7 @@ def show_scenario(scenario: Scenario, console: Console) -> None:
         ("Knobs", [(labeled(k["name"], k["unit"]), k["about"], k["range"]) for k in knobs]),
         ("KPIs", [(labeled(k["title"], k["unit"]), k["about"], k["wanted"]) for k in kpis]),
     ):
-        table = Table(
-            title=title, title_justify="left", title_style="bold", box=None, show_header=False
-        )
+        table = Table(title=title, title_justify="left", title_style="bold", box=None, show_header=False)
         for name, about, wanted in (map(printable, row) for row in rows):
             table.add_row(Text(name, style="bold"), Text(about), Text(wanted, style="dim"))
         if rows:
@@ -133,9 +135,7 @@ def _title(name: str, side: Side, *, blind: bool) -> str:
     return title
 
 
-def show_kpis(
-    rows: Iterable[Mapping[str, Any]], console: Console, names: Mapping[str, str]
-) -> None:
+def show_kpis(rows: Iterable[Mapping[str, Any]], console: Console, names: Mapping[str, str]) -> None:
     """Print the KPIs of two sides, as `comparison_view` returns them; the better one is bold.
 
     The title of each group, such as a maneuver, is on a line of its own.
@@ -159,9 +159,11 @@ def show_kpis(
             text = with_unit(row[side]["text"], row["unit"]) + sign
             values.append(Text(text, style="bold" if row["better"] == side else ""))
         table.add_row(
-            Text(printable(row["title"])), *values, row["difference"] or "–",
+            Text(printable(row["title"])),
+            *values,
+            row["difference"] or "–",
             Text(printable(row["objective"])),
-        )  # fmt: skip
+        )
     console.print(table)
 
 
@@ -173,8 +175,7 @@ def _show_theta(question: Question, space: KnobSpace, console: Console) -> None:
         differs = knobs[0]["differs"]
         values = [with_unit(each["text"], each["unit"]) for each in knobs]
         texts = [
-            Text(f"[{value}]", style="bold") if differs else Text(value, style="dim")
-            for value in values
+            Text(f"[{value}]", style="bold") if differs else Text(value, style="dim") for value in values
         ]
         table.add_row(Text(printable(knobs[0]["name"])), *texts)
     console.print(table)
@@ -202,10 +203,13 @@ def show_history(interview: Interview, console: Console) -> None:
         said = "retracted" if answer["retracted"] else "again" if answer["repeated"] else ""
         number = f"+{-answer['answer']}" if answer["further"] else str(answer["answer"])
         table.add_row(
-            number, str(answer["challenger"]), str(answer["incumbent"]),
-            answer["text"] + (f" ({said})" if said else ""), escape(", ".join(answer["marks"])),
+            number,
+            str(answer["challenger"]),
+            str(answer["incumbent"]),
+            answer["text"] + (f" ({said})" if said else ""),
+            escape(", ".join(answer["marks"])),
             escape(printable(answer["comment"])),
-        )  # fmt: skip
+        )
     console.print(table)
 
 
@@ -215,8 +219,7 @@ def show_status(interview: Interview, console: Console) -> None:
     plural = "" if counts.comparisons == 1 else "s"
     say(
         console,
-        f"{counts.experiments} of {interview.n_max} experiments, "
-        f"{counts.comparisons} comparison{plural}",
+        f"{counts.experiments} of {interview.n_max} experiments, {counts.comparisons} comparison{plural}",
     )
     if now.simulated is not None:
         say(console, now.simulated.line)

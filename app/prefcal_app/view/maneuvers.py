@@ -49,17 +49,11 @@ def pairs_of(scenario: Scenario, left: Experiment, right: Experiment) -> list[Pa
     A run that failed without a record, or that ran before a maneuver was added, has no curves in
     the maneuvers that it lacks.
     """
-    return [
-        Pair(name, a, b, panels_of(scenario, a, b))
-        for name, (a, b) in maneuvers_of(left, right).items()
-    ]
+    return [Pair(name, a, b, panels_of(scenario, a, b)) for name, (a, b) in maneuvers_of(left, right).items()]
 
 
 def largest_difference(
-    panels: Sequence[Plot],
-    heights: Sequence[tuple[float, float]],
-    left: Experiment,
-    right: Experiment,
+    panels: Sequence[Plot], heights: Sequence[tuple[float, float]], left: Experiment, right: Experiment
 ) -> dict[str, Any] | None:
     """Return where the curves of two runs differ most, relative to the axes of their panels.
 

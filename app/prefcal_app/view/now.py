@@ -51,9 +51,9 @@ def now_view(
         "progress": _progress(interview, now),
         "simulated": simulated_view(now),
         "can_undo": now.can_undo,
-        "question": None if now.question is None else question_view(
-            now.question, scenario, blind=blind, seen=(seen or Seen()).look(interview)
-        ),
+        "question": None
+        if now.question is None
+        else question_view(now.question, scenario, blind=blind, seen=(seen or Seen()).look(interview)),
         "problem": now.problem,
         "stopping": _stopping(now),
         "preparing": _preparing(now),
@@ -63,10 +63,10 @@ def now_view(
         "pending": _pending(now.pending, scenario, blind=blind),
         "good_enough": _good_enough(now, blind=blind),
         "screening": screening_view(interview, now, blind=blind),
-        "over": None if now.phase is not Phase.OVER else over_view(
-            interview, now, best_view(interview, now), command, report, seen or Seen()
-        ),
-    }  # fmt: skip
+        "over": None
+        if now.phase is not Phase.OVER
+        else over_view(interview, now, best_view(interview, now), command, report, seen or Seen()),
+    }
 
 
 def _preparing(now: Now) -> dict[str, Any] | None:
@@ -83,8 +83,7 @@ def _stopping(now: Now) -> str | None:
     if isfinite(now.run_limit):
         limit = f"A run is stopped after {in_time(now.run_limit)}"
     return (
-        f"{limit} (--run-timeout). After a stop, try again or count the run as failed: "
-        "the study continues."
+        f"{limit} (--run-timeout). After a stop, try again or count the run as failed: the study continues."
     )
 
 
@@ -125,13 +124,15 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
     return {
         "index": sample.index,
         "number": sample.index + 1,
-        "theta": [] if hidden else [
+        "theta": []
+        if hidden
+        else [
             {"name": k.name, "unit": k.unit, "text": knob_number(k, v), "exact": repr(float(v))}
             for k, v in knobs
         ],
         "copy": "" if hidden else _exact(scenario, sample.theta),
         "instructions": "" if rig is None else rig.instructions,
-    }  # fmt: skip
+    }
 
 
 def _rig(scenario: Scenario, state: State) -> dict[str, Any] | None:

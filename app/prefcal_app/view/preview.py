@@ -42,8 +42,7 @@ def warnings(seen: Preview) -> Iterator[str]:
     """Yield the reasons not to save a record."""
     if seen.same is not None:
         yield (
-            f"These are exactly the curves of experiment {seen.same + 1}: is this the file of "
-            "another run?"
+            f"These are exactly the curves of experiment {seen.same + 1}: is this the file of another run?"
         )
     if seen.retracts:
         what = "1 answer" if seen.retracts == 1 else f"{seen.retracts} answers"
@@ -105,9 +104,7 @@ def _curve(tag: Tag, rig: LiveRig, live: LiveNow) -> dict[str, Any]:
         "name": tag.name,
         "unit": tag.unit,
         "values": [_plain(row.get(f"output {tag.name}")) for row in read],
-        "reference": [_plain(row.get(f"reference {tag.name}")) for row in read]
-        if has_reference
-        else [],
+        "reference": [_plain(row.get(f"reference {tag.name}")) for row in read] if has_reference else [],
     }
 
 

@@ -66,9 +66,7 @@ class Seen:
             self._kpis[seq] = dict(experiment.kpis)
         return self
 
-    def frame(
-        self, panels: Sequence[Plot], *shown: Experiment, maneuver: str = ""
-    ) -> dict[str, Any]:
+    def frame(self, panels: Sequence[Plot], *shown: Experiment, maneuver: str = "") -> dict[str, Any]:
         """Return the axes of all experiments so far and of `shown`: `x`, and `y` by panel.
 
         Each maneuver has axes of its own; `shown` are runs of it.
@@ -77,13 +75,8 @@ class Seen:
         reached = [reach for reach in known if len(reach.y) == len(panels)]
         reached += [_reach(experiment, panels) for experiment in shown]
         t = _union(r.t for r in reached)
-        y = [
-            _axis(panel.channel, _union(r.y[i] for r in reached)) for i, panel in enumerate(panels)
-        ]
-        return {
-            "x": list(snapped(*t)) if t[0] < t[1] else [0.0, 1.0],
-            "y": [list(range_) for range_ in y],
-        }
+        y = [_axis(panel.channel, _union(r.y[i] for r in reached)) for i, panel in enumerate(panels)]
+        return {"x": list(snapped(*t)) if t[0] < t[1] else [0.0, 1.0], "y": [list(range_) for range_ in y]}
 
     @property
     def spread(self) -> Spread:

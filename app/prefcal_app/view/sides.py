@@ -8,12 +8,7 @@ from prefcal_app.summary.compare import compared, words_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Plot
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.presentation.wording import (
-    ended_text,
-    knob_number,
-    measured,
-    objective,
-)
+from prefcal_scenarios.presentation.wording import ended_text, knob_number, measured, objective
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .maneuvers import Pair, eventful, largest_difference, pairs_of
@@ -65,9 +60,7 @@ def pair_view(pair: Pair, kpis: Sequence[KPI], seen: Seen) -> dict[str, Any]:
     }
 
 
-def run_view(
-    run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen
-) -> dict[str, Any]:
+def run_view(run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen) -> dict[str, Any]:
     """Return the curves of a run; of a maneuver its KPIs, too, and how it ended."""
     part = numbers_view(run, kpis) if run.maneuver else None
     return {**seen.drawn(run, panels), "part": part, "empty": not len(run.t)}

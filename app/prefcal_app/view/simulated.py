@@ -159,9 +159,7 @@ def _points(
     ]
 
 
-def look_view(
-    interview: Interview, theta: tuple[float, ...], seen: Seen | None = None
-) -> dict[str, Any]:
+def look_view(interview: Interview, theta: tuple[float, ...], seen: Seen | None = None) -> dict[str, Any]:
     """Return a simulated θ beside the best so far, as a question shows two experiments.
 
     Nothing is recorded. Before the first experiment, it stands beside itself.

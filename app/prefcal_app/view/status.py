@@ -45,10 +45,7 @@ def in_words(consistency: Consistency) -> str:
     if not consistency.repeated:
         repeats = "No question has been asked twice yet."
     else:
-        repeats = (
-            f"{consistency.agreed} of {consistency.repeated} repeated questions got the same "
-            "answer."
-        )
+        repeats = f"{consistency.agreed} of {consistency.repeated} repeated questions got the same answer."
     if not consistency.cycles:
         return f"{repeats} The answers do not contradict each other."
     circles = "; ".join(" over ".join(str(i + 1) for i in cycle) for cycle in consistency.cycles)
@@ -57,9 +54,13 @@ def in_words(consistency: Consistency) -> str:
 
 def _knob_view(knob: Knob) -> dict[str, Any]:
     return {
-        "name": knob.name, "unit": knob.unit, "scale": knob.scale, "low": float(knob.low),
-        "high": float(knob.high), "integer": bool(knob.integer),
-    }  # fmt: skip
+        "name": knob.name,
+        "unit": knob.unit,
+        "scale": knob.scale,
+        "low": float(knob.low),
+        "high": float(knob.high),
+        "integer": bool(knob.integer),
+    }
 
 
 def _tried(interview: Interview, now: Now) -> dict[str, Any]:

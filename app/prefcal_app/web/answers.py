@@ -26,10 +26,7 @@ _KINDS: tuple[tuple[type[Exception], int, str], ...] = (
     (PrefcalError, 422, "refused"),
 )
 """Error, status and kind; the first match counts."""
-_WORDS = {
-    404: "There is nothing at this address.",
-    405: "This address does not accept that kind of request.",
-}
+_WORDS = {404: "There is nothing at this address.", 405: "This address does not accept that kind of request."}
 
 
 def encoded(view: Any) -> bytes:

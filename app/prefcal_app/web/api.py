@@ -242,9 +242,12 @@ async def _given(request: Request) -> tuple[dict[str, Any], Given]:
     if "index" not in query:
         raise MalformedError("The request does not say which experiment the record belongs to.")
     given = Given(
-        query["index"], await request.body(), query.get("unsafe", False), query.get("theta"),
+        query["index"],
+        await request.body(),
+        query.get("unsafe", False),
+        query.get("theta"),
         query.get("again", False),
-    )  # fmt: skip
+    )
     return query, given
 
 

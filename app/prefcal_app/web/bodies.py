@@ -20,11 +20,7 @@ Signed = Annotated[int, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Real = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 # Without control characters, and without half a surrogate pair, which UTF-8 does not allow.
 Text = Annotated[
-    str,
-    Meta(
-        max_length=LONGEST_TEXT,
-        pattern=r"^[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]*\Z",
-    ),
+    str, Meta(max_length=LONGEST_TEXT, pattern=r"^[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]*\Z")
 ]
 
 Check = Callable[[str, str], Any]

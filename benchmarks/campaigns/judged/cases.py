@@ -19,11 +19,7 @@ from .plan import OVERTAKING_SHOWN
 
 _SHOWN = (8, 12)
 """Numbers of experiments after which the reactor's index is told."""
-_VERDICTS = {
-    Preference.CHALLENGER: "better",
-    Preference.TIE: "a tie",
-    Preference.INCUMBENT: "worse",
-}
+_VERDICTS = {Preference.CHALLENGER: "better", Preference.TIE: "a tie", Preference.INCUMBENT: "worse"}
 
 
 def reactor(results: Iterable[Result]) -> list[str]:
@@ -59,8 +55,13 @@ def overtaking(results: Iterable[Result], fresh: int, file: Path) -> list[str]:
         paper = [verdicts[_key(result.best)]["paper"] for result in found]
         counts = [paper.count(word) for word in _VERDICTS.values()]
         rows.append([agent, len(found), f"{np.median(shares):.4f}", f"{min(shares):.4f}", *counts])
-    head = ["agent", "seeds", f"not worse than random θ ({fresh}): median", "least",
-            *(f"than the paper's: {word}" for word in _VERDICTS.values())]  # fmt: skip
+    head = [
+        "agent",
+        "seeds",
+        f"not worse than random θ ({fresh}): median",
+        "least",
+        *(f"than the paper's: {word}" for word in _VERDICTS.values()),
+    ]
     title = f"Overtaking: the returned θ after {OVERTAKING_SHOWN} experiments"
     return ["", title, "", *markdown(head, rows)]
 
@@ -76,9 +77,7 @@ def _verdicts(bests: Sequence[tuple[float, ...]], fresh: int, file: Path) -> dic
     paper = where.outcome(where.paper)
     shares = _shares(where, ours, fresh) if new else []
     for best, run, share in zip(new, ours, shares, strict=True):
-        known[_key(best)] = {
-            "at least as good": share, "paper": _VERDICTS[_verdict(where, run, paper)],
-        }  # fmt: skip
+        known[_key(best)] = {"at least as good": share, "paper": _VERDICTS[_verdict(where, run, paper)]}
     file.write_text(json.dumps(known, indent=1))
     return known
 

@@ -56,9 +56,7 @@ class Courses:
         if enough is None:
             return {}
         return {
-            (r.cell.problem, r.cell.seed): after_answers(
-                np.array(r.worth), np.array(r.questions), answers
-            )
+            (r.cell.problem, r.cell.seed): after_answers(np.array(r.worth), np.array(r.questions), answers)
             for r in self.studies[agent, taste, enough]
             if r.cell.problem in loops
         }

@@ -59,8 +59,9 @@ class InOrder:
 
     def prefers(self, a: Mapping[str, float], b: Mapping[str, float]) -> int:
         """Return 1 if `a` is better, -1 if `b` is, 0 if no difference is noticed."""
-        signs = (_sign(b[name] - a[name], least) for name, least in self.noticed.items()
-                 if a[name] != b[name])  # fmt: skip
+        signs = (
+            _sign(b[name] - a[name], least) for name, least in self.noticed.items() if a[name] != b[name]
+        )
         return next((sign for sign in signs if sign), 0)
 
 
@@ -101,8 +102,9 @@ def person(kind: str, scenario: Scenario, seed: int) -> Judge:
     """Return person `seed` of a kind, by what is usual among random experiments."""
     rng, table = np.random.default_rng([seed, PEOPLE.index(kind)]), _usual(scenario.name)
     names = list(rng.permutation(list(table)))
-    spread = {name: float(np.subtract(*np.percentile(v, [75, 25]))) or float(np.ptp(v))
-              for name, v in table.items()}  # fmt: skip
+    spread = {
+        name: float(np.subtract(*np.percentile(v, [75, 25]))) or float(np.ptp(v)) for name, v in table.items()
+    }
     if kind == PEOPLE[0]:
         return InOrder({n: spread[n] * rng.uniform(0.05, 0.2) for n in names})
     limits = {n: float(np.quantile(table[n], rng.uniform(0.2, 0.6))) for n in names[:2]}
@@ -157,15 +159,17 @@ class ReplayedStudy:
     promised: list[tuple[float, bool]] = field(default_factory=list)
 
 
-def replay(scenario: Scenario, who: Judge, seed: int, simulator: Simulator,
-           simulated: int = 1000) -> ReplayedStudy:  # fmt: skip
+def replay(
+    scenario: Scenario, who: Judge, seed: int, simulator: Simulator, simulated: int = 1000
+) -> ReplayedStudy:
     """Answer a whole study, and return what happened."""
     interview, found, asked = _begun(scenario, seed, simulator, simulated), ReplayedStudy(), []
     promise = interview.planned
     while (now := _next(interview)).question is not None:
         found.questions += 1
-        found.untrue += [f"question {found.questions}: {words}" for words in
-                         _untrue(interview, now, now.question, asked)]  # fmt: skip
+        found.untrue += [
+            f"question {found.questions}: {words}" for words in _untrue(interview, now, now.question, asked)
+        ]
         verdict = _verdict(scenario, who, now.question)
         _note_chances(found, interview, now.question, who, verdict)
         asked.append({now.question.left.index, now.question.right.index})
@@ -179,10 +183,17 @@ def replay(scenario: Scenario, who: Judge, seed: int, simulator: Simulator,
 def _begun(scenario: Scenario, seed: int, simulator: Simulator, simulated: int) -> Interview:
     agent = Screening(scenario.space, n_simulated=simulated, n_max=11, seed=seed)
     configuration = {
-        "scenario": scenario.name, "name": scenario.name, "title": scenario.title,
-        "knobs": knobs_as_dicts(scenario.space), "agent": agent_as_dict(agent),
-        "n_max": agent.n_max, "seed": seed, "kpis": [], "options": {}, "versions": {},
-    }  # fmt: skip
+        "scenario": scenario.name,
+        "name": scenario.name,
+        "title": scenario.title,
+        "knobs": knobs_as_dicts(scenario.space),
+        "agent": agent_as_dict(agent),
+        "n_max": agent.n_max,
+        "seed": seed,
+        "kpis": [],
+        "options": {},
+        "versions": {},
+    }
     file = StudyFile.create(":memory:", configuration, clock=lambda: "2026-01-01T00:00:00+00:00")
     return Interview(scenario, file, ahead=False, simulator=simulator)
 
@@ -217,9 +228,7 @@ def _note_chances(
     found.promised.append((screened.prospect.chance, better))
 
 
-def _untrue(
-    interview: Interview, now: Now, question: Question, asked: Sequence[set[int]]
-) -> Iterator[str]:
+def _untrue(interview: Interview, now: Now, question: Question, asked: Sequence[set[int]]) -> Iterator[str]:
     """Yield in words what the page says or does that is not true or not allowed."""
     view = now_view(interview)
     rows, why = view["question"]["comparison"], view["screening"]["why"]
@@ -249,8 +258,12 @@ def _against_table(why: str, rows: Sequence[Mapping[str, object]], new: str) -> 
     left = why
     for row in sorted(rows, key=lambda row: -len(str(row["title"]))):
         title = str(row["title"])
-        for words in (f"lower {title}", f"{title} nearer to its target",
-                      f"higher {title}", f"{title} farther from its target"):  # fmt: skip
+        for words in (
+            f"lower {title}",
+            f"{title} nearer to its target",
+            f"higher {title}",
+            f"{title} farther from its target",
+        ):
             if words not in left:
                 continue
             place = left.index(words)
@@ -307,21 +320,32 @@ def main(words: Sequence[str] | None = None) -> int:
         scenario = scenario_of(loop)
         with Simulator(scenario, jobs=0) as simulator:
             for kind in PEOPLE:
-                some = [replay(scenario, person(kind, scenario, seed), seed, simulator,
-                               options.simulated) for seed in range(options.seeds)]  # fmt: skip
+                some = [
+                    replay(scenario, person(kind, scenario, seed), seed, simulator, options.simulated)
+                    for seed in range(options.seeds)
+                ]
                 print(_line(loop, kind, some), flush=True)
                 every += some
-    print("\n".join(["the new one is preferred:", *calibration([p for r in every for p in r.said]),
-                     "one of all simulated is better:",
-                     *calibration([p for r in every for p in r.promised])]))  # fmt: skip
+    print(
+        "\n".join(
+            [
+                "the new one is preferred:",
+                *calibration([p for r in every for p in r.said]),
+                "one of all simulated is better:",
+                *calibration([p for r in every for p in r.promised]),
+            ]
+        )
+    )
     return 1 if any(found.untrue for found in every) else 0
 
 
 def _line(loop: str, kind: str, some: Sequence[ReplayedStudy]) -> str:
     """Return the figures of a loop and kind, and what was not true."""
     asked, ties = (sum(getattr(r, n) for r in some) for n in ("questions", "ties"))
-    words = [f"{loop}, {kind}: {len(some)} studies, {asked} questions, {100 * ties / asked:.0f} % "
-             f"ties, {sum(len(r.untrue) for r in some)} untrue"]  # fmt: skip
+    words = [
+        f"{loop}, {kind}: {len(some)} studies, {asked} questions, {100 * ties / asked:.0f} % "
+        f"ties, {sum(len(r.untrue) for r in some)} untrue"
+    ]
     return "\n".join([*words, *(f"  seed {s}, {w}" for s, r in enumerate(some) for w in r.untrue)])
 
 

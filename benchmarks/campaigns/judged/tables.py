@@ -26,8 +26,13 @@ def families(courses: Courses, choice: Selection) -> Iterator[str]:
         title = f"**{', '.join(counted)}**, {group} loops: mean (worst family) after answers"
         if rows:
             yield from ("", title, "", *markdown(["agent", *map(str, ANSWERS)], rows))
-        head = ["agent", "taste", f"ties among the first {FIRST}",
-                f"pairs asked again within {WITHIN}", "pairs asked again"]  # fmt: skip
+        head = [
+            "agent",
+            "taste",
+            f"ties among the first {FIRST}",
+            f"pairs asked again within {WITHIN}",
+            "pairs asked again",
+        ]
         rows = list(_questions(courses, choice, names))
         if rows:
             yield from ("", f"Questions, {group} loops", "", *markdown(head, rows))
@@ -37,9 +42,7 @@ def loops(courses: Courses, choice: Selection) -> Iterator[str]:
     """Yield the worth of all agents, a row for each kind of taste, by group of loops."""
     for group, names in choice.loops.items():
         rows = [
-            [taste, *row]
-            for taste in choice.tastes
-            for row in _worths(courses, choice.agents, taste, names)
+            [taste, *row] for taste in choice.tastes for row in _worths(courses, choice.agents, taste, names)
         ]
         yield from ("", f"{group} loops: worth after answers", "")
         yield from markdown(["taste", "agent", "studies", *map(str, ANSWERS)], rows)
@@ -67,9 +70,7 @@ def hidden(courses: Courses, choice: Selection) -> Iterator[str]:
         yield from markdown(["agent", "studies", *map(str, ANSWERS)], rows)
 
 
-def _worths(
-    courses: Courses, agents: Sequence[str], taste: str, names: Sequence[str]
-) -> Iterator[list[str]]:
+def _worths(courses: Courses, agents: Sequence[str], taste: str, names: Sequence[str]) -> Iterator[list[str]]:
     for agent in agents:
         found = [courses.at(agent, taste, answers, names) for answers in ANSWERS]
         if found[0]:

@@ -51,9 +51,7 @@ class Cell:
             if isinstance(value, bool) or not isinstance(value, int) or value < low:
                 raise SettingsError(f"{name} must be an integer, {low} or more, got {value!r}")
         if self.n_max < self.n_init:
-            raise SettingsError(
-                f"n_max must not be below n_init, got {self.n_max} below {self.n_init}"
-            )
+            raise SettingsError(f"n_max must not be below n_init, got {self.n_max} below {self.n_init}")
 
     @property
     def key(self) -> str:

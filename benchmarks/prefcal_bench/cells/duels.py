@@ -96,8 +96,12 @@ def play(round_: Round) -> tuple[Duel, ...]:
         outcomes = {name: where.outcome(theta) for name, theta in thetas.items()}
     return tuple(
         Duel(
-            round_.problem, round_.calibrator, agent, rival, round_.seed,
+            round_.problem,
+            round_.calibrator,
+            agent,
+            rival,
+            round_.seed,
             int(prefer(referee, outcomes[agent], outcomes[rival])),
         )
         for agent, rival in combinations(outcomes, 2)
-    )  # fmt: skip
+    )

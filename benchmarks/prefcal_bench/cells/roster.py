@@ -49,12 +49,7 @@ class Entry:
     content: str = ""
 
     def make(
-        self,
-        space: KnobSpace,
-        n_init: int,
-        n_max: int,
-        seed: int,
-        simulate: Simulate | None = None,
+        self, space: KnobSpace, n_init: int, n_max: int, seed: int, simulate: Simulate | None = None
     ) -> Any:
         """Return the agent, which has `ask`, `tell`, `done` and `best`.
 

@@ -64,9 +64,7 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
     if one.missing:
         raise MissingExtraError(one.missing)
     if key and key != cell.key:
-        raise BenchmarkError(
-            f"this worker has another version of {cell.agent}, {cell.problem} or prefcal"
-        )
+        raise BenchmarkError(f"this worker has another version of {cell.agent}, {cell.problem} or prefcal")
     person = where.person(cell.calibrator, cell.seed)
     arguments = (where.space, cell.n_init, cell.n_max, cell.seed)
     simulation = Simulation(where, person.withheld) if one.simulates else None

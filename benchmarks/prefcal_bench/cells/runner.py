@@ -92,9 +92,7 @@ def _prepared(name: str) -> bool:
     return True
 
 
-def _cells(
-    suite: Suite, store: Store, workers: Processes | None, watcher: Watcher
-) -> tuple[Result, ...]:
+def _cells(suite: Suite, store: Store, workers: Processes | None, watcher: Watcher) -> tuple[Result, ...]:
     results: dict[Cell, Result] = {}
     for cell in suite.cells:
         found, trouble = store.find(cell)

@@ -17,9 +17,7 @@ QUICK_CALIBRATORS = ("weights", "priorities", "perfect", "lexicographic")
 QUICK_SEEDS = 3
 QUICK_EXPERIMENTS = 30
 _NOISY = ("limits", "narrow", "hidden", "rising")
-FULL_CALIBRATORS = tuple(
-    name for name in CALIBRATORS if not (name.startswith(_NOISY) and "-" in name)
-)
+FULL_CALIBRATORS = tuple(name for name in CALIBRATORS if not (name.startswith(_NOISY) and "-" in name))
 """Everyone who answers, with wrong answers only where a taste is one of the first two."""
 FULL_SEEDS = 20
 
@@ -75,9 +73,7 @@ class Suite:
     @classmethod
     def quick(cls) -> "Suite":
         """Return our own agents on three closed loops and a few more: a minute of computing."""
-        return cls(
-            QUICK_AGENTS, QUICK_PROBLEMS, QUICK_CALIBRATORS, QUICK_SEEDS, n_max=QUICK_EXPERIMENTS
-        )
+        return cls(QUICK_AGENTS, QUICK_PROBLEMS, QUICK_CALIBRATORS, QUICK_SEEDS, n_max=QUICK_EXPERIMENTS)
 
     @classmethod
     def full(cls) -> "Suite":
@@ -95,9 +91,7 @@ class Suite:
             if not self._obstacle(agent, where, calibrator)
         ]
         return tuple(
-            Cell(*study, seed, self.n_init, self.n_max)
-            for seed in range(self.seeds)
-            for study in studies
+            Cell(*study, seed, self.n_init, self.n_max) for seed in range(self.seeds) for study in studies
         )
 
     @cached_property

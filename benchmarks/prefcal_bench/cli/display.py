@@ -27,11 +27,17 @@ class BenchDisplay:
         self.done, self._kept = 0, True
         self._console = console
         self._bar = Progress(
-            TextColumn("[bold]{task.fields[what]}"), BarColumn(bar_width=None),
-            MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
-            TextColumn("[dim]{task.description}"), console=console, expand=True,
+            TextColumn("[bold]{task.fields[what]}"),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("[dim]{task.description}"),
+            console=console,
+            expand=True,
             speed_estimate_period=_PERIOD,
-        )  # fmt: skip
+        )
         self._task = self._bar.add_task("", total=None, what="")
 
     def __enter__(self) -> Self:

@@ -40,16 +40,13 @@ class What(StrEnum):
 
 def reproduce(
     what: Annotated[What, typer.Argument(metavar="WHAT", help="paper: section IV of the paper.")],
-    seeds: Annotated[
-        int, typer.Option(min=1, help="Number of runs of each study, with seeds 0, 1, ...")
-    ] = 5,
+    seeds: Annotated[int, typer.Option(min=1, help="Number of runs of each study, with seeds 0, 1, ...")] = 5,
     jobs: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of parallel processes.", show_default="all cores"),
+        int | None, typer.Option(min=1, help="Number of parallel processes.", show_default="all cores")
     ] = None,
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Folder of the page; may exist.")
-    ] = Path("prefcal-paper"),
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the page; may exist.")] = Path(
+        "prefcal-paper"
+    ),
     json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
     ] = False,

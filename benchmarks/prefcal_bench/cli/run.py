@@ -73,9 +73,7 @@ def suite_of(options: BenchOptions) -> Suite:
     if n_init is None:
         n_init = min(suite.n_init, max(1, n_max // 2))
     if n_init > n_max:
-        raise SettingsError(
-            f"--n-max must be at least --n-init, got --n-max {n_max} and --n-init {n_init}"
-        )
+        raise SettingsError(f"--n-max must be at least --n-init, got --n-max {n_max} and --n-init {n_init}")
     suite = replace(suite, **given, n_init=n_init)
     if not suite.cells:
         raise SettingsError(f"there is nothing to run: {'; '.join(suite.left_out)}")
@@ -111,9 +109,14 @@ def _run(
         return INTERRUPTED
     given: dict[str, Any] = {"baseline": suite.baseline, "published": published}
     page = write(
-        finished.results, finished.duels, options.out, command=_command(options, words),
-        digest=finished.digest, notes=(*notes, *suite.left_out, *finished.trouble), **given,
-    )  # fmt: skip
+        finished.results,
+        finished.duels,
+        options.out,
+        command=_command(options, words),
+        digest=finished.digest,
+        notes=(*notes, *suite.left_out, *finished.trouble),
+        **given,
+    )
     write_raw(finished.results, raw_file(options.out))
     if options.json:
         print(_as_json(finished, suite, page, published))
@@ -147,8 +150,7 @@ def _run_cells(suite: Suite, options: Options) -> Finished | None:
                     return run_suite(suite, store, workers, display)
             except KeyboardInterrupt:
                 display.say(
-                    f"Stopped; {display.done} results are kept in {options.out}. "
-                    "The same command resumes."
+                    f"Stopped; {display.done} results are kept in {options.out}. The same command resumes."
                 )
                 return None
 
@@ -161,9 +163,7 @@ def _as_json(finished: Finished, suite: Suite, page: Path, published: pd.DataFra
         "worth": worth_table(campaign_of(finished.results, published), suite.baseline),
         "table": table(finished.results, baseline=suite.baseline),
         "duels": duel_table(finished.duels),
-        "failures": [
-            {**result.cell.to_dict(), "failure": result.failure} for result in finished.failures
-        ],
+        "failures": [{**result.cell.to_dict(), "failure": result.failure} for result in finished.failures],
         "trouble": finished.trouble,
         "left_out": suite.left_out,
         "page": str(page),

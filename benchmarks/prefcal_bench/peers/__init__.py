@@ -8,14 +8,10 @@ from collections.abc import Mapping
 from prefcal_agents.registry import AgentRow
 
 
-def _peer(
-    name: str, module: str, packages: Mapping[str, str], *, by_value: bool = False
-) -> AgentRow:
+def _peer(name: str, module: str, packages: Mapping[str, str], *, by_value: bool = False) -> AgentRow:
     """Return the row of an agent that needs the extra `peers`."""
     home = f"peers.{module}"
-    return AgentRow(
-        name, home, by_value=by_value, extra="peers", packages=packages, package="prefcal_bench"
-    )
+    return AgentRow(name, home, by_value=by_value, extra="peers", packages=packages, package="prefcal_bench")
 
 
 _GLIS = {"glis": "glis", "pyswarm": "pyswarm", "pyDOE": "pyDOE"}

@@ -27,9 +27,7 @@ _LARGEST = 1e100
 class _OptunaAgent(Peer):
     """An agent that keeps an Optuna study, whose sampler proposes the next sample."""
 
-    def __init__(
-        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
-    ) -> None:
+    def __init__(self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0) -> None:
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
         self._replay = Replay(self._start, self._feed)
 

@@ -43,9 +43,7 @@ class OptunaSession:
     def run(self, z: Float[np.ndarray, " n"], value: float = 0.0) -> None:
         """Add the experiment at `z`, a point of the unit cube, shape (n,), with its score."""
         params = dict(zip(self._knobs, map(float, z), strict=True))
-        trial = self._optuna.trial.create_trial(
-            params=params, distributions=self._knobs, value=value
-        )
+        trial = self._optuna.trial.create_trial(params=params, distributions=self._knobs, value=value)
         with self._silent():
             self._plain.add_trial(trial)
         self.trials.append(self._plain.get_trials(deepcopy=False)[-1])

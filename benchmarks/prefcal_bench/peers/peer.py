@@ -22,9 +22,7 @@ class Peer(Agent):
     _modules: ClassVar[tuple[str, ...]]
     """Modules of the extra `peers` without which the agent cannot be made."""
 
-    def __init__(
-        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
-    ) -> None:
+    def __init__(self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0) -> None:
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
         for module in self._modules:
             load(module, "peers")

@@ -84,9 +84,7 @@ class ReferenceGLISp(Peer, PreferenceBased):
     version: ClassVar[int] = 1
     _modules = ("glis.solvers",)
 
-    def __init__(
-        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
-    ) -> None:
+    def __init__(self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0) -> None:
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
         self._thetas: dict[History, float] = {}
 
@@ -133,9 +131,7 @@ class _Full(list[list[int]]):
         """Do nothing."""
 
 
-def _design(
-    solver: str, n: int, count: int, seed: int, index: int
-) -> Float[np.ndarray, " n"] | None:
+def _design(solver: str, n: int, count: int, seed: int, index: int) -> Float[np.ndarray, " n"] | None:
     """Return the sample with this index of the `count` first ones of a class; None after them."""
     if index >= count:
         return None

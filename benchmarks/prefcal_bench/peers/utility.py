@@ -50,10 +50,7 @@ class Utility:
         tensor = load("torch", "peers").tensor
         model = module.PairwiseGP(tensor(points), tensor(pairs))
         fit = load("botorch.fit", "peers").fit_gpytorch_mll
-        fit(
-            module.PairwiseLaplaceMarginalLogLikelihood(model.likelihood, model),
-            optimizer_kwargs=_FIT,
-        )
+        fit(module.PairwiseLaplaceMarginalLogLikelihood(model.likelihood, model), optimizer_kwargs=_FIT)
         return cls(model, points)
 
     def challengers(self, incumbent: int) -> Float[np.ndarray, "r d"]:
@@ -106,8 +103,6 @@ def maxima(acquisition: Any, n: int, search: dict[str, Any]) -> Float[np.ndarray
     torch = load("torch", "peers")
     box = torch.stack([torch.zeros(n, dtype=torch.float64), torch.ones(n, dtype=torch.float64)])
     optimize = load("botorch.optim", "peers").optimize_acqf
-    found, values = optimize(
-        acq_function=acquisition, bounds=box, q=1, return_best_only=False, **search
-    )
+    found, values = optimize(acq_function=acquisition, bounds=box, q=1, return_best_only=False, **search)
     order = np.argsort(-np.array(values).ravel(), kind="stable")
     return np.asarray(np.array(found)[order, 0])

@@ -122,9 +122,7 @@ def _weighted(runs: Runs, names: tuple[str, ...], rng: np.random.Generator) -> W
     )
 
 
-def _priority(
-    name: str, a: Runs, b: Runs, shares: tuple[float, float], rng: np.random.Generator
-) -> Priority:
+def _priority(name: str, a: Runs, b: Runs, shares: tuple[float, float], rng: np.random.Generator) -> Priority:
     """Return a priority that decides about a share of the pairs, drawn from `shares`."""
     share, relative = rng.uniform(*shares), bool(rng.random() < 0.5)
     x, y = a.column(name), b.column(name)

@@ -8,9 +8,15 @@ from jaxtyping import Float
 from prefcal_env.experiments.experiment import Experiment
 
 LOOKS = (
-    "seen_outside_quick_band", "seen_outside_slow_band", "seen_below", "seen_above", "seen_swings",
-    "seen_unrest_at_the_end", "seen_turns_of_the_input", "seen_largest_step_of_the_input",
-)  # fmt: skip
+    "seen_outside_quick_band",
+    "seen_outside_slow_band",
+    "seen_below",
+    "seen_above",
+    "seen_swings",
+    "seen_unrest_at_the_end",
+    "seen_turns_of_the_input",
+    "seen_largest_step_of_the_input",
+)
 """What is seen, in the order of `looks_of`; lower is better everywhere.
 
 The time outside a band around a curve drawn by hand, quick or slow; the area on the near and on

@@ -121,9 +121,8 @@ def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
     rule = _usable(kind, runs, seed)
     used = tuple(term.name for term in rule.terms) if isinstance(rule, Weighted) else ()
     return Taste(
-        tuple(kpis), rule, used if kind == "hidden" else (), WRONG[f"-{noise}" if noise else ""],
-        seed,
-    )  # fmt: skip
+        tuple(kpis), rule, used if kind == "hidden" else (), WRONG[f"-{noise}" if noise else ""], seed
+    )
 
 
 def calibrators_of(scenario: Scenario) -> Mapping[str, Callable[[int], Calibrator[Experiment]]]:
@@ -152,9 +151,7 @@ def _usable(kind: str, runs: Runs, seed: int) -> Rule:
         rule = KINDS[kind](runs, rng)
         faults: float = max(_at_edge(rule, runs) - 1, 0) + _blind(rule, runs)
         if not faults:
-            found = random_search_worth(
-                rule, runs, experiments=_EXPERIMENTS, replays=_REPLAYS, rng=rng
-            )
+            found = random_search_worth(rule, runs, experiments=_EXPERIMENTS, replays=_REPLAYS, rng=rng)
             if _USUAL[0] <= found <= _USUAL[1]:
                 return rule
             faults = max(np.log(_USUAL[0] / found), np.log(found / _USUAL[1]))

@@ -33,9 +33,7 @@ class Term:
         """Return weight / (1 + (scale / distance)^steepness), shape (K,)."""
         distance = np.maximum(runs.column(self.name) - self.good, 0.0)
         with np.errstate(divide="ignore", over="ignore"):
-            cost: Float[np.ndarray, " K"] = self.weight / (
-                1.0 + (self.scale / distance) ** self.steepness
-            )
+            cost: Float[np.ndarray, " K"] = self.weight / (1.0 + (self.scale / distance) ** self.steepness)
         return cost
 
 

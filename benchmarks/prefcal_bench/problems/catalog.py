@@ -71,9 +71,7 @@ def _own(name: str, version: str) -> Problem:
         with redirect_stdout(sys.stderr):  # it runs; `bench --json` prints only JSON
             return _repeatable(name, found)
     if isinstance(found, Problem):
-        return replace(
-            found, name=name, version=f"{found.version}, {version[:16]}, tastes {VERSION}"
-        )
+        return replace(found, name=name, version=f"{found.version}, {version[:16]}, tastes {VERSION}")
     raise SettingsError(f"{name!r} must name a Scenario or a Problem, got {found!r}")
 
 

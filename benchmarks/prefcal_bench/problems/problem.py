@@ -98,8 +98,7 @@ class Problem:
             return Person(self.calibrators[calibrator](seed), gap=gap)
         if calibrator not in self.answering or self.scenario is None:
             raise SettingsError(
-                f"calibrator of {self.name} must be one of {', '.join(self.answering)}, "
-                f"got {calibrator!r}"
+                f"calibrator of {self.name} must be one of {', '.join(self.answering)}, got {calibrator!r}"
             )
         usual, pool = self._runs(USUAL), self._runs("pool")
         return person_of(taste(calibrator, self.scenario.kpis, usual, seed), pool)
@@ -113,9 +112,7 @@ class Problem:
     @property
     def is_prepared(self) -> bool:
         """Return whether `prepare` has nothing to compute."""
-        return self.scenario is None or all(
-            is_cached(self.scenario, name) for name in (USUAL, "pool")
-        )
+        return self.scenario is None or all(is_cached(self.scenario, name) for name in (USUAL, "pool"))
 
     def _runs(self, name: str) -> Runs:
         """Return the random experiments called `name`, read once in each process."""

@@ -46,9 +46,7 @@ def publish(raw: Iterable[str | Path], out: str | Path) -> pd.DataFrame:
         SettingsError: If a file cannot be read or written, there are no studies with a worth, or
             the same study has two courses.
     """
-    found = [
-        read_curves(path).astype(dict.fromkeys(("agent", "loop", "taste"), str)) for path in raw
-    ]
+    found = [read_curves(path).astype(dict.fromkeys(("agent", "loop", "taste"), str)) for path in raw]
     frame = pd.concat(found, ignore_index=True).drop_duplicates() if found else pd.DataFrame()
     if not len(frame):
         raise SettingsError("there are no studies with a worth to publish")
@@ -56,9 +54,7 @@ def publish(raw: Iterable[str | Path], out: str | Path) -> pd.DataFrame:
     frame = frame.sort_values(_SORTED, ignore_index=True)
     words = ["agent", "loop", "taste", *VERSIONS]
     try:
-        frame.astype(dict.fromkeys(words, "category")).to_parquet(
-            out, index=False, compression="zstd"
-        )
+        frame.astype(dict.fromkeys(words, "category")).to_parquet(out, index=False, compression="zstd")
     except OSError as error:
         raise SettingsError(f"cannot write {out}: {error}") from error
     return frame
@@ -106,9 +102,7 @@ def plan(
     chosen = chosen[chosen["loop"].isin(known)]
     budgets = chosen[["n_init", "n_max"]].drop_duplicates()
     if len(budgets) != 1:
-        raise SettingsError(
-            f"published studies must share one number of experiments, got {len(budgets)}"
-        )
+        raise SettingsError(f"published studies must share one number of experiments, got {len(budgets)}")
     ((n_init, n_max),) = budgets.itertuples(index=False)
     seeds = int(chosen["seed"].max()) + 1 if seeds is None else seeds
     suite = Suite((agent,), known, tuple(chosen["taste"].unique()), seeds, int(n_init), int(n_max))
@@ -126,18 +120,14 @@ def _chosen(published: pd.DataFrame, column: str, names: Sequence[str] | None) -
     for name in names:
         if name not in known:
             raise SettingsError(
-                f"no {column} {name!r} is published.{did_you_mean(name, known)} "
-                f"Expected {', '.join(known)}"
+                f"no {column} {name!r} is published.{did_you_mean(name, known)} Expected {', '.join(known)}"
             )
     return published[published[column].isin(names)]
 
 
 def _differences(published: pd.DataFrame) -> Iterator[str]:
     """Yield where the published studies are of other versions than the installed ones."""
-    for column, version, find in (
-        ("agent", "agent_version", entry),
-        ("loop", "problem_version", problem),
-    ):
+    for column, version, find in (("agent", "agent_version", entry), ("loop", "problem_version", problem)):
         for name, group in published.groupby(column, sort=True)[version]:
             now = version_of(find, str(name))
             if now and set(group) != {now}:

@@ -39,13 +39,26 @@ from prefcal_env.parquet import pyarrow
 
 VERSIONS = ("agent_version", "problem_version")
 _KINDS = {
-    "agent": "word", "loop": "word", "taste": "word", "seed": "integer",
-    "n_init": "integer", "n_max": "integer", "after": "integer",
-    "experiment": "integer", "incumbent": "integer", "answer": "sign",
-    "answers": "integer", "theta": "numbers", "kpis": "numbers",
-    "kpi_names": "words", "worth": "number", "simulated": "integer",
-    "agent_version": "word", "problem_version": "word", "prefcal": "word",
-}  # fmt: skip
+    "agent": "word",
+    "loop": "word",
+    "taste": "word",
+    "seed": "integer",
+    "n_init": "integer",
+    "n_max": "integer",
+    "after": "integer",
+    "experiment": "integer",
+    "incumbent": "integer",
+    "answer": "sign",
+    "answers": "integer",
+    "theta": "numbers",
+    "kpis": "numbers",
+    "kpi_names": "words",
+    "worth": "number",
+    "simulated": "integer",
+    "agent_version": "word",
+    "problem_version": "word",
+    "prefcal": "word",
+}
 """Columns, and what they hold."""
 _BATCH = 500
 """Number of studies that are converted at a time: memory stays small for a large campaign."""
@@ -108,9 +121,7 @@ def read(path: str | Path, columns: Sequence[str]) -> pd.DataFrame:
     try:
         if Path(path).suffix == ".csv":
             missing = {"worth": [""]}  # elsewhere, an empty cell is an empty word
-            return pd.read_csv(
-                path, usecols=list(columns), keep_default_na=False, na_values=missing
-            )
+            return pd.read_csv(path, usecols=list(columns), keep_default_na=False, na_values=missing)
         pyarrow()
         return pd.read_parquet(path, columns=list(columns))
     except (OSError, ValueError) as error:  # pyarrow's are ValueErrors, too
@@ -128,8 +139,14 @@ def _as_csv(results: Iterator[Result], path: Path) -> None:
 
 def _as_parquet(pa: Any, results: Iterator[Result], path: Path) -> None:
     word, number = pa.dictionary(pa.int32(), pa.string()), pa.float64()
-    types = {"word": word, "words": pa.list_(word), "numbers": pa.list_(number), "number": number,
-             "integer": pa.int32(), "sign": pa.int8()}  # fmt: skip
+    types = {
+        "word": word,
+        "words": pa.list_(word),
+        "numbers": pa.list_(number),
+        "number": number,
+        "integer": pa.int32(),
+        "sign": pa.int8(),
+    }
     schema = pa.schema([(name, types[kind]) for name, kind in _KINDS.items()])
     with pa.parquet.ParquetWriter(path, schema, compression="zstd") as writer:
         while batch := list(islice(results, _BATCH)):
@@ -142,11 +159,7 @@ def _rows(result: Result) -> Iterator[tuple[object, ...]]:
     """Yield the rows of one study, in the order of the columns."""
     cell = result.cell
     study = (cell.agent, cell.problem, cell.calibrator, cell.seed, cell.n_init, cell.n_max)
-    versions = (
-        version_of(entry, cell.agent),
-        version_of(problem, cell.problem),
-        package_version("prefcal"),
-    )
+    versions = (version_of(entry, cell.agent), version_of(problem, cell.problem), package_version("prefcal"))
     answered = 0
     for newest, total in enumerate(result.questions):
         told = result.comparisons[answered:total]
@@ -160,10 +173,19 @@ def _rows(result: Result) -> Iterator[tuple[object, ...]]:
         for challenger, incumbent, answer, answers in asked:
             kpis = result.kpis[challenger] if result.kpis else ()
             yield (
-                *study, newest + 1, challenger, incumbent, answer, answers,
-                result.thetas[challenger], kpis, result.kpi_names, worth, result.simulated,
+                *study,
+                newest + 1,
+                challenger,
+                incumbent,
+                answer,
+                answers,
+                result.thetas[challenger],
+                kpis,
+                result.kpi_names,
+                worth,
+                result.simulated,
                 *versions,
-            )  # fmt: skip
+            )
         answered = total
 
 

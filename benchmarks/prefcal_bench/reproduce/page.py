@@ -95,8 +95,7 @@ def _of_reactor(reactor: Found, automated: Found) -> Iterator[Pictured]:
     scenario, clearest = reactor.scenario, _clearest(reactor, "settling_time", _settled)
     yield Pictured(
         "Fig. CSTR_query",
-        "Query window of one iteration; the left experiment is preferred because its transient is "
-        "faster.",
+        "Query window of one iteration; the left experiment is preferred because its transient is faster.",
         "Among the comparisons with seed 0 between two experiments that settle, the one with the "
         "largest difference in the time to steady state.",
         _png(side_by_side(scenario, *clearest, ("preferred", "not preferred"))),
@@ -136,9 +135,7 @@ def _of_car(car: Found) -> Iterator[Pictured]:
     )
 
 
-def _clearest(
-    result: Found, kpi: str, fit: Callable[[Experiment], bool]
-) -> tuple[Experiment, Experiment]:
+def _clearest(result: Found, kpi: str, fit: Callable[[Experiment], bool]) -> tuple[Experiment, Experiment]:
     """Return the preferred and the other experiment of the comparison that `kpi` explains best.
 
     Considers only comparisons in which both experiments are `fit` to be shown, if there are any.

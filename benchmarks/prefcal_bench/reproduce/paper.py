@@ -15,11 +15,13 @@ from prefcal_scenarios.presentation.wording import labeled, number
 N_INIT, N_MAX, COMPARISONS = 10, 50, 49
 """Number of initial experiments, of experiments, and of comparisons of each study."""
 
-THETA = MappingProxyType({
-    "cstr-preferences": (0.31, 26.0, -1.79),
-    "cstr-automated": (0.25, 26.0, -0.91),
-    "overtake-preferences": (0.085, 0.310, 16.0, 0.261, 0.918),
-})  # fmt: skip
+THETA = MappingProxyType(
+    {
+        "cstr-preferences": (0.31, 26.0, -1.79),
+        "cstr-automated": (0.25, 26.0, -0.91),
+        "overtake-preferences": (0.085, 0.310, 16.0, 0.261, 0.918),
+    }
+)
 """Calibrated θ of each study, in the order of the scenario's knobs."""
 
 T_COMP = 0.0808

@@ -16,10 +16,8 @@ from .studies import CASES, Case, Study
 
 SHOWN = {
     "cstr": ("index", "settling_time", "final_concentration", "mean_square_move", "undershoot"),
-    "overtake": (
-        "t_comp_worst", "lateral_distance", "path_peak", "lateral_acceleration", "speed_error",
-    ),
-}  # fmt: skip
+    "overtake": ("t_comp_worst", "lateral_distance", "path_peak", "lateral_acceleration", "speed_error"),
+}
 """KPIs in the tables, by scenario."""
 
 Row = tuple[str, str, str, str, str, str]
@@ -83,8 +81,9 @@ def compared(results: Sequence[Found]) -> list[str]:
     n = len(car.experiments)
     controllers = "one calibrated controller" if n == 1 else f"{n} calibrated controllers"
     in_time = sum(e.kpis["t_comp_worst"] <= e.theta[0] for e in car.experiments)
-    apart = sum(e.kpis["lateral_distance"] >= car.paper.kpis["lateral_distance"] - 0.05
-                for e in car.experiments)  # fmt: skip
+    apart = sum(
+        e.kpis["lateral_distance"] >= car.paper.kpis["lateral_distance"] - 0.05 for e in car.experiments
+    )
     return [
         "Reactor, by preferences: each answer goes by the performance index, so what is tested is "
         "whether comparisons alone find its minimum, and not what a person wants. Index of "
@@ -111,7 +110,7 @@ def disagreements(results: Sequence[Found]) -> list[str]:
         f"performance. At its own two θ the index here is {number(printed[0])} and "
         f"{number(printed[1])}: by preferences "
         f"{100 * (printed[0] / printed[1] - 1):.0f} % more. Our medians differ by {ours:.4f}, "
-        "which proves nothing about people: our answers go by the index itself.",
+        "which proves nothing about people: our answers go by the index itself."
     ]
     judged = [_prefers_paper(car, k) for k in range(len(car.studies))]
     if any(judged):
@@ -120,7 +119,7 @@ def disagreements(results: Sequence[Found]) -> list[str]:
         found.append(
             f"The car's synthetic person prefers the paper's θ to what was found in {sum(judged)} "
             f"of {_studies(len(judged))} ({first}). Farthest to the side: {peaks[0]} m at "
-            f"the paper's θ, {peaks[1]} m with seed 0.",
+            f"the paper's θ, {peaks[1]} m with seed 0."
         )
     for result in results:
         if (asked := result.studies[0].comparisons) not in (0, COMPARISONS):

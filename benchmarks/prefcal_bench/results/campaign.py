@@ -179,10 +179,15 @@ def _row(result: Result, *, rounded: bool) -> tuple[object, ...]:
     kind = "float32" if rounded else "float64"
     worth = None if result.worth is None else _checked(np.array(result.worth, kind), n_max)
     return (
-        *place, len(result.best), gap, np.nan if visited is None else visited[-1], worth,
+        *place,
+        len(result.best),
+        gap,
+        np.nan if visited is None else visited[-1],
+        worth,
         _padded(np.array(result.questions), n_max),
-        np.nan if result.seconds is None else result.seconds, False,
-    )  # fmt: skip
+        np.nan if result.seconds is None else result.seconds,
+        False,
+    )
 
 
 def _published(frame: pd.DataFrame) -> Iterator[tuple[object, ...]]:
@@ -198,10 +203,19 @@ def _published(frame: pd.DataFrame) -> Iterator[tuple[object, ...]]:
                 f"{experiments[wrong[0]]}, but not all before it"
             )
         yield (
-            Setting(str(taste), int(n_init), int(n_max)), str(loop), str(agent), int(seed), "",
-            np.nan, None, np.nan, _checked(study["worth"].to_numpy(), n_max),
-            _padded(study["answers"].to_numpy(int), n_max), np.nan, True,
-        )  # fmt: skip
+            Setting(str(taste), int(n_init), int(n_max)),
+            str(loop),
+            str(agent),
+            int(seed),
+            "",
+            np.nan,
+            None,
+            np.nan,
+            _checked(study["worth"].to_numpy(), n_max),
+            _padded(study["answers"].to_numpy(int), n_max),
+            np.nan,
+            True,
+        )
 
 
 def _checked(worth: np.ndarray, n_max: int) -> Float[np.ndarray, " n_max"]:
@@ -225,6 +239,4 @@ def _problem_key(problem: str) -> tuple[int, str, int, str]:
     """Sort known problems as in their list, and generated loops by their number."""
     place = PROBLEMS.index(problem) if problem in PROBLEMS else len(PROBLEMS)
     stem, _, number = problem.rpartition("-")
-    return (
-        (place, stem, int(number), problem) if number.isdigit() else (place, problem, -1, problem)
-    )
+    return (place, stem, int(number), problem) if number.isdigit() else (place, problem, -1, problem)

@@ -49,9 +49,13 @@ _KNOWN: Mapping[str, Look] = {
 }
 """Agents that come with the project; those with dashed or dotted lines do not learn."""
 _SPARE = (
-    Look("#00a3a3", "*"), Look("#e58fb5", "h"), Look("#94b000", "d"), Look("#1c2f7a", "H"),
-    Look("#cf2b4a", "8"), Look("#b49ae6", "p"),
-)  # fmt: skip
+    Look("#00a3a3", "*"),
+    Look("#e58fb5", "h"),
+    Look("#94b000", "d"),
+    Look("#1c2f7a", "H"),
+    Look("#cf2b4a", "8"),
+    Look("#b49ae6", "p"),
+)
 
 
 def drawn(name: str) -> str:
@@ -86,9 +90,13 @@ def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:
 def line_options(look: Look) -> dict[str, Any]:
     """Return the options of an agent's line."""
     return {
-        "color": look.color, "linestyle": look.dashes, "marker": look.marker, "markersize": 4,
-        "markeredgewidth": 0, "linewidth": 1.6,
-    }  # fmt: skip
+        "color": look.color,
+        "linestyle": look.dashes,
+        "marker": look.marker,
+        "markersize": 4,
+        "markeredgewidth": 0,
+        "linewidth": 1.6,
+    }
 
 
 def markers(count: int, agent: int, agents: int) -> tuple[int, int]:
@@ -105,9 +113,14 @@ def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, 
     rows = -(-(len(handles) + len(extra)) // columns)
     figure.set_figheight(figure.get_figheight() + 0.19 * (rows - 1))
     figure.legend(
-        handles=[*handles, *extra], loc="outside upper left", ncols=columns, columnspacing=1.5,
-        handlelength=2.2, handletextpad=0.6, borderaxespad=0.2,
-    )  # fmt: skip
+        handles=[*handles, *extra],
+        loc="outside upper left",
+        ncols=columns,
+        columnspacing=1.5,
+        handlelength=2.2,
+        handletextpad=0.6,
+        borderaxespad=0.2,
+    )
 
 
 def gap_axis(axes: Axes, *drawn: Mapping[str, Float[np.ndarray, "..."]]) -> float:

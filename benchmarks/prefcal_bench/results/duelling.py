@@ -61,8 +61,4 @@ def _count(outcomes: list[int]) -> dict[str, float]:
     interval = binomtest(wins, n).proportion_ci(CONFIDENCE, method="exact")
     p = float(binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
     ends = {"low": float(interval.low), "high": float(interval.high)}
-    return (
-        {"seeds": n, "wins": wins, "ties": ties, "losses": losses, "share": wins / n}
-        | ends
-        | {"p": p}
-    )
+    return {"seeds": n, "wins": wins, "ties": ties, "losses": losses, "share": wins / n} | ends | {"p": p}

@@ -30,21 +30,14 @@ _MOST_ANSWERS = 2
 """The axis of answers ends at this many answers per experiment of the budget."""
 _THEORY = Line2D([], [], color="#aab2bb", linewidth=3.2, label="random search, in theory")
 _START = Line2D([], [], color="#e1e6eb", linewidth=7, label="initial samples")
-_SEES_VALUES = Line2D(
-    [], [], color="#5d6874", linewidth=1.2, linestyle="--", label="sees values: at the end"
-)
+_SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle="--", label="sees values: at the end")
 """What the legends say about agents that are never asked."""
 _Band = Float[np.ndarray, "3 _"]
 """Lower quartile, median (of gaps) or geometric mean (of worth), and upper quartile."""
 
 
 def against(
-    campaign: Campaign,
-    setting: Setting,
-    value: str,
-    unit: str,
-    looks: Mapping[str, Look],
-    baseline: str = "",
+    campaign: Campaign, setting: Setting, value: str, unit: str, looks: Mapping[str, Look], baseline: str = ""
 ) -> Figure:
     """Draw a panel for each problem: gap or worth of the θ that each agent would return by then.
 
@@ -82,8 +75,9 @@ def against(
             if value == "worth":
                 _draw_theory(axes, setting.n_max)
         for agent in ends.keys() - bands.keys():
-            axes.axhline(ends[agent][1, -1], color=looks[agent].color, linewidth=1.2,
-                         linestyle="--", label=agent)  # fmt: skip
+            axes.axhline(
+                ends[agent][1, -1], color=looks[agent].color, linewidth=1.2, linestyle="--", label=agent
+            )
         _draw(axes, bands, ends, span, present, baseline, shaded=len(present) <= _FEW)
     name_agents(figure, present, _legend(studies, value, unit))
     _label(figure, grid, unit, value)
@@ -101,8 +95,16 @@ def along(
     figure, grid = panels(len(settings), 2.3)
     studies = {setting: campaign.of(setting, "worth") for setting in settings}
     present = _present(pd.concat(studies.values()), looks)
-    best = Line2D([], [], color=FAINT, linewidth=0, marker="_", markersize=7, markeredgewidth=1.6,
-                  label="best held before")  # fmt: skip
+    best = Line2D(
+        [],
+        [],
+        color=FAINT,
+        linewidth=0,
+        marker="_",
+        markersize=7,
+        markeredgewidth=1.6,
+        label="best held before",
+    )
     name_agents(figure, present, (_THEORY, best))
     means = {
         setting: {a: _held_and_best(g) for a, g in one.groupby("agent", observed=True)}
@@ -167,14 +169,26 @@ def _draw_ends(axes: Axes, ends: pd.DataFrame, looks: Mapping[str, Look]) -> Non
     for y, row in enumerate(ends.itertuples()):
         look = looks[row.agent]
         if row.worth_low is not None:
-            axes.plot([row.worth_low, row.worth_high], [y, y], color=look.color, linewidth=2.4,
-                      solid_capstyle="butt", zorder=3)  # fmt: skip
+            axes.plot(
+                [row.worth_low, row.worth_high],
+                [y, y],
+                color=look.color,
+                linewidth=2.4,
+                solid_capstyle="butt",
+                zorder=3,
+            )
         sees = row.answers == 0
         axes.plot(
-            row.worth, y, marker=look.marker, linestyle="none", zorder=4, markersize=7,
-            color="white" if sees else look.color, markeredgewidth=1.2,
+            row.worth,
+            y,
+            marker=look.marker,
+            linestyle="none",
+            zorder=4,
+            markersize=7,
+            color="white" if sees else look.color,
+            markeredgewidth=1.2,
             markeredgecolor=look.color if sees else "white",
-        )  # fmt: skip
+        )
         text = with_interval(row.worth, row.worth_low, row.worth_high)
         axes.annotate(text, (1.02, y), xycoords=where, va="center", color=INK, fontsize=8)
     names = [drawn(agent) for agent in ends["agent"]]
@@ -270,8 +284,16 @@ def _draw(
             low, middle, high = ends[agent][:, -1]
             place = last + (i + 1.5) * step
             axes.vlines(place, low, high, color=look.color, linewidth=1.8, clip_on=False)
-            axes.plot(place, middle, marker=look.marker, linestyle="none", color=look.color,
-                      markersize=4.5, markeredgewidth=0, clip_on=False)  # fmt: skip
+            axes.plot(
+                place,
+                middle,
+                marker=look.marker,
+                linestyle="none",
+                color=look.color,
+                markersize=4.5,
+                markeredgewidth=0,
+                clip_on=False,
+            )
             if caps and high > 1.02 * middle:
                 axes.plot(place, high, "_", color=look.color, markersize=5, markeredgewidth=1.6)
     axes.axvline(last + 0.5 * step, color=GRID, linewidth=0.8, zorder=0)
@@ -288,8 +310,14 @@ def _width(is_baseline: bool, agents: int) -> dict[str, float]:
 
 def _draw_theory(axes: Axes, last: int) -> None:
     x = range(1, last + 1)
-    axes.plot(x, [random_search(n) for n in x], color=_THEORY.get_color(), zorder=1.5,
-              linewidth=_THEORY.get_linewidth(), solid_capstyle="butt")  # fmt: skip
+    axes.plot(
+        x,
+        [random_search(n) for n in x],
+        color=_THEORY.get_color(),
+        zorder=1.5,
+        linewidth=_THEORY.get_linewidth(),
+        solid_capstyle="butt",
+    )
 
 
 def _label(figure: Figure, grid: Sequence[Axes], what: str, value: str) -> None:

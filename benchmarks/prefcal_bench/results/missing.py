@@ -77,9 +77,7 @@ def beaten(campaign: Campaign) -> list[str]:
 def in_holes(campaign: Campaign) -> list[str]:
     """Return which agents ended in an undesirable hole of a cost, and how often."""
     found = []
-    for (setting, problem), group in _costly(campaign).groupby(
-        ["setting", "problem"], observed=True
-    ):
+    for (setting, problem), group in _costly(campaign).groupby(["setting", "problem"], observed=True):
         counts = group.groupby("agent", observed=True)["hole"].agg(["sum", "count"])
         who = [f"{a} in {n} of {of} seeds" for a, n, of in counts.itertuples() if n]
         if who:

@@ -120,9 +120,7 @@ def parts(material: Material, met: pd.DataFrame) -> list[Part]:
     return found
 
 
-def _text(
-    material: Material, parts: Sequence[Part], command: str, digest: str, notes: Sequence[str]
-) -> str:
+def _text(material: Material, parts: Sequence[Part], command: str, digest: str, notes: Sequence[str]) -> str:
     """Return the text of index.html."""
     campaign = material.campaign
     statistics = {"baseline": material.baseline, "seed of the bootstrap": SEED}

@@ -143,9 +143,7 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def _curves(
-    material: Material, setting: Setting, value: str, title: str, file: str
-) -> Iterator[Shown]:
+def _curves(material: Material, setting: Setting, value: str, title: str, file: str) -> Iterator[Shown]:
     """Yield gap or worth against experiments, and against answers if there are any."""
     studies = material.campaign.of(setting, value)
     ends = studies.assign(end=studies[value].map(lambda curve: curve[-1]).astype(float))
@@ -153,18 +151,19 @@ def _curves(
     groups = medians.groupby(level="problem", observed=True)
     best = medians[groups.idxmin() if value == "gap" else groups.idxmax()]
     word, number = ("Lowest", short) if value == "gap" else ("Highest", plain_number)
-    texts = ", ".join(
-        f"{problem} {agent} ({number(end)})" for (problem, agent), end in best.items()
-    )
+    texts = ", ".join(f"{problem} {agent} ({number(end)})" for (problem, agent), end in best.items())
     for unit in ("experiments", "answers"):
         if unit == "answers" and not any(asked[-1] for asked in studies["asked"]):
             continue
         given = (material.campaign, setting, value, unit, material.looks, material.baseline)
         alt = f"Plots of the {value} against {unit}. {word} median {value} at the end: {texts}."
         yield Shown(
-            f"{value}-{unit}{file}.png", f"{value.capitalize()} against {unit}{title}",
-            CURVES[value, unit], alt, png(figures.against(*given)),
-        )  # fmt: skip
+            f"{value}-{unit}{file}.png",
+            f"{value.capitalize()} against {unit}{title}",
+            CURVES[value, unit],
+            alt,
+            png(figures.against(*given)),
+        )
 
 
 def _groups(material: Material) -> list[list[Setting]]:
@@ -181,15 +180,20 @@ def _of_all_loops(material: Material, settings: Sequence[Setting]) -> Iterator[S
     budgets = " and ".join(map(str, sorted({s.n_max for s in settings})))
     worth = _by_setting(rows, settings, lambda row: plain_number(row.worth))
     yield Shown(
-        f"worth-summary{file}.png", f"Worth after {budgets} experiments{end}", SUMMARY,
-        f"Worth at the end. {worth}.", png(figures.summary(campaign, rows, settings, looks)),
-    )  # fmt: skip
+        f"worth-summary{file}.png",
+        f"Worth after {budgets} experiments{end}",
+        SUMMARY,
+        f"Worth at the end. {worth}.",
+        png(figures.summary(campaign, rows, settings, looks)),
+    )
     drift = _by_setting(rows, settings, lambda row: f"{row.drift:.1f}")
     yield Shown(
-        f"worth-drift{file}.png", f"Worth along the study{end}", DRIFT,
+        f"worth-drift{file}.png",
+        f"Worth along the study{end}",
+        DRIFT,
         f"Plots of worth along the study. Best before over end: {drift}.",
         png(figures.along(campaign, settings, looks, material.baseline)),
-    )  # fmt: skip
+    )
 
 
 def _by_setting(rows: pd.DataFrame, settings: Sequence[Setting], text: Callable[[Any], str]) -> str:

@@ -27,16 +27,55 @@ FIRST_PART = 0.4
 SEED = 0
 """Seed of the bootstrap's resamples, the same for each row: rows are independent of each other."""
 _GAP_COLUMNS = (
-    "setting", "problem", "knobs", "calibrator", "n_init", "n_max", "agent", "seeds", "failed",
-    "gap_lower_quartile", "gap_median", "gap_upper_quartile", "visited_median", "questions_median",
-    "seconds_per_proposal", "baseline", "floor", "average", "pairs", "log10_ratio",
-    "log10_ratio_low", "log10_ratio_high", "wins", "ties", "losses", "p", "p_holm",
-)  # fmt: skip
+    "setting",
+    "problem",
+    "knobs",
+    "calibrator",
+    "n_init",
+    "n_max",
+    "agent",
+    "seeds",
+    "failed",
+    "gap_lower_quartile",
+    "gap_median",
+    "gap_upper_quartile",
+    "visited_median",
+    "questions_median",
+    "seconds_per_proposal",
+    "baseline",
+    "floor",
+    "average",
+    "pairs",
+    "log10_ratio",
+    "log10_ratio_low",
+    "log10_ratio_high",
+    "wins",
+    "ties",
+    "losses",
+    "p",
+    "p_holm",
+)
 _WORTH_COLUMNS = (
-    "setting", "taste", "n_init", "n_max", "agent", "loops", "studies", "unit", "after", "worth",
-    "worth_low", "worth_high", "interquartile_mean", "answers", "baseline", "improvement",
-    "improvement_low", "improvement_high", "drift",
-)  # fmt: skip
+    "setting",
+    "taste",
+    "n_init",
+    "n_max",
+    "agent",
+    "loops",
+    "studies",
+    "unit",
+    "after",
+    "worth",
+    "worth_low",
+    "worth_high",
+    "interquartile_mean",
+    "answers",
+    "baseline",
+    "improvement",
+    "improvement_low",
+    "improvement_high",
+    "drift",
+)
 
 
 def gap_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
@@ -54,8 +93,14 @@ def gap_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
         for agent, row in agents.items():
             if agent != baseline and baseline in gaps:
                 row |= _nearer(gaps[agent], gaps[baseline])
-            row |= {"setting": setting, "problem": problem, "knobs": campaign.knobs(problem),
-                    "agent": agent, "baseline": baseline, **asdict(setting)}  # fmt: skip
+            row |= {
+                "setting": setting,
+                "problem": problem,
+                "knobs": campaign.knobs(problem),
+                "agent": agent,
+                "baseline": baseline,
+                **asdict(setting),
+            }
         tested = [row for row in agents.values() if "p" in row]
         for row, p in zip(tested, holm([row["p"] for row in tested]), strict=True):
             row["p_holm"] = p
@@ -115,10 +160,13 @@ def _last_gaps(studies: pd.DataFrame) -> pd.Series:
 def _gap_row(studies: pd.DataFrame) -> dict[str, Any]:
     finished, gaps = studies[studies["failure"] == ""], _last_gaps(studies)
     row = {
-        "seeds": len(finished), "failed": len(studies) - len(finished), "floor": FLOOR,
-        "average": "median", "questions_median": _median(asked[-1] for asked in finished["asked"]),
+        "seeds": len(finished),
+        "failed": len(studies) - len(finished),
+        "floor": FLOOR,
+        "average": "median",
+        "questions_median": _median(asked[-1] for asked in finished["asked"]),
         "seconds_per_proposal": _median(finished["seconds"]),
-    }  # fmt: skip
+    }
     if len(gaps):
         quartiles = map(float, np.quantile(gaps, [0.25, 0.5, 0.75]))
         names = ("gap_lower_quartile", "gap_median", "gap_upper_quartile")
@@ -180,11 +228,19 @@ def _of_setting(campaign: Campaign, setting: Setting, baseline: str) -> list[dic
                 continue
             held = _held(group, unit, after)
             row: dict[str, Any] = {
-                "setting": setting, "taste": setting.calibrator, "n_init": setting.n_init,
-                "n_max": setting.n_max, "agent": agent, "studies": len(group), "unit": unit,
-                "after": after, "answers": _answers(group, unit, after),
-                "drift": drift(held), **_worth(held), "baseline": baseline,
-            }  # fmt: skip
+                "setting": setting,
+                "taste": setting.calibrator,
+                "n_init": setting.n_init,
+                "n_max": setting.n_max,
+                "agent": agent,
+                "studies": len(group),
+                "unit": unit,
+                "after": after,
+                "answers": _answers(group, unit, after),
+                "drift": drift(held),
+                **_worth(held),
+                "baseline": baseline,
+            }
             if baseline in groups and agent != baseline:
                 row |= _against(held, _held(groups[baseline], unit, after))
             rows.append(row)

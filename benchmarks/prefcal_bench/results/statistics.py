@@ -67,9 +67,7 @@ def difference(
     from scipy.stats import wilcoxon
 
     if len(gaps) != len(baseline) or not len(gaps):
-        raise SettingsError(
-            f"gaps must come in pairs, one or more, got {len(gaps)} and {len(baseline)}"
-        )
+        raise SettingsError(f"gaps must come in pairs, one or more, got {len(gaps)} and {len(baseline)}")
     d = np.log10(np.maximum(gaps, FLOOR)) - np.log10(np.maximum(baseline, FLOOR))
     low, high = _interval(d, rng)
     return Difference(
@@ -93,9 +91,8 @@ def _interval(
     if len(d) < 2:
         return None, None
     interval = bootstrap(
-        (d,), np.median, n_resamples=_PAIRED, confidence_level=CONFIDENCE, method="percentile",
-        rng=rng,
-    ).confidence_interval  # fmt: skip
+        (d,), np.median, n_resamples=_PAIRED, confidence_level=CONFIDENCE, method="percentile", rng=rng
+    ).confidence_interval
     return float(interval.low), float(interval.high)
 
 

@@ -123,9 +123,18 @@ def numbers(rows: pd.DataFrame, baseline: str, label: str) -> Table:
         lowest = short(group["gap_median"].astype(float).min())
         lines += [_gap_cells(row, lowest) for row in group.itertuples()]
     columns = (
-        "problem", "agent", "seeds", "median gap", "quartiles", "best visited", "questions",
-        f"× {baseline} (95 %)", "won–tied–lost", "p", "s/proposal",
-    )  # fmt: skip
+        "problem",
+        "agent",
+        "seeds",
+        "median gap",
+        "quartiles",
+        "best visited",
+        "questions",
+        f"× {baseline} (95 %)",
+        "won–tied–lost",
+        "p",
+        "s/proposal",
+    )
     room = ("best visited", "questions", "s/proposal")
     return Table(label, caption, columns, lines, words=("problem", "agent"), page_only=room)
 
@@ -233,9 +242,11 @@ def _worth_cells(row: Any) -> list[str]:
     """Return worth with its interval, middle half, answers, who beats whom, and drift as text."""
     return [
         with_interval(row.worth, row.worth_low, row.worth_high),
-        plain_number(row.interquartile_mean), f"{row.answers:.0f}",
-        chance(row.improvement, row.improvement_low, row.improvement_high), f"×{row.drift:.2f}",
-    ]  # fmt: skip
+        plain_number(row.interquartile_mean),
+        f"{row.answers:.0f}",
+        chance(row.improvement, row.improvement_low, row.improvement_high),
+        f"×{row.drift:.2f}",
+    ]
 
 
 def _studies(row: Any, loops: int) -> str:

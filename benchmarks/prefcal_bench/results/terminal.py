@@ -64,9 +64,15 @@ def _print(console: Console, shown: Table) -> None:
     """Print a table, of which a heading that repeats is shown once, with rows of it together."""
     shown = shown.without(shown.page_only)
     printed = table.Table(
-        title=_safe(shown.label), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
-        caption=_safe(shown.caption), caption_justify="left", pad_edge=False, collapse_padding=True,
-    )  # fmt: skip
+        title=_safe(shown.label),
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        caption=_safe(shown.caption),
+        caption_justify="left",
+        pad_edge=False,
+        collapse_padding=True,
+    )
     for name in shown.columns:  # intervals can wrap, names cannot
         words = name in shown.words
         printed.add_column(_safe(name), justify="left" if words else "right", no_wrap=words)

@@ -27,11 +27,17 @@ OBSERVATION, ACTION = "OvertakeObservation", "SpeedSteeringAction"
 OBSERVATIONS = (OBSERVATION, "Kinematics", "OccupancyGrid", "LidarObservation", "TupleObservation")
 ACTIONS = (ACTION, "ContinuousAction", "DiscreteAction")
 """Types that a configuration can name; all but the first are highway-env's."""
-_OBSERVED = np.array([
-    (40 * KMH, 70 * KMH), (-np.pi / 4, np.pi / 4),  # v and δ_s last
-    (-3.0, 7.0), (-np.pi / 2, np.pi / 2),  # y_f, θ
-    (-30.0, 30.0), (-7.0, 7.0), (0.0, 1.0),  # gap, lateral offset, phase
-])  # fmt: skip
+_OBSERVED = np.array(
+    [
+        (40 * KMH, 70 * KMH),
+        (-np.pi / 4, np.pi / 4),  # v and δ_s last
+        (-3.0, 7.0),
+        (-np.pi / 2, np.pi / 2),  # y_f, θ
+        (-30.0, 30.0),
+        (-7.0, 7.0),
+        (0.0, 1.0),  # gap, lateral offset, phase
+    ]
+)
 _FREQUENCIES = (1 / T_S_RANGE[1], 1 / T_S_RANGE[0])
 _BESIDE = 6.6667  # m, total width shown beside the road
 
@@ -168,9 +174,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         known = self.default_config()
         unknown = sorted({*self.config, *(config or {})} - set(known))
         if unknown:
-            raise SettingsError(
-                f"config has unknown keys {unknown}, expected some of {sorted(known)}"
-            )
+            raise SettingsError(f"config has unknown keys {unknown}, expected some of {sorted(known)}")
         wanted = self.config | (config or {})
         options = OvertakeOptions.of({name: wanted[name] for name in paper_scene()})
         _check_type(wanted["observation"], OBSERVATIONS, "observation")
@@ -186,9 +190,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         """Set types and spaces of observation and action; equal spaces keep their identity."""
         seen, done = self.config["observation"], self.config["action"]
         own = seen["type"] == OBSERVATION
-        self.observation_type = (
-            OvertakeObservation(self) if own else observation_factory(self, seen)
-        )
+        self.observation_type = OvertakeObservation(self) if own else observation_factory(self, seen)
         own = done["type"] == ACTION
         self.action_type = SpeedSteeringAction(self) if own else action_factory(self, done)
         seen, done = self.observation_type.space(), self.action_type.space()
@@ -334,10 +336,15 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         course = self.course
         distance, offset = course.nearest()
         info: dict[str, Any] = {
-            "t": course.t, "x": course.x.copy(), "u": course.u.copy(),
-            "speed": float(self.vehicle.speed), "crashed": bool(self.vehicle.crashed),
-            "gap": distance, "lateral_offset": offset, "phase": int(course.phase),
-        }  # fmt: skip
+            "t": course.t,
+            "x": course.x.copy(),
+            "u": course.u.copy(),
+            "speed": float(self.vehicle.speed),
+            "crashed": bool(self.vehicle.crashed),
+            "gap": distance,
+            "lateral_offset": offset,
+            "phase": int(course.phase),
+        }
         if course.end is not None:
             info["end"] = course.end.value
         if course.mishap is not None:

@@ -52,9 +52,7 @@ class OvertakeOptions:
         for name, low, high in (("lanes_count", 1, 10), ("vehicles_count", 0, 1000)):
             count = getattr(self, name)
             if not isinstance(count, int) or isinstance(count, bool) or not low <= count <= high:
-                raise SettingsError(
-                    f"{name} must be a whole number in [{low}, {high}], got {count!r}"
-                )
+                raise SettingsError(f"{name} must be a whole number in [{low}, {high}], got {count!r}")
         if self.other_vehicles_type not in DRIVERS:
             raise SettingsError(
                 f"other_vehicles_type must be one of {DRIVERS}, got {self.other_vehicles_type!r}"
@@ -75,9 +73,7 @@ class OvertakeOptions:
         known = {f.name for f in fields(cls)}
         unknown = sorted(set(config) - known)
         if unknown:
-            raise SettingsError(
-                f"a scene has unknown keys {unknown}, expected some of {sorted(known)}"
-            )
+            raise SettingsError(f"a scene has unknown keys {unknown}, expected some of {sorted(known)}")
         return cls(**config)
 
 

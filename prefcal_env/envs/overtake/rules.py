@@ -84,9 +84,7 @@ def beside(x_f: float, obstacles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray,
         be 0.
     """
     near = [
-        gap(x_f, x_o) < SAFETY_DISTANCE
-        and clearance(x_f, x_o) <= SAFETY_DISTANCE
-        and y_o < LANE_WIDTH / 2
+        gap(x_f, x_o) < SAFETY_DISTANCE and clearance(x_f, x_o) <= SAFETY_DISTANCE and y_o < LANE_WIDTH / 2
         for x_o, y_o, _ in obstacles.tolist()
     ]
     return obstacles[near]

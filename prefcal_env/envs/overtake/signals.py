@@ -25,11 +25,7 @@ Signal = Float[np.ndarray, " K"]
 
 
 def signals_of(
-    t: Times,
-    poses: Poses,
-    phases: Signal,
-    movers: Sequence[Mover],
-    road: tuple[float, float] = ROAD,
+    t: Times, poses: Poses, phases: Signal, movers: Sequence[Mover], road: tuple[float, float] = ROAD
 ) -> dict[str, Signal]:
     """Return all signals by name, each of shape (K,).
 
@@ -67,9 +63,7 @@ def signals_of(
     }
 
 
-def _lateral_reference(
-    x_f: Signal, others: list[Poses], overtaking: Bool[np.ndarray, " K"]
-) -> Signal:
+def _lateral_reference(x_f: Signal, others: list[Poses], overtaking: Bool[np.ndarray, " K"]) -> Signal:
     """Return the reference of y_f [m], shape (K,): 3 m beside the leftmost near obstacle, as tuned.
 
     Once no obstacle is near, the reference keeps its value until the overtaking ends.

@@ -148,9 +148,7 @@ class SimulatedVehicle:
         self.movers: tuple[Mover, ...] = (Obstacle(), *self._tracks)
         self._note(0.0)
 
-    def drive(
-        self, x: Float[np.ndarray, " 3"], u: Float[np.ndarray, " 2"], start: float, end: float
-    ) -> None:
+    def drive(self, x: Float[np.ndarray, " 3"], u: Float[np.ndarray, " 2"], start: float, end: float) -> None:
         """Drive all vehicles from `start` to `end` [s], ours from its state `x` with `u` held."""
         own, obstacle, *_ = self.road.vehicles
         own.put(x, u)

@@ -118,9 +118,7 @@ def backward(A, B, c, C, D, e, roots, references, N_u):  # type: ignore[no-untyp
     M = np.zeros((max(n_s, p) + p + root_u.shape[0] + root_du.shape[0], width))
     iC, iD = C.shape[0] - 1, D.shape[0] - 1
     top = np.int64(0)  # with a literal 0 numba would compile the function again for the constant
-    _add_output_cost(
-        M, top, root_y, C[min(N_p, iC)], D[min(N_p, iD)], e[N_p], y_ref[min(N_p - 1, last)]
-    )
+    _add_output_cost(M, top, root_y, C[min(N_p, iC)], D[min(N_p, iD)], e[N_p], y_ref[min(N_p - 1, last)])
     for r in range(p):  # y_Np depends on the last input, which is w here
         for j in range(n_x):
             S[r, j] = M[r, n_u + j]

@@ -176,9 +176,7 @@ def system_of(system: Any) -> LinearSystem:
             return _of_arrays(system[:4], _sample_time(system[4]) if system[4:] else 0.0)
     if isinstance(system, int | float | np.ndarray | np.number) and not isinstance(system, bool):
         return _of_arrays([[], [], [], _matrix("a gain", system)], 0.0)
-    raise PlantError(
-        f"a linear system must be {_FORMS}, got {type(system).__name__} {system!r:.80}"
-    )
+    raise PlantError(f"a linear system must be {_FORMS}, got {type(system).__name__} {system!r:.80}")
 
 
 def _of_arrays(arrays: Sequence[Any], dt: float, source: Any = None) -> LinearSystem:

@@ -61,9 +61,7 @@ def camel(x: Float[np.ndarray, " 2"]) -> float:
 
 _HARTMAN_ALPHA = np.array([1.0, 1.2, 3.0, 3.2])
 _HARTMAN3_A = np.array([[3, 10, 30], [0.1, 10, 35], [3, 10, 30], [0.1, 10, 35]])
-_HARTMAN3_P = 1e-4 * np.array(
-    [[3689, 1170, 2673], [4699, 4387, 7470], [1091, 8732, 5547], [381, 5743, 8828]]
-)
+_HARTMAN3_P = 1e-4 * np.array([[3689, 1170, 2673], [4699, 4387, 7470], [1091, 8732, 5547], [381, 5743, 8828]])
 _HARTMAN6_A = np.array(
     [
         [10, 3, 17, 3.5, 1.7, 8],
@@ -141,35 +139,34 @@ def terraces(x: Float[np.ndarray, " 3"]) -> float:
 
 _WELL = (0.11458888111058596, 0.5556488965584945, 0.8525469846916554)
 _WELL_6 = (
-    0.2016895106414348, 0.15001069461424155, 0.4768739765861194,
-    0.2753324285232711, 0.31165161724300744, 0.6573005330010271,
-)  # fmt: skip
+    0.2016895106414348,
+    0.15001069461424155,
+    0.4768739765861194,
+    0.2753324285232711,
+    0.31165161724300744,
+    0.6573005330010271,
+)
 _HUMP = (0.0898420131, -0.7126564030)
 
 
 def _make() -> Mapping[str, TestFunction]:
     mixed = KnobSpace(
-        [
-            Knob("period", 0.1, 1.0),
-            Knob("horizon", 5, 60, integer=True),
-            Knob("weight", -5.0, 3.0),
-        ]
+        [Knob("period", 0.1, 1.0), Knob("horizon", 5, 60, integer=True), Knob("weight", -5.0, 3.0)]
     )
     functions = (
         TestFunction(
-            "camel", camel, box((-2, 2), (-1, 1)), -1.0316284534898774,
-            (_HUMP, (-_HUMP[0], -_HUMP[1])),
+            "camel", camel, box((-2, 2), (-1, 1)), -1.0316284534898774, (_HUMP, (-_HUMP[0], -_HUMP[1]))
         ),
         TestFunction("hartman3", hartman3, box(*[(0, 1)] * 3), -3.862779787332663, (_WELL,)),
         TestFunction("hartman6", hartman6, box(*[(0, 1)] * 6), -3.3223680114155147, (_WELL_6,)),
         TestFunction(
-            "branin", branin, box((-5, 10), (0, 15)), 0.39788735772973816,
+            "branin",
+            branin,
+            box((-5, 10), (0, 15)),
+            0.39788735772973816,
             ((-np.pi, 12.275), (np.pi, 2.275), (3 * np.pi, 2.475)),
         ),
-        TestFunction(
-            "adjiman", adjiman, box((-1, 2), (-1, 1)), -2.021806783359787,
-            ((2.0, 0.1057834735),),
-        ),
+        TestFunction("adjiman", adjiman, box((-1, 2), (-1, 1)), -2.021806783359787, ((2.0, 0.1057834735),)),
         TestFunction("rosenbrock2", rosenbrock, box(*[(-2, 2)] * 2), 0.0, ((1.0,) * 2,)),
         TestFunction("rosenbrock4", rosenbrock, box(*[(-2, 2)] * 4), 0.0, ((1.0,) * 4,)),
         TestFunction("rosenbrock8", rosenbrock, box(*[(-2, 2)] * 8), 0.0, ((1.0,) * 8,)),
@@ -178,11 +175,10 @@ def _make() -> Mapping[str, TestFunction]:
         TestFunction("levy4", levy, box(*[(-10, 10)] * 4), 0.0, ((1.0,) * 4,)),
         TestFunction("levy8", levy, box(*[(-10, 10)] * 8), 0.0, ((1.0,) * 8,)),
         TestFunction(
-            "styblinski3", styblinski_tang, box(*[(-5, 5)] * 3), -39.16616570377142,
-            ((-2.9035340277,) * 3,),
+            "styblinski3", styblinski_tang, box(*[(-5, 5)] * 3), -39.16616570377142, ((-2.9035340277,) * 3,)
         ),
         TestFunction("terraces3", terraces, mixed, 0.0, ((0.3, 25.0, -1.0),)),
-    )  # fmt: skip
+    )
     return MappingProxyType({function.name: function for function in functions})
 
 

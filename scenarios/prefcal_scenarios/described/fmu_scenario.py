@@ -128,9 +128,7 @@ def _range(v: Variable) -> str:
     return f"{max(v.low, -span):g}:{min(v.high, span):g}"
 
 
-def _shown(
-    model: Model, show: Sequence[str], reference: Mapping[str, float]
-) -> tuple[list[str], list[str]]:
+def _shown(model: Model, show: Sequence[str], reference: Mapping[str, float]) -> tuple[list[str], list[str]]:
     """Return the names of the outputs and of the control signals, with units if they have one."""
     named: dict[str, str] = {}
     for name in (*(show or [v.name for v in model.outputs[:_SHOWN]]), *reference):

@@ -70,10 +70,16 @@ def lqr_scenario(
     space = space_of(_knobs(plant, found), knobs, "LQR")
     loop = LQRs.of(plant, found)
     return scenario_of_steps(
-        plant, found, loop.make, space, loop.sensitivity, name="lqr", brief=brief,
+        plant,
+        found,
+        loop.make,
+        space,
+        loop.sensitivity,
+        name="lqr",
+        brief=brief,
         title=title or f"LQR of {plant.name}",
         references={"robust": theta_of(space, found.middle.tolist())},
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,9 +121,13 @@ class LQRs:
         C = m.C[[loop.output for loop in loops]] / steps[:, None]
         span = np.where(np.isfinite(m.high - m.low), m.high - m.low, 1.0)
         return LQR(
-            m, C.T @ np.diag(Q_y) @ C, np.array([1.0, *theta[2 * n :]]) / span**2,
-            T_s=self.design.T_s, integral=[loop.output for loop in loops], Q_i=Q_i / steps**2,
-        )  # fmt: skip
+            m,
+            C.T @ np.diag(Q_y) @ C,
+            np.array([1.0, *theta[2 * n :]]) / span**2,
+            T_s=self.design.T_s,
+            integral=[loop.output for loop in loops],
+            Q_i=Q_i / steps**2,
+        )
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
         """Return the largest σ((1 + L)^-1) at the inputs, infinite if the loop is unstable."""

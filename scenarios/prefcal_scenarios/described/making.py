@@ -40,9 +40,7 @@ def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
     description = description_of(name, {} if config is None else config)
     if description.timeout is not None and description.fmu is None:
         if description.opcua is not None:
-            raise ScenarioError(
-                f"{name}: timeout above all tables is for an FMU: write it below [opcua]"
-            )
+            raise ScenarioError(f"{name}: timeout above all tables is for an FMU: write it below [opcua]")
         raise ScenarioError(f"{name}: timeout is for an FMU; --run-timeout limits other runs")
     knobs = [_knob(key, value, name) for key, value in description.knobs.items()]
     subject = next(key for key in _MAKERS if getattr(description, key) is not None)
@@ -54,9 +52,15 @@ def _of_fmu(d: Description, knobs: list[Knob], where: str) -> Scenario:
 
     assert d.fmu is not None
     return fmu_scenario(
-        d.fmu, knobs=knobs, show=d.show, reference=d.reference or None, stop_time=d.stop_time,
-        title=d.title, brief=d.brief, timeout=60.0 if d.timeout is None else d.timeout,
-    )  # fmt: skip
+        d.fmu,
+        knobs=knobs,
+        show=d.show,
+        reference=d.reference or None,
+        stop_time=d.stop_time,
+        title=d.title,
+        brief=d.brief,
+        timeout=60.0 if d.timeout is None else d.timeout,
+    )
 
 
 def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
@@ -75,9 +79,13 @@ def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
         )
     module = import_module(f"prefcal_scenarios.described.{d.controller}_scenario")
     made: Scenario = getattr(module, f"{d.controller}_scenario")(
-        plant_at(d.plant), knobs=knobs, reference=d.reference or None, horizon=d.stop_time,
-        title=d.title, brief=d.brief,
-    )  # fmt: skip
+        plant_at(d.plant),
+        knobs=knobs,
+        reference=d.reference or None,
+        horizon=d.stop_time,
+        title=d.title,
+        brief=d.brief,
+    )
     return made
 
 
@@ -160,9 +168,7 @@ def _name(where: str, d: Description) -> str:
     return f"{where}-{name}".rstrip("-")
 
 
-def _kpis(
-    stated: Mapping[str, float | Mapping[str, Any]], made: Scenario, where: str
-) -> tuple[KPI, ...]:
+def _kpis(stated: Mapping[str, float | Mapping[str, Any]], made: Scenario, where: str) -> tuple[KPI, ...]:
     channels = getattr(made.run, "channels", None)
     known = {kpi.name: kpi for kpi in made.kpis}
     if isinstance(channels, Channels):

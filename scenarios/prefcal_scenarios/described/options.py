@@ -7,9 +7,12 @@ from prefcal_scenarios.names import is_described
 from prefcal_scenarios.own.source import split_source
 
 FLAGS = {
-    "knobs": "--knob", "show": "--show", "reference": "--reference", "plant": "--plant",
+    "knobs": "--knob",
+    "show": "--show",
+    "reference": "--reference",
+    "plant": "--plant",
     "stop_time": "--stop-time",
-}  # fmt: skip
+}
 """Keys of a description and the options that set them."""
 
 

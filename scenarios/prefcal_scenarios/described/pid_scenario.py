@@ -84,9 +84,16 @@ def pid_scenario(
     delay = found.delay[np.ix_(rows, columns)]
     pids = PIDs(found, sampled(found.J.part(rows, columns), found.T_s, delay))
     return scenario_of_steps(
-        plant, found, pids.make, space, pids.sensitivity, name="pid",
-        title=title or f"PID of {plant.name}", references=references, brief=brief,
-    )  # fmt: skip
+        plant,
+        found,
+        pids.make,
+        space,
+        pids.sensitivity,
+        name="pid",
+        title=title or f"PID of {plant.name}",
+        references=references,
+        brief=brief,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,11 +112,19 @@ class PIDs:
         """Return the controller for a physical θ, shape (n,): a PID, or one for each loop."""
         pids = [
             PID(
-                t.K_p, t.T_i, t.T_d, T_s=self.design.T_s, N=N, b=b,
-                low=loop.channel.low, high=loop.channel.high, output=loop.output, input=loop.input,
+                t.K_p,
+                t.T_i,
+                t.T_d,
+                T_s=self.design.T_s,
+                N=N,
+                b=b,
+                low=loop.channel.low,
+                high=loop.channel.high,
+                output=loop.output,
+                input=loop.input,
             )
             for loop, t, b in self._tunings(theta)
-        ]  # fmt: skip
+        ]
         return pids[0] if len(pids) == 1 else Decentralized(pids)
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:

@@ -31,8 +31,7 @@ def resumed_source(kept: str, source: str) -> str:
         if not _same(key, before.get(key), value):
             said = f"{key} = {before[key]!r}" if key in before else f"no {key}"
             raise SettingsError(
-                f"the study was started with {said}, got {value!r}: leave it out, or start "
-                "another study"
+                f"the study was started with {said}, got {value!r}: leave it out, or start another study"
             )
     if "plant" in before and "plant" not in now:
         raise SettingsError(

@@ -76,9 +76,7 @@ def checked(values: Mapping[str, Any], table: type[Table], where: str) -> Table:
     return described.checked(values, table, where, ScenarioError, did_you_mean)
 
 
-def stated(
-    values: Mapping[str, Any], table: type, where: str, *, partial: bool = True
-) -> dict[str, Any]:
+def stated(values: Mapping[str, Any], table: type, where: str, *, partial: bool = True) -> dict[str, Any]:
     """Return what a file says about a `table` with a name, which is no key; see `checked`."""
     return described.entries(
         values, (table,), where, ScenarioError, did_you_mean, known=("name",), partial=partial

@@ -24,8 +24,7 @@ def knob_of(text: str) -> Knob:
     name, equals, rest = text.partition("=")
     if not equals or not name.strip():
         raise ScenarioError(
-            f"a knob must be NAME=LOW:HIGH[:log][:int] UNIT, for example {KNOB_EXAMPLE}, "
-            f"got {text!r}"
+            f"a knob must be NAME=LOW:HIGH[:log][:int] UNIT, for example {KNOB_EXAMPLE}, got {text!r}"
         )
     return ranged_knob(name.strip(), rest)
 
@@ -64,10 +63,7 @@ def _number(name: str, word: str, text: str) -> float:
 
 
 def _wrong(name: str, text: str) -> str:
-    return (
-        f"knob {name!r}: expected its range LOW:HIGH, for example {KNOB_EXAMPLE}, "
-        f"got {text.strip()!r}"
-    )
+    return f"knob {name!r}: expected its range LOW:HIGH, for example {KNOB_EXAMPLE}, got {text.strip()!r}"
 
 
 def listed(texts: Iterable[str]) -> list[str]:

@@ -55,9 +55,7 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
     for field, type_, example in (("panels", Panel, "Panel('level')"), ("kpis", kpi, "KPI(...)")):
         values: Any = getattr(scenario, field)
         if isinstance(values, type_):
-            raise ScenarioError(
-                f"{where}: {field} must be a tuple; of one write ({example},) with its comma"
-            )
+            raise ScenarioError(f"{where}: {field} must be a tuple; of one write ({example},) with its comma")
         if not isinstance(values, tuple | list):
             raise ScenarioError(f"{where}: {field} must be a tuple, got {values!r}")
         strangers = [value for value in values if not isinstance(value, type_)]
@@ -65,9 +63,7 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
             raise ScenarioError(f"{where}: {field} must hold {example}, got {strangers[0]!r}")
         if isinstance(values, list):  # a tuple may say that the KPIs are left out
             object.__setattr__(scenario, field, tuple(values))
-    for field in (
-        "cost", "controller", "settings", "pictures", "configured",
-    ):  # fmt: skip
+    for field in ("cost", "controller", "settings", "pictures", "configured"):
         value = getattr(scenario, field)
         if value is not None and not callable(value):
             raise ScenarioError(f"{where}: {field} must be a function or None, got {value!r}")
@@ -82,9 +78,7 @@ def _check_simulated(scenario: Scenario, where: str) -> None:
     if not isinstance(scenario.simulated, bool):
         raise ScenarioError(f"{where}: simulated must be True or False, got {scenario.simulated!r}")
     if scenario.simulated and isinstance(scenario.run, Rig | LiveRig):
-        raise ScenarioError(
-            f"{where}: simulated must be False for a rig, whose experiments a person runs"
-        )
+        raise ScenarioError(f"{where}: simulated must be False for a rig, whose experiments a person runs")
 
 
 def _check_maneuvers(scenario: Scenario, where: str) -> None:
@@ -94,8 +88,7 @@ def _check_maneuvers(scenario: Scenario, where: str) -> None:
     rigs = [name for name, run in scenario.run.runs.items() if isinstance(run, Rig)]
     if rigs:
         raise ScenarioError(
-            f"{where}: maneuver {rigs[0]!r} must not be a rig, whose experiments a person runs one "
-            "by one"
+            f"{where}: maneuver {rigs[0]!r} must not be a rig, whose experiments a person runs one by one"
         )
     higher, targets = scenario.run.higher_is_better, scenario.run.targets
     parts = tuple(named("", part) for part in (*scenario.run.runs, MEAN))
@@ -137,9 +130,7 @@ def _check_against_run(scenario: Scenario, where: str) -> None:
         )
 
 
-def check_experiment(
-    scenario: Scenario, theta: Float[np.ndarray, " n"], result: object
-) -> Experiment:
+def check_experiment(scenario: Scenario, theta: Float[np.ndarray, " n"], result: object) -> Experiment:
     """Return `result` if it is the experiment that the scenario promises for θ.
 
     An interrupted run may lack KPIs, since there may be nothing to measure.
@@ -170,15 +161,11 @@ def returned(result: object) -> Experiment:
     """
     if not isinstance(result, Experiment):
         forgotten = ": is a return missing?" if result is None else ""
-        raise ScenarioError(
-            f"run must return an Experiment, got {type(result).__name__}{forgotten}"
-        )
+        raise ScenarioError(f"run must return an Experiment, got {type(result).__name__}{forgotten}")
     return result
 
 
-def theta_problems(
-    space: KnobSpace, theta: Float[np.ndarray, " n"], experiment: Experiment
-) -> Iterator[str]:
+def theta_problems(space: KnobSpace, theta: Float[np.ndarray, " n"], experiment: Experiment) -> Iterator[str]:
     """Yield a problem if the experiment ran another θ, physical, shape (n,), than requested.
 
     A plant may round θ, but by less than a tenth of a knob's range.

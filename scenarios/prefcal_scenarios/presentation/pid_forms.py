@@ -23,9 +23,7 @@ ISA, PARALLEL, BOTH = "ISA (standard)", "parallel", "both"
 """Forms: K_p (e + 1/T_i ∫e dt + T_d de/dt), and K_p e + K_i ∫e dt + K_d de/dt."""
 
 
-def pid_forms(
-    settings: Mapping[str, Any], space: KnobSpace, time_unit: str
-) -> tuple[Parameter, ...]:
+def pid_forms(settings: Mapping[str, Any], space: KnobSpace, time_unit: str) -> tuple[Parameter, ...]:
     """Return the parameters of the PIDs that `settings` describe, ISA and parallel; () for others.
 
     Args:

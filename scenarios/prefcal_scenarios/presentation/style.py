@@ -72,9 +72,7 @@ def save(figure: Figure, target: IO[bytes]) -> None:
     if engine is not None:  # otherwise `savefig` draws the figure twice, the first time for this
         engine.execute(figure)
         figure.set_layout_engine("none")
-    figure.savefig(
-        target, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4}
-    )
+    figure.savefig(target, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
 
 
 def look(i: int) -> tuple[str, Any]:
@@ -86,6 +84,12 @@ def legend(figure: Figure, axes: Axes, columns: int = 6) -> None:
     """Draw a legend with the labels of `axes` above the whole figure."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="outside upper left", ncols=columns, columnspacing=1.6,
-        handlelength=1.6, handletextpad=0.6, borderaxespad=0.2,
-    )  # fmt: skip
+        handles,
+        labels,
+        loc="outside upper left",
+        ncols=columns,
+        columnspacing=1.6,
+        handlelength=1.6,
+        handletextpad=0.6,
+        borderaxespad=0.2,
+    )

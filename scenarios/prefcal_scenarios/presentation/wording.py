@@ -133,16 +133,12 @@ def labeled(name: str, unit: str) -> str:
 def theta_text(space: KnobSpace, theta: object) -> str:
     """Return θ on one line: name, value and unit of each knob."""
     values = space.named(theta)  # type: ignore[arg-type]
-    return " · ".join(
-        f"{k.name} {with_unit(knob_number(k, values[k.name]), k.unit)}" for k in space
-    )
+    return " · ".join(f"{k.name} {with_unit(knob_number(k, values[k.name]), k.unit)}" for k in space)
 
 
 def mathtext(name: str) -> str:
     """Return `name` for matplotlib, with the part after an underscore as a subscript."""
-    return _SUBSCRIPTED.sub(
-        lambda m: f"${m[1]}_{{{m[2].replace('_', ' ')}}}$", name.replace("$", r"\$")
-    )
+    return _SUBSCRIPTED.sub(lambda m: f"${m[1]}_{{{m[2].replace('_', ' ')}}}$", name.replace("$", r"\$"))
 
 
 def with_subscripts(name: str) -> Markup:

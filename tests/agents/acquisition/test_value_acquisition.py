@@ -34,9 +34,7 @@ def test_both_are_zero_on_a_sample_where_the_value_is_known():
     assert at.variance(VALUES, VALUES) == pytest.approx(np.zeros(9), abs=1e-12)
 
 
-@given(
-    z=st.tuples(st.floats(-1, 1), st.floats(-1, 1)), alpha=st.floats(0, 2), delta=st.floats(0, 2)
-)
+@given(z=st.tuples(st.floats(-1, 1), st.floats(-1, 1)), alpha=st.floats(0, 2), delta=st.floats(0, 2))
 def test_the_acquisition_has_the_slope_of_its_values(z, alpha, delta):
     z = np.array(z)
     interpolant, _ = interpolate(SAMPLES, VALUES, 0.7, "inverse_quadratic")

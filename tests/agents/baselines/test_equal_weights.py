@@ -28,8 +28,10 @@ def test_without_kpis_the_order_stays():
 
 def test_it_shows_its_best_first_and_then_the_next_best_whatever_is_answered():
     agents = [EqualWeights(MIXED, simulate=quick, n_simulated=50, n_max=6) for _ in range(2)]
-    first, second = ([q.challenger for q in run(a, [None, *says])]
-                     for a, says in zip(agents, ([1] * 5, [-1] * 5), strict=True))  # fmt: skip
+    first, second = (
+        [q.challenger for q in run(a, [None, *says])]
+        for a, says in zip(agents, ([1] * 5, [-1] * 5), strict=True)
+    )
     assert first == second
     bank = agents[0].bank
     order = by_mean_rank(bank.kpis)[:6]

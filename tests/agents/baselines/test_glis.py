@@ -32,10 +32,7 @@ def test_an_interrupted_run_that_costs_a_thousand_does_not_blind_it():
 
     gaps = [function.gap(minimize(function, seed, score=score).best) for seed in range(3)]
     blind = GLISSettings(ceiling=1e9)
-    without = [
-        function.gap(minimize(function, seed, score=score, settings=blind).best)
-        for seed in range(3)
-    ]
+    without = [function.gap(minimize(function, seed, score=score, settings=blind).best) for seed in range(3)]
     assert np.median(gaps) < 0.2 * np.median(without)
 
 

@@ -139,9 +139,10 @@ def test_a_run_cut_short_is_not_doubted_in_favor_of_a_whole_one():
     best, rival = fit.doubted(wrong)
     marked = [
         replace(c, answer=replace(c.answer, marks=(Mark.CHALLENGER_CUT_SHORT,)))
-        if c.challenger == rival else c
+        if c.challenger == rival
+        else c
         for c in wrong.comparisons
-    ]  # fmt: skip
+    ]
     pair = fit.doubted(replace(wrong, comparisons=tuple(marked)))
     assert pair is not None
     assert best in pair
@@ -234,9 +235,7 @@ def test_no_theta_runs_twice_as_long_as_there_is_another(count):
     for theta in map(np.array, z[:count]):
         best = history.incumbent
         told = Answer(None if best is None else 1, outcomes=(kpis_of(theta), None))
-        history = history.with_pending(Sample.of(space, space.encode(theta))).with_answer(
-            told, best
-        )
+        history = history.with_pending(Sample.of(space, space.encode(theta))).with_answer(told, best)
     assert tuple(proposed(space, history).astype(int)) in z[count:]
 
 
@@ -269,8 +268,9 @@ def proposals(agent):
     return [list(sample.z) for sample in agent.state.history.samples]
 
 
-@pytest.mark.parametrize("empty", [None, lambda theta: {}, lambda theta: {"k": np.nan},
-                                   lambda theta: {"k": 3.0}])  # fmt: skip
+@pytest.mark.parametrize(
+    "empty", [None, lambda theta: {}, lambda theta: {"k": np.nan}, lambda theta: {"k": 3.0}]
+)
 def test_without_kpis_that_teach_it_is_glisp_on_theta_bit_for_bit(empty):
     assert proposals(study(empty)) == proposals(study(None, options=ALONE))
 
@@ -298,9 +298,7 @@ def test_kpis_that_mislead_do_not_for_long(kpis):
 
 
 @settings(max_examples=6)
-@given(
-    st.lists(st.dictionaries(st.sampled_from("kl"), st.floats(width=64)), min_size=9, max_size=9)
-)
+@given(st.lists(st.dictionaries(st.sampled_from("kl"), st.floats(width=64)), min_size=9, max_size=9))
 def test_no_kpis_break_a_proposal(known):
     told = iter(known * 3)
     agent = study(lambda theta: next(told), 9)

@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.glisp.noise_test import (
-    MANY,
-    NoiseTest,
-    evidence_of_mistakes,
-    rows_of,
-    suited_shape,
-)
+from prefcal_agents.glisp.noise_test import MANY, NoiseTest, evidence_of_mistakes, rows_of, suited_shape
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.rbf import Shape
 
@@ -86,6 +80,4 @@ def test_each_comparison_is_one_row():
     gaps = features[known.first] - features[known.second]
     # A row and its number say the same: the lower cost is on the negative side.
     parallel = np.abs(np.sum(rows.rows * gaps, axis=1))
-    assert parallel == pytest.approx(
-        np.linalg.norm(rows.rows, axis=1) * np.linalg.norm(gaps, axis=1)
-    )
+    assert parallel == pytest.approx(np.linalg.norm(rows.rows, axis=1) * np.linalg.norm(gaps, axis=1))

@@ -319,10 +319,13 @@ def test_further_answers_teach_the_order():
 def cut_short(history, *indices):
     """Return `history` as if the runs of these samples had been cut short."""
     marks = (Mark.CHALLENGER_CUT_SHORT,)
-    return replace(history, comparisons=tuple(
-        replace(c, answer=replace(c.answer, marks=marks)) if c.challenger in indices else c
-        for c in history.comparisons
-    ))  # fmt: skip
+    return replace(
+        history,
+        comparisons=tuple(
+            replace(c, answer=replace(c.answer, marks=marks)) if c.challenger in indices else c
+            for c in history.comparisons
+        ),
+    )
 
 
 def test_the_place_of_a_loser_is_found_among_whole_runs():

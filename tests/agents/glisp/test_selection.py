@@ -9,15 +9,7 @@ from hypothesis import strategies as st
 
 from prefcal_agents import GLISpSettings
 from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.selection import (
-    FEW,
-    MANY,
-    Dataset,
-    ModelSelection,
-    Selection,
-    train,
-    trust,
-)
+from prefcal_agents.glisp.selection import FEW, MANY, Dataset, ModelSelection, Selection, train, trust
 from prefcal_agents.glisp.settings import Setup
 from prefcal_agents.models.rbf import Shape
 from prefcal_env.knobs.knob import Knob
@@ -186,9 +178,7 @@ def test_kpis_that_explain_the_answers_are_used_and_may_be_left_out():
 def test_a_data_set_is_strict_once_an_answer_says_which_is_better():
     vague = History()
     for k, answer in enumerate((None, 0, None, 0)):
-        vague = vague.with_pending(in_cube([k / 4, 0.5])).with_answer(
-            Answer(answer), 0 if k else None
-        )
+        vague = vague.with_pending(in_cube([k / 4, 0.5])).with_answer(Answer(answer), 0 if k else None)
     assert not Dataset.of(vague).is_strict
     clear = vague.with_follow_up(Answer(1), 3, 0)
     assert Dataset.of(clear).is_strict

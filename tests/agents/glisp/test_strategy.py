@@ -143,9 +143,7 @@ def test_the_start_is_a_latin_hypercube():
     for planned in latin_hypercube(SQUARE, 4, 2):
         z = propose_start(setup, history)
         assert np.array_equal(z, planned)
-        history = history.with_pending(in_cube(z)).with_answer(
-            Answer(1 if history.answered else None), None
-        )
+        history = history.with_pending(in_cube(z)).with_answer(Answer(1 if history.answered else None), None)
 
 
 def test_marks_keep_the_start_away_too():

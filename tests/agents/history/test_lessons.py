@@ -10,15 +10,7 @@ from scipy.linalg import lapack
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.acquisition.penalty import SafetyModel
-from prefcal_agents.history.lessons import (
-    MOST,
-    Marks,
-    Memory,
-    Preferences,
-    judged,
-    kpis_of,
-    scores_of,
-)
+from prefcal_agents.history.lessons import MOST, Marks, Memory, Preferences, judged, kpis_of, scores_of
 from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

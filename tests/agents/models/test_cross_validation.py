@@ -2,12 +2,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.models.cross_validation import (
-    Validation,
-    choose_epsilon,
-    nearest,
-    rescale_knob,
-)
+from prefcal_agents.models.cross_validation import Validation, choose_epsilon, nearest, rescale_knob
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import Shape
 
@@ -55,9 +50,7 @@ def test_a_smooth_function_asks_for_a_small_epsilon_and_a_rugged_one_for_a_large
         validation(study(lambda z: np.sum((z - 0.4) ** 2))), Shape(1.0, (1.0, 1.0)), CANDIDATES
     )
     rugged, _ = choose_epsilon(
-        validation(study(lambda z: np.sin(14 * z[0]), n=1, count=60)),
-        Shape(1.0, (1.0,)),
-        CANDIDATES,
+        validation(study(lambda z: np.sin(14 * z[0]), n=1, count=60)), Shape(1.0, (1.0,)), CANDIDATES
     )
     assert smooth.epsilon < 5 < rugged.epsilon
 

@@ -69,9 +69,8 @@ def test_the_samples_are_ordered_as_the_right_answers_say_and_mistakes_are_point
 def test_ties_teach_nothing_and_without_a_strict_preference_the_prior_stays():
     preferences, _ = compared(set(), count=5)
     ties = Preferences(
-        preferences.samples, preferences.first, preferences.second, 0 * preferences.b,
-        preferences.weights,
-    )  # fmt: skip
+        preferences.samples, preferences.first, preferences.second, 0 * preferences.b, preferences.weights
+    )
     posterior = ExpectationPropagation.of(rows_of(ties, SHAPE), 0.1)
     assert not posterior.mean.any()
     assert posterior.predicted == 0
@@ -117,9 +116,7 @@ def test_by_comparisons_too_a_knob_that_does_not_matter_gets_the_greatest_length
 def test_the_evidence_is_the_probability_of_the_answers():
     # Three values: the orthant of a normal distribution, which scipy integrates.
     samples = np.array([[0.1], [0.4], [0.9]])
-    preferences = Preferences(
-        samples, np.array([1, 2]), np.array([0, 1]), np.array([-1, 1]), np.ones(2)
-    )
+    preferences = Preferences(samples, np.array([1, 2]), np.array([0, 1]), np.array([-1, 1]), np.ones(2))
     known = _Known.of(preferences, 1e-6)
     factor = known.factor(np.array([0.5]))[0]
     kernel, rows = factor @ factor.T, np.array([[1.0, -1.0, 0.0], [0.0, -1.0, 1.0]])
@@ -131,16 +128,12 @@ def test_the_evidence_is_the_probability_of_the_answers():
 def test_the_slope_of_the_evidence_agrees_with_differences(error_rate):
     known, lengths = _Known.of(PREFERENCES, error_rate), np.array([0.6, 0.5, 1.2])
     factor, u, slope = known.factor(lengths)
-    found = -0.5 * np.einsum(
-        "mN,jmN->j", known._pull(factor, known.posterior(factor, None)) * slope, u
-    )
+    found = -0.5 * np.einsum("mN,jmN->j", known._pull(factor, known.posterior(factor, None)) * slope, u)
     for knob in range(3):
         longer, shorter = lengths.copy(), lengths.copy()
         longer[knob] *= np.exp(0.01)
         shorter[knob] *= np.exp(-0.01)
-        up, down = (
-            known.posterior(known.factor(each)[0], None).evidence for each in (longer, shorter)
-        )
+        up, down = (known.posterior(known.factor(each)[0], None).evidence for each in (longer, shorter))
         # The search for the sites ends at a tolerance.
         assert found[knob] == pytest.approx((up - down) / 0.02, abs=0.05)
 
@@ -177,9 +170,7 @@ def test_one_answer_says_next_to_nothing_about_the_lengths():
 def test_ties_are_left_out():
     b = PREFERENCES.b.copy()
     b[3:] = 0
-    few = PreferenceGP.of(
-        Preferences(POINTS, PREFERENCES.first, PREFERENCES.second, b, np.ones(len(b)))
-    )
+    few = PreferenceGP.of(Preferences(POINTS, PREFERENCES.first, PREFERENCES.second, b, np.ones(len(b))))
     assert len(few.centers) == 4
 
 

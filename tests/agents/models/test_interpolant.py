@@ -7,12 +7,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 from scipy.optimize import check_grad
 
-from prefcal_agents.models.interpolant import (
-    POSITIVE_DEFINITE,
-    best_interpolant,
-    interpolate,
-    normalized,
-)
+from prefcal_agents.models.interpolant import POSITIVE_DEFINITE, best_interpolant, interpolate, normalized
 
 RNG = np.random.default_rng(7)
 SAMPLES = RNG.uniform(-1, 1, (12, 3))
@@ -44,9 +39,8 @@ def test_the_leave_one_out_error_is_what_leaving_one_out_gives():
     for k in range(len(SAMPLES)):
         rest = np.arange(len(SAMPLES)) != k
         reference = RBFInterpolator(
-            SAMPLES[rest], VALUES[rest] - offset, kernel="inverse_quadratic", epsilon=1.0,
-            degree=-1,
-        )  # fmt: skip
+            SAMPLES[rest], VALUES[rest] - offset, kernel="inverse_quadratic", epsilon=1.0, degree=-1
+        )
         errors.append(reference(SAMPLES[k : k + 1])[0] + offset - VALUES[k])
     assert error == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=1e-4)
 

@@ -30,9 +30,7 @@ def test_what_cannot_teach_is_left_out():
     columns = {"same": [3.0] * 5, "rare": [1.0, 2.0, None, None, None], "nan": [np.nan] * 5}
     assert len(Outcomes.of(history_of(columns))) == 0
     assert len(Outcomes.of(History())) == 0
-    assert Outcomes.of(history_of({**columns, "good": [1.0, 2.0, 3.0, 4.0, 5.0]})).names == (
-        "good",
-    )
+    assert Outcomes.of(history_of({**columns, "good": [1.0, 2.0, 3.0, 4.0, 5.0]})).names == ("good",)
 
 
 KPI = st.none() | st.floats(width=64)
@@ -49,8 +47,6 @@ def test_whatever_the_values_shares_are_between_0_and_1(rows):
     assert outcomes.columns.shape == (len(rows), len(outcomes))
     assert ((outcomes.columns >= 0) & (outcomes.columns <= 1)).all()
     for k, (name, (best, worst)) in enumerate(zip(outcomes.names, outcomes.ranges, strict=True)):
-        values = np.array(
-            [v if v is not None else np.nan for v in (first if name == "k" else second)]
-        )
+        values = np.array([v if v is not None else np.nan for v in (first if name == "k" else second)])
         assert best < worst
         assert (outcomes.columns[values == np.inf, k] == 1.0).all()

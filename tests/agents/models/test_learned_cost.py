@@ -22,9 +22,13 @@ def kpis(theta):
     """Six KPIs; the person minds `slow` and `rough`, in this proportion."""
     a, b = theta
     return {
-        "slow": (a - 0.3) ** 2, "rough": (b - 0.8) ** 2, "late": a * b,
-        "hot": np.sin(9 * a), "wide": (1 - a) * b, "loud": np.cos(7 * b),
-    }  # fmt: skip
+        "slow": (a - 0.3) ** 2,
+        "rough": (b - 0.8) ** 2,
+        "late": a * b,
+        "hot": np.sin(9 * a),
+        "wide": (1 - a) * b,
+        "loud": np.cos(7 * b),
+    }
 
 
 def cost(theta):
@@ -98,9 +102,7 @@ KPI = st.dictionaries(st.sampled_from(["k", "l", "'\"\\\n{x}"]), NUMBER)
 LIMITS = st.tuples(NUMBER, NUMBER).filter(lambda p: p[0] < p[1] and np.isfinite(p[0]))
 
 
-@given(
-    st.dictionaries(st.sampled_from(["k", "l", "'\"\\\n{x}"]), LIMITS), st.lists(KPI, max_size=5)
-)
+@given(st.dictionaries(st.sampled_from(["k", "l", "'\"\\\n{x}"]), LIMITS), st.lists(KPI, max_size=5))
 def test_the_module_computes_the_same_for_any_kpis(limits, mappings):
     index = LearnedCost({name: CostTerm(0.3, *pair) for name, pair in limits.items()}, 3, 4)
     namespace = {}
@@ -129,7 +131,6 @@ def test_the_module_needs_nothing_but_python(tmp_path):
     code = "import sys, mine; assert not {'numpy', 'prefcal_env'} & set(sys.modules); "
     code += f"print(repr(mine.index({plain})))"
     done = subprocess.run(
-        [sys.executable, "-S", "-c", code],
-        cwd=tmp_path, capture_output=True, text=True, check=True, env={},
-    )  # fmt: skip
+        [sys.executable, "-S", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True, env={}
+    )
     assert float(done.stdout) == pytest.approx(index(known), rel=1e-12)

@@ -72,8 +72,7 @@ def test_weights_agree_with_a_general_solver():
     rows = [(b != 0, b[:, None] * difference, -sigma)]
     rows += [(b == 0, sign * difference, sigma) for sign in (1, -1)]
     limits = [
-        {"type": "ineq", "fun": lambda z, k=k, a=a, s=s: (a @ z[:n] + z[n:] + s)[k]}
-        for k, a, s in rows
+        {"type": "ineq", "fun": lambda z, k=k, a=a, s=s: (a @ z[:n] + z[n:] + s)[k]} for k, a, s in rows
     ]
     primal = minimize(
         lambda z: preferences.weights @ z[n:] + learning.lam / 2 * z[:n] @ z[:n],
@@ -132,9 +131,7 @@ def test_nothing_known_and_nothing_but_ties_give_a_flat_surrogate():
 
 def test_margins_are_sigma_for_all_with_power_zero_and_grow_with_distance_otherwise():
     samples = np.array([[0.0, 0.0], [0.03, 0.03], [0.3, 0.3], [1.0, 1.0]])
-    preferences = Preferences(
-        samples, np.array([1, 2, 3]), np.zeros(3, int), np.ones(3, int), np.ones(3)
-    )
+    preferences = Preferences(samples, np.array([1, 2, 3]), np.zeros(3, int), np.ones(3, int), np.ones(3))
     assert margins(preferences, 0.0).tolist() == [1, 1, 1]
     assert margins(preferences, 1.0) == pytest.approx([0.1, 1, 1])
     assert margins(preferences, 2.0) == pytest.approx([0.01, 1, 1])
@@ -142,7 +139,5 @@ def test_margins_are_sigma_for_all_with_power_zero_and_grow_with_distance_otherw
 
 def test_samples_that_phi_cannot_tell_apart_do_no_harm():
     samples = np.array([[0.5, 0.5], [0.5, 0.5 + 1e-13], [0.1, 0.9]])
-    preferences = Preferences(
-        samples, np.array([1, 2]), np.array([0, 0]), np.array([-1, 1]), np.ones(2)
-    )
+    preferences = Preferences(samples, np.array([1, 2]), np.array([0, 0]), np.array([-1, 1]), np.ones(2))
     assert np.isfinite(weights_of(preferences, Learning())).all()

@@ -56,9 +56,7 @@ def test_points_come_in_increasing_order_and_stay_in_the_cube():
 
 
 def test_the_same_generator_gives_the_same_points():
-    runs = [
-        multistart(Waves((0.3, 0.8, 0.5)), domain(REAL), np.random.default_rng(7)) for _ in "ab"
-    ]
+    runs = [multistart(Waves((0.3, 0.8, 0.5)), domain(REAL), np.random.default_rng(7)) for _ in "ab"]
     assert np.array_equal(*runs)
 
 

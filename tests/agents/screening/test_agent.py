@@ -108,9 +108,7 @@ def test_the_first_two_meet_the_objectives_and_differ_clearly():
         x, y = theta
         return {"time": np.inf if x < 0.8 else 1.0 + y, "error": y, "calm": 0.5 + x}
 
-    simulate.reading = Reading(
-        {"time": 0.01, "error": 0.01, "calm": 0.01}, {"error": 0.3, "time": 1.4}
-    )
+    simulate.reading = Reading({"time": 0.01, "error": 0.01, "calm": 0.01}, {"error": 0.3, "time": 1.4})
     for seed in range(5):
         study = Screening(SQUARE, simulate=simulate, n_simulated=800, n_max=3, seed=seed)
         study.tell(study.ask(), None)

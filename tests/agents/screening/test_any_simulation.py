@@ -21,15 +21,25 @@ from support.agents import quick
 FROZEN = MIXED.narrowed({"weight": (0.31, 0.31), "horizon": (3, 5)})
 LINE = KnobSpace([Knob("gain", 1e-6, 1e6, scale="log10")])
 SPACES = {
-    "mixed": MIXED, "small": SMALL, "tiny": TINY, "half": HALF, "rare": RARE, "frozen": FROZEN,
+    "mixed": MIXED,
+    "small": SMALL,
+    "tiny": TINY,
+    "half": HALF,
+    "rare": RARE,
+    "frozen": FROZEN,
     "line": LINE,
-}  # fmt: skip
+}
 ODD = (np.nan, np.inf, -np.inf, 0.0, 1e308, -1e308, 5e-324, 1.0)
 KINDS = ("fine", "odd", "missing", "constant", "huge", "none", "empty", "raises")
 ANSWERS = (
-    -1, 0, 1, None, Answer(-1, strength=3),
-    Answer(1, marks=(Mark.CHALLENGER_UNSAFE,)), Answer(None, marks=(Mark.INCUMBENT_GOOD_ENOUGH,)),
-)  # fmt: skip
+    -1,
+    0,
+    1,
+    None,
+    Answer(-1, strength=3),
+    Answer(1, marks=(Mark.CHALLENGER_UNSAFE,)),
+    Answer(None, marks=(Mark.INCUMBENT_GOOD_ENOUGH,)),
+)
 
 
 def wild(kinds, names, theta):
@@ -150,8 +160,7 @@ def test_what_is_shown_was_simulated_before_it_is_asked_about():
         count = agent.simulations.count
         bank = agent.bank
         if query.challenger.index:  # the first one may be a given θ, not simulated yet
-            assert np.array_equal(bank.thetas[bank.find(query.challenger.theta)],
-                                  query.challenger.theta)  # fmt: skip
+            assert np.array_equal(bank.thetas[bank.find(query.challenger.theta)], query.challenger.theta)
             assert bank.find(query.incumbent.theta) is not None
         assert agent.simulations.count == count or not query.challenger.index
         agent.tell(query, judge(query))

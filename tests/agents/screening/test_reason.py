@@ -17,8 +17,9 @@ def by_first(query):
     """The answer of a person who looks at the KPI "first"; the others matter little."""
     if query.incumbent is None:
         return None
-    costs = [quick(s.theta)["first"] + 0.01 * quick(s.theta)["others"]
-             for s in (query.challenger, query.incumbent)]  # fmt: skip
+    costs = [
+        quick(s.theta)["first"] + 0.01 * quick(s.theta)["others"] for s in (query.challenger, query.incumbent)
+    ]
     return int(np.sign(costs[0] - costs[1]))
 
 

@@ -106,9 +106,7 @@ def test_if_all_fail_the_function_is_wrong_and_says_so_each_time_without_running
 
     simulations = Simulations(broken)
     for _ in range(2):
-        with pytest.raises(
-            SimulationError, match=r"none of 3 θ; the last one: KeyError"
-        ) as refusal:
+        with pytest.raises(SimulationError, match=r"none of 3 θ; the last one: KeyError") as refusal:
             simulations(THETAS)
         assert refusal.value.__cause__.args == ("gain 3",)
     assert len(calls) == 3
@@ -172,9 +170,7 @@ def test_threads_share_what_is_simulated_one_at_a_time_and_none_twice():
         assert [o["sum"] for o in found[k]] == thetas[order].sum(axis=1).tolist()
 
 
-VALUES = st.one_of(
-    st.floats(), st.sampled_from([0, 10**300, -(10**300), True, np.float32(1.5), np.int64(3)])
-)
+VALUES = st.one_of(st.floats(), st.sampled_from([0, 10**300, -(10**300), True, np.float32(1.5), np.int64(3)]))
 RESULTS = st.one_of(st.none(), st.dictionaries(st.sampled_from("abc"), VALUES), st.just(OSError()))
 
 
@@ -187,9 +183,7 @@ def test_any_kpis_are_kept_as_numbers_without_nan(results):
         return found
 
     known = [
-        {}
-        if not isinstance(r, dict)
-        else {n: float(v) for n, v in r.items() if not math.isnan(float(v))}
+        {} if not isinstance(r, dict) else {n: float(v) for n, v in r.items() if not math.isnan(float(v))}
         for r in results
     ]
     simulations = Simulations(simulate)

@@ -43,9 +43,7 @@ def test_capacity_counts_theta():
 def tried(*points):
     book = History()
     for z in points:
-        book = book.with_pending(Sample.of(GRID, np.array(z))).with_answer(
-            Answer(0), book.incumbent
-        )
+        book = book.with_pending(Sample.of(GRID, np.array(z))).with_answer(Answer(0), book.incumbent)
     return Tried(GRID, book)
 
 

@@ -25,9 +25,7 @@ def near(knobs):
 
 
 LINEAR = KnobSpace(KNOBS, [LinearConstraint("sum", {"gain": 1, "horizon": 1}, 6)])
-RING = KnobSpace(
-    KNOBS, [Constraint("ring", lambda k: abs(k["weight"] ** 2 + k["horizon"] - 8) - 1)]
-)
+RING = KnobSpace(KNOBS, [Constraint("ring", lambda k: abs(k["weight"] ** 2 + k["horizon"] - 8) - 1)])
 TINY = KnobSpace(KNOBS, [Constraint("near", near, vectorized=True)])
 NARROW = KnobSpace(KNOBS, [Constraint("narrow", lambda k: 1e4 * near(k) + 199.9, vectorized=True)])
 SPACES = pytest.mark.parametrize("space", [LINEAR, RING, TINY])

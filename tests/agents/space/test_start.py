@@ -8,14 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, judge, latent, run
-from prefcal_agents import (
-    GLIS,
-    AgentState,
-    GLISp,
-    LatinHypercube,
-    RandomSearch,
-    restore,
-)
+from prefcal_agents import GLIS, AgentState, GLISp, LatinHypercube, RandomSearch, restore
 from prefcal_agents.registry import AGENTS as ROWS
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob
@@ -40,9 +33,7 @@ def test_the_present_tuning_is_the_first_experiment(make_agent):
     assert len(agent.samples) == 6
 
 
-@pytest.mark.parametrize(
-    "name", [row.name for row in ROWS if row.name in AGENTS and not row.simulates]
-)
+@pytest.mark.parametrize("name", [row.name for row in ROWS if row.name in AGENTS and not row.simulates])
 def test_the_rest_of_the_space_filling_start_is_the_one_that_would_have_been(name):
     agent, cold = (AGENTS[name](MIXED, n_init=3, n_max=6, start=s) for s in (PRESENT, None))
     run(agent)
@@ -126,9 +117,11 @@ def test_a_malformed_start_of_a_state_is_refused():
 @given(
     st.lists(
         st.tuples(st.floats(0.01, 10.0), st.integers(2, 9), st.floats(-5.0, 3.0)),
-        min_size=1, max_size=4, unique_by=lambda t: t[1],
+        min_size=1,
+        max_size=4,
+        unique_by=lambda t: t[1],
     )
-)  # fmt: skip
+)
 def test_any_theta_of_the_space_may_be_the_start(thetas):
     agent = LatinHypercube(MIXED, n_init=1, n_max=4, start=thetas)
     run(agent)

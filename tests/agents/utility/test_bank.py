@@ -72,11 +72,7 @@ def test_what_is_simulated_could_be_shown_to_the_last_bit(name):
         assert space.allows(theta)
 
 
-@given(
-    outcomes=st.lists(
-        st.dictionaries(st.sampled_from("abcd"), st.floats()), min_size=1, max_size=12
-    )
-)
+@given(outcomes=st.lists(st.dictionaries(st.sampled_from("abcd"), st.floats()), min_size=1, max_size=12))
 def test_any_outcomes_make_a_bank_of_numbers(outcomes):
     thetas = np.arange(float(len(outcomes)))[:, None]
     bank = Bank.of(thetas, thetas, [Outcome(o) for o in outcomes])

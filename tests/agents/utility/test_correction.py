@@ -170,9 +170,7 @@ def test_what_the_twin_refuses_is_not_run_even_where_it_is_not_trusted():
         return dict.fromkeys(plant(theta), np.inf) if theta[0] > 0.5 else mirrored(theta)
 
     for seed in range(3):
-        found = minimize_by_preference(
-            told, SQUARE, twin=refusing, n_simulated=100, n_max=14, seed=seed
-        )
+        found = minimize_by_preference(told, SQUARE, twin=refusing, n_simulated=100, n_max=14, seed=seed)
         assert found.samples[:, 0].max() <= 0.5
 
 
@@ -208,8 +206,9 @@ def test_where_kpis_differ_every_fourth_theta_is_one_of_those_that_fill_the_spac
 
 
 @settings(max_examples=25)
-@given(st.lists(st.sampled_from([0.0, 1.0, np.nan, np.inf, -np.inf, 1e308, -1e308]),
-                min_size=10, max_size=10))  # fmt: skip
+@given(
+    st.lists(st.sampled_from([0.0, 1.0, np.nan, np.inf, -np.inf, 1e308, -1e308]), min_size=10, max_size=10)
+)
 def test_any_measured_kpis_leave_a_study(values):
     agent = Screening(SQUARE, simulate=plant, n_simulated=30, n_max=5)
     with warnings.catch_warnings():

@@ -48,8 +48,9 @@ def lessons(record, bank=BANK):
 def agreement(utilities, pairs, wanted=WANTED):
     """How often a draw orders a pair as the person does."""
     costs = utilities.costs(SCALE(BANK))
-    signs = [np.sign(costs[:, b] - costs[:, a]) == s
-             for (a, b), s in zip(pairs, sure(pairs, wanted), strict=True)]  # fmt: skip
+    signs = [
+        np.sign(costs[:, b] - costs[:, a]) == s for (a, b), s in zip(pairs, sure(pairs, wanted), strict=True)
+    ]
     return float(np.mean(signs))
 
 
@@ -84,10 +85,7 @@ def test_an_answer_at_a_time_teaches_what_all_at_once_teach():
 
 def test_ties_teach_what_cannot_be_told_apart():
     pairs = [(a, b) for a, b in pairs_of(60) if 1 < abs(WANTED[a] - WANTED[b]) < 4][:8]
-    alike, apart = (
-        learned(of_pairs(BANK, pairs, [0] * 8)),
-        learned(of_pairs(BANK, pairs, sure(pairs))),
-    )
+    alike, apart = (learned(of_pairs(BANK, pairs, [0] * 8)), learned(of_pairs(BANK, pairs, sure(pairs))))
     assert noticing(alike, pairs) < 0.2 < 0.8 < noticing(apart, pairs)
     unseen = pairs_of(30, seed=1)
     assert noticing(alike, unseen) < noticing(prior(), unseen) - 0.1
@@ -220,15 +218,12 @@ def test_equal_experiments_are_called_alike_but_for_mistakes():
 
 
 def test_the_probabilities_of_the_three_answers_add_up_to_1():
-    chances = [np.exp(lessons(of_pairs(BANK, [(3, 5)], [a])).log_probabilities(prior()))
-               for a in (-1, 0, 1)]  # fmt: skip
+    chances = [np.exp(lessons(of_pairs(BANK, [(3, 5)], [a])).log_probabilities(prior())) for a in (-1, 0, 1)]
     assert np.sum(chances, axis=0) == pytest.approx(1.0)
 
 
 def test_a_difference_is_noticed_from_1_on():
-    assert noticed(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx(
-        [0, 0, 0.5, 1, 1], abs=0.002
-    )
+    assert noticed(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)
 
 
 def test_an_experiment_that_nobody_looked_at_is_not_called_better_than_an_unsafe_one():

@@ -32,9 +32,12 @@ def in_order(steps, limits=None, count=None):
     limits = np.array([-np.inf] * k if limits is None else limits, dtype=float)
     scales = np.where(limits > 0, np.log(np.maximum(limits, 1e-9)), -np.inf)
     return by_hand(
-        k, scales=scales, steps=np.array(steps, dtype=float), normals=-np.arange(k, dtype=float),
+        k,
+        scales=scales,
+        steps=np.array(steps, dtype=float),
+        normals=-np.arange(k, dtype=float),
         ordered=k if count is None else count,
-    )  # fmt: skip
+    )
 
 
 def gain(utilities, worse, better):
@@ -128,9 +131,13 @@ def test_costs_of_an_order_sort_what_it_compares():
 @pytest.mark.parametrize("ordered", [0, 2])
 def test_a_stated_limit_comes_before_everything_else(ordered):
     wanted = by_hand(
-        2, scales=np.zeros(2), steps=np.array([0.1, 0.1]), limits=np.array([np.inf, 1.0]),
-        normals=np.array([1.0, -1.0]), ordered=ordered,
-    )  # fmt: skip
+        2,
+        scales=np.zeros(2),
+        steps=np.array([0.1, 0.1]),
+        limits=np.array([np.inf, 1.0]),
+        normals=np.array([1.0, -1.0]),
+        ordered=ordered,
+    )
     assert wanted.parts == (0, 1, 3)
     assert gain(wanted, [0.01, 1.05], [90.0, 1.0]) > 1
     assert gain(wanted, [0.01, 1.5], [90.0, 1.3]) > 1  # nearer to the limit

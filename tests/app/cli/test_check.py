@@ -60,30 +60,48 @@ def test_theta_and_the_picture_can_be_chosen(check, tmp_path):
 @pytest.mark.parametrize(
     ("text", "what", "words"),
     [
-        ("own = replace(t.toy, panels=(Panel('levl <h>'),))", "panel 'levl <h>'",
-         "Did you mean 'level <h>'?"),
+        (
+            "own = replace(t.toy, panels=(Panel('levl <h>'),))",
+            "panel 'levl <h>'",
+            "Did you mean 'level <h>'?",
+        ),
         ("own = replace(t.toy, kpis=(KPI('tf', 't'),))", "KPIs", "no run returns the KPI 'tf'"),
         ("own = replace(t.toy, cost=lambda e: np.nan)", "cost", "nan"),
         ("own = replace(t.toy, cost=lambda e: e.kpis['no'])", "cost", "in own.py:10: own ="),
         ("own = replace(t.toy, calibrators={'me': lambda seed: 3})", "calibrator 'me'", "prefer"),
-        ("def run(theta, seed=0):\n    e = t.run(theta)\n    count.append(1)\n"
-         "    return replace(e, x=e.x + len(count))\nown = replace(t.toy, run=run)",
-         "same again", "give another experiment: x differ"),
-        ("def run(theta, seed=0):\n    return t.run([1.0, 9, 2.0])\nown = replace(t.toy, run=run)",
-         "θ of the experiment", "ran N_p = 9, but 22 was to be run"),
-        ("def run(theta, seed=0):\n    return t.run(theta).nothing\nown = replace(t.toy, run=run)",
-         "run", "(in own.py:11: return t.run(theta).nothing)"),
+        (
+            "def run(theta, seed=0):\n    e = t.run(theta)\n    count.append(1)\n"
+            "    return replace(e, x=e.x + len(count))\nown = replace(t.toy, run=run)",
+            "same again",
+            "give another experiment: x differ",
+        ),
+        (
+            "def run(theta, seed=0):\n    return t.run([1.0, 9, 2.0])\nown = replace(t.toy, run=run)",
+            "θ of the experiment",
+            "ran N_p = 9, but 22 was to be run",
+        ),
+        (
+            "def run(theta, seed=0):\n    return t.run(theta).nothing\nown = replace(t.toy, run=run)",
+            "run",
+            "(in own.py:11: return t.run(theta).nothing)",
+        ),
         ("def run(theta, seed=0):\n    exit(1)\nown = replace(t.toy, run=run)", "run", "exit"),
-        ("def run(theta, seed=0):\n    t.run(theta)\nown = replace(t.toy, run=run)",
-         "run", "got NoneType: is a return missing?"),
-        ("def run(theta, seed=0):\n    if theta[0] == 0.31:\n        1 / 0\n"
-         "    return t.run(theta)\nown = replace(t.toy, run=run)",
-         "reference 'paper'", "in own.py:12: 1 / 0"),
+        (
+            "def run(theta, seed=0):\n    t.run(theta)\nown = replace(t.toy, run=run)",
+            "run",
+            "got NoneType: is a return missing?",
+        ),
+        (
+            "def run(theta, seed=0):\n    if theta[0] == 0.31:\n        1 / 0\n"
+            "    return t.run(theta)\nown = replace(t.toy, run=run)",
+            "reference 'paper'",
+            "in own.py:12: 1 / 0",
+        ),
         ("own = replace(t.toy, controller=lambda theta: 3)", "controller", "no T_s and no move"),
         ("own = 1 / 0", "scenario", "(line 10), in own.py:10: own = 1 / 0"),
         ("own = replace(t.toy, panels=(Panel('level', 'z'),))", "scenario", "got 'z'"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_named_with_its_place_and_fails_the_command(check, text, what, words):
     code, result = check(text)
     assert (code, result["ok"]) == (1, False)

@@ -22,8 +22,9 @@ def test_it_is_kept_with_the_study_and_the_same_line_resumes_it(prefcal, done, t
     code, _, err = calibrate(prefcal, "--config", "traffic.json", "--study", "mine", "--out", "a")
     assert code == 0, err
     (tmp_path / "traffic.json").rename(tmp_path / "moved.json")
-    code, out, err = calibrate(prefcal, "--config", "moved.json", "--study", "mine", "--n-max", "4",
-                               "--json", "--out", "a")  # fmt: skip
+    code, out, err = calibrate(
+        prefcal, "--config", "moved.json", "--study", "mine", "--n-max", "4", "--json", "--out", "a"
+    )
     assert code == 0, err
     assert json.loads(out)["experiments"] == 4
     best = json.loads((tmp_path / "a" / "best.json").read_text())
@@ -43,9 +44,14 @@ def test_a_study_does_not_go_on_in_another_scene(prefcal, words):
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [(None, "cannot read"), ("[1]", "must be a JSON object"), ("{", "not JSON"),
-     ('{"lanes": 3}', "lanes"), ('{"vehicles_count": -1}', "vehicles_count")],
-)  # fmt: skip
+    [
+        (None, "cannot read"),
+        ("[1]", "must be a JSON object"),
+        ("{", "not JSON"),
+        ('{"lanes": 3}', "lanes"),
+        ('{"vehicles_count": -1}', "vehicles_count"),
+    ],
+)
 def test_a_file_that_cannot_be_is_refused_by_name(prefcal, tmp_path, text, says):
     if text is not None:
         (tmp_path / "bad.json").write_text(text)

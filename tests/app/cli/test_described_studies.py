@@ -33,21 +33,32 @@ def test_the_report_of_an_fmu_is_written_from_another_folder_by_its_file_alone(
     fmu = built(tmp_path, "Tank")
     cost = ("--cost", "integrated error of level")
     out = done(
-        "calibrate", fmu.name, "--knob", "K_p=0.1:100:log", "--reference", "level=2",
-        "--calibrator", "synthetic", *cost, "--simulate", "0", "--n-max", "3",
-        "--study", "tank.prefcal", "--out", "out",
-    )  # fmt: skip
+        "calibrate",
+        fmu.name,
+        "--knob",
+        "K_p=0.1:100:log",
+        "--reference",
+        "level=2",
+        "--calibrator",
+        "synthetic",
+        *cost,
+        "--simulate",
+        "0",
+        "--n-max",
+        "3",
+        "--study",
+        "tank.prefcal",
+        "--out",
+        "out",
+    )
     assert "--knob K_p=0.1:100:log" in out  # and no emoji for ":100:"
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     monkeypatch.chdir(elsewhere)
-    assert "if you trust it, add --scenario Tank2.fmu" in refused(
-        "report", "../tank.prefcal", *cost
-    )
+    assert "if you trust it, add --scenario Tank2.fmu" in refused("report", "../tank.prefcal", *cost)
     done("report", "../tank.prefcal", *cost, "--scenario", f"../{fmu.name}", "--out", "again")
     best, again = (
-        json.loads((folder / "best.json").read_text())
-        for folder in (tmp_path / "out", elsewhere / "again")
+        json.loads((folder / "best.json").read_text()) for folder in (tmp_path / "out", elsewhere / "again")
     )
     assert again["theta"] == best["theta"]
     assert (elsewhere / "again" / "report.html").is_file()
@@ -97,9 +108,16 @@ def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):
     elsewhere.mkdir()
     (elsewhere / "cost.py").write_text(COST)  # a study keeps how its cost was called
     code, _, err = finished(
-        elsewhere, "calibrate", "pid", "--plant", "../plant.py:plant", "--cost", "cost.py:cost",
-        "--study", "../level.prefcal",
-    )  # fmt: skip
+        elsewhere,
+        "calibrate",
+        "pid",
+        "--plant",
+        "../plant.py:plant",
+        "--cost",
+        "cost.py:cost",
+        "--study",
+        "../level.prefcal",
+    )
     assert code == 0, err
     now = state_of(study)
     assert len(now.finished) == 40

@@ -39,8 +39,17 @@ _FILE: list[bytes] = []
 def mine(done):
     """θ that won an earlier study called mine, which runs once for all tests."""
     if not _FILE:
-        done("calibrate", TOY, *SYNTHETIC, "--n-max", "6", "--study", "mine",
-             "--start", "T_s=1.2,N_p=10,gain=2")  # fmt: skip
+        done(
+            "calibrate",
+            TOY,
+            *SYNTHETIC,
+            "--n-max",
+            "6",
+            "--study",
+            "mine",
+            "--start",
+            "T_s=1.2,N_p=10,gain=2",
+        )
         _FILE.append(study_path("mine").read_bytes())
     study_path("mine").parent.mkdir(parents=True, exist_ok=True)
     study_path("mine").write_bytes(_FILE[0])
@@ -79,22 +88,33 @@ def test_it_goes_on_without_the_earlier_study(prefcal, done, refused, mine):
 
 
 def test_the_present_tuning_comes_first(done, mine):
-    done("calibrate", TOY, *SYNTHETIC, "--n-max", "4", "--study", "hers",
-         "--from", "mine", "--start", "T_s=0.5,N_p=30,gain=0.1")  # fmt: skip
+    done(
+        "calibrate",
+        TOY,
+        *SYNTHETIC,
+        "--n-max",
+        "4",
+        "--study",
+        "hers",
+        "--from",
+        "mine",
+        "--start",
+        "T_s=0.5,N_p=30,gain=0.1",
+    )
     first, second = (state_of("hers").history.samples[i].theta for i in (0, 1))
     assert (first, second) == (pytest.approx((0.5, 30, 0.1)), pytest.approx(mine))
 
 
 def test_the_best_of_both_runs_once(done, mine):
     present = ",".join(f"{k}={v!r}" for k, v in zip(("T_s", "N_p", "gain"), mine, strict=True))
-    done("calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--study", "hers",
-         "--from", "mine", "--start", present)  # fmt: skip
+    done(
+        "calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--study", "hers", "--from", "mine", "--start", present
+    )
     assert len(state_of("hers").configuration["agent"]["start"]) == 1
 
 
 def test_a_new_knob_has_the_value_of_the_present_tuning(prefcal, done, mine):
-    line = ["calibrate", "other.py:grown", *SYNTHETIC, "--n-max", "4", "--study", "hers",
-            "--from", "mine"]  # fmt: skip
+    line = ["calibrate", "other.py:grown", *SYNTHETIC, "--n-max", "4", "--study", "hers", "--from", "mine"]
     code, _, err = prefcal(*line)
     assert code != 0
     assert "no knobs ['filter']" in " ".join(err.split())
@@ -110,10 +130,22 @@ def test_a_new_knob_has_the_value_of_the_present_tuning(prefcal, done, mine):
         ([TOY, "--from", "nobody"], "no study 'nobody'"),
         (["other.py:seconds", "--from", "mine"], "'T_s' was in 'h' in the earlier study"),
         (["other.py:refused", "--from", "mine"], "constraints refuse the best θ"),
-        ([TOY, "--from", "mine", "--n-max", "2", "--start", "T_s=0.5,N_p=30,gain=0.1",
-          "--start", "T_s=0.5,N_p=31,gain=0.1"], "every experiment has its θ"),
+        (
+            [
+                TOY,
+                "--from",
+                "mine",
+                "--n-max",
+                "2",
+                "--start",
+                "T_s=0.5,N_p=30,gain=0.1",
+                "--start",
+                "T_s=0.5,N_p=31,gain=0.1",
+            ],
+            "every experiment has its θ",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_refused_before_anything_runs(refused, mine, words, said):
     assert said in refused("calibrate", *words, *SYNTHETIC, "--study", "hers")
     assert not study_path("hers").exists()

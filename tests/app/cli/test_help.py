@@ -3,10 +3,15 @@
 import pytest
 
 COMMANDS = [
-    ["calibrate"], ["check"], ["report"], ["bench"],
-    *(["studies", word] for word in
-      ("list", "show", "rename", "rm", "export", "index", "import", "verify", "respace")),
-]  # fmt: skip
+    ["calibrate"],
+    ["check"],
+    ["report"],
+    ["bench"],
+    *(
+        ["studies", word]
+        for word in ("list", "show", "rename", "rm", "export", "index", "import", "verify", "respace")
+    ),
+]
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)

@@ -94,9 +94,7 @@ def test_an_empty_study_that_is_open_elsewhere_is_left_alone(prefcal, monkeypatc
     held[0].communicate()
 
 
-def test_a_study_that_was_removed_while_it_was_open_is_saved_elsewhere_and_told(
-    prefcal, monkeypatch, ours
-):
+def test_a_study_that_was_removed_while_it_was_open_is_saved_elsewhere_and_told(prefcal, monkeypatch, ours):
     def lose(*args):
         converse(*args)
         study_path("toy-1").unlink()

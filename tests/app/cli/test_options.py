@@ -10,15 +10,7 @@ from typer.testing import CliRunner
 from prefcal_app.cli.check import CheckOptions
 from prefcal_app.cli.look import LookOptions
 from prefcal_app.cli.options import Options
-from prefcal_app.cli.parameters import (
-    Kept,
-    argument,
-    given,
-    kept_by,
-    option,
-    parameters_of,
-    takes,
-)
+from prefcal_app.cli.parameters import Kept, argument, given, kept_by, option, parameters_of, takes
 from prefcal_bench.cli.options import BenchOptions
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import StudyFile, study_path
@@ -69,16 +61,25 @@ def typed():
 
 def test_what_a_study_keeps_is_none_unless_it_is_typed(typed):
     assert typed("x") == {
-        "name": "x", "rounds": None, "tags": None, "learns": None, "opens": True, "folder": None,
-    }  # fmt: skip
+        "name": "x",
+        "rounds": None,
+        "tags": None,
+        "learns": None,
+        "opens": True,
+        "folder": None,
+    }
 
 
 def test_what_is_typed_arrives_with_the_type_of_its_field(typed):
     words = ["x", "--rounds", "4", "--tag", "a", "--tag", "b", "--no-learning", "--no-opening"]
     assert typed(*words, "--folder", "f") == {
-        "name": "x", "rounds": 4, "tags": ("a", "b"), "learns": False, "opens": False,
+        "name": "x",
+        "rounds": 4,
+        "tags": ("a", "b"),
+        "learns": False,
+        "opens": False,
         "folder": "f",
-    }  # fmt: skip
+    }
 
 
 def test_the_help_of_an_option_is_its_line_in_the_docstring():
@@ -118,10 +119,16 @@ def test_options_of_one_run_may_change_on_resuming():
 @pytest.mark.parametrize("name", sorted({*kept_by(Options)} - {"scenario"}))
 def test_an_option_of_another_type_makes_a_study_strange(refused, name):
     configuration = {
-        "n_max": 5, "scenario": TOY, "name": "toy", "title": "", "seed": 0, "knobs": [],
-        "agent": {"agent": "GLISp"}, "options": {**Options(TOY).as_dict(), name: {}},
+        "n_max": 5,
+        "scenario": TOY,
+        "name": "toy",
+        "title": "",
+        "seed": 0,
+        "knobs": [],
+        "agent": {"agent": "GLISp"},
+        "options": {**Options(TOY).as_dict(), name: {}},
         "versions": {},
-    }  # fmt: skip
+    }
     study_path("odd").parent.mkdir(parents=True)
     StudyFile.create(study_path("odd"), configuration, clock=clock()).close()
     assert f"its option {name} cannot be {{}}" in refused("studies", "show", "odd")

@@ -38,8 +38,9 @@ def test_the_line_that_repeats_a_study_says_so_and_does(done, tmp_path):
     path = str(tmp_path / "mine.prefcal")
     first = thetas(done, "--study", path, "--no-outcomes", "--out", "first")
     page = (tmp_path / "first" / "report.html").read_text("utf-8")
-    line = Options.of({"scenario": TOY, "calibrator": "synthetic", "n_init": 4, "n_max": 7,
-                       "outcomes": False}).command()  # fmt: skip
+    line = Options.of(
+        {"scenario": TOY, "calibrator": "synthetic", "n_init": 4, "n_max": 7, "outcomes": False}
+    ).command()
     assert line.endswith("--no-outcomes")
     assert line in page
     again = str(tmp_path / "again.prefcal")

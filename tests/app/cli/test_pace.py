@@ -11,8 +11,20 @@ MOST = "questions_per_experiment"
 
 
 def calibrate(prefcal, *words, agent="glisp"):
-    return prefcal("calibrate", TOY, "--calibrator", "synthetic", "--agent", agent, "--n-init", "3",
-                   "--study", "mine", "--json", *words)  # fmt: skip
+    return prefcal(
+        "calibrate",
+        TOY,
+        "--calibrator",
+        "synthetic",
+        "--agent",
+        agent,
+        "--n-init",
+        "3",
+        "--study",
+        "mine",
+        "--json",
+        *words,
+    )
 
 
 def state():

@@ -94,7 +94,5 @@ def test_help_loads_neither_plots_nor_compilers_nor_agents(tmp_path):
         "print(sorted(heavy & set(sys.modules)))\n"
     )
     env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    out = subprocess.run(
-        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
-    )
+    out = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
     assert out.stdout == "[]\n"

@@ -33,8 +33,18 @@ toy = replace(old, run=run, space=KnobSpace([*old.space, Knob("filter", 1.0, 5.0
 
 @pytest.fixture(scope="module", params=["glisp", "random"])
 def made(request, tmp_path_factory):
-    words = [TOY, *SYNTHETIC, "--agent", request.param, "--n-max", "5",
-             "--study", "mine", "--start", "T_s=1.2,N_p=10,gain=2"]  # fmt: skip
+    words = [
+        TOY,
+        *SYNTHETIC,
+        "--agent",
+        request.param,
+        "--n-max",
+        "5",
+        "--study",
+        "mine",
+        "--start",
+        "T_s=1.2,N_p=10,gain=2",
+    ]
     return calibrated(tmp_path_factory.mktemp("made"), *words)
 
 
@@ -56,8 +66,9 @@ def thetas(name="mine"):
 
 def test_a_narrowed_and_frozen_study_goes_on(prefcal, done, study, tmp_path):
     before = thetas()
-    out = done("studies", "respace", study, "--scenario", TOY,
-               "--knob", "T_s=0.25:0.75", "--freeze", "N_p=26")  # fmt: skip
+    out = done(
+        "studies", "respace", study, "--scenario", TOY, "--knob", "T_s=0.25:0.75", "--freeze", "N_p=26"
+    )
     assert out.splitlines()[:2] == ["T_s: 0.25 to 0.75 h", "N_p: 26, frozen"]
     out = done("calibrate", TOY, "--study", study, "--n-max", "9", "--json")
     after = thetas()
@@ -91,8 +102,7 @@ def test_the_scenario_has_got_a_knob(done, refused, study, tmp_path):
 
 
 def test_a_widened_range_is_searched(done, study):
-    done("studies", "respace", study, "--scenario", TOY, "--knob",
-         "gain=0.001:100", "--knob", "T_s=0.3:0.5")  # fmt: skip
+    done("studies", "respace", study, "--scenario", TOY, "--knob", "gain=0.001:100", "--knob", "T_s=0.3:0.5")
     assert thetas()[0] == pytest.approx([1.2, 10, 2])
     with StudyFile.open(study_path(study), clock=lambda: "now") as file:
         space = Interview(toy_scenario(), file, asks=False).scenario.space
@@ -114,9 +124,7 @@ def test_a_widened_range_is_searched(done, study):
         (["--add", "gain=1"], "added knobs [], got ['gain']"),
     ],
 )
-def test_what_cannot_be_is_refused_and_leaves_the_study_alone(
-    refused, short, tmp_path, words, said
-):
+def test_what_cannot_be_is_refused_and_leaves_the_study_alone(refused, short, tmp_path, words, said):
     copied(short, tmp_path)
     before = study_path("mine").read_bytes()
     assert said in refused("studies", "respace", "mine", "--scenario", TOY, *words)
@@ -144,9 +152,7 @@ def test_an_open_question_stays_open(prefcal, tmp_path):
 def test_a_scenario_that_changed_again_is_refused(prefcal, study):
     prefcal("studies", "respace", study, "--scenario", TOY, "--freeze", "N_p=26")
     toy = toy_scenario()
-    other = replace(
-        toy, space=KnobSpace([*toy.space.knobs[:2], Knob("gain", 0.01, 200.0, "m/%", "log10")])
-    )
+    other = replace(toy, space=KnobSpace([*toy.space.knobs[:2], Knob("gain", 0.01, 200.0, "m/%", "log10")]))
     with (
         StudyFile.open(study_path(study), clock=lambda: "now") as file,
         pytest.raises(StudyError, match="gain"),

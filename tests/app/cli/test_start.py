@@ -17,11 +17,9 @@ PRESENT = "T_s=0.5, N_p=30, gain=0.1"
 
 
 def test_the_first_experiment_is_the_present_tuning(prefcal, done, refused):
-    done("calibrate", TOY, *SYNTHETIC, "--n-max", "4", "--start", PRESENT,
-         "--study", "mine")  # fmt: skip
+    done("calibrate", TOY, *SYNTHETIC, "--n-max", "4", "--start", PRESENT, "--study", "mine")
     assert state_of("mine").history.samples[0].theta == pytest.approx((0.5, 30, 0.1))
-    out = done("calibrate", TOY, "--study", "mine", "--n-max", "6", "--start",
-               PRESENT, "--json")  # fmt: skip
+    out = done("calibrate", TOY, "--study", "mine", "--n-max", "6", "--start", PRESENT, "--json")
     whole = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "6", "--start", PRESENT, "--json")[1]
     assert json.loads(whole)["best"] == json.loads(out)["best"]
     assert "started with --start" in refused(
@@ -32,15 +30,12 @@ def test_the_first_experiment_is_the_present_tuning(prefcal, done, refused):
 def test_the_one_line_of_the_report_repeats_it(prefcal, tmp_path):
     prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--start", PRESENT, "--out", "a")
     page = (tmp_path / "a" / "report.html").read_text()
-    assert f"--start {shlex.quote(PRESENT)}".replace("'", "&#x27;") in page.replace(
-        "&#39;", "&#x27;"
-    )
+    assert f"--start {shlex.quote(PRESENT)}".replace("'", "&#x27;") in page.replace("&#39;", "&#x27;")
 
 
 def test_a_reference_of_the_scenario_is_a_start(done):
     name, theta = next(iter(toy_scenario().references.items()))
-    done("calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--study", "mine",
-         "--start", name, "--start", PRESENT)  # fmt: skip
+    done("calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--study", "mine", "--start", name, "--start", PRESENT)
     assert state_of("mine").history.samples[0].theta == pytest.approx(tuple(theta))
 
 

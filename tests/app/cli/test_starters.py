@@ -57,9 +57,7 @@ def test_a_starter_passes_its_check_by_the_command_that_is_told(prefcal, done, k
     ("kind", "cost"),
     [("function", "settling time of level"), ("controller", "overshoot of level"), ("pid", "M_s")],
 )
-def test_a_starter_is_tuned_unattended_by_a_kpi_as_the_refusal_advises(
-    prefcal, done, refused, kind, cost
-):
+def test_a_starter_is_tuned_unattended_by_a_kpi_as_the_refusal_advises(prefcal, done, refused, kind, cost):
     assert prefcal("new", kind)[0] == 0
     words = [w.replace("FILE", f"{kind}.py") for w in KINDS[kind].source]
     words += ["--calibrator", "synthetic", "--n-max", "3", "--simulate", "0"]
@@ -104,9 +102,7 @@ def live(done, tmp_path):
     return port
 
 
-def test_the_starter_of_a_live_plant_runs_on_the_server_of_the_docs(
-    prefcal, done, live, monkeypatch
-):
+def test_the_starter_of_a_live_plant_runs_on_the_server_of_the_docs(prefcal, done, live, monkeypatch):
     pytest.importorskip("asyncua")
     monkeypatch.syspath_prepend(DOCS)
     from opcua_server import Tank
@@ -115,9 +111,7 @@ def test_the_starter_of_a_live_plant_runs_on_the_server_of_the_docs(
         out = done("check", "tank.toml")
         assert "reachable and has K_p = 1, T_i = 20 s, set-point = 1 m" in " ".join(out.split())
         assert "All in order" in out
-        rig = replace(
-            load("tank.toml").run, duration=1.0, period=0.1, journal=Journal(Path("old.json"))
-        )
+        rig = replace(load("tank.toml").run, duration=1.0, period=0.1, journal=Journal(Path("old.json")))
         quick = tuple(replace(knob, rate=200.0) for knob in rig.knobs)
         start = tuple(replace(each, rate=10.0) for each in rig.start)
         rig = replace(rig, knobs=quick, start=start)

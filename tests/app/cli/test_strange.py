@@ -8,9 +8,16 @@ from prefcal_env.study import StudyFile, export_json
 from support.interviews import clock
 
 WHOLE = {
-    "n_max": 5, "scenario": "cstr", "name": "cstr", "title": "", "seed": 0, "knobs": [],
-    "agent": {"agent": "GLISp"}, "options": {"calibrator": "human"}, "versions": {},
-}  # fmt: skip
+    "n_max": 5,
+    "scenario": "cstr",
+    "name": "cstr",
+    "title": "",
+    "seed": 0,
+    "knobs": [],
+    "agent": {"agent": "GLISp"},
+    "options": {"calibrator": "human"},
+    "versions": {},
+}
 STRANGE = {
     "bare": {"n_max": 5},
     "another name": {**WHOLE, "name": {}},

@@ -105,9 +105,7 @@ def test_an_export_never_overwrites_its_study(prefcal, refused, study, tmp_path)
 
 def test_an_import_never_overwrites_a_study(prefcal, refused, study):
     prefcal("studies", "export", "mine")
-    assert "mine.prefcal already: name this one with --study" in refused(
-        "studies", "import", "mine.json"
-    )
+    assert "mine.prefcal already: name this one with --study" in refused("studies", "import", "mine.json")
     assert prefcal("studies", "import", "mine.json", "--study", "again")[0] == 0
 
 
@@ -128,9 +126,7 @@ def test_a_study_is_exported_as_parquet_with_its_dictionary(prefcal, study, tmp_
     assert names == tables | {"dictionary-parquet.csv"}
 
 
-def test_parquet_without_its_extra_is_refused_with_the_extra(
-    prefcal, refused, study, monkeypatch, tmp_path
-):
+def test_parquet_without_its_extra_is_refused_with_the_extra(prefcal, refused, study, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert "Parquet needs pyarrow: pip install 'prefcal[parquet]', or use CSV" in refused(
         "studies", "export", "mine", "--format", "parquet"
@@ -181,8 +177,7 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     assert "The study is finished: all compared." in out
     assert "Repeat it" not in out  # a person gives other answers
     verdicts = [
-        q["verdict"]
-        for q in json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
+        q["verdict"] for q in json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
     ]
     assert verdicts[-1] == "about the same"
 

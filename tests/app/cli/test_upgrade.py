@@ -77,9 +77,7 @@ def test_studies_are_kept_under_the_version_of_the_project_alone(make, tmp_path)
 
 def test_a_kept_study_is_replaced_only_on_demand(make, tmp_path):
     names = make.places("7.1.0", tmp_path)
-    assert {path.name for path in names.values()} == {
-        "7.1.0-glisp.prefcal", "7.1.0-screening.prefcal"
-    }  # fmt: skip
+    assert {path.name for path in names.values()} == {"7.1.0-glisp.prefcal", "7.1.0-screening.prefcal"}
     facts, other = tmp_path / "7.1.0-screening.json", tmp_path / "7.0.0-glisp.prefcal"
     for path in (facts, other):
         path.write_text("kept")

@@ -77,8 +77,9 @@ def test_times_are_converted_to_the_unit_of_the_left_run():
 
 
 def test_different_constant_references_are_both_drawn():
-    other = recorded([0.0], np.arange(3.0), {"level": np.ones(3)}, reference={"level": 1.0},
-                     units={"level": "m"})  # fmt: skip
+    other = recorded(
+        [0.0], np.arange(3.0), {"level": np.ones(3)}, reference={"level": 1.0}, units={"level": "m"}
+    )
     view = look(run(), other).pair.view()
     assert view["panels"][0]["target"] is None
     assert [view[s]["references"][0]["y"][0] for s in ("left", "right")] == [2, 1]
@@ -98,9 +99,7 @@ def test_a_notebook_gets_a_picture_without_markup_from_names():
 def test_runs_in_minutes_and_seconds_share_the_rows_of_their_kpis():
     found = look(run(), run(0.2 * 60, time_unit="min"))
     rows = [r for r in found.kpis() if r["title"] == "late error of level"]
-    assert [(r["unit"], "–" in (r["left"]["text"], r["right"]["text"])) for r in rows] == [
-        ("m s²", False)
-    ]
+    assert [(r["unit"], "–" in (r["left"]["text"], r["right"]["text"])) for r in rows] == [("m s²", False)]
     settled = found.pair.right.experiment.kpis["settling time of level"]
     assert found.pair.right.experiment.t[-1] == 3000
     assert settled == pytest.approx(60 * run(12.0).kpis["settling time of level"])
@@ -118,8 +117,14 @@ def test_limits_of_kpis_are_converted_with_the_time():
 def maneuvers(speed):
     step = replace(run(speed), maneuver="step")
     t = np.linspace(0, 50, 101)
-    load = recorded([0.0], t, {"level": 3 - np.exp(-speed * t)}, {"valve": np.exp(-speed * t)},
-                    reference={"level": 3.0}, units={"level": "m"})  # fmt: skip
+    load = recorded(
+        [0.0],
+        t,
+        {"level": 3 - np.exp(-speed * t)},
+        {"valve": np.exp(-speed * t)},
+        reference={"level": 3.0},
+        units={"level": "m"},
+    )
     return combined([step, replace(load, maneuver="load")])
 
 
@@ -142,8 +147,10 @@ def test_a_run_without_maneuvers_stands_beside_each_of_the_other():
 
 
 def test_what_has_no_direction_has_no_worst_maneuver():
-    parts = [replace(recorded([0.0], np.arange(3.0), {"flow": y}), maneuver=name)
-             for name, y in (("a", [1.0, 2, 3]), ("b", [4.0, 5, 6]))]  # fmt: skip
+    parts = [
+        replace(recorded([0.0], np.arange(3.0), {"flow": y}), maneuver=name)
+        for name, y in (("a", [1.0, 2, 3]), ("b", [4.0, 5, 6]))
+    ]
     found = look(combined(parts), combined(parts))
     assert dict.fromkeys(row["group"] for row in found.kpis()).keys() == {"a", "b"}
 

@@ -99,9 +99,7 @@ def test_of_two_hundred_columns_the_first_are_shown(tmp_path):
 def test_parquet_is_read_with_its_index(tmp_path):
     pd, _ = pytest.importorskip("pandas"), pytest.importorskip("pyarrow")
     path = tmp_path / "run.parquet"
-    pd.DataFrame({"level [m]": [1.0, 2.0]}, index=pd.Index([0.0, 5.0], name="time")).to_parquet(
-        path
-    )
+    pd.DataFrame({"level [m]": [1.0, 2.0]}, index=pd.Index([0.0, 5.0], name="time")).to_parquet(path)
     assert np.array_equal(run_from(path).experiment.t, [0, 5])
 
 
@@ -124,21 +122,29 @@ def test_a_bad_table_is_refused_with_what_to_do(tmp_path, text, words):
         read(tmp_path, text)
 
 
-@pytest.mark.parametrize("reading", [
-    {"outputs": ("valve",), "reference": {"level": "2"}},
-    {"inputs": ("level",), "reference": {"level": "2"}},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "reading",
+    [
+        {"outputs": ("valve",), "reference": {"level": "2"}},
+        {"inputs": ("level",), "reference": {"level": "2"}},
+    ],
+)
 def test_the_reference_of_what_is_no_output_is_refused(tmp_path, reading):
-    with pytest.raises(
-        RecordError, match=r"'level' has a reference but is .*: the outputs are valv"
-    ):
+    with pytest.raises(RecordError, match=r"'level' has a reference but is .*: the outputs are valv"):
         read(tmp_path, "t,level,valve\n0,1,5\n1,2,6\n", **reading)
 
 
-@pytest.mark.parametrize("reading", [
-    {"time": "nix"}, {"outputs": ("nix",)}, {"inputs": ("nix",)}, {"columns": {"a": "nix"}},
-    {"reference": {"nix": "2"}}, {"reference": {"level": "nix"}},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "reading",
+    [
+        {"time": "nix"},
+        {"outputs": ("nix",)},
+        {"inputs": ("nix",)},
+        {"columns": {"a": "nix"}},
+        {"reference": {"nix": "2"}},
+        {"reference": {"level": "nix"}},
+    ],
+)
 def test_a_missing_column_is_named_with_those_that_exist(tmp_path, reading):
     with pytest.raises(RecordError, match="no column is called 'nix'; there are 't', 'level'"):
         read(tmp_path, "t,level\n0,1\n1,2\n", **reading)

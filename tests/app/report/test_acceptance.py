@@ -17,29 +17,43 @@ def pages_of(text, folder):
     """Print a page to PDF, and return its number of pages."""
     (folder / "sheet.html").write_text(text, encoding="utf-8")
     subprocess.run(
-        [CHROMIUM, "--headless", *FLAGS, f"--user-data-dir={folder / 'profile'}",
-         "--no-pdf-header-footer", f"--print-to-pdf={folder / 'sheet.pdf'}",
-         (folder / "sheet.html").as_uri()],
-        check=True, timeout=120, capture_output=True,
-    )  # fmt: skip
+        [
+            CHROMIUM,
+            "--headless",
+            *FLAGS,
+            f"--user-data-dir={folder / 'profile'}",
+            "--no-pdf-header-footer",
+            f"--print-to-pdf={folder / 'sheet.pdf'}",
+            (folder / "sheet.html").as_uri(),
+        ],
+        check=True,
+        timeout=120,
+        capture_output=True,
+    )
     return len(re.findall(rb"/Type\s*/Page[^s]", (folder / "sheet.pdf").read_bytes()))
 
 
 def crowded(record):
     """The record with as many long KPIs as nobody has."""
     kpis = tuple(
-        KPI(f"k{i}", f"a key performance indicator with a rather long title, number {i}", "kJ/kg",
-            at_most=float(i))
+        KPI(
+            f"k{i}",
+            f"a key performance indicator with a rather long title, number {i}",
+            "kJ/kg",
+            at_most=float(i),
+        )
         for i in range(20)
-    )  # fmt: skip
+    )
     return replace(record, scenario=replace(record.scenario, kpis=kpis, cost=None), judged=False)
 
 
 def test_the_sheet_names_study_version_values_and_dates():
     record = replace(
-        toy_record(), study="mine", settings={"calibrator": "human"},
+        toy_record(),
+        study="mine",
+        settings={"calibrator": "human"},
         dates=("2026-01-31T10:05:59+00:00", "2026-02-01T11:00:00+00:00"),
-    )  # fmt: skip
+    )
     text = sheet(record)
     assert "of study mine, 2026-01-31 10:05 to 2026-02-01 11:00 (UTC)" in text
     assert "Before: first experiment (experiment 1)" in text
@@ -71,9 +85,7 @@ def test_a_kpi_with_an_objective_stays_on_a_sheet_without_room_for_all():
     assert content["more_kpis"] > 0
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "words"), [(0.0, 100.0, "never"), (0.0, 1.0, "100 % of the time")]
-)
+@pytest.mark.parametrize(("low", "high", "words"), [(0.0, 100.0, "never"), (0.0, 1.0, "100 % of the time")])
 def test_the_sheet_says_how_long_an_input_was_at_its_limit(low, high, words):
     e = toy_record().best.experiment
     channel = replace(e.channels.u[0], low=low, high=high)

@@ -30,10 +30,7 @@ def with_kpis(kpis, values):
 
 
 def test_the_kpis_that_changed_most_are_shown_and_always_those_with_a_limit():
-    kpis = (
-        *(KPI(f"k{i}", f"k{i}", better="lower") for i in range(6)),
-        KPI("M_s", "M_s", at_most=2),
-    )
+    kpis = (*(KPI(f"k{i}", f"k{i}", better="lower") for i in range(6)), KPI("M_s", "M_s", at_most=2))
     # The later a KPI, the more it changes; that with a limit changes least.
     record = with_kpis(kpis, lambda n: [*(100 + n * i for i in range(6)), 1.5 + n / 100])
     assert record.best.number > 1

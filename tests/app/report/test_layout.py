@@ -31,18 +31,23 @@ def many_knobs(record, count):
         return comparison._replace(**sides)
 
     return replace(
-        record, scenario=replace(record.scenario, space=knobs, references={}), references={},
-        comparisons=tuple(map(moved, record.comparisons)), surrogate=None,
-    )  # fmt: skip
+        record,
+        scenario=replace(record.scenario, space=knobs, references={}),
+        references={},
+        comparisons=tuple(map(moved, record.comparisons)),
+        surrogate=None,
+    )
 
 
 @pytest.fixture
 def text():
     record = replace(
-        toy_record(), study="./mine.prefcal", fingerprint="0123456789abcdef",
+        toy_record(),
+        study="./mine.prefcal",
+        fingerprint="0123456789abcdef",
         settings={"calibrator": "human", "scenario": 'pid {"plant": "some/where/model.py:plant"}'},
         dates=("2026-01-31T10:05:59+00:00", "2026-02-01T11:00:00+00:00"),
-    )  # fmt: skip
+    )
     return page_of(record, [])
 
 
@@ -54,8 +59,7 @@ def test_no_table_reaches_over_its_place(browser, text, width):
     listings = "all => all.map(t => [t.scrollWidth, t.parentElement.clientWidth])"
     assert all(own <= room for own, room in page.eval_on_selector_all("details > table", listings))
     ends = page.eval_on_selector_all(
-        ".pair > table",
-        "all => all.map(t => t.getBoundingClientRect()).map(b => [b.left, b.right])",
+        ".pair > table", "all => all.map(t => t.getBoundingClientRect()).map(b => [b.left, b.right])"
     )
     assert len(ends) == 3
     assert width == 390 or all(a[1] <= b[0] for a, b in pairwise(ends))

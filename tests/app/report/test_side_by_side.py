@@ -11,8 +11,7 @@ from prefcal_scenarios import load
 @pytest.mark.parametrize("name", ["servo", "cstr"])
 def test_theta_stays_above_its_own_half_and_leaves_room_for_curves(name):
     scenario = load(name)
-    low, high = (scenario.run(scenario.space.decode(np.full(len(scenario.space), z)))
-                 for z in (0.37, 0.53))  # fmt: skip
+    low, high = (scenario.run(scenario.space.decode(np.full(len(scenario.space), z))) for z in (0.37, 0.53))
     drawn = figure(scenario, low, high)
     canvas = FigureCanvasAgg(drawn)
     canvas.draw()

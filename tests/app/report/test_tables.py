@@ -18,9 +18,7 @@ def precise():
     """A study whose best gain has more digits than people read."""
     record = toy_record()
     best = replace(record.best.experiment, theta=np.array([0.4, 20, 2.7164]))
-    trials = tuple(
-        replace(t, experiment=best) if t.index == record.best.index else t for t in record.trials
-    )
+    trials = tuple(replace(t, experiment=best) if t.index == record.best.index else t for t in record.trials)
     changed = replace(record)
     changed.__dict__["trials"] = trials
     return changed
@@ -29,9 +27,7 @@ def precise():
 def test_theta_reads_in_the_report_as_on_the_page_and_best_json_keeps_all_digits(precise):
     rows = {row.name: row for row in result_rows(precise, result_columns(precise).values())}
     assert rows["gain"].values[0].text == "2.72"
-    assert [
-        row.values[2].text for row in sheet_of(precise)["knobs"].rows if row.name == "gain"
-    ] == ["2.72"]
+    assert [row.values[2].text for row in sheet_of(precise)["knobs"].rows if row.name == "gain"] == ["2.72"]
     assert "2.72 <small>m/%" in page(precise, [])
     assert "2.716" not in page(precise, [])
     assert "2.7164" in best_as_json(precise)
@@ -45,8 +41,9 @@ def test_theta_of_every_experiment_reads_as_on_the_page():
 def test_rules_with_the_same_parameters_stand_once_under_both_names():
     record = toy_record()
     paper = record.references["paper"]
-    record = replace(record, references={"a": paper, "b": record.references["automated"],
-                                         "c": replace(paper)})  # fmt: skip
+    record = replace(
+        record, references={"a": paper, "b": record.references["automated"], "c": replace(paper)}
+    )
     assert list(result_columns(record)) == ["best", "first experiment", "a and c", "b"]
     assert [curve.label for curve in curves_of(record)][1:-1] == ["a and c", "b"]
 

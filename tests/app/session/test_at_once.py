@@ -137,9 +137,7 @@ def test_a_study_resumes_with_the_same_pending_experiments(plant, tmp_path):
     before, state = waiting(interview), interview.study.state
     interview.study.close()
     again = reopened(plant.scenario, path, at_once=4)
-    assert {s.theta for s in state.history.samples} <= {
-        s.theta for s in again.study.state.history.samples
-    }
+    assert {s.theta for s in state.history.samples} <= {s.theta for s in again.study.state.history.samples}
     assert set(waiting(again)) >= set(before)
     assert any(isinstance(recorded.event, Taken) for recorded in again.study.events())
     with Background(again):

@@ -107,10 +107,7 @@ def test_a_study_from_before_resumes_as_it_was(tmp_path, monkeypatch):
     old.study.close()
     resumed = reopened(touchy, path)
     again = resumed.now().question
-    assert (again.left.experiment, again.right.experiment) == (
-        asked.left.experiment,
-        asked.right.experiment,
-    )
+    assert (again.left.experiment, again.right.experiment) == (asked.left.experiment, asked.right.experiment)
     assert [c.answer for c in resumed.now().state.history.comparisons] == answers
     assert not resumed.now().state.history.unsafe(automatic=True)
     assert resumed._flow.agent.state == old._flow.agent.state

@@ -73,9 +73,7 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     interview.study.close()
     resumed = reopened(toy, path)
     assert resumed.now().state.history.follow_ups[0].retracted
-    assert (
-        len(Preferences.of(resumed._flow.agent.history)) == resumed.now().state.history.answered - 1
-    )
+    assert len(Preferences.of(resumed._flow.agent.history)) == resumed.now().state.history.answered - 1
 
 
 def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_path, monkeypatch):

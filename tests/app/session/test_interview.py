@@ -177,9 +177,7 @@ def test_a_retracted_answer_stays_on_record_and_teaches_nothing(interview):
     interview.retract(1)
     now = interview.now()
     assert now.state.history.comparisons[1].retracted
-    assert [s.theta for s in now.state.history.samples] == [
-        s.theta for s in before.state.history.samples
-    ]
+    assert [s.theta for s in now.state.history.samples] == [s.theta for s in before.state.history.samples]
     with pytest.raises(StaleError, match="retracted already"):
         interview.retract(1)
     assert interview.comparisons()[1].answer.preference is None

@@ -31,9 +31,7 @@ def waited_for(interview):
     while True:
         now = interview.now()
         known = now.live.changes is not None or now.live.problem
-        if now.phase not in (Phase.RUNNING, Phase.CONFIRM) or (
-            now.phase is Phase.CONFIRM and known
-        ):
+        if now.phase not in (Phase.RUNNING, Phase.CONFIRM) or (now.phase is Phase.CONFIRM and known):
             return now
         assert interview.work()
 
@@ -122,9 +120,7 @@ def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario,
     assert waited_for(interview).live.changes
 
 
-def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeeds(
-    scenario, plant, tmp_path
-):
+def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeeds(scenario, plant, tmp_path):
     Journal(tmp_path / "old.json").save({"K_p": 1.5, "T_i": 10.0, "set-point": 1.0})
     plant.refuses = "kp"
     interview = begin(scenario)
@@ -160,9 +156,7 @@ def test_a_recovery_in_progress_is_not_called_failed(scenario, plant, tmp_path):
     assert plant.values["kp"] == pytest.approx(5.0)
 
 
-def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(
-    scenario, plant, tmp_path
-):
+def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(scenario, plant, tmp_path):
     rig = memory_rig(plant, tmp_path, after="keep")
     interview = begin(Scenario("tank", "A tank", rig.space, rig, kpis=scenario.kpis))
     for _ in range(2):
@@ -185,9 +179,7 @@ def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(
     assert interview.now().phase is Phase.QUESTION
 
 
-def test_a_run_that_raised_has_its_old_values_restored_before_anything_else(
-    scenario, plant, monkeypatch
-):
+def test_a_run_that_raised_has_its_old_values_restored_before_anything_else(scenario, plant, monkeypatch):
     real = LiveRig.drive
 
     def broken(self, *args, **rest):

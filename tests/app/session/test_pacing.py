@@ -142,9 +142,7 @@ def test_while_something_has_failed_it_has_to_wait(toy):
         interview.pace(1)
 
 
-@pytest.mark.parametrize(
-    ("settings", "most"), [({}, 1), ({"questions_per_experiment": 4}, 4), (None, 1)]
-)
+@pytest.mark.parametrize(("settings", "most"), [({}, 1), ({"questions_per_experiment": 4}, 4), (None, 1)])
 def test_a_study_says_how_many_it_asks(settings, most):
     assert questions_of({"agent": {"settings": settings}}) == most
 

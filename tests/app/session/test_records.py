@@ -17,9 +17,12 @@ from toy_study import toy_scenario
 
 TOY = toy_scenario()
 RIG = replace(
-    TOY, cost=None, references={}, kpis=(KPI("highest", "highest", "m", better="lower"),),
+    TOY,
+    cost=None,
+    references={},
+    kpis=(KPI("highest", "highest", "m", better="lower"),),
     run=Rig(CHANNELS, (2.0,), kpis=lambda e: {"highest": float(e.x.max())}),
-)  # fmt: skip
+)
 
 
 def csv(highest: float) -> bytes:

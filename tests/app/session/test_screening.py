@@ -122,9 +122,7 @@ def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_pat
     assert leads >= 1
     assert now.incumbent != now.state.history.by_answers
     best, winner = now.incumbent + 1, now.state.history.by_answers + 1
-    assert f"Experiment {best} is the best so far, though {winner} won" in others_unbeaten(
-        now.state.history
-    )
+    assert f"Experiment {best} is the best so far, though {winner} won" in others_unbeaten(now.state.history)
     interview.study.close()
     again = reopened(unseen, path).now()
     assert again.state.history == now.state.history
@@ -187,9 +185,7 @@ def test_nothing_is_simulated_for_a_retraction_or_an_answer_after_a_restart(tmp_
     assert again._flow.simulator.count == 0
 
 
-def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_another(
-    tmp_path, monkeypatch
-):
+def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_another(tmp_path, monkeypatch):
     path = tmp_path / "mine.prefcal"
     with monkeypatch.context() as earlier:
         earlier.setattr(Screening, "_leader", lambda self, history: None)

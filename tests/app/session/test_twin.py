@@ -52,8 +52,11 @@ def test_a_look_at_a_simulated_theta_shows_the_model_and_runs_nothing_on_the_pla
     now = proceed(interview)
     shown = {sample.theta for sample in now.state.history.samples}
     bank = interview.screened().bank
-    theta = next(t for t, k in zip(bank.thetas, bank.kpis, strict=True)
-                 if np.isfinite(k).all() and tuple(t) not in shown)  # fmt: skip
+    theta = next(
+        t
+        for t, k in zip(bank.thetas, bank.kpis, strict=True)
+        if np.isfinite(k).all() and tuple(t) not in shown
+    )
     looked = interview.look_at(theta)
     assert looked.kpis["rough"] == pytest.approx(0.6 * theta[0] ** 2)
     interview.ask_for(theta)

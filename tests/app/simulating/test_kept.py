@@ -121,9 +121,11 @@ def test_the_key_changes_with_what_kpis_follow_from():
 
     better = tuple(replace(kpi, better=None) for kpi in unseen.kpis)
     others = [
-        key(replace(unseen, kpis=better)), key(source="another"), key(configuration={"seed": 4}),
+        key(replace(unseen, kpis=better)),
+        key(source="another"),
+        key(configuration={"seed": 4}),
         key(versions={"numpy": "3"}),
         key(replace(unseen, space=KnobSpace(unseen.space.knobs[:1]))),
-    ]  # fmt: skip
+    ]
     assert key() == key()
     assert len({key(), *others}) == len(others) + 1

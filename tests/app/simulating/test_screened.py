@@ -92,8 +92,7 @@ def test_before_an_answer_that_teaches_nothing_is_promised(chances):
     assert interview.screened().prospect.offer
     n = len(interview.screened().bank)
     assert interview.outlook.promise.lower().endswith(
-        f"the chance that the most promising of the {n} simulated is better than the best so far "
-        "is 5 %."
+        f"the chance that the most promising of the {n} simulated is better than the best so far is 5 %."
     )
 
 
@@ -176,13 +175,7 @@ def test_from_ten_percent_on_it_only_says_what_is_left_to_gain():
 
 @pytest.mark.parametrize(
     ("chance", "text"),
-    [
-        (0.0, "below 1 %"),
-        (0.001, "below 1 %"),
-        (0.5, "50 %"),
-        (0.999, "above 99 %"),
-        (1.0, "above 99 %"),
-    ],
+    [(0.0, "below 1 %"), (0.001, "below 1 %"), (0.5, "50 %"), (0.999, "above 99 %"), (1.0, "above 99 %")],
 )
 def test_nothing_reads_as_sure(chance, text):
     assert percent(chance) == text

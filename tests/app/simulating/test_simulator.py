@@ -61,10 +61,7 @@ def test_without_any_direction_it_learns_from_the_trajectory():
 def test_failures_are_counted_and_not_repeated(monkeypatch):
     monkeypatch.setenv("PREFCAL_TEST_CRASH", "1")
     thetas = [np.array([0.5, 0.5]), np.array([0.99, 0.5]), np.array([0.01, 0.5])]
-    with (
-        isolation(SOURCE, early=False) as isolated,
-        Simulator(isolated(load(SOURCE)), jobs=1) as simulator,
-    ):
+    with isolation(SOURCE, early=False) as isolated, Simulator(isolated(load(SOURCE)), jobs=1) as simulator:
         works, raises, crashes = simulator.many(thetas)
         assert works
         assert not raises

@@ -18,8 +18,7 @@ def test_it_names_what_is_better_and_what_that_costs():
 
 def test_before_anything_is_learned_no_preference_and_no_chance_is_claimed():
     assert why(BETTER, toy, side="Left", learned=False) == (
-        "Nothing learned yet: left has final level nearer to its target, but higher settling time "
-        "t_f."
+        "Nothing learned yet: left has final level nearer to its target, but higher settling time t_f."
     )
 
 

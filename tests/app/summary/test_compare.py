@@ -47,11 +47,18 @@ def test_what_differs_most_beside_the_spread_of_all_experiments_comes_first():
     assert found[0]["size"] == 1.0
     assert found[1]["size"] == pytest.approx(1 / 18, abs=0.001)  # the middle half spans 18 h
     assert found[2] | {"objective": ""} == {
-            "group": "",
-        "title": "count", "about": "", "unit": "", "objective": "", "difference": "",
-        "left": {"text": "0", "met": None}, "right": {"text": "0", "met": None},
-        "better": None, "size": 0.0, "change": 0.0,
-    }  # fmt: skip
+        "group": "",
+        "title": "count",
+        "about": "",
+        "unit": "",
+        "objective": "",
+        "difference": "",
+        "left": {"text": "0", "met": None},
+        "right": {"text": "0", "met": None},
+        "better": None,
+        "size": 0.0,
+        "change": 0.0,
+    }
 
 
 def test_an_objective_that_only_one_side_misses_comes_first():

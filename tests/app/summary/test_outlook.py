@@ -32,9 +32,7 @@ def always(knob, upper):
     return True
 
 
-def said(
-    theta, promise=PROMISE, place="/tmp/mine.prefcal", scenario="cstr", missed=(), helps=always
-):  # fmt: skip
+def said(theta, promise=PROMISE, place="/tmp/mine.prefcal", scenario="cstr", missed=(), helps=always):
     state = replace(STATE, configuration={**STATE.configuration, "scenario": scenario})
     return outlook(promise, np.array(theta), SPACE, place, state, missed=missed, helps=helps)
 
@@ -47,12 +45,9 @@ def test_inside_the_ranges_there_is_one_sentence_and_no_more():
 
 def test_knobs_at_their_ends_are_named_with_the_command():
     found = said([0.25, 4, 1.0, 3.0])
-    assert found.ends.startswith(
-        "T_s, N_p and offset of the best θ are near the end of their ranges"
-    )
+    assert found.ends.startswith("T_s, N_p and offset of the best θ are near the end of their ranges")
     assert found.command == (
-        "prefcal studies respace /tmp/mine.prefcal --knob T_s=0.125:1.5 --knob N_p=2:40 "
-        "--knob offset=-5:5"
+        "prefcal studies respace /tmp/mine.prefcal --knob T_s=0.125:1.5 --knob N_p=2:40 --knob offset=-5:5"
     )
 
 
@@ -119,9 +114,7 @@ def test_without_a_file_there_is_no_command():
 
 def test_a_scenario_of_ones_own_is_named_and_a_study_of_the_data_folder_by_its_name():
     found = said([0.25, 20, 1.0, 0.0], scenario="my own.py:plant", place=str(study_path("mine")))
-    assert found.command.startswith(
-        "prefcal studies respace mine --scenario 'my own.py:plant' --knob "
-    )
+    assert found.command.startswith("prefcal studies respace mine --scenario 'my own.py:plant' --knob ")
     assert study_name("./a.prefcal") == "./a.prefcal"
 
 

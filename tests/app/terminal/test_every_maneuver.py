@@ -70,9 +70,11 @@ def test_two_runs_side_by_side_have_rows_for_every_maneuver(tank, pair):
     drawn = figure(tank, *pair).axes
     assert len(drawn) == 2 * 3 * len(tank.panels)
     for axes in drawn[::4], drawn[1::4]:  # the temperature of one side
-        assert [
-            round(max(a.lines, key=lambda line: len(line.get_ydata())).get_ydata()[0]) for a in axes
-        ] == [30, 40, 70]
+        assert [round(max(a.lines, key=lambda line: len(line.get_ydata())).get_ydata()[0]) for a in axes] == [
+            30,
+            40,
+            70,
+        ]
 
 
 def test_two_runs_in_a_terminal_show_every_maneuver(tank, pair):
@@ -83,8 +85,7 @@ def test_two_runs_in_a_terminal_show_every_maneuver(tank, pair):
 
 
 def test_one_side_that_left_no_record_has_no_curves_in_any_maneuver(tank, pair):
-    arrays = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time",
-              "solved")  # fmt: skip
+    arrays = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
     nothing = {name: getattr(pair[0], name)[:0] for name in arrays}
     failed = replace(pair[0], **nothing, y=None, runs=(), kpis={}, signals={})
     pairs = pairs_of(tank, failed, pair[1])

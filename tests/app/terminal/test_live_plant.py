@@ -78,9 +78,7 @@ def test_k_stops_the_run_and_restores_the_old_values(interview, plant):
     assert [plant.values[node] for node in ("kp", "ti", "sp")] == pytest.approx([1.0, 10.0, 1.0])
 
 
-def test_a_plant_without_its_old_values_is_named_beside_a_question_and_tried_again(
-    interview, plant
-):
+def test_a_plant_without_its_old_values_is_named_beside_a_question_and_tried_again(interview, plant):
     def refuse_in_the_second_run(plant):
         if plant.values["sp"] == 2.0 and interview.now().state.finished:
             plant.refuses = "sp"

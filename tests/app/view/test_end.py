@@ -43,12 +43,16 @@ def row(before, after, *, kpi=None, study=()):
 
 @pytest.mark.parametrize(
     ("before", "after", "change", "verdict"),
-    [(7.5, 3.0, "−4.5 h", "better"), (3.0, 7.5, "+4.5 h", "worse"), (np.inf, 3.0, "", "better"),
-     (3.0, 3.0, "no change", ""), (3.0, 3.0 + 1e-7, "no change", ""), (3.0, 3.05, "+0.05 h", "")],
-)  # fmt: skip
-def test_a_change_is_signed_and_a_slight_one_is_neither_better_nor_worse(
-    before, after, change, verdict
-):
+    [
+        (7.5, 3.0, "−4.5 h", "better"),
+        (3.0, 7.5, "+4.5 h", "worse"),
+        (np.inf, 3.0, "", "better"),
+        (3.0, 3.0, "no change", ""),
+        (3.0, 3.0 + 1e-7, "no change", ""),
+        (3.0, 3.05, "+0.05 h", ""),
+    ],
+)
+def test_a_change_is_signed_and_a_slight_one_is_neither_better_nor_worse(before, after, change, verdict):
     found = row(before, after)
     assert (found["change"], found["verdict"]) == (change, verdict)
 

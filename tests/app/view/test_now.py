@@ -104,9 +104,11 @@ def test_a_scenario_with_nothing_but_what_it_must_have_can_be_asked_about():
     view = now_view(interview)["question"]
     titles = [kpi["title"] for kpi in view["left"]["kpis"]]
     assert titles == [
-        "settling time of level <h>", "overshoot of level <h>", "integrated error of level <h>",
+        "settling time of level <h>",
+        "overshoot of level <h>",
+        "integrated error of level <h>",
         "total move of valve",
-    ]  # fmt: skip
+    ]
     assert len(view["panels"]) == 2
     silent = begin(Scenario("plain", "Plain", SPACE, run, kpis=()))
     proceed(silent)

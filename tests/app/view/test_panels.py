@@ -11,9 +11,7 @@ from prefcal_env.experiments.panels import Panel, Plot
 from prefcal_scenarios.scenario import panels_of
 from support.looks import LEVEL, THETA, VALVE, plain, run, toy
 
-values = st.lists(
-    st.floats(-1e6, 1e6).map(lambda v: round(v, 3)), min_size=1, max_size=60
-).map(np.array)  # fmt: skip
+values = st.lists(st.floats(-1e6, 1e6).map(lambda v: round(v, 3)), min_size=1, max_size=60).map(np.array)
 
 
 def test_a_scenario_without_panels_gets_one_for_each_state_and_input():

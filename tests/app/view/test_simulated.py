@@ -56,8 +56,9 @@ def test_without_a_reason_there_is_no_sentence_but_a_request_is_said(monkeypatch
     interview.ask_for(WANTED)
     explained(interview)
     assert told(interview)["why"] in (
-        "Left is shown because you asked for it.", "Right is shown because you asked for it.",
-    )  # fmt: skip
+        "Left is shown because you asked for it.",
+        "Right is shown because you asked for it.",
+    )
 
 
 def test_kpis_are_called_better_as_the_table_of_the_same_question_does(says):
@@ -106,9 +107,7 @@ def test_the_picture_has_every_simulated_theta_in_values_that_people_see(says):
     view = map_view(interview)
     json.dumps(view, allow_nan=False)
     titles = [axis["title"] for axis in view["axes"]]
-    assert titles == [
-        "settling time t_f", "final level: distance from its target", "T_s", "N_p", "gain",
-    ]  # fmt: skip
+    assert titles == ["settling time t_f", "final level: distance from its target", "T_s", "N_p", "gain"]
     assert [axis["knob"] for axis in view["axes"]] == [False, False, True, True, True]
     assert view["axes"][4]["log"]
     assert view["chosen"] == [1, 0]  # what was learned, then what else differs

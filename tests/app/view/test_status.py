@@ -64,14 +64,20 @@ def test_the_best_is_set_off_once_and_was_best_before_that():
 @pytest.mark.parametrize(
     ("consistency", "words"),
     [
-        (Consistency(0, 0, ()), "No question has been asked twice yet. "
-         "The answers do not contradict each other."),
-        (Consistency(3, 2, ()), "2 of 3 repeated questions got the same answer. "
-         "The answers do not contradict each other."),
-        (Consistency(0, 0, ((0, 4, 2),)), "No question has been asked twice yet. "
-         "Preferred in a circle: 1 over 5 over 3."),
+        (
+            Consistency(0, 0, ()),
+            "No question has been asked twice yet. The answers do not contradict each other.",
+        ),
+        (
+            Consistency(3, 2, ()),
+            "2 of 3 repeated questions got the same answer. The answers do not contradict each other.",
+        ),
+        (
+            Consistency(0, 0, ((0, 4, 2),)),
+            "No question has been asked twice yet. Preferred in a circle: 1 over 5 over 3.",
+        ),
     ],
-)  # fmt: skip
+)
 def test_consistency_in_words(consistency, words):
     assert in_words(consistency) == words
 

@@ -11,8 +11,12 @@ def test_nothing_serious_is_found_on_any_view(browser, command):
     watched.open(served.link)
     views = {"question": serious(page)}
     for name, keys in {
-        "marked": "qe", "overlay": "o", "blind": "b", "side by side": "bo", "keys": "?",
-    }.items():  # fmt: skip
+        "marked": "qe",
+        "overlay": "o",
+        "blind": "b",
+        "side by side": "bo",
+        "keys": "?",
+    }.items():
         for key in keys:
             page.keyboard.press(key)
             page.wait_for_timeout(350)
@@ -45,9 +49,7 @@ def test_the_question_is_told_to_a_screen_reader(opened):
     assert "level <h>: from" in label
     assert "the band around 2" in label
     watched.answer("ArrowLeft")
-    page.wait_for_function(
-        "() => document.getElementById('status').textContent.includes('question 2 of')"
-    )
+    page.wait_for_function("() => document.getElementById('status').textContent.includes('question 2 of')")
 
 
 def test_everything_is_reached_by_tab(opened):
@@ -57,6 +59,16 @@ def test_everything_is_reached_by_tab(opened):
         watched.page.keyboard.press("Tab")
         focused = "() => document.activeElement.id || document.activeElement.tagName"
         reached.add(watched.page.evaluate(focused))
-    for id_ in ("to-history", "undo", "zoom", "left-unsafe", "right-good-enough", "comment",
-                "verdict-left", "verdict-cannot-tell", "verdict-right", "finish"):  # fmt: skip
+    for id_ in (
+        "to-history",
+        "undo",
+        "zoom",
+        "left-unsafe",
+        "right-good-enough",
+        "comment",
+        "verdict-left",
+        "verdict-cannot-tell",
+        "verdict-right",
+        "finish",
+    ):
         assert id_ in reached or watched.page.is_disabled(f"#{id_}"), id_

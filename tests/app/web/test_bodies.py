@@ -40,13 +40,31 @@ def test_an_agreed_body_is_read():
 @pytest.mark.parametrize(
     "change",
     [
-        {"n": 3.0}, {"n": True}, {"n": "3"}, {"n": None}, {"n": -1}, {"n": 2**53}, {"n": [3]},
-        {"word": "up"}, {"word": ["left"]}, {"word": None}, {"on": 1}, {"on": "true"},
-        {"note": 3}, {"note": "a\0b"}, {"note": "\ud800"}, {"note": "\x1b[31m"},
-        {"note": "x" * (LONGEST_TEXT + 1)}, {"more": 1}, {"theta": [10**400]}, {"theta": [True]},
-        {"theta": ["1"]}, {"theta": [None]}, {"theta": [[1]]},
+        {"n": 3.0},
+        {"n": True},
+        {"n": "3"},
+        {"n": None},
+        {"n": -1},
+        {"n": 2**53},
+        {"n": [3]},
+        {"word": "up"},
+        {"word": ["left"]},
+        {"word": None},
+        {"on": 1},
+        {"on": "true"},
+        {"note": 3},
+        {"note": "a\0b"},
+        {"note": "\ud800"},
+        {"note": "\x1b[31m"},
+        {"note": "x" * (LONGEST_TEXT + 1)},
+        {"more": 1},
+        {"theta": [10**400]},
+        {"theta": [True]},
+        {"theta": ["1"]},
+        {"theta": [None]},
+        {"theta": [[1]]},
     ],
-)  # fmt: skip
+)
 def test_another_value_or_field_is_refused(change):
     with pytest.raises(MalformedError, match=r"\.$"):
         read_json(json.dumps({**GOOD, **change}).encode(), Fields)
@@ -62,11 +80,25 @@ def test_a_missing_field_is_refused_and_named(name):
 @pytest.mark.parametrize(
     "body",
     [
-        b"", b"[]", b"3", b"null", b"{", b'{"n": 1', b'{"n": NaN}', b'{"n": -Infinity}', b"\xff",
-        b"[" * 50_000, b'{"n":' * 9_000, b'{"n": ' + b"9" * 60_000 + b"}",
-        b'{"theta": [1e999]}', '{"n": 1}'.encode("utf-16"), b"\xef\xbb\xbf{}", b"{}\0", b"{} {}",
+        b"",
+        b"[]",
+        b"3",
+        b"null",
+        b"{",
+        b'{"n": 1',
+        b'{"n": NaN}',
+        b'{"n": -Infinity}',
+        b"\xff",
+        b"[" * 50_000,
+        b'{"n":' * 9_000,
+        b'{"n": ' + b"9" * 60_000 + b"}",
+        b'{"theta": [1e999]}',
+        '{"n": 1}'.encode("utf-16"),
+        b"\xef\xbb\xbf{}",
+        b"{}\0",
+        b"{} {}",
     ],
-)  # fmt: skip
+)
 def test_what_is_no_json_object_is_refused(body):
     with pytest.raises(MalformedError):
         read_json(body, Fields)
@@ -79,21 +111,30 @@ def test_any_query_is_read_or_refused(query):
 
 
 def test_a_query_is_read():
-    assert read_query(b"after=12&blind=1", {"after": digits, "blind": bit}) == {
-        "after": 12, "blind": True,
-    }  # fmt: skip
+    assert read_query(b"after=12&blind=1", {"after": digits, "blind": bit}) == {"after": 12, "blind": True}
     assert read_query(b"", {"after": digits}) == {}
 
 
 @pytest.mark.parametrize(
     "query",
     [
-        b"after=", b"after=-1", b"after=1.0", b"after=1&after=1", b"after", b"x=1", b"&",
-        b"after=+1", b"after=%D9%A3", b"after=%00", b"after=" + b"9" * 40, b"blind=2",
-        b"blind=true", b"a=%ff",
+        b"after=",
+        b"after=-1",
+        b"after=1.0",
+        b"after=1&after=1",
+        b"after",
+        b"x=1",
+        b"&",
+        b"after=+1",
+        b"after=%D9%A3",
+        b"after=%00",
+        b"after=" + b"9" * 40,
+        b"blind=2",
+        b"blind=true",
+        b"a=%ff",
         b"&".join(b"after=1" for _ in range(1000)),
     ],
-)  # fmt: skip
+)
 def test_another_query_is_refused(query):
     with pytest.raises(MalformedError):
         read_query(query, {"after": digits, "blind": bit})

@@ -48,18 +48,36 @@ JUNK = st.one_of(
     st.binary(max_size=40),
     st.text(max_size=20).map(lambda text: text.encode("utf-8", "surrogatepass")),
     st.sampled_from(
-        [b"..", b"../", b"%2e%2e%2f", b"..%2f..%2fsecret.json", b"%00", b"\0", b"\xff\xfe", b"//",
-         b"%252e%252e/", b"..\\", b"~root", b"null", b"NaN", b"-1", b"1e999", b"9" * 5000]
+        [
+            b"..",
+            b"../",
+            b"%2e%2e%2f",
+            b"..%2f..%2fsecret.json",
+            b"%00",
+            b"\0",
+            b"\xff\xfe",
+            b"//",
+            b"%252e%252e/",
+            b"..\\",
+            b"~root",
+            b"null",
+            b"NaN",
+            b"-1",
+            b"1e999",
+            b"9" * 5000,
+        ]
     ),
-)  # fmt: skip
+)
 VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=10)
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=10)
     | st.sampled_from([10**400, -(10**30), 2**63, "\ud800", "a\0", "left\n", "x" * 20_000]),
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
-    ),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     max_leaves=6,
-)  # fmt: skip
+)
 ALL = {  # what no field of a page ever holds
     name: VALUES.filter(lambda value: not isinstance(value, str | bool | int | float | list))
     for name in sorted({key for body in BODIES.values() for key in body})
@@ -92,9 +110,7 @@ def strangers(draw):
     well = draw(st.sampled_from(WELL))
     field = draw(st.sampled_from(["host", "origin", "cookie", "kind"]))
     junk = draw(JUNK).replace(b";", b"")  # which would set a cookie apart
-    return replace(
-        well, **{field: b"x" + junk + draw(st.sampled_from([b"", getattr(well, field)]))}
-    )
+    return replace(well, **{field: b"x" + junk + draw(st.sampled_from([b"", getattr(well, field)]))})
 
 
 @st.composite
@@ -102,22 +118,28 @@ def wrong_addresses(draw):
     """Paths and queries that do not exist, and methods that do not fit."""
     well = draw(st.sampled_from(WELL))
     junk = draw(JUNK)
-    start = draw(st.sampled_from(
-        ["/", "/static/", "/report/", "/open/", "/api/", "/api/history/", "/api/now/", "//", ""]
-    ))  # fmt: skip
+    start = draw(
+        st.sampled_from(
+            ["/", "/static/", "/report/", "/open/", "/api/", "/api/history/", "/api/now/", "//", ""]
+        )
+    )
     text = junk.decode("utf-8", "replace")
-    return draw(st.sampled_from([
-        replace(well, path=f"{start}x{text}"),
-        replace(well, query=b"x=" + junk),
-        replace(well, query=b"blind=1&blind=" + junk),
-        replace(well, path="/api/record", query=b"index=0&unsafe=x" + junk, kind=b"text/csv"),
-        replace(well, method=draw(st.sampled_from(["PUT", "DELETE", "TRACE", "", "post"]))),
-        Request("GET", start + text, query=junk),
-        Request("GET", start + quote(junk), query=b"after=" + junk + b"&blind=1"),
-        Request("HEAD", f"{start}x{text}", query=junk),
-        Request("GET", "/static/main.js", more=((b"range", junk), (b"if-none-match", junk))),
-        Request("GET", well.path, body=well.body),
-    ]))  # fmt: skip
+    return draw(
+        st.sampled_from(
+            [
+                replace(well, path=f"{start}x{text}"),
+                replace(well, query=b"x=" + junk),
+                replace(well, query=b"blind=1&blind=" + junk),
+                replace(well, path="/api/record", query=b"index=0&unsafe=x" + junk, kind=b"text/csv"),
+                replace(well, method=draw(st.sampled_from(["PUT", "DELETE", "TRACE", "", "post"]))),
+                Request("GET", start + text, query=junk),
+                Request("GET", start + quote(junk), query=b"after=" + junk + b"&blind=1"),
+                Request("HEAD", f"{start}x{text}", query=junk),
+                Request("GET", "/static/main.js", more=((b"range", junk), (b"if-none-match", junk))),
+                Request("GET", well.path, body=well.body),
+            ]
+        )
+    )
 
 
 REQUESTS = broken_bodies() | strangers() | wrong_addresses()
@@ -126,15 +148,24 @@ REQUESTS = broken_bodies() | strangers() | wrong_addresses()
 async def ask(app, request):
     """Status and body of the response."""
     scope = {
-        "type": "http", "http_version": "1.1", "method": request.method, "path": request.path,
-        "raw_path": quote(request.path, errors="replace").encode(), "root_path": "",
-        "query_string": request.query, "scheme": "http", "server": ("127.0.0.1", 1),
+        "type": "http",
+        "http_version": "1.1",
+        "method": request.method,
+        "path": request.path,
+        "raw_path": quote(request.path, errors="replace").encode(),
+        "root_path": "",
+        "query_string": request.query,
+        "scheme": "http",
+        "server": ("127.0.0.1", 1),
         "client": ("127.0.0.1", 2),
         "headers": [
-            (b"host", request.host), (b"origin", request.origin), (b"cookie", request.cookie),
-            (b"content-type", request.kind), *request.more,
+            (b"host", request.host),
+            (b"origin", request.origin),
+            (b"cookie", request.cookie),
+            (b"content-type", request.kind),
+            *request.more,
         ],
-    }  # fmt: skip
+    }
     sent, parts = [], [request.body[:10], request.body[10:]]
 
     async def receive():
@@ -147,9 +178,7 @@ async def ask(app, request):
     return sent[0]["status"], b"".join(message.get("body", b"") for message in sent[1:])
 
 
-@pytest.mark.parametrize(
-    "examples", [300, pytest.param(10_000, marks=pytest.mark.campaign)], ids=str
-)
+@pytest.mark.parametrize("examples", [300, pytest.param(10_000, marks=pytest.mark.campaign)], ids=str)
 def test_malformed_requests_change_nothing_and_break_nothing(room, tmp_path, examples):
     (tmp_path / "secret.json").write_bytes(SECRET)
     folder = tmp_path / "report"
@@ -161,9 +190,8 @@ def test_malformed_requests_change_nothing_and_break_nothing(room, tmp_path, exa
     with asyncio.Runner() as runner:
 
         @settings(
-            max_examples=examples, deadline=None, database=None,
-            suppress_health_check=list(HealthCheck),
-        )  # fmt: skip
+            max_examples=examples, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+        )
         @given(request=REQUESTS)
         def fuzz(request):
             status, body = runner.run(ask(room.app, request))

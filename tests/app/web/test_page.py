@@ -44,8 +44,9 @@ def test_twelve_comparisons_by_keyboard(browser, command):
     for closed in state.history.comparisons[1:]:
         p = closed.answer.preference
         left_won = p is not None and p != 0 and (p == -1) == closed.challenger_left
-        choices.append("s" if p is None else "ArrowDown" if p == 0 else
-                       "ArrowLeft" if left_won else "ArrowRight")  # fmt: skip
+        choices.append(
+            "s" if p is None else "ArrowDown" if p == 0 else "ArrowLeft" if left_won else "ArrowRight"
+        )
     assert choices == keys
     watched.page.click("text=Close prefcal")
     out, _ = served.process.communicate(timeout=30)
@@ -150,10 +151,7 @@ def test_keys_rest_while_somebody_types_and_a_long_press_answers_once(opened):
     watched.page.keyboard.type("louder")
     watched.page.keyboard.press("Enter")
     watched.answer("ArrowRight")
-    assert [c.comment for c in served.state.history.comparisons[1:]] == [
-        "quieter, so q and s",
-        "louder",
-    ]
+    assert [c.comment for c in served.state.history.comparisons[1:]] == ["quieter, so q and s", "louder"]
     assert watched.page.input_value("#comment") == ""
     assert served.state.marks == {}
     question = watched.question()
@@ -323,7 +321,5 @@ def test_curves_and_answers_fit_at_every_size(opened):
     assert page.eval_on_selector_all("#pair .head span", CUT) == []
     page.keyboard.press("o")
     page.wait_for_selector("#both-plot .js-line")
-    both, figure = (
-        page.locator(f"#both{at}").first.bounding_box() for at in ("", "-plot .main-svg")
-    )
+    both, figure = (page.locator(f"#both{at}").first.bounding_box() for at in ("", "-plot .main-svg"))
     assert figure["y"] + figure["height"] <= both["y"] + both["height"]

@@ -93,9 +93,7 @@ def titled(page, words):
     )
 
 
-def test_a_recovery_that_fails_is_on_every_page_until_it_succeeds(
-    browser, plant, tmp_path, request
-):
+def test_a_recovery_that_fails_is_on_every_page_until_it_succeeds(browser, plant, tmp_path, request):
     Journal(tmp_path / "old.json").save({"K_p": 1.5, "T_i": 10.0, "set-point": 1.0})
     plant.up = False
     served = request.getfixturevalue("served")

@@ -24,16 +24,16 @@ def served(tmp_path):
 
 def _largest(tank, page):
     """Maneuver and time at which the temperatures differ most, as a share of the drawn axes."""
-    theta = [[float(t.split()[0]) for t in page.locator(f"#{side}-thetas dd").all_inner_texts()]
-             for side in ("left", "right")]  # fmt: skip
+    theta = [
+        [float(t.split()[0]) for t in page.locator(f"#{side}-thetas dd").all_inner_texts()]
+        for side in ("left", "right")
+    ]
     runs = [tank.run(np.array(values)).runs for values in theta]
     found = {}
     for k, (a, b) in enumerate(zip(*runs, strict=True)):
         page.keyboard.press(str(k + 1))
         page.wait_for_timeout(150)
-        low, high = page.evaluate(
-            "() => document.getElementById('left-plot')._fullLayout.yaxis.range"
-        )
+        low, high = page.evaluate("() => document.getElementById('left-plot')._fullLayout.yaxis.range")
         apart = np.abs(np.interp(a.t, b.t, b.x[:, 0]) - a.x[:, 0]) / (high - low)
         found[a.maneuver] = (float(apart.max()), float(a.t[apart.argmax()]))
     name = max(found, key=lambda key: found[key][0])

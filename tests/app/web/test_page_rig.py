@@ -56,9 +56,7 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, command, own):
     assert served.state.finished == {}
     watched.shot("rig-preview")
     page.click("#record-save")
-    page.wait_for_function(
-        "() => document.getElementById('record-title').textContent.includes('2')"
-    )
+    page.wait_for_function("() => document.getElementById('record-title').textContent.includes('2')")
     page.set_input_files("#record-file", good)
     page.wait_for_selector(".warning")
     assert "exactly the curves of experiment 1" in page.inner_text(".warning")
@@ -68,9 +66,7 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, command, own):
     page.fill(".dials input >> nth=0", "1.07")
     page.check("#became-unsafe")
     page.set_input_files("#record-file", other)
-    page.wait_for_function(
-        "() => document.getElementById('record-preview').textContent.includes('20 rows')"
-    )
+    page.wait_for_function("() => document.getElementById('record-preview').textContent.includes('20 rows')")
     watched.shot("rig-dialed")
     page.click("#record-save")
     watched.question()

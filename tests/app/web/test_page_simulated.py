@@ -162,8 +162,9 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     offer = page.inner_text("#offer-text")
     assert re.fullmatch(
         r"The chance that the most promising of the \d+ simulated is better than the best so far "
-        r"is 8 %\. Stop here, or go on\?", offer,
-    )  # fmt: skip
+        r"is 8 %\. Stop here, or go on\?",
+        offer,
+    )
     watched.shot("offer")
     page.click("#offer-go-on")
     watched.answer("ArrowLeft")

@@ -177,9 +177,7 @@ def test_on_a_phone_a_whole_panel_with_both_runs_is_above_the_answers(browser, w
 
 
 def test_magnified_to_the_limit_the_page_scrolls_as_a_whole(opened):
-    _, watched = opened(
-        "cstr", n_max=5, viewport={"width": 320, "height": 256}, device_scale_factor=4
-    )
+    _, watched = opened("cstr", n_max=5, viewport={"width": 320, "height": 256}, device_scale_factor=4)
     page = watched.page
     page.locator("#both-plot .nsewdrag").first.scroll_into_view_if_needed()
     box = page.locator("#both-plot .nsewdrag").first.bounding_box()

@@ -12,10 +12,14 @@ CELL = Cell("RandomSearch", "camel", "perfect", 0)
 OTHERS = [
     replace(CELL, **change)
     for change in (
-        {"agent": "LatinHypercube"}, {"problem": "branin"}, {"calibrator": "noisy10"},
-        {"seed": 1}, {"n_init": 9}, {"n_max": 49},
+        {"agent": "LatinHypercube"},
+        {"problem": "branin"},
+        {"calibrator": "noisy10"},
+        {"seed": 1},
+        {"n_init": 9},
+        {"n_max": 49},
     )
-]  # fmt: skip
+]
 
 
 def test_the_key_of_a_cell_is_a_sha256_and_every_part_of_it_counts():

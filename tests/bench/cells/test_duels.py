@@ -14,9 +14,7 @@ SLOW = (0.4, 1.0, 30.0, 2.0, 2.0)
 
 def result(agent, seed=0, best=OPTIMUM, calibrator="noisy10", where="overtake", n_max=2):
     gaps = None if where == "overtake" else (1.0, 1.0)
-    return Result(
-        Cell(agent, where, calibrator, seed, 1, n_max), (SLOW, best), gaps, gaps, (0, 1), best
-    )
+    return Result(Cell(agent, where, calibrator, seed, 1, n_max), (SLOW, best), gaps, gaps, (0, 1), best)
 
 
 @pytest.mark.unchecked  # twice as fast
@@ -36,13 +34,19 @@ def test_what_has_a_worth_is_not_duelled():
 def test_rounds_are_made_of_what_has_no_cost_and_has_not_failed_in_canonical_order():
     lost = Result.failed(replace(result("C").cell), "no")
     results = [
-        result("B", seed=1), result("B"), result("A"), lost, result("A", where="camel"),
+        result("B", seed=1),
+        result("B"),
+        result("A"),
+        lost,
+        result("A", where="camel"),
         result("A", calibrator="lexicographic"),
-    ]  # fmt: skip
+    ]
     found = rounds(results)
     assert [(r.calibrator, r.seed, [name for name, _ in r.thetas]) for r in found] == [
-        ("lexicographic", 0, ["A"]), ("noisy10", 0, ["A", "B"]), ("noisy10", 1, ["B"]),
-    ]  # fmt: skip
+        ("lexicographic", 0, ["A"]),
+        ("noisy10", 0, ["A", "B"]),
+        ("noisy10", 1, ["B"]),
+    ]
     assert rounds(results[::-1]) == found
     assert len({r.key for r in found}) == 3
 

@@ -39,9 +39,14 @@ def test_a_result_goes_through_json_to_the_last_bit(rows, costs, seconds):
 )
 def test_a_result_on_a_loop_goes_through_json_to_the_last_bit(worths, kpis, verdict):
     result = replace(
-        RESULT, gaps=None, visited=None, worth=tuple(worths), kpi_names=("error", "effort"),
-        kpis=tuple(kpis), comparisons=((1, 0, verdict),),
-    )  # fmt: skip
+        RESULT,
+        gaps=None,
+        visited=None,
+        worth=tuple(worths),
+        kpi_names=("error", "effort"),
+        kpis=tuple(kpis),
+        comparisons=((1, 0, verdict),),
+    )
     assert through_json(result) == result
     assert repr(through_json(result)) == repr(result)
 
@@ -88,10 +93,12 @@ def test_what_does_not_fit_is_not_taken_for_a_result(change, word):
 
 
 RESULTS = [
-    Result(Cell(a, "camel", "perfect", s, 1, 2), ((0.1,), (0.2,)), (2.0, s + 0.1),
-           (2.0, s + 0.1), (0, 1), (0.2,))
-    for a in ("A", "B") for s in range(11)
-]  # fmt: skip
+    Result(
+        Cell(a, "camel", "perfect", s, 1, 2), ((0.1,), (0.2,)), (2.0, s + 0.1), (2.0, s + 0.1), (0, 1), (0.2,)
+    )
+    for a in ("A", "B")
+    for s in range(11)
+]
 
 
 def test_the_order_of_the_results_does_not_matter_and_their_numbers_do():

@@ -24,9 +24,13 @@ def sick(theta, seed=0):
 SICK = replace(SCENARIO, run=sick, kpis=KPIS[:2])
 """
 SMALL = Suite(
-    ("GLISp", "GLIS", "RandomSearch"), ("hartman3", "overtake"),
-    ("perfect", "lexicographic", "noisy20"), seeds=1, n_init=2, n_max=4,
-)  # fmt: skip
+    ("GLISp", "GLIS", "RandomSearch"),
+    ("hartman3", "overtake"),
+    ("perfect", "lexicographic", "noisy20"),
+    seeds=1,
+    n_init=2,
+    n_max=4,
+)
 
 
 def own(*names, **changes):
@@ -83,9 +87,8 @@ def test_a_pool_that_cannot_be_computed_fails_its_cells_and_no_others(tmp_path):
     own = tmp_path / "own.py"
     own.write_text(LOOP.read_text() + SICK)
     suite = Suite(
-        (f"{OWN}:Own",), (f"{own}:SICK", f"{own}:SCENARIO"), ("weights",), seeds=1, n_init=2,
-        n_max=3,
-    )  # fmt: skip
+        (f"{OWN}:Own",), (f"{own}:SICK", f"{own}:SCENARIO"), ("weights",), seeds=1, n_init=2, n_max=3
+    )
     finished, seen = run(suite, tmp_path / "out")
     (failed,) = finished.failures
     assert failed.cell.problem == f"{own}:SICK"

@@ -39,9 +39,10 @@ def test_kpis_are_those_with_a_direction_all_infinite_if_it_was_interrupted():
     simulate = Simulation(where)
     experiment = where.outcome(THETA).experiment
     assert dict(simulate(THETA)) == {
-        "error": experiment.kpis["error"], "effort": experiment.kpis["effort"],
+        "error": experiment.kpis["error"],
+        "effort": experiment.kpis["effort"],
         "margin": -experiment.kpis["margin"],
-    }  # fmt: skip
+    }
     stopped = simulate(np.array([0.95, 0.5, 0.5]))
     assert dict(stopped) == dict.fromkeys(["error", "effort", "margin"], np.inf)
 

@@ -11,20 +11,28 @@ from prefcal_env.errors import SettingsError
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 LOOP = OWN.with_name("bench_loop.py")
 BOTH = Suite(
-    ("GLISp", "GLIS"), ("camel", "overtake", "cstr", "cstr-guidelines"),
-    ("perfect", "lexicographic", "noisy10"), seeds=2, n_init=2, n_max=4,
-)  # fmt: skip
+    ("GLISp", "GLIS"),
+    ("camel", "overtake", "cstr", "cstr-guidelines"),
+    ("perfect", "lexicographic", "noisy10"),
+    seeds=2,
+    n_init=2,
+    n_max=4,
+)
 
 
 def test_all_combinations_that_make_sense_are_there_and_no_others():
     pairs = {(c.agent, c.problem, c.calibrator) for c in BOTH.cells}
     assert pairs == {
-        ("GLISp", "camel", "perfect"), ("GLISp", "camel", "noisy10"),
-        ("GLISp", "cstr", "perfect"), ("GLISp", "cstr-guidelines", "lexicographic"),
-        ("GLISp", "cstr", "noisy10"), ("GLISp", "overtake", "lexicographic"),
-        ("GLISp", "overtake", "noisy10"), ("GLIS", "camel", "perfect"),
+        ("GLISp", "camel", "perfect"),
+        ("GLISp", "camel", "noisy10"),
+        ("GLISp", "cstr", "perfect"),
+        ("GLISp", "cstr-guidelines", "lexicographic"),
+        ("GLISp", "cstr", "noisy10"),
+        ("GLISp", "overtake", "lexicographic"),
+        ("GLISp", "overtake", "noisy10"),
+        ("GLIS", "camel", "perfect"),
         ("GLIS", "cstr", "perfect"),
-    }  # fmt: skip
+    }
     assert len(BOTH.cells) == len(set(BOTH.cells)) == 2 * len(pairs)
     assert {(c.n_init, c.n_max) for c in BOTH.cells} == {(2, 4)}
 
@@ -48,10 +56,12 @@ def test_what_is_left_out_is_said():
 
 def test_agents_that_simulate_run_where_experiments_have_kpis():
     suite = replace(
-        BOTH, agents=("Screening", "GLISp"), seeds=1,
+        BOTH,
+        agents=("Screening", "GLISp"),
+        seeds=1,
         problems=("camel", "servo", f"{LOOP}:PROBLEM", "cstr-guidelines"),
         calibrators=("perfect", "lexicographic", "weights"),
-    )  # fmt: skip
+    )
     simulating = [c.problem for c in suite.cells if c.agent == "Screening"]
     assert simulating == ["servo", "cstr-guidelines"]
     assert suite.left_out == tuple(
@@ -63,28 +73,39 @@ def test_agents_that_simulate_run_where_experiments_have_kpis():
 
 def test_tastes_answer_on_closed_loops_and_tell_a_value_if_they_have_one():
     suite = replace(
-        BOTH, problems=("servo", "camel", "overtake"), seeds=1,
+        BOTH,
+        problems=("servo", "camel", "overtake"),
+        seeds=1,
         calibrators=("weights", "weights-noisy10", "priorities", "perfect"),
-    )  # fmt: skip
+    )
     pairs = [(c.agent, c.problem, c.calibrator) for c in suite.cells]
     assert pairs == [
-        ("GLISp", "servo", "weights"), ("GLIS", "servo", "weights"),
-        ("GLISp", "servo", "weights-noisy10"), ("GLISp", "servo", "priorities"),
-        ("GLISp", "camel", "perfect"), ("GLIS", "camel", "perfect"),
-        ("GLISp", "overtake", "weights"), ("GLIS", "overtake", "weights"),
-        ("GLISp", "overtake", "weights-noisy10"), ("GLISp", "overtake", "priorities"),
-    ]  # fmt: skip
+        ("GLISp", "servo", "weights"),
+        ("GLIS", "servo", "weights"),
+        ("GLISp", "servo", "weights-noisy10"),
+        ("GLISp", "servo", "priorities"),
+        ("GLISp", "camel", "perfect"),
+        ("GLIS", "camel", "perfect"),
+        ("GLISp", "overtake", "weights"),
+        ("GLIS", "overtake", "weights"),
+        ("GLISp", "overtake", "weights-noisy10"),
+        ("GLISp", "overtake", "priorities"),
+    ]
     assert suite.left_out == ()
 
 
 def test_problems_of_a_file_and_random_loops_are_in_a_suite():
     suite = replace(
-        BOTH, problems=(f"{LOOP}:SCENARIO", f"{LOOP}:PROBLEM", "loop-4"), seeds=1,
+        BOTH,
+        problems=(f"{LOOP}:SCENARIO", f"{LOOP}:PROBLEM", "loop-4"),
+        seeds=1,
         calibrators=("perfect", "limits"),
-    )  # fmt: skip
+    )
     assert {(c.problem, c.calibrator) for c in suite.cells} == {
-        (f"{LOOP}:SCENARIO", "limits"), (f"{LOOP}:PROBLEM", "perfect"), ("loop-4", "limits"),
-    }  # fmt: skip
+        (f"{LOOP}:SCENARIO", "limits"),
+        (f"{LOOP}:PROBLEM", "perfect"),
+        ("loop-4", "limits"),
+    }
 
 
 def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):

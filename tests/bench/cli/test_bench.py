@@ -64,8 +64,21 @@ def test_a_benchmark_that_an_agent_kills_says_what_is_kept_and_who_was_running(t
 
 @pytest.mark.parametrize("count", [0, 2])
 def test_ctrl_c_stops_at_once_and_keeps_what_has_landed(tmp_path, count):
-    words = ["--agents", f"{OWN}:Slow", "--problems", "camel", "--calibrators", "perfect",
-             "--n-max", "4", "--jobs", "2", "--out", "out", "--json"]  # fmt: skip
+    words = [
+        "--agents",
+        f"{OWN}:Slow",
+        "--problems",
+        "camel",
+        "--calibrators",
+        "perfect",
+        "--n-max",
+        "4",
+        "--jobs",
+        "2",
+        "--out",
+        "out",
+        "--json",
+    ]
     log = tmp_path / "log"
     log.touch()
     process = bench(tmp_path, *words, "--seeds", "500", log=log)
@@ -82,16 +95,7 @@ def test_ctrl_c_stops_at_once_and_keeps_what_has_landed(tmp_path, count):
 
 
 def test_after_a_kill_it_goes_on_to_the_same_digest_and_repeats_nothing(tmp_path):
-    words = [
-        "--agents",
-        f"LatinHypercube,{OWN}:Slow",
-        *TINY,
-        "--seeds",
-        "4",
-        "--jobs",
-        "2",
-        "--json",
-    ]
+    words = ["--agents", f"LatinHypercube,{OWN}:Slow", *TINY, "--seeds", "4", "--jobs", "2", "--json"]
     log = tmp_path / "log"
     process = bench(tmp_path, *words, "--out", "killed", log=log)
     landed(tmp_path / "killed", 3)

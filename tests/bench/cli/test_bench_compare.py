@@ -40,8 +40,7 @@ def test_only_the_agent_runs_and_what_has_run_is_kept(prefcal, done, published):
 
 def test_the_page_compares_everybody_with_the_agent(published, tmp_path, monkeypatch, capsys):
     def run_suite(suite, *_):
-        made = (walk(c.agent, c.problem, c.seed, 1.4, taste=c.calibrator, n_max=c.n_max)
-                for c in suite.cells)  # fmt: skip
+        made = (walk(c.agent, c.problem, c.seed, 1.4, taste=c.calibrator, n_max=c.n_max) for c in suite.cells)
         return Finished(tuple(made), ())
 
     monkeypatch.setattr(run_module, "run_suite", run_suite)
@@ -50,9 +49,7 @@ def test_the_page_compares_everybody_with_the_agent(published, tmp_path, monkeyp
     assert run_module.compare(options) == 0
     rows = json.loads(capsys.readouterr().out)["worth"]
     assert {row["baseline"] for row in rows} == {mine}
-    assert {row["agent"]: row["studies"] for row in rows} == {
-        "GLISp": 3, "RandomSearch": 3, mine: 3
-    }  # fmt: skip
+    assert {row["agent"]: row["studies"] for row in rows} == {"GLISp": 3, "RandomSearch": 3, mine: 3}
     assert all((row["improvement"] is None) == (row["agent"] == mine) for row in rows)
     page = (tmp_path / "made" / "index.html").read_text(encoding="utf-8")
     assert "Beside them, 2 published agents" in page

@@ -23,11 +23,7 @@ def _peers():
 
 @pytest.mark.parametrize(
     ("points", "expected"),
-    [
-        ([[1.0, 0.0], [0.5, 1.0 + 1e-12], [0.2, 0.2]], [0.5, 1.0]),
-        ([[1.0, 0.0]], RANDOM),
-        (None, RANDOM),
-    ],
+    [([[1.0, 0.0], [0.5, 1.0 + 1e-12], [0.2, 0.2]], [0.5, 1.0]), ([[1.0, 0.0]], RANDOM), (None, RANDOM)],
 )
 def test_the_first_candidate_that_did_not_run_else_a_random_one(points, expected):
     class Proposing(BoTorchAgent):

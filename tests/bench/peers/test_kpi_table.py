@@ -14,8 +14,7 @@ from support.histories import in_cube
 def history(*kpis):
     samples = tuple(in_cube([k / 10, 0.5]) for k in range(len(kpis)))
     comparisons = tuple(
-        Comparison(k, None if k == 0 else 0, Answer(None, outcomes=(kpi, None)))
-        for k, kpi in enumerate(kpis)
+        Comparison(k, None if k == 0 else 0, Answer(None, outcomes=(kpi, None))) for k, kpi in enumerate(kpis)
     )
     return History(samples, comparisons)
 

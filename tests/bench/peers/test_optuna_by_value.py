@@ -42,9 +42,7 @@ def test_they_propose_what_the_package_does_when_driven_by_hand(make, name):
     tried = []
     for z in latin_hypercube(SQUARE, 4, 3):
         params = dict(zip(knobs, map(float, z), strict=True))
-        study.add_trial(
-            optuna.trial.create_trial(params=params, distributions=knobs, value=cost(z))
-        )
+        study.add_trial(optuna.trial.create_trial(params=params, distributions=knobs, value=cost(z)))
         tried.append(z)
     for _ in range(5):
         trial = study.ask(knobs)

@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.support.global_random import seeded
-from prefcal_bench import (
-    BOPE,
-    EUBO,
-    OptunaGP,
-    OptunaPreferential,
-    OptunaTPE,
-    ReferenceGLIS,
-    ReferenceGLISp,
-)
+from prefcal_bench import BOPE, EUBO, OptunaGP, OptunaPreferential, OptunaTPE, ReferenceGLIS, ReferenceGLISp
 from prefcal_env.errors import MissingExtraError
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.agents import peers

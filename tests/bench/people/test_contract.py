@@ -40,8 +40,7 @@ def made(loop, name, seed=0):
     """The taste; the rules of sure and noisy ones are drawn once, see below."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "prefcal_bench.people.named._usable",
-            lambda kind, runs, number: rule_of(kind, loop, number),
+            "prefcal_bench.people.named._usable", lambda kind, runs, number: rule_of(kind, loop, number)
         )
         return taste(name, load(loop).kpis, usual(loop), seed)
 
@@ -63,8 +62,7 @@ def test_the_referee_s_verdicts_are_opposite_and_the_same_side_by_side(loop, nam
     assert np.array_equal(verdicts, -verdicts.T)
     assert not np.diag(verdicts).any()
     assert verdicts.any()
-    one_by_one = [[rule.compare(only(runs, b), only(runs, a))[0] for b in range(COUNT)]
-                  for a in range(COUNT)]  # fmt: skip
+    one_by_one = [[rule.compare(only(runs, b), only(runs, a))[0] for b in range(COUNT)] for a in range(COUNT)]
     assert np.array_equal(verdicts, one_by_one)
     a, b = np.random.default_rng(0).integers(COUNT, size=(2, 99))
     assert np.array_equal(rule.compare(runs.take(a), runs.take(b)), verdicts[b, a])
@@ -122,8 +120,9 @@ def test_noisy_people_flip_the_stated_share_of_answers_and_never_the_referee(kin
         assert flipped == pytest.approx(share, abs=0.06 if share else 0)  # 276 pairs
         assert person.rule == made("servo", kind).rule
         runs = runs_of(person.kpis, them)
-        assert np.array_equal(person.rule.compare(runs, only(runs, 0)),
-                              made("servo", kind).rule.compare(runs, only(runs, 0)))  # fmt: skip
+        assert np.array_equal(
+            person.rule.compare(runs, only(runs, 0)), made("servo", kind).rule.compare(runs, only(runs, 0))
+        )
 
 
 def test_two_people_make_different_mistakes_and_have_different_rules():

@@ -79,15 +79,19 @@ def test_standards_rise_in_every_term_and_nothing_else_changes():
         for first, final in zip(rule.first.terms, rule.final.terms, strict=True):
             assert first.scale >= final.scale > 0
             assert (first.name, first.weight, first.good, first.steepness) == (
-                final.name, final.weight, final.good, final.steepness,
-            )  # fmt: skip
+                final.name,
+                final.weight,
+                final.good,
+                final.steepness,
+            )
 
 
 def test_what_is_good_is_nothing_or_the_lowest_value_of_a_kpi_that_can_be_negative():
     these = Runs(
-        ("error", "margin"), np.array([[1.0, -3.0], [2.0, -5.0], [3.0, -9.0]]),
+        ("error", "margin"),
+        np.array([[1.0, -3.0], [2.0, -5.0], [3.0, -9.0]]),
         np.array([np.inf, np.inf, 1.0]),  # the last run was interrupted, so -9 does not count
-    )  # fmt: skip
+    )
     good = {t.name: t.good for rule in drawn(weights, these) for t in rule.terms}
     assert good == {"error": 0.0, "margin": -5.0}
 

@@ -18,9 +18,7 @@ def test_an_excess_by_hand():
 
 
 def test_within_the_limits_the_trade_off_decides_and_beyond_them_the_excess():
-    within, dear, beyond, far = (
-        [2.0, 0.0, 1.0], [0.0, np.inf, 0.0], [3.0, 0.0, 1.0], [3.0, 0.0, 4.0],
-    )  # fmt: skip
+    within, dear, beyond, far = ([2.0, 0.0, 1.0], [0.0, np.inf, 0.0], [3.0, 0.0, 1.0], [3.0, 0.0, 4.0])
     these = runs(within, dear, beyond, far)
     # 0.5 times the trade-off; then 0.5 + 0.5 times the mean excess, of (0.5, 0) and (0.5, 0.5)
     assert RULE.cost(these) == pytest.approx([0.0, 0.5, 0.625, 0.75])
@@ -29,8 +27,6 @@ def test_within_the_limits_the_trade_off_decides_and_beyond_them_the_excess():
 
 def test_the_smallest_excess_is_worse_than_the_worst_within_and_better_than_an_interruption():
     just = np.nextafter(2.0, 3.0)
-    these = runs(
-        [2.0, np.inf, 1.0], [just, 0.0, 0.0], [0.0, 0.0, 0.0], survived=[np.inf, np.inf, 99.0]
-    )
+    these = runs([2.0, np.inf, 1.0], [just, 0.0, 0.0], [0.0, 0.0, 0.0], survived=[np.inf, np.inf, 99.0])
     assert RULE.compare(these, only(these, 1)).tolist() == [-1, 0, 1]
     assert RULE.cost(these)[2] > 1.0

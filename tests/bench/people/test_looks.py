@@ -9,20 +9,26 @@ from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channel, Channels
 from support.short_runs import short_run
 
-CHANNELS = Channels((Channel("level", "m"),), (Channel("valve", "%", 0, 100),),
-                    (Channel("level", "m"),))  # fmt: skip
+CHANNELS = Channels((Channel("level", "m"),), (Channel("valve", "%", 0, 100),), (Channel("level", "m"),))
 
 
 def run(level, valve, target, channels=CHANNELS):
     n = len(valve)
     u, goal = np.array(valve, dtype=float)[:, None], np.broadcast_to(target, n).astype(float)
     return short_run(
-        [1.0], t=np.arange(n + 1.0), x=np.array(level, dtype=float)[:, None],
-        u=np.vstack([u, u[-1:]]), t_control=np.arange(float(n)), u_control=u,
+        [1.0],
+        t=np.arange(n + 1.0),
+        x=np.array(level, dtype=float)[:, None],
+        u=np.vstack([u, u[-1:]]),
+        t_control=np.arange(float(n)),
+        u_control=u,
         y_ref=goal[:, None] if channels.y else np.zeros((n, 0)),
-        iterations=np.zeros(n, dtype=int), solve_time=np.zeros(n), solved=np.ones(n, dtype=bool),
-        channels=channels, end=End.TIME_UP,
-    )  # fmt: skip
+        iterations=np.zeros(n, dtype=int),
+        solve_time=np.zeros(n),
+        solved=np.ones(n, dtype=bool),
+        channels=channels,
+        end=End.TIME_UP,
+    )
 
 
 def seen(*arguments, **more):

@@ -29,9 +29,7 @@ KPIS = tuple(KPI(name, name, better="lower") for name in ("corner", "middle", "o
 def landscape(count=512):
     """Runs over three knobs: one KPI is best in a corner, the others somewhere inside."""
     z = np.random.default_rng(0).random((count, 3))
-    values = [
-        z.sum(axis=1), ((z - 0.5) ** 2).sum(axis=1), ((z - [0.4, 0.6, 0.5]) ** 2).sum(axis=1),
-    ]  # fmt: skip
+    values = [z.sum(axis=1), ((z - 0.5) ** 2).sum(axis=1), ((z - [0.4, 0.6, 0.5]) ** 2).sum(axis=1)]
     names = tuple(kpi.name for kpi in KPIS)
     return Runs(names, np.array(values).T, np.full(count, np.inf), z)
 
@@ -104,8 +102,7 @@ def test_if_all_lie_at_the_edge_there_is_a_taste_all_the_same(monkeypatch):
 
 def test_a_person_with_eyes_to_whom_the_best_runs_look_alike_is_drawn_again(monkeypatch):
     sharp, blunt = (
-        Eyes(Order((Criterion("middle", noticed), Criterion("other", noticed))))
-        for noticed in (0.002, 0.3)
+        Eyes(Order((Criterion("middle", noticed), Criterion("other", noticed)))) for noticed in (0.002, 0.3)
     )
     assert named._blind(sharp, RUNS) == 0 < 1 < named._blind(blunt, RUNS)
     assert named._blind(by("middle"), RUNS) == 0  # no just noticeable difference

@@ -54,9 +54,7 @@ def test_priorities_go_round_in_circles():
     these = runs([0.0, 2.0], [0.8, 1.0], [1.6, 0.0])
     # Steps of 0.8 in the error are not noticed, but 1.6 is: each beats the one before, but the
     # first beats the last.
-    assert [rule.compare(only(these, b), only(these, a))[0] for a, b in ((0, 1), (1, 2))] == [
-        -1
-    ] * 2
+    assert [rule.compare(only(these, b), only(these, a))[0] for a, b in ((0, 1), (1, 2))] == [-1] * 2
     assert rule.compare(only(these, 0), only(these, 2))[0] == -1
 
 

@@ -38,8 +38,10 @@ def test_standards_rise_to_the_better_run_and_no_further_than_the_final_ones():
 def test_an_answer_is_by_the_standards_before_it():
     one, other = runs([1.9, 8.0]), runs([2.9, 5.0])
     # costs by 8: 0.101 + 0.233 and 0.096 + 0.167; by 2: 0.155 + 0.389 and 0.244 + 0.333
-    verdicts = {Standards(RULE.first, RULE.final).person().compare(one, other)[0],
-                RULE.first.compare(one, other)[0]}  # fmt: skip
+    verdicts = {
+        Standards(RULE.first, RULE.final).person().compare(one, other)[0],
+        RULE.first.compare(one, other)[0],
+    }
     assert verdicts == {1}
     late = RULE.person()
     late.compare(runs([1.0, 1.0]), one)
@@ -76,7 +78,6 @@ def test_standards_only_rise_for_any_runs(these):
         person.compare(only(these, row), only(these, row + 1))
         now = scales(person)
         assert all(
-            term.scale <= new <= old
-            for term, new, old in zip(rule.final.terms, now, before, strict=True)
+            term.scale <= new <= old for term, new, old in zip(rule.final.terms, now, before, strict=True)
         )
         before = now

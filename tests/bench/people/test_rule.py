@@ -46,9 +46,7 @@ def test_a_cost_is_finite_and_has_the_order_of_the_comparisons(rule, every_run):
     assert (cost >= 0).all()
     assert ((cost > 1) == np.isfinite(every_run.survived)).all()
     for row in range(len(every_run)):
-        assert np.array_equal(
-            rule.compare(every_run, only(every_run, row)), np.sign(cost - cost[row])
-        )
+        assert np.array_equal(rule.compare(every_run, only(every_run, row)), np.sign(cost - cost[row]))
 
 
 @every
@@ -60,9 +58,7 @@ def test_a_run_that_is_better_in_everything_never_loses(rule, row):
 
 def test_two_infinite_values_differ_by_nothing():
     infinite = np.array([np.inf, np.inf, 1.0, -np.inf])
-    assert minus(infinite, np.array([np.inf, 1.0, np.inf, -np.inf])).tolist() == [
-        0.0, np.inf, -np.inf, 0.0,
-    ]  # fmt: skip
+    assert minus(infinite, np.array([np.inf, 1.0, np.inf, -np.inf])).tolist() == [0.0, np.inf, -np.inf, 0.0]
     assert sign(np.array([-np.inf, -0.0, 3.0])).tolist() == [-1, 0, 1]
 
 

@@ -121,9 +121,11 @@ def test_constraints_and_integers_are_respected():
     allowed = Constraint("sum", lambda v: v["a"] + v["n"] / 10 - 0.8)
     space = KnobSpace(SPACE.knobs, [allowed])
     scenario = replace(
-        TINY, space=space, kpis=(KPI("a", "a", better="lower"),),
+        TINY,
+        space=space,
+        kpis=(KPI("a", "a", better="lower"),),
         run=lambda theta, seed=0: short_run(theta, kpis={"a": theta[0]}),
-    )  # fmt: skip
+    )
     found = sample(scenario, USUAL)
     assert len(found) == 64
     for z in found.z:
@@ -169,8 +171,7 @@ def test_a_file_with_flipped_bytes_is_never_taken_for_other_numbers(own_cache):
     (path,) = files(own_cache)
     raw, rng = path.read_bytes(), np.random.default_rng(0)
     for place in rng.integers(len(raw), size=40):
-        path.write_bytes(raw[:place] + bytes([raw[place] ^ int(rng.integers(1, 256))])
-                         + raw[place + 1 :])  # fmt: skip
+        path.write_bytes(raw[:place] + bytes([raw[place] ^ int(rng.integers(1, 256))]) + raw[place + 1 :])
         assert same(sample(TINY, USUAL), first)
 
 
@@ -201,8 +202,6 @@ def test_a_cache_that_cannot_be_written_is_no_error(own_cache, monkeypatch):
 
 def test_quick_closed_loops_have_a_larger_pool(monkeypatch):
     monkeypatch.setattr(SAMPLE, "_QUICK_POOL", 9)
-    assert [size(load(name), "pool") for name in ("servo", "mpc-oscillatory", "cstr")] == [
-        9, 128, 128,
-    ]  # fmt: skip
+    assert [size(load(name), "pool") for name in ("servo", "mpc-oscillatory", "cstr")] == [9, 128, 128]
     assert size(replace(TINY, name="loop-3"), "pool") == 9
     assert size(load("servo"), USUAL) == size(TINY, USUAL) == 64

@@ -13,8 +13,7 @@ POOL = runs(*[[float(k)] for k in range(9)])
 
 
 @pytest.mark.parametrize(
-    ("value", "expected"),
-    [(-1.0, 10 / 1), (0.0, 10 / 2), (2.5, 10 / 4), (8.0, 10 / 10), (99.0, 10 / 10)],
+    ("value", "expected"), [(-1.0, 10 / 1), (0.0, 10 / 2), (2.5, 10 / 4), (8.0, 10 / 10), (99.0, 10 / 10)]
 )
 def test_worth_by_hand(value, expected):
     assert worth(STRICT, POOL, runs([value])) == expected  # (N + 1) / (k + 1)
@@ -36,9 +35,7 @@ def test_an_interrupted_run_is_worth_least():
 
 
 @pytest.mark.parametrize(("count", "expected"), [(1, np.e), (20, 36.5), (50, 89.9)])
-def test_random_search_of_a_strict_order_is_worth_the_exponential_of_a_harmonic_number(
-    count, expected
-):
+def test_random_search_of_a_strict_order_is_worth_the_exponential_of_a_harmonic_number(count, expected):
     assert expected == pytest.approx(np.exp(np.sum(1 / np.arange(1, count + 1))), rel=1e-3)
     rng = np.random.default_rng(0)
     many = runs(*rng.random((8192, 1)))

@@ -85,10 +85,7 @@ def test_nothing_that_was_searched_is_below_the_two_constants():
 def table():
     """The best known indices, by N_p."""
     with BEST_KNOWN.open() as file:
-        return [
-            {k: v if k == "runs" else float(v) for k, v in row.items()}
-            for row in csv.DictReader(file)
-        ]
+        return [{k: v if k == "runs" else float(v) for k, v in row.items()} for row in csv.DictReader(file)]
 
 
 def test_the_reactor_s_guidelines_are_judged_by_the_guidelines_not_by_the_index():
@@ -116,9 +113,7 @@ def test_the_overtaking_has_no_cost_and_its_referee_is_the_paper_s_calibrator():
 
 
 # If one of these changes, raise `version` of the problem: results of before are not comparable.
-GOLDEN = {
-    "camel": 1.9833333333, "hartman6": -0.0066515419, "levy8": 57.565139279, "cstr": 14.329448603,
-}  # fmt: skip
+GOLDEN = {"camel": 1.9833333333, "hartman6": -0.0066515419, "levy8": 57.565139279, "cstr": 14.329448603}
 
 
 @pytest.mark.parametrize("name", GOLDEN)

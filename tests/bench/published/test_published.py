@@ -90,9 +90,7 @@ def test_unknown_names_are_refused_with_those_that_are_published(frame):
 def test_there_is_nothing_to_publish_without_a_worth(tmp_path):
     with pytest.raises(SettingsError, match="no studies"):
         publish([write_raw([], tmp_path / "raw.parquet")], tmp_path / "worth.parquet")
-    contradicting = [
-        write_raw([study(worth=(1, w))], tmp_path / f"{w}.parquet") for w in (2, 3)
-    ]  # fmt: skip
+    contradicting = [write_raw([study(worth=(1, w))], tmp_path / f"{w}.parquet") for w in (2, 3)]
     with pytest.raises(SettingsError, match="two studies"):
         publish(contradicting, tmp_path / "worth.parquet")
 

@@ -52,9 +52,7 @@ def test_kpis_stand_beside_their_names_and_may_be_infinite(tmp_path):
         dict(zip(names, kpis, strict=True))
         for names, kpis in zip(found["kpi_names"], found["kpis"], strict=True)
     ]
-    assert named == [
-        {"overshoot": 0.1, "settling": np.inf}, {"overshoot": 0.2, "settling": 3.0}
-    ]  # fmt: skip
+    assert named == [{"overshoot": 0.1, "settling": np.inf}, {"overshoot": 0.2, "settling": 3.0}]
 
 
 def test_the_number_of_simulated_theta_is_in_every_row_of_an_agent_that_simulates(tmp_path):
@@ -91,9 +89,18 @@ def test_the_curves_are_those_of_the_results(tmp_path):
     results = walks({"GLISp": 1.3, "Own": 1.1}, n_max=7, per_experiment=2)
     read = read_curves(write_raw(results, tmp_path / "raw.parquet"))
     assert list(read.columns) == [
-        "agent", "loop", "taste", "seed", "experiment", "answers", "worth", "agent_version",
-        "problem_version", "n_init", "n_max",
-    ]  # fmt: skip
+        "agent",
+        "loop",
+        "taste",
+        "seed",
+        "experiment",
+        "answers",
+        "worth",
+        "agent_version",
+        "problem_version",
+        "n_init",
+        "n_max",
+    ]
     assert read["worth"].dtype == np.float32
     ours, theirs = campaign_of(results).studies, campaign_of((), read).studies
     assert all(map(np.array_equal, ours["asked"], theirs["asked"]))

@@ -41,9 +41,7 @@ def test_settings_are_named_by_taste_and_by_budget_only_if_that_differs():
     assert one.name([one]) == "weights"
     assert one.name([one, other]) == "weights, 50 experiments (10 initial)"
     assert one.name([one], " calibrator") == "weights calibrator"
-    assert (
-        other.name([one, other], " calibrator") == "weights calibrator, 20 experiments (10 initial)"
-    )
+    assert other.name([one, other], " calibrator") == "weights calibrator, 20 experiments (10 initial)"
 
 
 def test_worth_after_answers_is_that_of_the_last_experiment_by_then():

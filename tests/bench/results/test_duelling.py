@@ -41,9 +41,7 @@ def test_ties_alone_decide_nothing():
 
 
 def test_the_baseline_comes_first_and_the_paper_before_all_rivals():
-    found = tallies(
-        [duel("Own", "GLISp", 0, 0), duel("Own", PAPER, 0, 0), duel("GLISp", PAPER, 0, 0)]
-    )
+    found = tallies([duel("Own", "GLISp", 0, 0), duel("Own", PAPER, 0, 0), duel("GLISp", PAPER, 0, 0)])
     pairs = [(t.agent, t.rival) for t in found]
     assert pairs == [("GLISp", PAPER), ("GLISp", "Own"), ("Own", PAPER), ("Own", "GLISp")]
 

@@ -125,8 +125,10 @@ def test_infinite_gaps_are_not_drawn():
 @pytest.mark.parametrize("value", ["gap", "worth"])
 def test_values_are_shown_at_the_answer_that_they_cost(value):
     held, asked = (8.0, 4.0, 2.0), (0, 2, 4)
-    made = {"gap": result("A", "p", 0, held, questions=asked),
-            "worth": study("A", "p", worth=held, questions=asked)}  # fmt: skip
+    made = {
+        "gap": result("A", "p", 0, held, questions=asked),
+        "worth": study("A", "p", worth=held, questions=asked),
+    }
     drawn_line = line(panel([made[value]], value, "answers"), "A")
     assert drawn_line.get_xdata().tolist() == [0, 1, 2, 3, 4]
     assert drawn_line.get_ydata() == pytest.approx([8, 8, 4, 4, 2])
@@ -192,8 +194,7 @@ def summarized(results):
 
 
 def test_the_summary_is_sorted_by_worth_which_is_written_beside_it():
-    results = [study(a, seed=s, worth=(1, w + s)) for a, w in (("GLISp", 20), ("Own", 300))
-               for s in range(3)]  # fmt: skip
+    results = [study(a, seed=s, worth=(1, w + s)) for a, w in (("GLISp", 20), ("Own", 300)) for s in range(3)]
     axes = summarized(results).axes[0]
     assert [t.get_text() for t in axes.get_yticklabels()] == ["Own", "GLISp"]
     assert [text.split()[0] for text in texts(axes)] == ["301", "21"]
@@ -215,9 +216,7 @@ def test_the_label_tells_every_number_of_experiments_and_its_theory():
 
 def test_the_marker_of_an_agent_that_sees_values_is_hollow():
     axes = summarized([study(), study("GLIS", questions=(0, 0))]).axes[0]
-    faces = {
-        one.get_markerfacecolor() for one in axes.lines if one.get_marker() not in ("", "None")
-    }
+    faces = {one.get_markerfacecolor() for one in axes.lines if one.get_marker() not in ("", "None")}
     assert "white" in faces
     assert len(faces) == 2
 

@@ -39,9 +39,7 @@ def duels():
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("bench") / "made"
     notes = ("GLIS on road: <no> cost",)
-    index = write(
-        campaign(), duels(), path, command="prefcal bench --jobs 2", digest="ab12", notes=notes
-    )
+    index = write(campaign(), duels(), path, command="prefcal bench --jobs 2", digest="ab12", notes=notes)
     assert index == path / "index.html"
     return path
 
@@ -73,12 +71,19 @@ def test_the_page_is_accessible_and_follows_the_color_scheme(page):
 @pytest.mark.parametrize(
     "words",
     [
-        "prefcal bench --jobs 2", "ab12", "numpy", "python", "1e-9",
-        "GLISp on bowl, perfect, seed 9", "the worker &lt;died&gt;",
-        "GLIS on road: &lt;no&gt; cost", "bowl, perfect calibrator: no seed 9 of", "Not complete",
+        "prefcal bench --jobs 2",
+        "ab12",
+        "numpy",
+        "python",
+        "1e-9",
+        "GLISp on bowl, perfect, seed 9",
+        "the worker &lt;died&gt;",
+        "GLIS on road: &lt;no&gt; cost",
+        "bowl, perfect calibrator: no seed 9 of",
+        "Not complete",
         "&lt;Own&gt; &amp; co",
     ],
-)  # fmt: skip
+)
 def test_the_page_lists_command_versions_failures_and_what_was_left_out_escaped(page, words):
     assert words in page
     assert "<Own>" not in page
@@ -101,27 +106,31 @@ def test_the_lowest_median_of_each_problem_is_tinted(page):
 
 def test_equal_results_write_equal_bytes_in_whatever_order(folder, tmp_path, page):
     write(
-        reversed(campaign()), reversed(duels()), tmp_path, command="prefcal bench --jobs 2",
-        digest="ab12", notes=("GLIS on road: <no> cost",),
-    )  # fmt: skip
+        reversed(campaign()),
+        reversed(duels()),
+        tmp_path,
+        command="prefcal bench --jobs 2",
+        digest="ab12",
+        notes=("GLIS on road: <no> cost",),
+    )
     for path in folder.iterdir():
         assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
 
 
 def test_a_smaller_campaign_takes_the_figures_of_a_larger_one_away(tmp_path):
-    for name in (
-        "ranking.png",
-        "gaps-noisy.png",
-        "worth-drift-noisy.png",
-        "holiday.png",
-        "duels.txt",
-    ):
+    for name in ("ranking.png", "gaps-noisy.png", "worth-drift-noisy.png", "holiday.png", "duels.txt"):
         (tmp_path / name).write_bytes(b"")
     write([result("GLISp", "p", s, (1.0, 0.1)) for s in range(2)], [], tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {
-        "index.html", "table.csv", "worth.csv", "duels.csv", "gap-answers.png",
-        "gap-experiments.png", "holiday.png", "duels.txt",
-    }  # fmt: skip
+        "index.html",
+        "table.csv",
+        "worth.csv",
+        "duels.csv",
+        "gap-answers.png",
+        "gap-experiments.png",
+        "holiday.png",
+        "duels.txt",
+    }
     text = (tmp_path / "index.html").read_text()
     assert "Not complete" not in text
     assert "Seconds per proposal: measured in serial runs only" in text
@@ -136,8 +145,9 @@ def test_several_calibrators_have_figures_each(tmp_path):
     write(results, [], tmp_path)
     text = (tmp_path / "index.html").read_text()
     assert {p.name for p in tmp_path.glob("gap-e*")} == {
-        "gap-experiments-perfect.png", "gap-experiments-noisy.png"
-    }  # fmt: skip
+        "gap-experiments-perfect.png",
+        "gap-experiments-noisy.png",
+    }
     assert text.index("Median gaps (perfect calibrator)") < text.index("(noisy calibrator)")
 
 
@@ -172,8 +182,10 @@ def test_closed_loops_come_first_and_have_no_gaps(tmp_path):
     assert headings[:3] == ["Worth after 5 experiments", "Worth along the study", "Worth: weights"]
     assert headings.index("Worth: weights") < headings.index("Median gaps")
     assert {row["problem"] for row in csv.DictReader((tmp_path / "table.csv").open())} == {
-        "bowl", "valley", "waves"
-    }  # fmt: skip
+        "bowl",
+        "valley",
+        "waves",
+    }
     rows = list(csv.DictReader((tmp_path / "worth.csv").open()))
     assert {row["taste"] for row in rows} == {"weights"}
     assert {row["agent"] for row in rows} == {"GLISp", "GLIS", "RandomSearch"}
@@ -184,8 +196,11 @@ def test_of_closed_loops_alone_the_page_does_not_speak_of_gaps(tmp_path):
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert " gap" not in page[page.index("</style>") :]
     assert {p.name for p in tmp_path.glob("*.png")} == {
-        "worth-summary.png", "worth-drift.png", "worth-experiments.png", "worth-answers.png",
-    }  # fmt: skip
+        "worth-summary.png",
+        "worth-drift.png",
+        "worth-experiments.png",
+        "worth-answers.png",
+    }
 
 
 def test_published_studies_stand_beside_ours(tmp_path):
@@ -202,9 +217,12 @@ def test_a_table_alone_loads_no_plots():
     code = "import sys, prefcal_bench.results as r; r.table([]); "
     code += "print([m for m in ('matplotlib', 'torch') if m in sys.modules])"
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
         env={"PYTHONPATH": ":".join(p for p in sys.path if p)},
-    )  # fmt: skip
+    )
     assert done.stdout.strip() == "[]"
 
 
@@ -217,10 +235,12 @@ def test_every_taste_has_figures_by_loop_but_not_those_with_wrong_answers():
     tastes = ("weights", "limits", "weights-noisy10")
     found = shown(walks({"GLISp": 1.2, "Own": 1.0}, ("servo",), tastes, 2, n_max=5))
     assert list(found) == [
-        "worth-summary.png", "worth-drift.png", "worth-summary-noisy.png", "worth-drift-noisy.png",
-        *(f"worth-{by}-{taste}.png" for taste in tastes[:2]
-          for by in ("experiments", "answers")),
-    ]  # fmt: skip
+        "worth-summary.png",
+        "worth-drift.png",
+        "worth-summary-noisy.png",
+        "worth-drift-noisy.png",
+        *(f"worth-{by}-{taste}.png" for taste in tastes[:2] for by in ("experiments", "answers")),
+    ]
     assert all(one.content.startswith(b"\x89PNG") for one in found.values())
 
 

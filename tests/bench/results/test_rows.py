@@ -160,9 +160,7 @@ def test_beating_the_best_known_value_is_told():
 
 
 def test_the_hole_of_the_reactor_s_index_is_counted_apart_from_what_nobody_knew():
-    campaign = campaign_of(
-        ends("GLIS", "cstr", [-0.27, 0.01, -0.2]) + ends("A", "cstr", [0.02] * 3)
-    )
+    campaign = campaign_of(ends("GLIS", "cstr", [-0.27, 0.01, -0.2]) + ends("A", "cstr", [0.02] * 3))
     assert beaten(campaign) == []
     (words,) = in_holes(campaign)
     assert "cstr, perfect calibrator: found the hole of the cost" in words

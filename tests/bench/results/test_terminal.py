@@ -35,8 +35,22 @@ def test_closed_loops_have_a_table_of_worth_for_each_taste_before_the_gaps():
     text = printed([*loops, *grid({"GLISp": 1.0})])
     assert text.index("Worth: weights") < text.index("Gap after 3 experiments")
     (line,) = [line for line in text.splitlines() if line.strip().startswith("Own")]
-    assert line.split() == ["Own", "4.0", "[4.0,", "4.0]", "90", "[90,", "90]", "90", "3", "100",
-                            "%", "[100,", "100]", "×1.00"]  # fmt: skip
+    assert line.split() == [
+        "Own",
+        "4.0",
+        "[4.0,",
+        "4.0]",
+        "90",
+        "[90,",
+        "90]",
+        "90",
+        "3",
+        "100",
+        "%",
+        "[100,",
+        "100]",
+        "×1.00",
+    ]
     assert "servo" not in text
 
 

@@ -21,10 +21,18 @@ from prefcal_bench.results.words import (
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.0, "0"), (None, "–"), (float("nan"), "–"), (HUGE, "∞"), (0.123, "0.12"),
-        (3553.0, "3600"), (2.5e7, "2.5e7"), (1.7e-9, "1.7e-9"), (49.0, "49"), (149.0, "150"),
+        (0.0, "0"),
+        (None, "–"),
+        (float("nan"), "–"),
+        (HUGE, "∞"),
+        (0.123, "0.12"),
+        (3553.0, "3600"),
+        (2.5e7, "2.5e7"),
+        (1.7e-9, "1.7e-9"),
+        (49.0, "49"),
+        (149.0, "150"),
     ],
-)  # fmt: skip
+)
 def test_two_significant_digits(value, text):
     assert short(value) == text
 

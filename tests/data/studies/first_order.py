@@ -17,16 +17,24 @@ def run(theta: np.ndarray, *, seed: int = 0) -> Experiment:
         level[k + 1] = level[k] + 0.5 * (valve[k] - level[k]) / 4.0
     valve[-1] = valve[-2]
     return recorded(
-        theta, t, {"level": level}, {"valve": valve}, {"level": 1.0},
+        theta,
+        t,
+        {"level": level},
+        {"valve": valve},
+        {"level": 1.0},
         {"level": "m", "valve": "%"},
-        kpis=lambda e: {"error": float(np.abs(1.0 - level).sum() * 0.5),
-                        "moves": float(np.abs(np.diff(valve)).sum())},
-    )  # fmt: skip
+        kpis=lambda e: {
+            "error": float(np.abs(1.0 - level).sum() * 0.5),
+            "moves": float(np.abs(np.diff(valve)).sum()),
+        },
+    )
 
 
 scenario = Scenario(
-    name="first-order", title="First-order lag with PI control", run=run,
+    name="first-order",
+    title="First-order lag with PI control",
+    run=run,
     space=KnobSpace([Knob("K_p", 0.1, 10, "%/m", scale="log10"), Knob("T_i", 0.5, 20, "s")]),
     kpis=(KPI("error", "integrated error", "m s"), KPI("moves", "total move", "%")),
     cost=lambda experiment: experiment.kpis["error"] + 0.2 * experiment.kpis["moves"],
-)  # fmt: skip
+)

@@ -66,8 +66,14 @@ def before(interview: Interview, question: Question, number: int) -> None:
 
 def persons_study(path: Path) -> None:
     """Answer, comment, mark, undo, retract, repeat, ask for a θ and take a note."""
-    given = {"scenario": OWN, "agent": "glisp", "n_max": 9, "n_init": 4, "seed": 1,
-             "questions_per_experiment": 3}  # fmt: skip
+    given = {
+        "scenario": OWN,
+        "agent": "glisp",
+        "n_max": 9,
+        "n_init": 4,
+        "seed": 1,
+        "questions_per_experiment": 3,
+    }
     scenario = load(OWN)
     with open_study(given, scenario, str(path)).file as file:
         interview, number = Interview(scenario, file, ahead=False), 0
@@ -127,8 +133,7 @@ def present(installed: str, project: Path = ROOT / "pyproject.toml") -> str:
     named: str = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"]
     if named != installed:
         raise RefusedError(
-            f"version {installed} is installed, but pyproject.toml names {named}: "
-            "run pip install -e . first"
+            f"version {installed} is installed, but pyproject.toml names {named}: run pip install -e . first"
         )
     return named
 

@@ -75,9 +75,7 @@ def test_infinite_values_are_compared():
     assert Lexicographic([never]).prefer(*pair) is Preference.TIE
 
 
-@pytest.mark.parametrize(
-    ("criteria", "first"), [([], []), ([final_level], []), ([LEVEL], [final_level])]
-)
+@pytest.mark.parametrize(("criteria", "first"), [([], []), ([final_level], []), ([LEVEL], [final_level])])
 def test_no_criterion_and_something_else_are_refused(criteria, first):
     with pytest.raises(SettingsError, match="one or more Criterion"):
         Lexicographic(criteria, first=first)
@@ -91,6 +89,4 @@ def test_an_impossible_threshold_is_refused(value):
 
 def test_a_value_that_is_nan_is_refused():
     with pytest.raises(SettingsError, match="'broken' must be a number"):
-        Lexicographic([Criterion("broken", lambda e: np.nan)]).prefer(
-            short_run([0.0]), short_run([0.1])
-        )
+        Lexicographic([Criterion("broken", lambda e: np.nan)]).prefer(short_run([0.0]), short_run([0.1]))

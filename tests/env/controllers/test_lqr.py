@@ -87,8 +87,10 @@ def test_the_integral_does_not_wind_up_while_the_input_is_limited():
 def test_lqg_needs_the_measured_outputs_alone():
     one, other = (LQG(feedback(), [0.1], [0.1, 0.1]) for _ in range(2))
     y = np.array([0.4])
-    seen = [Measurement(0.0, x, np.zeros(1), np.zeros(0), np.ones(1), y)
-            for x in (np.zeros(2), np.array([5.0, -3.0]))]  # fmt: skip
+    seen = [
+        Measurement(0.0, x, np.zeros(1), np.zeros(0), np.ones(1), y)
+        for x in (np.zeros(2), np.array([5.0, -3.0]))
+    ]
     assert one.move(seen[0]).u == other.move(seen[1]).u
 
 

@@ -68,10 +68,7 @@ def test_what_is_neither_environment_nor_factory_is_refused(parts):
 
 def test_the_last_experiment_is_drawn():
     env = gym.make(
-        ID,
-        space=SPACE,
-        run=ClosedLoop(PlantEnv(TANK, tank_task()), pi_of),
-        render_mode="rgb_array",
+        ID, space=SPACE, run=ClosedLoop(PlantEnv(TANK, tank_task()), pi_of), render_mode="rgb_array"
     )
     env.reset()
     blank = env.render()

@@ -28,9 +28,13 @@ def test_the_observation_is_scaled_in_the_order_of_the_design():
     observation, info = cstr_env().reset()
     T, C_A = info["x"]
     expected = [
-        (T - 340) / 60, (C_A - 5) / 5, (info["u"][0] - 297) / 13,
-        (2 - 5) / 5, (298.15 - 300) / 20, 0.0,
-    ]  # fmt: skip
+        (T - 340) / 60,
+        (C_A - 5) / 5,
+        (info["u"][0] - 297) / 13,
+        (2 - 5) / 5,
+        (298.15 - 300) / 20,
+        0.0,
+    ]
     assert observation == pytest.approx(expected, abs=1e-6)
 
 
@@ -66,9 +70,13 @@ def test_a_run_that_stays_at_the_target_is_settled_after_one_step():
 
 def step(**changes) -> Step:
     fields = {
-        "t": np.array([0.0, 0.5]), "x": np.array([[373.0, 2.0], [373.0, 2.0]]),
-        "u_before": np.array([304.0]), "u": np.array([304.0]), "y_ref": np.zeros(2), "T_s": 0.5,
-    }  # fmt: skip
+        "t": np.array([0.0, 0.5]),
+        "x": np.array([[373.0, 2.0], [373.0, 2.0]]),
+        "u_before": np.array([304.0]),
+        "u": np.array([304.0]),
+        "y_ref": np.zeros(2),
+        "T_s": 0.5,
+    }
     return Step(**fields | changes)
 
 

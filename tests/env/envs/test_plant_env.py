@@ -187,9 +187,7 @@ def test_inputs_in_the_record_change_at_their_instants():
 
 
 def test_references_and_disturbances_may_vary_and_are_held_over_a_period():
-    env = tank_env(
-        y_ref=lambda t: np.array([2.0 + t]), d=lambda t: np.array([t]), settled=lambda s: False
-    )
+    env = tank_env(y_ref=lambda t: np.array([2.0 + t]), d=lambda t: np.array([t]), settled=lambda s: False)
     env.reset()
     env.apply(np.zeros(1))
     env.apply(np.zeros(1))
@@ -337,8 +335,9 @@ def test_an_environment_needs_a_plant_and_a_task():
 def test_all_outputs_with_a_reference_are_tracked():
     plant = FunctionPlant(
         lambda x, u, d: [u[0] - x[0], x[0]],
-        states=[LEVEL, Channel("total", "m s", low=-1.0)], inputs=[INFLOW],
-    )  # fmt: skip
+        states=[LEVEL, Channel("total", "m s", low=-1.0)],
+        inputs=[INFLOW],
+    )
     both = Task(x0=np.zeros(2), u0=np.zeros(1), y_ref=np.array([2.0, 3.0]), horizon=1.0)
     assert [c.target for c in PlantEnv(plant, both).channels.y] == [2.0, 3.0]
     one = replace(both, y_ref=np.array([2.0, np.nan]))

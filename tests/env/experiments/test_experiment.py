@@ -9,9 +9,7 @@ import pytest
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
 
-CHANNELS = Channels(
-    x=(Channel("position", "m"),), u=(Channel("force", "N"),), y=(Channel("position", "m"),)
-)
+CHANNELS = Channels(x=(Channel("position", "m"),), u=(Channel("force", "N"),), y=(Channel("position", "m"),))
 
 
 def experiment(**changes):

@@ -20,13 +20,20 @@ def run(level, valve=(0.0, 4.0, 1.0), reference=2.0, *, band=None, t=None, signa
     n = len(valve)
     y = Channel("level", "m", band=band)
     return Experiment(
-        theta=np.array([1.0]), t=t, x=np.zeros((len(t), 1)) if signal else level[:, None],
-        u=np.zeros((len(t), 1)), t_control=t[:n], u_control=np.array(valve)[:, None],
-        y_ref=np.full((n, 1), reference), iterations=np.zeros(n, int), solve_time=np.zeros(n),
-        solved=np.ones(n, bool), end=End.TIME_UP,
+        theta=np.array([1.0]),
+        t=t,
+        x=np.zeros((len(t), 1)) if signal else level[:, None],
+        u=np.zeros((len(t), 1)),
+        t_control=t[:n],
+        u_control=np.array(valve)[:, None],
+        y_ref=np.full((n, 1), reference),
+        iterations=np.zeros(n, int),
+        solve_time=np.zeros(n),
+        solved=np.ones(n, bool),
+        end=End.TIME_UP,
         channels=Channels(x=(Channel("other") if signal else LEVEL,), u=(VALVE,), y=(y,)),
         signals={"level": level} if signal else {},
-    )  # fmt: skip
+    )
 
 
 def test_a_curve_by_hand():
@@ -71,14 +78,20 @@ def test_an_output_may_be_a_signal_and_one_that_is_neither_is_left_out():
 def test_without_a_record_or_with_holes_nothing_is_said():
     nothing = run([6.0, 4.0, 1.0])
     empty = replace(
-        nothing, t=np.zeros(0), x=np.zeros((0, 1)), u=np.zeros((0, 1)), t_control=np.zeros(0),
-        u_control=np.zeros((0, 1)), y_ref=np.zeros((0, 1)), iterations=np.zeros(0, int),
-        solve_time=np.zeros(0), solved=np.zeros(0, bool), end=End.FAILED,
-    )  # fmt: skip
-    assert tracking_kpis(empty) == {}
-    assert not any(
-        "error" in name for name in tracking_kpis(run([1.0, 2.0, 3.0], reference=np.nan))
+        nothing,
+        t=np.zeros(0),
+        x=np.zeros((0, 1)),
+        u=np.zeros((0, 1)),
+        t_control=np.zeros(0),
+        u_control=np.zeros((0, 1)),
+        y_ref=np.zeros((0, 1)),
+        iterations=np.zeros(0, int),
+        solve_time=np.zeros(0),
+        solved=np.zeros(0, bool),
+        end=End.FAILED,
     )
+    assert tracking_kpis(empty) == {}
+    assert not any("error" in name for name in tracking_kpis(run([1.0, 2.0, 3.0], reference=np.nan)))
 
 
 @given(arrays(float, st.integers(3, 12), elements=st.floats(-1e100, 1e100)))

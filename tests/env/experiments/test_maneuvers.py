@@ -19,9 +19,7 @@ def run(name, error=0.0, theta=1.0, **changes):
 
 def test_a_kpi_is_the_worst_of_all_maneuvers_beside_the_mean_and_each_of_them():
     made = combined([run("step", 1.0), run("load", 4.0)])
-    assert dict(made.kpis) == {
-        "error": 4.0, "error (mean)": 2.5, "error (step)": 1.0, "error (load)": 4.0,
-    }  # fmt: skip
+    assert dict(made.kpis) == {"error": 4.0, "error (mean)": 2.5, "error (step)": 1.0, "error (load)": 4.0}
     assert made.maneuver == ""
     assert list(by_maneuver(made)) == ["step", "load"]
 
@@ -50,8 +48,11 @@ def test_interrupted_maneuvers_may_all_lack_a_kpi_that_should_be_high_or_near_a_
 def test_a_kpi_of_one_maneuver_alone_has_no_mean():
     other = replace(run("load"), kpis={"recovery": 3.0})
     assert set(combined([run("step", 1.0), other]).kpis) == {
-        "error", "recovery", "error (step)", "recovery (load)",
-    }  # fmt: skip
+        "error",
+        "recovery",
+        "error (step)",
+        "recovery (load)",
+    }
 
 
 def test_maneuvers_come_back_from_a_study_file():

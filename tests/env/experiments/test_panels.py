@@ -19,15 +19,21 @@ T = np.arange(4.0)
 def run(**changes):
     """A run whose curves all differ: ball 0 to 3, beam 10 to 13, motor 20 to 23, y0 30 to 33."""
     fields = {
-        "theta": np.ones(1), "t": T, "x": np.stack([T, T + 10], axis=1), "u": T[:, None] + 20,
-        "t_control": T, "u_control": T[:, None] + 20,
-        "y_ref": np.zeros((4, 2)), "iterations": np.zeros(4, int), "solve_time": np.zeros(4),
-        "solved": np.ones(4, bool), "end": End.TIME_UP, "signals": {"gap": T + 40},
-        "channels": Channels(
-            (BALL, BEAM), (MOTOR,), (Channel("ball", "m", target=2.0, band=0.1), Y0)
-        ),
+        "theta": np.ones(1),
+        "t": T,
+        "x": np.stack([T, T + 10], axis=1),
+        "u": T[:, None] + 20,
+        "t_control": T,
+        "u_control": T[:, None] + 20,
+        "y_ref": np.zeros((4, 2)),
+        "iterations": np.zeros(4, int),
+        "solve_time": np.zeros(4),
+        "solved": np.ones(4, bool),
+        "end": End.TIME_UP,
+        "signals": {"gap": T + 40},
+        "channels": Channels((BALL, BEAM), (MOTOR,), (Channel("ball", "m", target=2.0, band=0.1), Y0)),
         "y": np.stack([T, T + 30], axis=1),
-    }  # fmt: skip
+    }
     return Experiment(**fields | changes)
 
 
@@ -78,13 +84,16 @@ def test_a_panel_states_what_differs_from_its_channel_and_scales_the_rest():
 @pytest.mark.parametrize(
     ("panel", "words"),
     [
-        (Panel("beem"), r"there are states 'ball', 'beam'; inputs 'motor'; outputs 'ball', "
-                        r"'y0'; signals 'gap'\. Did you mean 'beam'\?"),
+        (
+            Panel("beem"),
+            r"there are states 'ball', 'beam'; inputs 'motor'; outputs 'ball', "
+            r"'y0'; signals 'gap'\. Did you mean 'beam'\?",
+        ),
         (Panel("motor", "x"), "of kind 'x' has this name"),
         (Panel("ball", reference="asked"), r"no signal is called 'asked'.*there are 'gap'"),
         (Panel("motor", low=13.0), "low must be below high"),
     ],
-)  # fmt: skip
+)
 def test_a_panel_without_a_curve_says_what_there_is(panel, words):
     with pytest.raises(ScenarioError, match=words):
         panel.plot(run())
@@ -134,6 +143,4 @@ def test_an_impossible_panel_is_refused_where_it_is_written(make, words):
 
 def test_by_default_each_state_input_and_further_output_is_drawn_once():
     plots = plots_of(run().channels)
-    assert [(p.kind, p.name) for p in plots] == [
-        ("x", "ball"), ("x", "beam"), ("u", "motor"), ("y", "y0"),
-    ]  # fmt: skip
+    assert [(p.kind, p.name) for p in plots] == [("x", "ball"), ("x", "beam"), ("u", "motor"), ("y", "y0")]

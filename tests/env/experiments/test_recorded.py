@@ -24,9 +24,16 @@ def test_time_and_outputs_are_enough():
 
 def test_units_limits_bands_and_references_reach_the_channels_and_the_kpis():
     e = recorded(
-        THETA, T, {"level": np.minimum(T, 3.0)}, {"valve": T}, {"level": 2.0},
-        {"level": "m", "valve": "%"}, {"valve": (0, None)}, bands={"level": 0.5}, time_unit="min",
-    )  # fmt: skip
+        THETA,
+        T,
+        {"level": np.minimum(T, 3.0)},
+        {"valve": T},
+        {"level": 2.0},
+        {"level": "m", "valve": "%"},
+        {"valve": (0, None)},
+        bands={"level": 0.5},
+        time_unit="min",
+    )
     assert e.channels.y == (Channel("level", "m", target=2.0, band=0.5),)
     assert e.channels.u == (Channel("valve", "%", low=0.0),)
     assert e.channels.time_unit == "min"
@@ -37,10 +44,11 @@ def test_units_limits_bands_and_references_reach_the_channels_and_the_kpis():
 
 def test_curves_of_several_time_bases_meet_at_the_union_of_their_instants():
     e = recorded(
-        1.0, None,
+        1.0,
+        None,
         {"level": (T, 2 * T), "flow": ([0.5, 4.5, 8.0], [0.0, 4.0, 4.0])},
         {"valve": ([0.0, 4.0], [1.0, 3.0])},
-    )  # fmt: skip
+    )
     assert np.array_equal(e.t, [0.5, 1, 2, 3, 4, 4.5, 5, 6, 7, 8])
     assert np.allclose(e.output(0), 2 * e.t)
     assert np.allclose(e.output(1), np.minimum(e.t - 0.5, 4.0))
@@ -104,9 +112,7 @@ def test_a_run_that_left_nothing_is_failed(t):
 
 
 def test_signals_may_have_gaps():
-    e = recorded(
-        1.0, T, {"level": T}, signals={"note": np.full(11, np.nan), "late": ([5, 6], T[:2])}
-    )
+    e = recorded(1.0, T, {"level": T}, signals={"note": np.full(11, np.nan), "late": ([5, 6], T[:2])})
     assert np.isnan(e.signals["note"]).all()
     assert np.array_equal(np.isfinite(e.signals["late"]), (T >= 5) & (T <= 6))
 
@@ -127,14 +133,8 @@ def test_columns_and_rows_as_simulators_return_them_are_curves():
         ({"outputs": {}}, "outputs must hold one curve or more"),
         ({"outputs": [T]}, "outputs must be a mapping from names to curves"),
         ({"outputs": {1: T}}, "the name of an output must be text, got 1"),
-        (
-            {"outputs": {"level": T[:5]}},
-            r"output 'level' must have shape \(11,\), as t, got \(5,\)",
-        ),
-        (
-            {"outputs": {"level": np.ones((11, 2))}},
-            r"'level' must have shape \(K,\), got \(11, 2\)",
-        ),
+        ({"outputs": {"level": T[:5]}}, r"output 'level' must have shape \(11,\), as t, got \(5,\)"),
+        ({"outputs": {"level": np.ones((11, 2))}}, r"'level' must have shape \(K,\), got \(11, 2\)"),
         ({"outputs": {"level": ["x"] * 11}}, "output 'level' must be numbers, got <U1"),
         ({"outputs": {"level": (T, T[1:])}}, r"shape \(11,\), as its times, got \(10,\)"),
         ({"outputs": {"level": (T[2:], T[2:])}}, "'level' is recorded from 2 to 10 s, but t goes"),
@@ -172,9 +172,7 @@ def test_curves_that_do_not_fit_are_refused_by_name_and_place(change, words):
 
 
 def test_curves_without_a_common_time_are_refused():
-    with pytest.raises(
-        ExperimentError, match="output 'a' ends at 1 s, before output 'b' begins at 2"
-    ):
+    with pytest.raises(ExperimentError, match="output 'a' ends at 1 s, before output 'b' begins at 2"):
         recorded(1.0, None, {"a": ([0, 1], [0, 1]), "b": ([2, 3], [0, 1])})
 
 

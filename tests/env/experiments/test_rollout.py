@@ -119,9 +119,13 @@ def test_kpis_without_a_return_are_refused():
 
 def test_outputs_are_recorded_with_the_disturbances_and_inputs_that_were_held():
     plant = FunctionPlant(
-        lambda x, u, d: [u[0] - x[0] / 2 + d[0]], lambda x, u, d: [x[0] + 100 * u[0] + 1000 * d[0]],
-        states=[LEVEL], inputs=[INFLOW], outputs=[Channel("sum")], disturbances=[RAIN],
-    )  # fmt: skip
+        lambda x, u, d: [u[0] - x[0] / 2 + d[0]],
+        lambda x, u, d: [x[0] + 100 * u[0] + 1000 * d[0]],
+        states=[LEVEL],
+        inputs=[INFLOW],
+        outputs=[Channel("sum")],
+        disturbances=[RAIN],
+    )
     task = tank_task(d=lambda t: np.array([np.floor(t)]), settled=lambda s: False, horizon=2.0)
     e = rollout(PlantEnv(plant, task), PI(1.0, T_s=0.8), THETA)
     rain = np.where(e.t < 1.6, 0.0, 1.0)  # seen first at 1.6 s, held from there on

@@ -73,9 +73,7 @@ def test_units_come_from_the_fmu_and_a_wrong_one_is_refused(folder):
 
 
 def test_a_reference_can_be_a_variable_and_names_can_be_chosen(tank):
-    made = FMULoop(
-        tank, {"K_p": Knob("gain", 0.1, 10.0)}, {"h": "level"}, {"u": "valve"}, {"h": "target"}
-    )
+    made = FMULoop(tank, {"K_p": Knob("gain", 0.1, 10.0)}, {"h": "level"}, {"u": "valve"}, {"h": "target"})
     experiment = made(np.array([2.0]))
     assert made.space.names == ("gain",)
     assert [c.name for c in (*made.channels.y, *made.channels.u)] == ["h", "u"]
@@ -106,8 +104,7 @@ def test_a_crashing_run_fails_and_says_how(folder):
     assert "SIGABRT" in made.problem
     assert made(GOOD) == before
     with pytest.raises(
-        RunError,
-        match=r"the simulation crashed, and again when it ran alone: .*SIGABRT.*narrow the ranges",
+        RunError, match=r"the simulation crashed, and again when it ran alone: .*SIGABRT.*narrow the ranges"
     ):
         made.attempt(BAD)
 
@@ -240,9 +237,7 @@ def test_files_that_cannot_be_used_are_refused_in_one_sentence(tank, folder):
         text: "is no FMU that can be read",
         changed(tank, folder / "me.fmu", replace=coupled): "no co-simulation interface",
         changed(tank, folder / "win.fmu", without="binaries/linux64"): "is built for win64",
-        changed(
-            tank, folder / "one.fmu", replace=[('fmiVersion="2.0"', 'fmiVersion="1.0"')]
-        ): "FMI",
+        changed(tank, folder / "one.fmu", replace=[('fmiVersion="2.0"', 'fmiVersion="1.0"')]): "FMI",
     }
     for path, words in cases.items():
         with pytest.raises(PlantError, match=words) as found:

@@ -55,9 +55,7 @@ def test_a_knob_in_a_display_unit_gives_the_same_run(tank):
 
 def test_curves_references_and_limits_are_in_the_unit_that_is_asked_for(tank):
     plain = FMULoop(tank, [T_I], ["level"], reference={"level": 2.0})
-    made = FMULoop(
-        tank, [T_I], ["level [degC]"], ["valve [degF]"], reference={"level": 2.0 - 273.15}
-    )
+    made = FMULoop(tank, [T_I], ["level [degC]"], ["valve [degF]"], reference={"level": 2.0 - 273.15})
     one, other = plain(np.array([0.2])), made(np.array([0.2]))
     level, valve = made.channels.y[0], made.channels.u[0]
     assert (level.name, level.unit, level.low) == ("level", "degC", -273.15)

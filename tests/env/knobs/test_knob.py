@@ -53,12 +53,15 @@ def test_an_impossible_knob_is_refused_with_name_value_and_unit(arguments, messa
 @pytest.mark.parametrize(
     "knob",
     [
-        Knob("k", 0, 5e-319), Knob("k", 1, 1 + 2e-12), Knob("k", 1e12, 1e12 + 5, integer=True),
-        Knob("k", 0, 2**60, integer=True), Knob("k", -8e307, 8e307),
+        Knob("k", 0, 5e-319),
+        Knob("k", 1, 1 + 2e-12),
+        Knob("k", 1e12, 1e12 + 5, integer=True),
+        Knob("k", 0, 2**60, integer=True),
+        Knob("k", -8e307, 8e307),
         Knob("k", 1.0, 1 + 2e-12, scale="log10"),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_the_narrowest_and_the_widest_ranges_hold_enough_numbers(knob):
     space = KnobSpace([knob])
     values = {space.decode(np.array([z]))[0] for z in np.linspace(0, 1, 501)}
@@ -75,9 +78,7 @@ def test_a_knob_without_a_name_is_refused():
         Knob("  ", 0, 1)
 
 
-@pytest.mark.parametrize(
-    "knobs", [[], 5, Knob("a", 0, 1), ["T_s"], [Knob("a", 0, 1), Knob("a", 0, 2)]]
-)
+@pytest.mark.parametrize("knobs", [[], 5, Knob("a", 0, 1), ["T_s"], [Knob("a", 0, 1), Knob("a", 0, 2)]])
 def test_an_impossible_space_is_refused(knobs):
     with pytest.raises(KnobError):
         KnobSpace(knobs)
@@ -159,12 +160,7 @@ def test_the_step_is_given_or_a_round_share_of_the_range(knob, step):
     assert knob.resolution == step
 
 
-@given(
-    st.floats(-1e6, 1e6),
-    st.floats(1e-6, 1e6),
-    st.floats(0, 1),
-    st.sampled_from(["linear", "log10"]),
-)
+@given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6), st.floats(0, 1), st.sampled_from(["linear", "log10"]))
 def test_the_default_is_between_a_250th_and_a_100th_of_the_range(low, width, share, scale):
     if scale == "log10":
         low = abs(low) + 1e-3

@@ -11,20 +11,49 @@ from prefcal_env.live import live_rig
 from support.live import Memory
 
 FULL = {
-    "url": "opc.tcp://127.0.0.1:1", "duration": 10, "period": 1.0, "ready_within": 60, "hold": 0,
-    "blind": 5.0, "after": "keep", "journal": "old.json", "instructions": "Look at the drain.",
-    "user": "tuner", "password_variable": "", "security": "", "timeout": 4,
+    "url": "opc.tcp://127.0.0.1:1",
+    "duration": 10,
+    "period": 1.0,
+    "ready_within": 60,
+    "hold": 0,
+    "blind": 5.0,
+    "after": "keep",
+    "journal": "old.json",
+    "instructions": "Look at the drain.",
+    "user": "tuner",
+    "password_variable": "",
+    "security": "",
+    "timeout": 4,
     "knobs": {
-        "K_p": {"node": "kp", "low": 0.2, "high": 10, "rate": 5, "unit": "%", "scale": "log",
-                "integer": False, "step": 0.1, "about": "Gain."},
+        "K_p": {
+            "node": "kp",
+            "low": 0.2,
+            "high": 10,
+            "rate": 5,
+            "unit": "%",
+            "scale": "log",
+            "integer": False,
+            "step": 0.1,
+            "about": "Gain.",
+        }
     },
     "outputs": {"level": {"node": "level", "unit": "m", "low": 0, "high": 2, "abort": [0, 3]}},
     "inputs": {"valve": {"node": "valve", "unit": "%", "abort": [0, 100]}},
     "references": {"level": {"node": "sp", "unit": "m"}},
-    "start": {"set-point": {"node": "sp", "value": 1.5, "low": 0.5, "high": 1.8, "rate": 1,
-                            "unit": "m", "integer": False}},
-    "ready": {"level": [0.9, 1.1]}, "done": {"level": [1.4, 1.6]},
-}  # fmt: skip
+    "start": {
+        "set-point": {
+            "node": "sp",
+            "value": 1.5,
+            "low": 0.5,
+            "high": 1.8,
+            "rate": 1,
+            "unit": "m",
+            "integer": False,
+        }
+    },
+    "ready": {"level": [0.9, 1.1]},
+    "done": {"level": [1.4, 1.6]},
+}
 NUMBERS = st.integers(-5, 5) | st.floats(allow_nan=False)
 TEXTS = st.text(max_size=5)
 LISTS = st.lists(st.integers(-5, 5) | TEXTS, max_size=4).filter(
@@ -44,11 +73,13 @@ def places(table, way=()):
 def wrong_for(value):
     """Values of any type that is not the one of `value`."""
     kinds = {
-        bool: NUMBERS | TEXTS | LISTS | TABLES, str: NUMBERS | st.booleans() | LISTS | TABLES,
-        int: st.booleans() | TEXTS | LISTS | TABLES, float: st.booleans() | TEXTS | LISTS | TABLES,
+        bool: NUMBERS | TEXTS | LISTS | TABLES,
+        str: NUMBERS | st.booleans() | LISTS | TABLES,
+        int: st.booleans() | TEXTS | LISTS | TABLES,
+        float: st.booleans() | TEXTS | LISTS | TABLES,
         list: NUMBERS | st.booleans() | TEXTS | LISTS | TABLES,
         dict: NUMBERS | st.booleans() | TEXTS | LISTS,
-    }  # fmt: skip
+    }
     return kinds[type(value)]
 
 
@@ -88,12 +119,14 @@ def test_any_value_of_a_wrong_type_is_refused_with_its_key(data):
         ({"after": "leave"}, "after: expected one of 'restore', 'keep', got 'leave'"),
         ({"durration": 3}, "no key 'durration'"),
         ({"knobs": {"K": {"node": "n", "low": 1, "high": 2}}}, r"knobs\.K: 'rate' is missing"),
-        ({"knobs": {"K": {"node": "n", "low": 1, "high": 2, "rate": 1, "integer": "no"}}},
-         r"knobs\.K: integer: expected true or false, got 'no'"),
+        (
+            {"knobs": {"K": {"node": "n", "low": 1, "high": 2, "rate": 1, "integer": "no"}}},
+            r"knobs\.K: integer: expected true or false, got 'no'",
+        ),
         ({"outputs": {"y": {"unit": "m"}}}, r"outputs\.y: 'node' is missing"),
         ({"hold": -0.5}, "hold must be 0 s or more, got -0.5"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_description_is_refused_with_its_place(change, words):
     with pytest.raises(SettingsError, match=words):
         made(FULL | change)

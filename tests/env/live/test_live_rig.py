@@ -26,16 +26,16 @@ def test_a_run_ramps_records_and_puts_the_old_values_back(tmp_path):
     rig = memory_rig(plant, tmp_path)
     driven = drive(rig, plant, lambda changes: seen.append(changes) or True)
     assert [(c.part.name, c.old, c.new) for c in seen[0]] == [
-        ("K_p", 1.0, 4.0), ("T_i", 10.0, 20.0), ("set-point", 1.0, 2.0),
-    ]  # fmt: skip
+        ("K_p", 1.0, 4.0),
+        ("T_i", 10.0, 20.0),
+        ("set-point", 1.0, 2.0),
+    ]
     experiment = driven.experiment
     assert experiment.end is End.TIME_UP
     assert driven.restored
     assert experiment.t == pytest.approx(np.arange(11))
     assert experiment.y[-1, 0] > 1.9
-    assert [value for _, node, value in plant.writes if node == "kp"] == pytest.approx(
-        [2, 3, 4, 3, 2, 1]
-    )
+    assert [value for _, node, value in plant.writes if node == "kp"] == pytest.approx([2, 3, 4, 3, 2, 1])
     assert written(plant) == OLD
     assert rig.left is None
     assert "overshoot of level" in experiment.kpis
@@ -86,9 +86,7 @@ def test_an_abort_limit_ends_the_run_as_unsafe_and_puts_the_old_values_back(tmp_
 
 def test_a_stop_ends_the_run_within_a_fifth_of_a_second(tmp_path):
     plant = Memory()
-    driven = drive(
-        memory_rig(plant, tmp_path, period=5.0, duration=60.0), plant, stop=lambda: plant.now > 30
-    )
+    driven = drive(memory_rig(plant, tmp_path, period=5.0, duration=60.0), plant, stop=lambda: plant.now > 30)
     assert driven.stopped
     assert driven.experiment.end is End.FAILED
     assert written(plant) == OLD
@@ -106,9 +104,12 @@ def test_a_lost_connection_is_waited_for_and_the_old_values_come_back_within_two
     knobs = (LiveKnob(memory_rig(plant, tmp_path).knobs[0].knob, "kp", 10.0),)
     rig = memory_rig(plant, tmp_path, knobs=knobs)
     driven = rig.drive(
-        np.array([4.0]), lambda changes: True, clock=plant.clock, sleep=plant.sleep,
+        np.array([4.0]),
+        lambda changes: True,
+        clock=plant.clock,
+        sleep=plant.sleep,
         tell=lambda progress: stages.append(progress.stage),
-    )  # fmt: skip
+    )
     assert Stage.LOST in stages
     assert "no connection" in driven.why
     assert driven.restored
@@ -321,8 +322,9 @@ def test_bad_quality_is_data_but_not_for_long_where_a_limit_is_watched(tmp_path)
 def test_conditions_start_and_end_a_run(tmp_path):
     plant = Memory()
     plant.values["level"] = 2.5
-    rig = memory_rig(plant, tmp_path, ready={"level": (0.9, 1.1)}, done={"level": (1.9, 2.1)},
-                     hold=2.0, duration=60.0)  # fmt: skip
+    rig = memory_rig(
+        plant, tmp_path, ready={"level": (0.9, 1.1)}, done={"level": (1.9, 2.1)}, hold=2.0, duration=60.0
+    )
     driven = drive(rig, plant)
     assert driven.experiment.end is End.SETTLED
     assert abs(driven.experiment.y[0, 0] - 1) < 0.1

@@ -19,7 +19,10 @@ DOCS = Path(__file__).parents[3] / "docs"
 
 def description(url, folder):
     return {
-        "url": url, "duration": 1.0, "period": 0.1, "timeout": 2.0,
+        "url": url,
+        "duration": 1.0,
+        "period": 0.1,
+        "timeout": 2.0,
         "journal": str(folder / "old.json"),
         "knobs": {
             "K_p": {"node": "ns=2;s=Tank.Kp", "low": 0.2, "high": 10, "rate": 20},
@@ -28,9 +31,17 @@ def description(url, folder):
         "outputs": {"level": {"node": "ns=2;s=Tank.Level", "unit": "m", "abort": [0, 2]}},
         "inputs": {"valve": {"node": "ns=2;s=Tank.Valve", "unit": "%"}},
         "references": {"level": {"node": "ns=2;s=Tank.Setpoint"}},
-        "start": {"set-point": {"node": "ns=2;s=Tank.Setpoint", "value": 1.2, "low": 0.5,
-                                "high": 1.8, "rate": 10, "unit": "m"}},
-    }  # fmt: skip
+        "start": {
+            "set-point": {
+                "node": "ns=2;s=Tank.Setpoint",
+                "value": 1.2,
+                "low": 0.5,
+                "high": 1.8,
+                "rate": 10,
+                "unit": "m",
+            }
+        },
+    }
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +92,7 @@ def test_a_mistyped_node_is_named_and_no_lost_connection(tank):
     plant.close()
 
 
-def test_a_whole_number_node_gets_no_rounded_value_and_must_be_declared(
-    tank, tmp_path, monkeypatch
-):
+def test_a_whole_number_node_gets_no_rounded_value_and_must_be_declared(tank, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules["opcua_server"].NODES, "Kp", 2)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

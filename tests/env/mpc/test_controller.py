@@ -59,9 +59,13 @@ def test_first_move_is_that_of_eq_mpc_written_down(option, linearization, backen
 def test_first_move_is_that_of_eq_mpc_for_any_plant_and_horizon(seed, N_p, share):
     plant, m = random_plant(seed), measurement(seed)
     mpc = replace(
-        BASE, N_p=N_p, N_u=max(1, int(share * N_p)), du_min=[-0.3] * 2, du_max=[0.3] * 2,
+        BASE,
+        N_p=N_p,
+        N_u=max(1, int(share * N_p)),
+        du_min=[-0.3] * 2,
+        du_max=[0.3] * 2,
         tolerances=Tolerances(absolute=1e-11, relative=1e-11),
-    )  # fmt: skip
+    )
     move = LinearMPC(plant, mpc).move(m)
     assert move.solved
     np.testing.assert_allclose(move.u, dense_moves(plant, mpc, m)[0], atol=2e-5)
@@ -106,9 +110,7 @@ def test_an_unsolved_qp_holds_the_last_input_and_says_so():
 def test_soft_limits_far_into_an_unstable_prediction_are_not_called_solved():
     plant = CSTR()
     x, u = np.array([342.15, 5.61]), np.array([304.3])
-    settings = MPCSettings(
-        T_s=1.5, N_p=40, N_u=13, Q_y=np.diag([0, 1]), Q_du=[[0.1]], y_max=[380.0, np.inf]
-    )
+    settings = MPCSettings(T_s=1.5, N_p=40, N_u=13, Q_y=np.diag([0, 1]), Q_du=[[0.1]], y_max=[380.0, np.inf])
     move = LinearMPC(plant, settings).move(Measurement(0, x, u, FEED, np.array([0.0, 2.0])))
     assert not move.solved
 
@@ -214,6 +216,4 @@ def test_previews_may_be_laid_out_as_they_like():
     np.testing.assert_array_equal(LinearMPC(plant, BASE).move(other).u, expected.u)
     whole = replace(m, d=np.ones((3, 1), dtype=int).T[:, :1], y_ref=np.ones(2, dtype=int))
     floats = replace(whole, d=whole.d.astype(float), y_ref=whole.y_ref.astype(float))
-    np.testing.assert_array_equal(
-        LinearMPC(plant, BASE).move(whole).u, LinearMPC(plant, BASE).move(floats).u
-    )
+    np.testing.assert_array_equal(LinearMPC(plant, BASE).move(whole).u, LinearMPC(plant, BASE).move(floats).u)

@@ -11,24 +11,15 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.experiments.rollout import rollout
-from prefcal_env.mpc import (
-    DisturbanceEstimator,
-    EstimatingMPC,
-    EstimatorSettings,
-    LinearMPC,
-    MPCSettings,
-)
+from prefcal_env.mpc import DisturbanceEstimator, EstimatingMPC, EstimatorSettings, LinearMPC, MPCSettings
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import CSTR, FEED, CSTRParams
 from prefcal_env.plants.function_plant import FunctionPlant
 
 MPC = MPCSettings(
-    T_s=0.31, N_p=26, N_u=9, Q_y=[[0, 0], [0, 1]], Q_du=[[10**-1.79]],
-    du_min=[-10.0], du_max=[10.0],
-)  # fmt: skip
-OFFSET_FREE = EstimatorSettings(
-    noise=(0.3, 0.03), process=(0.1, 0.01), drift=(0.1, 0.01), on_outputs=(0, 1)
+    T_s=0.31, N_p=26, N_u=9, Q_y=[[0, 0], [0, 1]], Q_du=[[10**-1.79]], du_min=[-10.0], du_max=[10.0]
 )
+OFFSET_FREE = EstimatorSettings(noise=(0.3, 0.03), process=(0.1, 0.01), drift=(0.1, 0.01), on_outputs=(0, 1))
 REACTORS = {
     "faster reaction": CSTRParams(k_0=1.05 * 3.49e7),
     "better cooling": CSTRParams(US_V=1.05 * 150),
@@ -54,8 +45,9 @@ def test_where_the_model_is_wrong_it_has_no_offset_and_the_plain_mpc_has_one(nam
 
 
 def test_where_the_model_is_right_it_decides_as_the_plain_mpc():
-    plain, free = (at_rest(c, CSTRParams()) for c in (
-        LinearMPC(CSTR(), MPC), EstimatingMPC(CSTR(), MPC, OFFSET_FREE)))  # fmt: skip
+    plain, free = (
+        at_rest(c, CSTRParams()) for c in (LinearMPC(CSTR(), MPC), EstimatingMPC(CSTR(), MPC, OFFSET_FREE))
+    )
     np.testing.assert_allclose(free.u_control, plain.u_control, atol=1e-3)
 
 
@@ -118,17 +110,13 @@ def test_an_estimate_that_is_not_finite_is_given_up_for_what_is_measured():
     estimator = DisturbanceEstimator(escaping, settings, 1.0)
     estimator.see(Measurement(0.0, np.array([10.0]), np.zeros(1), np.zeros(0), np.zeros(1)))
     with np.errstate(all="ignore"):
-        seen = estimator.see(
-            Measurement(1.0, np.array([0.5]), np.zeros(1), np.zeros(0), np.zeros(1))
-        )
+        seen = estimator.see(Measurement(1.0, np.array([0.5]), np.zeros(1), np.zeros(0), np.zeros(1)))
     np.testing.assert_array_equal(seen.x, [0.5])
     np.testing.assert_array_equal(seen.d, [0.0])
 
 
 def test_a_position_that_is_off_cannot_be_told_from_one_that_is_not():
-    settings = EstimatorSettings(
-        noise=(0.1,) * 3, process=(0.1,) * 3, drift=(0.1,), on_outputs=(1,)
-    )  # fmt: skip
+    settings = EstimatorSettings(noise=(0.1,) * 3, process=(0.1,) * 3, drift=(0.1,), on_outputs=(1,))
     estimator = DisturbanceEstimator(Bicycle(), settings, 0.1)
     with pytest.raises(SettingsError, match="cannot be distinguished from the state of 'bicycle'"):
         estimator.see(measurement([0.0, 0.0, 0.0], d=(), u=(14.0, 0.0)))

@@ -46,11 +46,7 @@ def on_the_way(theta, until=30.0):
     return visited
 
 
-VISITED = [
-    s
-    for theta in ((0.25, 26, -0.91), (0.31, 26, -1.79), (1.25, 12, 1.0))
-    for s in on_the_way(theta)
-]
+VISITED = [s for theta in ((0.25, 26, -0.91), (0.31, 26, -1.79), (1.25, 12, 1.0)) for s in on_the_way(theta)]
 
 
 def error(theta, state, backend):
@@ -81,11 +77,7 @@ def check(problems, backend):
 
 def grid(every):
     thetas = list(itertools.product(T_S, N_P, LOG_Q))
-    return [
-        (t, VISITED[(7 * i + 13 * k) % len(VISITED)])
-        for i, t in enumerate(thetas)
-        for k in range(every)
-    ]
+    return [(t, VISITED[(7 * i + 13 * k) % len(VISITED)]) for i, t in enumerate(thetas) for k in range(every)]
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

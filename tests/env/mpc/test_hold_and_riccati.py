@@ -21,9 +21,7 @@ def test_discretize_is_the_matrix_exponential(seed, size, T):
     E = expm(M * T)[:3]
     ours = np.hstack([discretize(A, B, c, T)[0], discretize(A, B, c, T)[1]])
     np.testing.assert_allclose(ours, E[:, :5], rtol=1e-9, atol=1e-9 * np.abs(E).max())
-    np.testing.assert_allclose(
-        discretize(A, B, c, T)[2], E[:, 5], rtol=1e-9, atol=1e-9 * np.abs(E).max()
-    )
+    np.testing.assert_allclose(discretize(A, B, c, T)[2], E[:, 5], rtol=1e-9, atol=1e-9 * np.abs(E).max())
 
 
 def test_an_integrator_of_a_constant_drifts_linearly():
@@ -55,8 +53,7 @@ def test_rows_of_very_different_size_keep_their_own_accuracy():
 
 
 @pytest.mark.parametrize(
-    ("share", "N_p", "N_u"),
-    [(1 / 3, 4, 1), (1 / 3, 26, 9), (1 / 3, 40, 13), (0.1, 3, 1), (0.5, 5, 3)],
+    ("share", "N_p", "N_u"), [(1 / 3, 4, 1), (1 / 3, 26, 9), (1 / 3, 40, 13), (0.1, 3, 1), (0.5, 5, 3)]
 )
 def test_control_horizon_rounds_half_up_and_is_at_least_one(share, N_p, N_u):
     assert control_horizon(share, N_p) == N_u

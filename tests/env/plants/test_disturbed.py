@@ -24,14 +24,15 @@ def test_a_disturbance_of_an_input_is_a_different_input():
     plant, x, u = Bicycle(), np.array([1.0, 0.5, 0.1]), np.array([14.0, 0.05])
     disturbed, w, times = Disturbed(plant, on_inputs=(1,)), np.array([0.02]), np.array([0.1, 0.2])
     penalized = u + np.array([0.0, 0.02])
-    np.testing.assert_array_equal(disturbed.hold(x, u, w, times),
-                                  plant.hold(x, penalized, np.zeros(0), times))  # fmt: skip
-    np.testing.assert_array_equal(disturbed.jacobians(x, u, w).B,
-                                  plant.jacobians(x, penalized, np.zeros(0)).B)  # fmt: skip
+    np.testing.assert_array_equal(
+        disturbed.hold(x, u, w, times), plant.hold(x, penalized, np.zeros(0), times)
+    )
+    np.testing.assert_array_equal(
+        disturbed.jacobians(x, u, w).B, plant.jacobians(x, penalized, np.zeros(0)).B
+    )
 
 
-@pytest.mark.parametrize("chosen", [{"on_outputs": (2,)}, {"on_outputs": (0, 0)},
-                                    {"on_inputs": (-1,)}])  # fmt: skip
+@pytest.mark.parametrize("chosen", [{"on_outputs": (2,)}, {"on_outputs": (0, 0)}, {"on_inputs": (-1,)}])
 def test_indices_that_are_none_are_refused(chosen):
     with pytest.raises(SettingsError, match="must be different indices below"):
         Disturbed(CSTR(), **chosen)

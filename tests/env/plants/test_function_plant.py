@@ -56,12 +56,7 @@ def test_a_state_that_blows_up_is_not_an_error(f):
 
 def test_equations_that_return_the_wrong_number_are_refused():
     plant = FunctionPlant(
-        lambda x, u, d: [0.0],
-        lambda x, u, d: 1.0,
-        states=X,
-        inputs=U,
-        outputs=X[:1],
-        name="pendulum",
+        lambda x, u, d: [0.0], lambda x, u, d: 1.0, states=X, inputs=U, outputs=X[:1], name="pendulum"
     )
     x, u = np.zeros(2), np.zeros(1)
     with pytest.raises(PlantError, match=r"f of plant 'pendulum' must return 2 values.*\(1,\)"):
@@ -90,14 +85,10 @@ def test_compiled_equations_give_the_same_states_and_jacobians():
     f = numba.njit(lambda x, u, d: (x[1], -9.81 * np.sin(x[0]) - 0.1 * x[1] + u[0]))
     plant = FunctionPlant(f, states=X, inputs=U)
     x, u, times = np.array([0.5, 0.0]), np.array([1.0]), np.array([0.3, 1.0, 2.5])
-    np.testing.assert_allclose(
-        plant.hold(x, u, NONE, times), PENDULUM.hold(x, u, NONE, times), rtol=1e-12
-    )
+    np.testing.assert_allclose(plant.hold(x, u, NONE, times), PENDULUM.hold(x, u, NONE, times), rtol=1e-12)
     J = PENDULUM.jacobians(x, u, NONE)
     found = evaluated(plant.equations, "jacobians", 12, x, u, NONE)
-    np.testing.assert_allclose(
-        found, np.concatenate([m.ravel() for m in (J.A, J.B, J.C, J.D)]), atol=1e-11
-    )
+    np.testing.assert_allclose(found, np.concatenate([m.ravel() for m in (J.A, J.B, J.C, J.D)]), atol=1e-11)
     np.testing.assert_allclose(plant.jacobians(x, u, NONE).A, J.A, atol=1e-11)
 
 

@@ -33,10 +33,9 @@ def simulated(f, x, times, max_step=np.inf):
 
 def precise(f, x, times, method="DOP853"):
     rtol = 1e-13 if method == "DOP853" else 1e-11
-    return np.array([
-        solve_ivp(lambda t, x: f(x), (0, t), x, method, rtol=rtol, atol=1e-14).y[:, -1]
-        for t in times
-    ])  # fmt: skip
+    return np.array(
+        [solve_ivp(lambda t, x: f(x), (0, t), x, method, rtol=rtol, atol=1e-14).y[:, -1] for t in times]
+    )
 
 
 def pendulum(x):
@@ -137,9 +136,7 @@ def test_stiff_plants_take_few_evaluations(f, x, T, method):
     states, evaluations = simulated(f, x, [0.3 * T, T])
     assert evaluations < 10_000
     assert time.process_time() - started < 5
-    exact = solve_ivp(
-        lambda t, x: f(x), (0, T), x, method, [0.3 * T, T], rtol=1e-10, atol=1e-13
-    ).y.T
+    exact = solve_ivp(lambda t, x: f(x), (0, T), x, method, [0.3 * T, T], rtol=1e-10, atol=1e-13).y.T
     np.testing.assert_allclose(states, exact, rtol=1e-5)
 
 
@@ -157,9 +154,7 @@ def test_dry_friction_ends_soon_and_sticks():
 @pytest.mark.parametrize("T", [0.1, 1.0])
 @pytest.mark.parametrize("M", [3, 30, 300, 584, 1000, 10_000])
 def test_a_strong_brake_stops_the_motor_and_holds_it(M, T):
-    states, evaluations = simulated(
-        lambda x: [x[1], M * (0.05 - np.sign(x[1]))], [0, M * T / 2], [T]
-    )
+    states, evaluations = simulated(lambda x: [x[1], M * (0.05 - np.sign(x[1]))], [0, M * T / 2], [T])
     distance = (M * T / 2) ** 2 / (2 * 0.95 * M)  # then it sticks
     assert states[0, 0] == pytest.approx(distance, rel=1e-2)
     assert states[0, 1] == pytest.approx(0, abs=1e-2 * M * T / 2)
@@ -236,8 +231,7 @@ def test_what_interrupts_the_equations_passes():
 
 
 @pytest.mark.parametrize(
-    ("x", "u", "T"),
-    [([400.0, 9.95], 310.0, 0.05), ([356.0, 9.0], 310.0, 0.25), ([311.0, 8.5], 298.0, 1.5)],
+    ("x", "u", "T"), [([400.0, 9.95], 310.0, 0.05), ([356.0, 9.0], 310.0, 0.25), ([311.0, 8.5], 298.0, 1.5)]
 )
 def test_the_reactor_is_precise_even_when_it_runs_away(x, u, T):
     plant, x, u = CSTR(), np.array(x), np.array([u])

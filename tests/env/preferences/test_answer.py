@@ -13,9 +13,7 @@ def test_preferences_are_those_of_the_paper():
     assert (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT) == (-1, 0, 1)
 
 
-@pytest.mark.parametrize(
-    "value", [-1, 0, 1, np.int64(-1), np.sign(-0.3), 1.0, Preference.TIE, None]
-)
+@pytest.mark.parametrize("value", [-1, 0, 1, np.int64(-1), np.sign(-0.3), 1.0, Preference.TIE, None])
 def test_bare_numbers_are_answers_and_none_abstains(value):
     assert Answer.of(value).preference == value
 

@@ -35,10 +35,14 @@ def test_of_several_runs_one_is_enough_even_if_another_one_failed(worst):
 @pytest.mark.parametrize(
     ("pair", "marks"),
     [
-        ((SAFE, SAFE), ()), ((UNSAFE, SAFE), (NEW,)), ((SAFE, UNSAFE), (OLD,)),
-        ((UNSAFE, UNSAFE), (NEW, OLD)), ((UNSAFE, None), (NEW,)), ((SAFE, None), ()),
+        ((SAFE, SAFE), ()),
+        ((UNSAFE, SAFE), (NEW,)),
+        ((SAFE, UNSAFE), (OLD,)),
+        ((UNSAFE, UNSAFE), (NEW, OLD)),
+        ((UNSAFE, None), (NEW,)),
+        ((SAFE, None), ()),
     ],
-)  # fmt: skip
+)
 def test_each_side_has_the_mark_of_its_own_run(pair, marks):
     answer = completed(Answer(1), *pair)
     assert answer == Answer(1, marks=marks, automatic=marks)

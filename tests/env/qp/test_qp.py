@@ -111,11 +111,7 @@ def test_what_is_called_solved_is_optimal(seed, n, m):
     inside, G = rng.normal(size=n), rng.normal(size=(m, n))
     around = G @ inside
     problem = QP(
-        L @ L.T + 0.1 * np.eye(n),
-        rng.normal(size=n),
-        G,
-        around - rng.random(m),
-        around + rng.random(m),
+        L @ L.T + 0.1 * np.eye(n), rng.normal(size=n), G, around - rng.random(m), around + rng.random(m)
     )
     results = [made().solve(problem) for made in (make_backend, DAQPBackend)]
     assert all(r.solved for r in results)

@@ -44,9 +44,7 @@ POSIX = pytest.mark.skipif(os.name != "posix", reason="elsewhere an open file st
 
 @POSIX
 @pytest.mark.parametrize("accident", GONE.values(), ids=GONE)
-def test_no_answer_goes_into_a_file_that_is_gone_and_all_before_are_saved_elsewhere(
-    tmp_path, accident
-):
+def test_no_answer_goes_into_a_file_that_is_gone_and_all_before_are_saved_elsewhere(tmp_path, accident):
     path = tmp_path / "studies" / "a.prefcal"
     path.parent.mkdir()
     with small_study(path) as file:
@@ -100,9 +98,7 @@ CHANGES = {
 
 @POSIX
 @pytest.mark.parametrize("accident", CHANGES.values(), ids=CHANGES)
-def test_no_answer_goes_into_a_file_that_another_program_changed_and_all_before_are_saved(
-    tmp_path, accident
-):
+def test_no_answer_goes_into_a_file_that_another_program_changed_and_all_before_are_saved(tmp_path, accident):
     path = tmp_path / "a.prefcal"
     with small_study(path) as file:
         file.append(Noted("acknowledged"))
@@ -143,9 +139,15 @@ def test_a_copy_of_the_file_alone_during_a_session_holds_every_answer(tmp_path):
         file.append(Noted("acknowledged"))
         assert [p.name for p in tmp_path.iterdir()] == ["a.prefcal"]
         copy = subprocess.run(
-            [sys.executable, "-c", "import shutil, sys; shutil.copy(*sys.argv[1:])", path,
-             tmp_path / "copy.prefcal"], check=True,
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-c",
+                "import shutil, sys; shutil.copy(*sys.argv[1:])",
+                path,
+                tmp_path / "copy.prefcal",
+            ],
+            check=True,
+        )
     assert copy.returncode == 0
     assert notes(tmp_path / "copy.prefcal") == ["acknowledged"]
 

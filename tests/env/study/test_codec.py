@@ -27,9 +27,7 @@ def channels(draw, count):
     for k in range(count):
         low, high = draw(limits)
         target = draw(st.none() | finite)
-        made.append(
-            Channel(f"{draw(texts)}{k}", draw(texts), low, high, target, draw(st.none() | finite))
-        )
+        made.append(Channel(f"{draw(texts)}{k}", draw(texts), low, high, target, draw(st.none() | finite)))
     return tuple(made)
 
 
@@ -40,15 +38,22 @@ def experiments(draw, depth=1):
     matrix = lambda *shape: draw(arrays(float, shape, elements=finite))  # noqa: E731
     runs = draw(st.lists(experiments(depth=depth - 1), max_size=2)) if depth else []
     return Experiment(
-        theta=matrix(draw(st.integers(1, 3))), t=np.arange(K) * 0.1, x=matrix(K, n_x),
-        u=matrix(K, n_u), t_control=matrix(N), u_control=matrix(N, n_u),
-        y_ref=draw(arrays(float, (N, n_y))), iterations=draw(arrays(np.int64, N)),
-        solve_time=matrix(N), solved=draw(arrays(bool, N)), end=draw(st.sampled_from(End)),
+        theta=matrix(draw(st.integers(1, 3))),
+        t=np.arange(K) * 0.1,
+        x=matrix(K, n_x),
+        u=matrix(K, n_u),
+        t_control=matrix(N),
+        u_control=matrix(N, n_u),
+        y_ref=draw(arrays(float, (N, n_y))),
+        iterations=draw(arrays(np.int64, N)),
+        solve_time=matrix(N),
+        solved=draw(arrays(bool, N)),
+        end=draw(st.sampled_from(End)),
         channels=Channels(*(draw(channels(n)) for n in (n_x, n_u, n_y)), draw(texts)),
         kpis=draw(st.dictionaries(texts, st.floats())),
         signals={k: draw(arrays(float, K)) for k in draw(st.sets(texts, max_size=2))},
         runs=tuple(runs),
-    )  # fmt: skip
+    )
 
 
 @given(experiments())
@@ -99,9 +104,7 @@ def test_other_text_is_refused(text):
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3),
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
-    ),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
     max_leaves=6,
 )
 
@@ -134,9 +137,16 @@ def test_an_event_that_does_not_fit_is_refused_and_its_field_named(text, words):
 
 @pytest.mark.parametrize(
     "event",
-    [Noted(3), Extended("many"), Extended(2**63), Created({"weight": np.nan}),
-     Created({"run": object()}), Suggested(0, (np.inf,), (0.0,)), Noted("half: \ud800")],
-)  # fmt: skip
+    [
+        Noted(3),
+        Extended("many"),
+        Extended(2**63),
+        Created({"weight": np.nan}),
+        Created({"run": object()}),
+        Suggested(0, (np.inf,), (0.0,)),
+        Noted("half: \ud800"),
+    ],
+)
 def test_what_could_not_be_read_back_is_refused(event):
     with pytest.raises(StudyError, match="cannot be recorded"):
         to_text(event)
@@ -150,12 +160,20 @@ def test_numbers_of_numpy_are_plain_data():
 def _with_outputs(y):
     one = np.zeros(1)
     return Experiment(
-        theta=one, t=np.arange(2.0), x=np.array([[1.0, 2.0], [3.0, 4.0]]), u=np.zeros((2, 1)),
-        t_control=one, u_control=one[:, None], y_ref=one[:, None], iterations=np.zeros(1, int),
-        solve_time=one, solved=np.ones(1, bool), end=End.TIME_UP,
+        theta=one,
+        t=np.arange(2.0),
+        x=np.array([[1.0, 2.0], [3.0, 4.0]]),
+        u=np.zeros((2, 1)),
+        t_control=one,
+        u_control=one[:, None],
+        y_ref=one[:, None],
+        iterations=np.zeros(1, int),
+        solve_time=one,
+        solved=np.ones(1, bool),
+        end=End.TIME_UP,
         channels=Channels((Channel("a"), Channel("b")), (Channel("c"),), (Channel("d"),)),
         y=None if y is None else np.array(y)[:, None],
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(("y", "more"), [(None, 0), ([2.0, 4.0], 0), ([5.0, np.nan], 16)])

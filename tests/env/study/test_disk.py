@@ -117,9 +117,7 @@ for attempt in (
 """
 
 
-@pytest.mark.skipif(
-    sys.platform == "win32" or os.geteuid() != 0, reason="only root can become somebody else"
-)
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() != 0, reason="only root can become somebody else")
 @pytest.mark.parametrize(
     ("folder_mode", "opened"),
     [
@@ -140,9 +138,12 @@ def test_somebody_elses_study_is_told_and_left_alone(tmp_path, folder_mode, open
             above.chmod(0o755)
     folder.chmod(folder_mode)
     done = subprocess.run(
-        [sys.executable, "-c", SOMEBODY_ELSE, str(path)], capture_output=True, text=True,
-        check=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
+        [sys.executable, "-c", SOMEBODY_ELSE, str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
     first, second = done.stdout.splitlines()
     assert re.match(rf"told cannot (open|write to) the study .*{opened}", first)
     assert second.startswith("done" if folder_mode == 0o777 else "told cannot begin the study")

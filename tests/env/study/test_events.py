@@ -50,8 +50,9 @@ def test_it_changes_the_named_settings_of_the_agent_and_nothing_else(study):
     study.append(Adjusted({"questions": 5, "scales": [0.0, 1.0]}))
     after = study.state
     assert after.configuration["agent"] == {
-        **AGENT, "settings": {"delta": 0.3, "questions": 5, "scales": [0.0, 1.0]},
-    }  # fmt: skip
+        **AGENT,
+        "settings": {"delta": 0.3, "questions": 5, "scales": [0.0, 1.0]},
+    }
     assert replace(after, configuration=before.configuration) == shown
     assert before.configuration["agent"] == AGENT
 
@@ -160,21 +161,24 @@ NEW = KnobSpace([Knob("b", 1.0, 5.0), Knob("a", 0.0, 4.0, "h")], within={"a": (1
 
 
 def content(space=NEW, **changed):
-    plain = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space),
-             "scenario_knobs": knobs_as_dicts(space)}  # fmt: skip
+    plain = {
+        "knobs": knobs_as_dicts(space),
+        "within": within_as_dict(space),
+        "scenario_knobs": knobs_as_dicts(space),
+    }
     return {**plain, **changed}
 
 
 def state(*events):
     """Of a study of one answered sample and one open, and then these events."""
-    configuration = {
-        "n_max": 5,
-        "knobs": knobs_as_dicts(OLD),
-        "agent": {"seed": 4, "start": [[0.25]]},
-    }
+    configuration = {"n_max": 5, "knobs": knobs_as_dicts(OLD), "agent": {"seed": 4, "start": [[0.25]]}}
     now = begin(1, "now", Created(configuration))
-    first = (Suggested(0, (0.5,), (1.0,)), Finished(0), Answered(None, 0, None, Answer(None)),
-             Suggested(1, (1.0,), (2.0,)))  # fmt: skip
+    first = (
+        Suggested(0, (0.5,), (1.0,)),
+        Finished(0),
+        Answered(None, 0, None, Answer(None)),
+        Suggested(1, (1.0,), (2.0,)),
+    )
     for seq, event in enumerate((*first, *events), start=2):
         now = step(now, seq, "now", event)
     return now
@@ -220,6 +224,11 @@ def test_an_impossible_change_is_refused(space, added):
 
 def test_theta_that_ran_stays_to_the_last_digit():
     theta = float(np.nextafter(1.1, 2))
-    now = state(Undone(), Answered(None, 0, None, Answer(None)), Suggested(1, (0.5,), (theta,)),
-                Finished(1), Respaced(content(), {"b": 3.0}))  # fmt: skip
+    now = state(
+        Undone(),
+        Answered(None, 0, None, Answer(None)),
+        Suggested(1, (0.5,), (theta,)),
+        Finished(1),
+        Respaced(content(), {"b": 3.0}),
+    )
     assert now.history.samples[1].theta == (3.0, theta)

@@ -67,19 +67,14 @@ def test_every_column_of_every_file_is_in_the_dictionary_with_unit_and_meaning(e
     assert all(row["meaning"] and row["type"] for row in told)
     for name in ("comparisons.csv", "experiments.csv"):
         headings = [
-            f"{r['column']} [{r['unit']}]" if r["unit"] else r["column"]
-            for r in told if r["file"] == name
-        ]  # fmt: skip
+            f"{r['column']} [{r['unit']}]" if r["unit"] else r["column"] for r in told if r["file"] == name
+        ]
         assert headings == list(read(folder / name)[0])
     known = {f"{r['column']} [{r['unit']}]" for r in told if r["file"] == "trajectories"}
     curves = read(folder / "trajectories" / "experiment-001.csv")
     assert set(curves[0]) <= known
     gain = next(r for r in told if r["column"] == "gain")
-    assert (gain["unit"], gain["type"], gain["meaning"]) == (
-        "m/%",
-        "number",
-        "Controller parameter",
-    )
+    assert (gain["unit"], gain["type"], gain["meaning"]) == ("m/%", "number", "Controller parameter")
     late = next(r for r in told if r["column"] == "late")
     assert (late["unit"], late["meaning"]) == ("s", "KPI: late")
     for path in columnar.glob("*.parquet"):
@@ -95,16 +90,18 @@ def test_columns_that_share_a_name_keep_their_values_under_names_of_their_own(tm
     a, rows = Channel("a", "m"), np.arange(4.0)[:, None]
     channels = Channels(x=(a, a), u=(Channel("a (2)", "%"),), y=(Channel("a", "m"),))
     run = experiment(
-        0.5, channels=channels, x=np.hstack([rows, rows + 10]), signals={"a [m]": rows[:, 0] + 20},
+        0.5,
+        channels=channels,
+        x=np.hstack([rows, rows + 10]),
+        signals={"a [m]": rows[:, 0] + 20},
         y=rows + 30,
-    )  # fmt: skip
+    )
     with small_study(":memory:", answers=0) as study:
         study.append(Suggested(1, (0.5,), (0.5,)), (Finished(1), run))
         export_csv(study, tmp_path)
         export_parquet(study, tmp_path)
     table = pq.read_table(tmp_path / "trajectories.parquet")
-    told = [r for r in read(tmp_path / dictionary_file("parquet"))
-            if r["file"] == "trajectories.parquet"]  # fmt: skip
+    told = [r for r in read(tmp_path / dictionary_file("parquet")) if r["file"] == "trajectories.parquet"]
     assert table.column_names == [row["column"] for row in told]
     assert len(set(table.column_names)) == len(table.column_names)
     curves = read(tmp_path / "trajectories" / "experiment-002.csv")
@@ -118,9 +115,14 @@ def test_columns_that_share_a_name_keep_their_values_under_names_of_their_own(tm
 
 
 def test_references_that_change_are_columns_with_units(tmp_path):
-    steps = {"t_control": np.array([0.0, 2.0]), "u_control": np.zeros((2, 1)),
-             "y_ref": np.array([[2.0], [3.0]]), "iterations": np.zeros(2, int),
-             "solve_time": np.zeros(2), "solved": np.ones(2, bool)}  # fmt: skip
+    steps = {
+        "t_control": np.array([0.0, 2.0]),
+        "u_control": np.zeros((2, 1)),
+        "y_ref": np.array([[2.0], [3.0]]),
+        "iterations": np.zeros(2, int),
+        "solve_time": np.zeros(2),
+        "solved": np.ones(2, bool),
+    }
     with small_study(":memory:", answers=0) as study:
         study.append(Suggested(1, (0.5,), (0.5,)), (Finished(1), experiment(0.5, **steps)))
         export_csv(study, tmp_path)
@@ -179,8 +181,13 @@ def test_a_folder_that_cannot_be_written_is_named(export, tmp_path):
 def test_a_run_without_steps_has_no_reference():
     none = np.zeros(0)
     run = experiment(
-        0.5, t_control=none, u_control=np.zeros((0, 1)), y_ref=np.zeros((0, 1)),
-        iterations=np.zeros(0, int), solve_time=none, solved=np.zeros(0, bool),
-    )  # fmt: skip
+        0.5,
+        t_control=none,
+        u_control=np.zeros((0, 1)),
+        y_ref=np.zeros((0, 1)),
+        iterations=np.zeros(0, int),
+        solve_time=none,
+        solved=np.zeros(0, bool),
+    )
     assert np.isnan(run.reference(0)).all()
     assert "Reference of level [m]" not in [column.heading for column in trajectory_of(run)]

@@ -150,10 +150,14 @@ def limited(folder, code, *, bytes_):
         resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_, bytes_))
 
     return subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False,
+        [sys.executable, "-c", code],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
         preexec_fn=before,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
+    )
 
 
 def test_a_disk_that_takes_no_more_bytes_is_told(tmp_path):
@@ -206,8 +210,7 @@ def test_another_programs_database_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("version", "advice"),
-    [(schema.VERSION + 1, "install a newer prefcal"), (1, "start the study again")],
+    ("version", "advice"), [(schema.VERSION + 1, "install a newer prefcal"), (1, "start the study again")]
 )
 def test_another_format_is_refused_and_left_alone(tmp_path, version, advice):
     path = tmp_path / "a.prefcal"

@@ -33,9 +33,18 @@ from support.interviews import clock
 from support.studies import CONFIGURATION, experiment, small_study
 
 CANDIDATES = (
-    "answer", "undo", "retract", "mark", "note", "end", "reopen", "extend", "repeat", "adjust",
+    "answer",
+    "undo",
+    "retract",
+    "mark",
+    "note",
+    "end",
+    "reopen",
+    "extend",
+    "repeat",
+    "adjust",
     "request",
-)  # fmt: skip
+)
 
 
 def possible(state, dice):
@@ -56,13 +65,17 @@ def possible(state, dice):
         return Answered(state.open[0], shown.challenger, shown.incumbent, answer)
     index = dice.randrange(max(due, 1))
     return {
-        "undo": Undone(), "retract": Retracted(index), "note": Noted("so"), "end": Ended("stopped"),
+        "undo": Undone(),
+        "retract": Retracted(index),
+        "note": Noted("so"),
+        "end": Ended("stopped"),
         "mark": Marked(index, dice.choice(("unsafe", "good enough")), dice.random() < 0.7),
-        "adjust": Adjusted({"questions": dice.randrange(4)}), "reopen": Reopened(),
+        "adjust": Adjusted({"questions": dice.randrange(4)}),
+        "reopen": Reopened(),
         "request": Requested(due, (dice.random(),), (dice.random(),)),
         "extend": Extended(dice.randrange(5, 40)),
         "repeat": Shown(max(due - 1, 0), 0, True, dice.randrange(30)),
-    }[kind]  # fmt: skip
+    }[kind]
 
 
 @given(st.integers(0, 10**6))
@@ -93,9 +106,7 @@ def test_the_kept_state_is_the_fold_of_all_events(tmp_path_factory, seed):
 
 def test_undo_reopens_the_query_and_drops_what_came_after():
     with small_study(":memory:", answers=3) as file:
-        file.append(
-            Suggested(4, (0.9,), (0.9,)), (Finished(4), experiment(0.9)), Marked(4, "unsafe", True)
-        )
+        file.append(Suggested(4, (0.9,), (0.9,)), (Finished(4), experiment(0.9)), Marked(4, "unsafe", True))
         file.append(Undone())
         state = file.state
     assert state.history.answered == 3

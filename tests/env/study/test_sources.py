@@ -89,9 +89,8 @@ HUGE = 10**400
         (created(n_max=True),),
         (created(weight=float("nan")),),
     ],
-    ids=["none", "no experiment", "no source", "huge source", "huge z", "huge n_max", "bool",
-         "NaN"],
-)  # fmt: skip
+    ids=["none", "no experiment", "no source", "huge source", "huge z", "huge n_max", "bool", "NaN"],
+)
 def test_a_forged_export_is_refused_and_leaves_no_file(tmp_path, events):
     with pytest.raises(StudyError, match=r"not an exported study|damaged, nothing was imported"):
         import_json(forged(*events), tmp_path / "b.prefcal")
@@ -115,9 +114,8 @@ def test_tables_of_a_strange_configuration_are_refused(tmp_path, knobs):
 
 def test_no_cell_of_the_tables_is_a_formula(tmp_path):
     with StudyFile.create(
-        tmp_path / "a.prefcal",
-        {"n_max": 3, "knobs": [{"name": "=A1", "unit": ""}]}, clock=lambda: "=NOW()",
-    ) as file:  # fmt: skip
+        tmp_path / "a.prefcal", {"n_max": 3, "knobs": [{"name": "=A1", "unit": ""}]}, clock=lambda: "=NOW()"
+    ) as file:
         made = experiment(0.5, kpis={"@sum": 1.0}, signals={"+gap": np.zeros(4)})
         file.append(Suggested(0, (0.5,), (0.5,)), (Finished(0), made))
         export_csv(file, tmp_path / "tables")

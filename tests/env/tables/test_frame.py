@@ -34,14 +34,20 @@ def same(e):
         "sep=;\n" + GOOD.replace(",", ";"),
         GOOD.replace("note", "µ°").encode("cp1252"),
         GOOD.replace("\n", ",\n"),
-        GOOD.replace("time [s]", "time [ms]").replace("\n1,", "\n1000,").replace("\n2,", "\n2000,")
+        GOOD.replace("time [s]", "time [ms]")
+        .replace("\n1,", "\n1000,")
+        .replace("\n2,", "\n2000,")
         .replace("\n3,", "\n3000,"),
-        GOOD.replace("\n0,", "\n2026-11-23T09:59:59Z,").replace("\n1,", "\n2026-11-23 11:00+0100,")
-        .replace("\n2,", "\n2026-11-23T10:00:01Z,").replace("\n3,", "\n2026-11-23T10:00:02.000Z,"),
-        GOOD.replace("\n0,", "\n100,").replace("\n1,", "\n101,").replace("\n2,", "\n102,")
+        GOOD.replace("\n0,", "\n2026-11-23T09:59:59Z,")
+        .replace("\n1,", "\n2026-11-23 11:00+0100,")
+        .replace("\n2,", "\n2026-11-23T10:00:01Z,")
+        .replace("\n3,", "\n2026-11-23T10:00:02.000Z,"),
+        GOOD.replace("\n0,", "\n100,")
+        .replace("\n1,", "\n101,")
+        .replace("\n2,", "\n102,")
         .replace("\n3,", "\n103,"),
     ],
-)  # fmt: skip
+)
 def test_spellings_of_the_same_table(table):
     same(from_frame(table, 1.0, time_unit="s", **USE))
 
@@ -67,9 +73,7 @@ def test_rows_that_are_selected_or_joined_keep_their_own_time(time):
 
 def test_headings_are_mapped_and_the_mapping_can_be_kept():
     table = GOOD.replace("level [m]", "TI-101").replace("valve", "V1")
-    log = TableColumns(
-        columns={"level": "TI-101", "valve": "V1"}, inputs="valve", units={"level": "m"}
-    )
+    log = TableColumns(columns={"level": "TI-101", "valve": "V1"}, inputs="valve", units={"level": "m"})
     same(log.read(table, 1.0))
     assert log.read(table, 1.0) == from_frame(
         table, 1.0, columns=log.columns, inputs=["valve"], units=log.units
@@ -134,7 +138,7 @@ def test_a_reference_comes_from_a_column_or_a_number():
         (GOOD.replace("[s]", "[ticks]"), "the unit of time 'ticks' cannot be converted"),
         (GOOD.replace("\n0,", "\n11/12/2026 10:00,"), "line 2, column 'time': expected a num"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_with_a_table_is_refused_in_words(table, words):
     with pytest.raises(RecordError, match=words):
         from_frame(table, 1.0, time_unit="s", **USE)
@@ -184,14 +188,13 @@ def test_a_first_row_of_values_is_no_row_of_units():
     [
         (("09:00:00", "09:00:01,5", "09:01:00"), [0, 1.5, 60]),
         (("23:59:59", "00:00:00", "00:00:01"), [0, 1, 2]),
-        (("2026-10-25T02:59:59+02:00", "2026-10-25T02:00:00+01:00", "2026-10-25T01:00:01Z"),
-         [0, 1, 2]),
+        (("2026-10-25T02:59:59+02:00", "2026-10-25T02:00:00+01:00", "2026-10-25T01:00:01Z"), [0, 1, 2]),
         (("23.11.2026 09:00:00", "23.11.2026 09:00:01", "23.11.2026 09:00:02"), [0, 1, 2]),
         (("23.11.2026 09:00:00", "25.11.2026 09:00:00"), [0, 172800]),
         (("23.11.2026", "24.11.2026", "25.11.2026"), [0, 86400, 172800]),
         (("9:30", "9:31", "9:31:30"), [0, 60, 90]),
     ],
-)  # fmt: skip
+)
 def test_times_of_day_and_zones_are_understood(times, seconds):
     text = "time;level\n" + "".join(f"{t};1.5\n" for t in times)
     assert from_frame(text, 1.0, allow="gaps").t.tolist() == seconds
@@ -230,9 +233,7 @@ def test_arguments_may_be_named_and_none_means_that_nothing_is_said():
     named = from_frame(table=GOOD, theta=[1.0], **USE)
     assert named == from_frame(GOOD, theta=[1.0], **USE)
     assert list(signature(from_frame).parameters)[:3] == ["table", "theta", "columns"]
-    nothing = dict.fromkeys(
-        ("columns", "signals", "reference", "units", "limits", "bands", "allow"), None
-    )
+    nothing = dict.fromkeys(("columns", "signals", "reference", "units", "limits", "bands", "allow"), None)
     assert from_frame(GOOD, [1.0], **nothing, **USE) == named
 
 
@@ -299,9 +300,7 @@ def test_a_million_rows_are_read_and_thinned_to_their_extremes():
 def test_kpis_are_those_of_all_rows_even_if_only_some_are_kept():
     level = 1 + np.random.default_rng(0).normal(size=5_000)
     table = pd.DataFrame({"time": np.arange(5e3) / 8, "level": level})
-    thinned, whole = (
-        from_frame(table, 1.0, reference={"level": 1.0}, max_rows=rows) for rows in (500, None)
-    )
+    thinned, whole = (from_frame(table, 1.0, reference={"level": 1.0}, max_rows=rows) for rows in (500, None))
     assert len(thinned.t) <= 500
     assert thinned.kpis == whole.kpis
 
@@ -309,8 +308,9 @@ def test_kpis_are_those_of_all_rows_even_if_only_some_are_kept():
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=20))
 def test_what_goes_out_as_a_frame_comes_back(rows):
     y, u = np.array(rows).T
-    e = recorded([1.0], np.arange(len(y)) / 8, {"level": y}, {"valve": u}, {"level": 1.0},
-                 {"level": "m", "valve": "%"})  # fmt: skip
+    e = recorded(
+        [1.0], np.arange(len(y)) / 8, {"level": y}, {"valve": u}, {"level": 1.0}, {"level": "m", "valve": "%"}
+    )
     assert from_frame(e.to_frame(), [1.0], reference={"level": 1.0}, **USE) == e
 
 

@@ -294,9 +294,6 @@ def test_the_cores_that_may_be_used_are_counted():
     assert 1 <= usable_cores() <= (os.cpu_count() or 1)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(0.5, "0.5 s"), (90, "90 s"), (600, "10 min"), (3600, "1 h")],
-)
+@pytest.mark.parametrize(("seconds", "words"), [(0.5, "0.5 s"), (90, "90 s"), (600, "10 min"), (3600, "1 h")])
 def test_a_time_in_words(seconds, words):
     assert in_time(seconds) == words

@@ -100,13 +100,9 @@ def test_wrong_names_and_times_are_refused_in_one_sentence(tank, options, error,
 
 
 def test_an_fmu_with_nothing_to_tune_or_to_show_says_how_to_export_it(tank, folder):
-    fixed = changed(
-        tank, folder / "fixed.fmu", replace=[('causality="parameter"', 'causality="local"')]
-    )
+    fixed = changed(tank, folder / "fixed.fmu", replace=[('causality="parameter"', 'causality="local"')])
     with pytest.raises(ScenarioError, match="no tunable parameter: export it again"):
         fmu_scenario(fixed)
-    hidden = changed(
-        tank, folder / "hidden.fmu", replace=[('causality="output"', 'causality="local"')]
-    )
+    hidden = changed(tank, folder / "hidden.fmu", replace=[('causality="output"', 'causality="local"')])
     with pytest.raises(ScenarioError, match="declares no outputs: say which variables to show"):
         fmu_scenario(hidden, knobs=KNOBS)

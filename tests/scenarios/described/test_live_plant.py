@@ -30,9 +30,11 @@ def test_the_file_of_the_page_is_a_live_plant(written):
     assert tank.space.names == ("K_p", "T_i")
     assert tank.run.start[0].value == 1.5
     assert [kpi.name for kpi in tank.kpis] == [
-        "settling time of level", "overshoot of level", "integrated error of level",
+        "settling time of level",
+        "overshoot of level",
+        "integrated error of level",
         "total move of valve",
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize(

@@ -64,12 +64,11 @@ def test_a_rig_reads_the_headings_and_time_stamps_of_its_logger(written):
 def test_a_rig_needs_no_code(written):
     oven = load(written(OVEN))
     assert (oven.name, oven.title) == ("oven", "Heating an oven")
-    assert [(k.name, k.unit, k.scale) for k in oven.space] == [
-        ("K_p", "%/K", "log10"), ("K_i", "", "log10"),
-    ]  # fmt: skip
+    assert [(k.name, k.unit, k.scale) for k in oven.space] == [("K_p", "%/K", "log10"), ("K_i", "", "log10")]
     assert [(k.title, k.unit, k.at_most) for k in oven.kpis] == [
-        ("settling time of temperature", "min", 20.0), ("overshoot", "°C", np.inf),
-    ]  # fmt: skip
+        ("settling time of temperature", "min", 20.0),
+        ("overshoot", "°C", np.inf),
+    ]
     assert [(p.name, p.title) for p in oven.panels] == [("power", "heating"), ("temperature", "")]
     np.testing.assert_array_equal(oven.references["now"], [2.0, 0.1])
     record = "time [min],temperature [°C],power [%]\n0,20,100\n1,150,100\n2,200,30\n"

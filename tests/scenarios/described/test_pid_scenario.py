@@ -134,9 +134,7 @@ def test_a_sampled_double_integrator_is_tuned_as_the_continuous_one():
         scenario = pid_scenario(Plant.of(system))
         K_p = scenario.space.knobs[0]
         assert 0.01 < K_p.low < K_p.high < 100
-        assert scenario.references["robust"][0] == pytest.approx(
-            np.sqrt(K_p.low * K_p.high), rel=1.0
-        )
+        assert scenario.references["robust"][0] == pytest.approx(np.sqrt(K_p.low * K_p.high), rel=1.0)
         assert scenario.controller(scenario.references["robust"]).T_s < 1.0
 
 
@@ -174,10 +172,7 @@ def test_poles_at_0_are_tuned_as_the_dead_time_that_they_are():
 
 
 def test_a_column_with_a_dead_time_for_each_entry_is_tuned():
-    entries = [
-        [([12.8], [16.7, 1]), ([-18.9], [21.0, 1])],
-        [([6.6], [10.9, 1]), ([-19.4], [14.4, 1])],
-    ]
+    entries = [[([12.8], [16.7, 1]), ([-18.9], [21.0, 1])], [([6.6], [10.9, 1]), ([-19.4], [14.4, 1])]]
     column = Plant.of(entries, delay=[[1.0, 3.0], [7.0, 3.0]])
     scenario = pid_scenario(column)
     robust = scenario.run(scenario.references["robust"]).kpis

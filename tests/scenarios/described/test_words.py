@@ -35,8 +35,10 @@ def test_names_are_split_at_commas_but_not_inside_of_brackets():
 
 def test_references_are_read():
     assert named_numbers(["level=2", "flow=0.5, T = -3"], "--reference") == {
-        "level": 2.0, "flow": 0.5, "T": -3.0,
-    }  # fmt: skip
+        "level": 2.0,
+        "flow": 0.5,
+        "T": -3.0,
+    }
 
 
 @pytest.mark.parametrize("text", ["level", "level=", "=2", "level=high", "level=nan"])

@@ -77,14 +77,31 @@ def test_what_remains_of_an_experiment_is_frozen():
 
 def test_runs_that_raise_die_or_hang_are_data_in_their_places():
     whats = [
-        many_runs.RUNS, many_runs.RAISES, many_runs.RUNS, many_runs.DIES, many_runs.HANGS,
-        many_runs.RUNS, many_runs.LEAVES, many_runs.VANISHES, many_runs.NOTHING, many_runs.RUNS,
-    ]  # fmt: skip
+        many_runs.RUNS,
+        many_runs.RAISES,
+        many_runs.RUNS,
+        many_runs.DIES,
+        many_runs.HANGS,
+        many_runs.RUNS,
+        many_runs.LEAVES,
+        many_runs.VANISHES,
+        many_runs.NOTHING,
+        many_runs.RUNS,
+    ]
     found = simulate_many(many, thetas(*whats), jobs=2, timeout=2.0)
     assert [r.theta[0] for r in found] == whats
     assert [r.why if isinstance(r, FailedRun) else "" for r in found] == [
-        "", "raised", "", "died", "late", "", "raised", "died", "raised", "",
-    ]  # fmt: skip
+        "",
+        "raised",
+        "",
+        "died",
+        "late",
+        "",
+        "raised",
+        "died",
+        "raised",
+        "",
+    ]
     words = [r.words if isinstance(r, FailedRun) else "" for r in found]
     assert words[1].startswith("OSError: the pump does not answer (in many_runs.py:")
     assert "Traceback" in found[1].trace
@@ -189,9 +206,7 @@ def test_two_files_of_one_name_do_not_mix(tmp_path):
     for lift in (1.0, 2.0):
         folder = tmp_path / str(lift)
         folder.mkdir()
-        (folder / "own_twin.py").write_text(
-            OWN.replace("from helping import LIFT", f"LIFT = {lift}")
-        )
+        (folder / "own_twin.py").write_text(OWN.replace("from helping import LIFT", f"LIFT = {lift}"))
         scenarios.append(load(f"{folder / 'own_twin.py'}:plant"))
     found = [simulate_many(scenario, [[0, 0.25]], jobs=2)[0] for scenario in scenarios]
     assert [result.kpis["gain"] for result in found] == [1.25, 2.25]
@@ -231,9 +246,13 @@ def test_a_script_needs_no_guard(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(MAIN)
     done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=60,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}, check=False,
-    )  # fmt: skip
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        check=False,
+    )
     assert (done.stdout, done.stderr) == ("8.0\n", "")
 
 
@@ -268,9 +287,8 @@ def test_thetas_that_do_not_fit_are_refused_with_their_row(wrong, words):
 
 @pytest.mark.parametrize(
     "options",
-    [{"jobs": 0}, {"jobs": True}, {"jobs": 1.5}, {"timeout": 0.0}, {"timeout": np.nan},
-     {"seed": 0.5}],
-)  # fmt: skip
+    [{"jobs": 0}, {"jobs": True}, {"jobs": 1.5}, {"timeout": 0.0}, {"timeout": np.nan}, {"seed": 0.5}],
+)
 def test_impossible_options_are_refused(options):
     with pytest.raises(SettingsError, match=next(iter(options))):
         simulate_iter(many, thetas(0), **options)

@@ -8,19 +8,7 @@ import pytest
 
 from prefcal_app.session import Phase
 from prefcal_app.view import now_view
-from prefcal_env import (
-    Channel,
-    Channels,
-    ClosedLoop,
-    End,
-    Knob,
-    KnobSpace,
-    Move,
-    Panel,
-    PlantEnv,
-    Rig,
-    Task,
-)
+from prefcal_env import Channel, Channels, ClosedLoop, End, Knob, KnobSpace, Move, Panel, PlantEnv, Rig, Task
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants import FunctionPlant
 from prefcal_scenarios.own.checks import check_experiment
@@ -128,19 +116,27 @@ def test_a_kpi_that_no_value_can_meet_is_refused():
     ("change", "words"),
     [
         ({"panels": (Panel("gap"),), "run": hidden()}, "channel or signal has this name; there"),
-        ({"kpis": (KPI("setled", "s"),), "kpi_function": settled},
-         r"no run returns the KPI 'setled'; there are 'settled'.* Did you mean 'settled'\?"),
+        (
+            {"kpis": (KPI("setled", "s"),), "kpi_function": settled},
+            r"no run returns the KPI 'setled'; there are 'settled'.* Did you mean 'settled'\?",
+        ),
         ({"kpis": (KPI("settled", "s"),), "run": hidden()}, "'settled', or any other: is kpis="),
-        ({"kpis": (KPI("settled", "s"),), "kpi_function": nothing},
-         r"nothing \(test_checks.py:\d+\) must return a mapping.*got None: is a return missing\?"),
-        ({"controller": Forgetful},
-         r"move of controller Forgetful \(test_checks.py:\d+\) must return a prefcal_env.Move"),
-        ({"controller": Broken},
-         r"IndexError: index 7 .*\(in test_checks.py:\d+: "
-         r"return Move\(np.array\(\[measurement.x\[7\]\]\)\)"),
+        (
+            {"kpis": (KPI("settled", "s"),), "kpi_function": nothing},
+            r"nothing \(test_checks.py:\d+\) must return a mapping.*got None: is a return missing\?",
+        ),
+        (
+            {"controller": Forgetful},
+            r"move of controller Forgetful \(test_checks.py:\d+\) must return a prefcal_env.Move",
+        ),
+        (
+            {"controller": Broken},
+            r"IndexError: index 7 .*\(in test_checks.py:\d+: "
+            r"return Move\(np.array\(\[measurement.x\[7\]\]\)\)",
+        ),
         ({"run": lambda theta, seed=0: None}, "must return an Experiment, got NoneType: is a ret"),
     ],
-)  # fmt: skip
+)
 def test_the_first_run_shows_what_does_not_fit_and_the_page_says_so(change, words):
     controller = change.get("controller", Constant)
     run = change.get("run") or hidden(controller, change.get("kpi_function"))
@@ -204,7 +200,6 @@ def test_a_scenario_says_plainly_whether_it_may_run_unseen():
 
 
 def test_nothing_runs_unseen_on_a_rig():
-    rig = Rig(channels=Channels(x=(Channel("level", "m"),), u=(), y=(Channel("level", "m"),)),
-              y_ref=(1.0,))  # fmt: skip
+    rig = Rig(channels=Channels(x=(Channel("level", "m"),), u=(), y=(Channel("level", "m"),)), y_ref=(1.0,))
     with pytest.raises(ScenarioError, match="simulated must be False for a rig"):
         replace(TOY, run=rig, panels=(), kpis=(), simulated=True)

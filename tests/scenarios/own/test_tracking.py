@@ -6,18 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env import (
-    Channel,
-    Channels,
-    ClosedLoop,
-    Knob,
-    KnobSpace,
-    Maneuvers,
-    Move,
-    PlantEnv,
-    Rig,
-    Task,
-)
+from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Maneuvers, Move, PlantEnv, Rig, Task
 from prefcal_env.plants import FunctionPlant
 from prefcal_scenarios.own.tracking import Tracked, found_rows
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
@@ -26,8 +15,7 @@ from toy_study import toy_scenario
 LEVEL = Channel("level", "m")
 VALVE = Channel("valve", "%", low=0, high=100)
 SPACE = KnobSpace([Knob("K", 1, 100)])
-FOUND = ["settling time of level", "overshoot of level", "integrated error of level",
-         "total move of valve"]  # fmt: skip
+FOUND = ["settling time of level", "overshoot of level", "integrated error of level", "total move of valve"]
 
 
 class P:
@@ -41,8 +29,7 @@ class P:
 
 
 def loop(level=2.0):
-    plant = FunctionPlant(lambda x, u, d: [0.02 * u[0] - 0.1 * x[0]], states=[LEVEL],
-                          inputs=[VALVE])  # fmt: skip
+    plant = FunctionPlant(lambda x, u, d: [0.02 * u[0] - 0.1 * x[0]], states=[LEVEL], inputs=[VALVE])
     task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.array([level]), horizon=20.0)
     return ClosedLoop(lambda: PlantEnv(plant, task), P)
 
@@ -66,8 +53,10 @@ def test_a_plain_function_gets_its_kpis_from_its_first_experiment():
 
 def test_the_found_kpis_of_maneuvers_are_the_worst_of_all_of_them():
     plain = {"small": loop(2.0), "large": loop(6.0)}
-    for runs in (plain, {name: lambda theta, seed=0, run=run: run(theta, seed)
-                         for name, run in plain.items()}):  # fmt: skip
+    for runs in (
+        plain,
+        {name: lambda theta, seed=0, run=run: run(theta, seed) for name, run in plain.items()},
+    ):
         scenario = Scenario("tank", "Tank", SPACE, Maneuvers(runs))
         made = replace(scenario, title="Other").run(np.array([30.0]))
         each = [made.kpis[f"integrated error of level ({name})"] for name in plain]

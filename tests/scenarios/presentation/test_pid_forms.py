@@ -6,10 +6,7 @@ from prefcal_env import Knob, KnobSpace
 from prefcal_scenarios.presentation.pid_forms import BOTH, ISA, PARALLEL, pid_forms
 
 SPACE = KnobSpace([Knob("K_p", 0.1, 10, "%/°C"), Knob("T_i", 1, 100, "s")])
-PID = {
-    "controller": "PID", "K_p": 2.0, "T_i": 8.0, "T_d": 3.0, "N": 10.0, "b": 0.5, "c": 0.0,
-    "T_s": 0.1,
-}  # fmt: skip
+PID = {"controller": "PID", "K_p": 2.0, "T_i": 8.0, "T_d": 3.0, "N": 10.0, "b": 0.5, "c": 0.0, "T_s": 0.1}
 
 
 def found(settings, space=SPACE):
@@ -19,8 +16,10 @@ def found(settings, space=SPACE):
 def test_the_parallel_form_follows_from_the_isa_form():
     forms = found(PID)
     assert {n: (forms[n].value, forms[n].unit, forms[n].form) for n in ("K_p", "T_i", "T_d")} == {
-        "K_p": (2.0, "%/°C", BOTH), "T_i": (8.0, "s", ISA), "T_d": (3.0, "s", ISA),
-    }  # fmt: skip
+        "K_p": (2.0, "%/°C", BOTH),
+        "T_i": (8.0, "s", ISA),
+        "T_d": (3.0, "s", ISA),
+    }
     assert (forms["K_i"].value, forms["K_i"].unit) == (0.25, "%/°C/s")  # 2/8
     assert (forms["K_d"].value, forms["K_d"].unit) == (6.0, "%/°C s")  # 2 * 3
     assert forms["K_d"].form == PARALLEL

@@ -7,8 +7,7 @@ from prefcal_scenarios.presentation.wording import knob_number
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
-    [(2.716, "2.72"), (14.98, "15"), (12345.0, "12300"), (1.234e-05, "1.23e−05")],
+    ("value", "text"), [(2.716, "2.72"), (14.98, "15"), (12345.0, "12300"), (1.234e-05, "1.23e−05")]
 )
 def test_a_logarithmic_knob_has_three_digits_and_large_values_no_powers_of_ten(value, text):
     assert knob_number(Knob("K_p", 1e-6, 1e6, scale="log10"), value) == text

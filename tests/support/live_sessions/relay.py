@@ -40,9 +40,7 @@ class Watch:
         reads: Times at which all these nodes were read, in seconds.
     """
 
-    values: dict[str, float] = field(
-        default_factory=lambda: {n: opcua_server.NODES[n] for n in WRITTEN}
-    )
+    values: dict[str, float] = field(default_factory=lambda: {n: opcua_server.NODES[n] for n in WRITTEN})
     writes: list[Write] = field(default_factory=list)
     reads: list[float] = field(default_factory=list)
 
@@ -50,9 +48,7 @@ class Watch:
         """Note a request to write, of which the server says what it accepted."""
         if not event.is_external:
             return
-        for node, code in zip(
-            event.request_params.NodesToWrite, event.response_params, strict=True
-        ):
+        for node, code in zip(event.request_params.NodesToWrite, event.response_params, strict=True):
             name, new = node.NodeId.Identifier.removeprefix("Tank."), node.Value.Value.Value
             if code.is_good():
                 self.writes.append(Write(time.monotonic(), name, self.values[name], new))

@@ -54,17 +54,22 @@ def rig_at(port: int, folder: Path) -> LiveRig:
     """Return a rig on the example server behind `port`."""
     node, setpoint = "ns=2;s=Tank.", "ns=2;s=Tank.Setpoint"
     start = {"node": setpoint, "value": 1.3, "low": 0.5, "high": 1.8, "rate": 4}
-    return live_rig({
-        "url": f"opc.tcp://127.0.0.1:{port}/tank", "duration": 0.3, "period": _PERIOD,
-        "timeout": 1.0, "journal": str(folder / "old.json"),
-        "knobs": {
-            "K_p": {"node": f"{node}Kp", "low": 0.2, "high": 10, "rate": 60},
-            "T_i": {"node": f"{node}Ti", "low": 1, "high": 60, "rate": 400, "unit": "s"},
-        },
-        "outputs": {"level": {"node": f"{node}Level", "unit": "m"}},
-        "references": {"level": {"node": setpoint}},
-        "start": {"set-point": start},
-    })  # fmt: skip
+    return live_rig(
+        {
+            "url": f"opc.tcp://127.0.0.1:{port}/tank",
+            "duration": 0.3,
+            "period": _PERIOD,
+            "timeout": 1.0,
+            "journal": str(folder / "old.json"),
+            "knobs": {
+                "K_p": {"node": f"{node}Kp", "low": 0.2, "high": 10, "rate": 60},
+                "T_i": {"node": f"{node}Ti", "low": 1, "high": 60, "rate": 400, "unit": "s"},
+            },
+            "outputs": {"level": {"node": f"{node}Level", "unit": "m"}},
+            "references": {"level": {"node": setpoint}},
+            "start": {"set-point": start},
+        }
+    )
 
 
 @dataclass
@@ -101,8 +106,10 @@ class Study:
         while interview.now().phase is not Phase.OVER:
             self.watch.forget()
             self.losses.clear()
-            losing = [threading.Thread(target=self._lose, args=loss_at_random(self.rng, _SPAN))
-                      for _ in range(self.rng.integers(1, 3))]  # fmt: skip
+            losing = [
+                threading.Thread(target=self._lose, args=loss_at_random(self.rng, _SPAN))
+                for _ in range(self.rng.integers(1, 3))
+            ]
             for each in losing:
                 each.start()
             how = self._session(interview)
@@ -119,11 +126,17 @@ class Study:
     def _interview(self, count: int) -> Interview:
         agent = RandomSearch(self.scenario.space, n_init=1, n_max=count, seed=self.seed)
         configuration = {
-            "scenario": "tank", "name": "tank", "title": "A tank",
-            "knobs": knobs_as_dicts(self.scenario.space), "agent": agent_as_dict(agent),
-            "n_max": count, "seed": self.seed, "kpis": [], "options": {"calibrator": "human"},
+            "scenario": "tank",
+            "name": "tank",
+            "title": "A tank",
+            "knobs": knobs_as_dicts(self.scenario.space),
+            "agent": agent_as_dict(agent),
+            "n_max": count,
+            "seed": self.seed,
+            "kpis": [],
+            "options": {"calibrator": "human"},
             "versions": {},
-        }  # fmt: skip
+        }
         file = StudyFile.create(self.path, configuration, clock=_now)
         return Interview(self.scenario, file, ahead=False)
 
@@ -221,9 +234,12 @@ class Study:
 
 
 def _back_at(
-    writes: list[Write], then: dict[str, float], old: dict[str, float],
-    written: dict[str, Written], since: float,
-) -> float:  # fmt: skip
+    writes: list[Write],
+    then: dict[str, float],
+    old: dict[str, float],
+    written: dict[str, Written],
+    since: float,
+) -> float:
     """Return when all nodes had their old values again, in seconds."""
     values = dict(then)
     for write in writes:

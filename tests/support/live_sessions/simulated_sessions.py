@@ -108,8 +108,9 @@ class World:
         """Return the values of nodes, sometimes of bad quality."""
         self._reach()
         bad = self.rng.random(len(nodes)) < 0.02
-        return [nan if b and n in ("level", "valve") else self.values[n]
-                for n, b in zip(nodes, bad, strict=True)]  # fmt: skip
+        return [
+            nan if b and n in ("level", "valve") else self.values[n] for n, b in zip(nodes, bad, strict=True)
+        ]
 
     def write(self, node: str, value: float) -> None:
         """Take a value; sometimes its answer is lost."""
@@ -173,25 +174,30 @@ def drawn(seed: int, folder: Path) -> Session:
         knobs.append(LiveKnob(mode, "mode", float(rng.uniform(0.3, 3) / period)))
     start = LiveStart("set-point", "setpoint", 0.5, 3.0, rng.uniform(0.2, 3) / period, value=2.0)
     tags = [
-        Tag("level", "level", abort=(0.0, rng.uniform(1.8, 4.0))), Tag("valve", "valve", "input"),
+        Tag("level", "level", abort=(0.0, rng.uniform(1.8, 4.0))),
+        Tag("valve", "valve", "input"),
         Tag("level", "setpoint", "reference"),
-    ]  # fmt: skip
+    ]
     written = {p.node: p for p in (*(knob.written for knob in knobs), start)}
-    values = {"K": rng.uniform(0.5, 5), "T": 10.0, "mode": 2.0, "setpoint": 1.0,
-              "level": 1.0, "valve": 1.0}  # fmt: skip
+    values = {"K": rng.uniform(0.5, 5), "T": 10.0, "mode": 2.0, "setpoint": 1.0, "level": 1.0, "valve": 1.0}
     duration = period * int(rng.integers(5, 25))
     span = duration + 15 * period
-    down = tuple(
-        (t, t + rng.uniform(0.05, 8) * period) for t in rng.uniform(0, span, rng.integers(0, 4))
-    )
+    down = tuple((t, t + rng.uniform(0.05, 8) * period) for t in rng.uniform(0, span, rng.integers(0, 4)))
     killed_at = rng.uniform(0, span) if rng.random() < 0.2 else None
     world = World(rng, written, period, values, down, killed_at)
     rig = LiveRig(
-        world, tuple(knobs), tuple(tags), duration, period, (start,),
-        ready={"level": (0.5, 1.5)} if rng.random() < 0.3 else {}, ready_within=20 * period,
-        done={"level": (1.9, 2.1)} if rng.random() < 0.3 else {}, hold=2 * period,
+        world,
+        tuple(knobs),
+        tuple(tags),
+        duration,
+        period,
+        (start,),
+        ready={"level": (0.5, 1.5)} if rng.random() < 0.3 else {},
+        ready_within=20 * period,
+        done={"level": (1.9, 2.1)} if rng.random() < 0.3 else {},
+        hold=2 * period,
         journal=Journal(folder / f"{seed}.json"),
-    )  # fmt: skip
+    )
     theta = rig.space.decode(rng.random(len(knobs)))
     stops_at = rng.uniform(0, span) if rng.random() < 0.2 else np.inf
     return Session(world, rig, theta, stops_at, bool(rng.random() < 0.97))
@@ -204,9 +210,12 @@ def session(seed: int, folder: Path) -> str:
     old = {node: world.values[node] for node in world.written}
     try:
         driven: Driven | None = rig.drive(
-            found.theta, lambda changes: found.confirms, clock=world.clock, sleep=world.sleep,
+            found.theta,
+            lambda changes: found.confirms,
+            clock=world.clock,
+            sleep=world.sleep,
             stop=lambda: world.now >= found.stops_at,
-        )  # fmt: skip
+        )
     except Killed:
         driven = None
     _check_restored_soon(world, old, killed=world.killed_at if driven is None else None)
@@ -240,8 +249,9 @@ def _check_restored_soon(world: World, old: dict[str, float], killed: float | No
             steps = max(steps, ceil(way / step - 1e-6))
         # The first of the steps is among the two samples.
         until = regained + (2 + steps - 1) * world.period + 1e-6
-        again = any(start < until and end > regained for k, (start, end) in enumerate(world.down)
-                    if k != number)  # fmt: skip
+        again = any(
+            start < until and end > regained for k, (start, end) in enumerate(world.down) if k != number
+        )
         if again or (killed is not None and until > min(ends)):
             continue
         for node, value in old.items():

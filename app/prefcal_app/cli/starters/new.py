@@ -52,24 +52,25 @@ KINDS = {
     "controller": Starter("a plant and a controller of your own", "controller.py.txt"),
     "mpc": Starter("a plant and the MPC of prefcal", "mpc.py.txt"),
     "fmu": Starter(
-        "a closed loop in an FMU", "fmu.toml", ("FILE",),
+        "a closed loop in an FMU",
+        "fmu.toml",
+        ("FILE",),
         "Put the path of your FMU and the names of its parameters into it.",
     ),
     "rig": Starter("a plant that only you can run", "rig.toml", ("FILE",)),
     "opcua": Starter(
-        "a live plant behind OPC UA", "opcua.toml", ("FILE",),
+        "a live plant behind OPC UA",
+        "opcua.toml",
+        ("FILE",),
         "Put the address of your server and its nodes into it.",
     ),
-}  # fmt: skip
+}
 """Kinds by name, in the order of the help."""
 EPILOG = examples(
     ("new controller tank.py", "A tank and its PI controller, to replace by your own."),
     ("new fmu", "fmu.toml: an FMU, its knobs and references."),
     more="\n\n".join(
-        [
-            "[bold]Kinds[/bold]",
-            *(f"[cyan]{name:<11}[/cyan]{kind.about}" for name, kind in KINDS.items()),
-        ]
+        ["[bold]Kinds[/bold]", *(f"[cyan]{name:<11}[/cyan]{kind.about}" for name, kind in KINDS.items())]
     ),
 )
 
@@ -91,9 +92,7 @@ def new(
 
     if kind not in KINDS:
         hint = did_you_mean(kind, KINDS)
-        raise SettingsError(
-            f"a starter must be one of {', '.join(KINDS)}, got {kind!r}.{hint}".rstrip(".")
-        )
+        raise SettingsError(f"a starter must be one of {', '.join(KINDS)}, got {kind!r}.{hint}".rstrip("."))
     found = KINDS[kind]
     path = Path(f"{kind}{found.suffix}") if file is None else file
     if path.suffix != found.suffix:

@@ -29,8 +29,7 @@ _Scenario = Annotated[
     ),
 ]
 _Plant = Annotated[
-    str | None,
-    Option(metavar="FILE.py:NAME", help="Plant of a standard controller, as for calibrate."),
+    str | None, Option(metavar="FILE.py:NAME", help="Plant of a standard controller, as for calibrate.")
 ]
 
 
@@ -112,10 +111,7 @@ def rm(
 @_command(
     ("export mine", "Write mine.json, one file to pass on."),
     ("export mine --format csv --out tables", "Tables and curves for a spreadsheet."),
-    (
-        "export mine --format parquet --out tables",
-        "The same for pandas, polars or DuckDB.",
-    ),
+    ("export mine --format parquet --out tables", "The same for pandas, polars or DuckDB."),
 )
 def export(
     study: _Name,
@@ -129,9 +125,7 @@ def export(
     out: Annotated[
         Path | None,
         Option(
-            metavar="PATH",
-            help="File (json) or folder (csv, parquet).",
-            show_default="STUDY.json or ./STUDY",
+            metavar="PATH", help="File (json) or folder (csv, parquet).", show_default="STUDY.json or ./STUDY"
         ),
     ] = None,
 ) -> None:
@@ -141,19 +135,12 @@ def export(
     echo(f"Written: {export_study(study, format.value, out)}")
 
 
-@_command(
-    ("import mine.json --study second", "Make a study called second from an export."),
-    name="import",
-)
+@_command(("import mine.json --study second", "Make a study called second from an export."), name="import")
 def import_(
     file: Annotated[Path, Argument(metavar="FILE", help="JSON that `export` has written.")],
     study: Annotated[
         str | None,
-        Option(
-            metavar="NAME_OR_PATH",
-            help="Name or path of the new study.",
-            show_default="the file's name",
-        ),
+        Option(metavar="NAME_OR_PATH", help="Name or path of the new study.", show_default="the file's name"),
     ] = None,
 ) -> None:
     """Make a study from an exported file. It is only data: nothing in it is executed."""
@@ -166,8 +153,7 @@ def import_(
 def index(
     study: _Name,
     out: Annotated[
-        Path | None,
-        Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py"),
+        Path | None, Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py")
     ] = None,
     scenario: _Scenario = None,
     plant: _Plant = None,
@@ -208,9 +194,7 @@ def respace(
     knob: Annotated[
         _Texts, Option(metavar="KNOB=LOW:HIGH", help="Search this range, narrower or wider.")
     ] = None,
-    freeze: Annotated[
-        _Texts, Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")
-    ] = None,
+    freeze: Annotated[_Texts, Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")] = None,
     add: Annotated[
         _Texts,
         Option(

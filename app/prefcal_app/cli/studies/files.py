@@ -26,13 +26,7 @@ from prefcal_scenarios.described.options import words_to_resume
 from prefcal_scenarios.described.resuming import resumed_source
 from prefcal_scenarios.names import is_built_in, is_described
 from prefcal_scenarios.own.source import split_source
-from prefcal_scenarios.presentation.wording import (
-    earlier_text,
-    labeled,
-    mark_text,
-    number,
-    printable,
-)
+from prefcal_scenarios.presentation.wording import earlier_text, labeled, mark_text, number, printable
 
 
 def wall_clock() -> str:
@@ -215,14 +209,18 @@ def print_study(name: str, *, json: bool) -> None:
         state = file.state
     configuration = state.configuration
     content = {
-        "study": name, "file": str(path), **summary(state), "best": best_theta(state),
+        "study": name,
+        "file": str(path),
+        **summary(state),
+        "best": best_theta(state),
         "calibrator": configuration["options"]["calibrator"],
-        "agent": configuration["agent"]["agent"], "seed": configuration["seed"],
+        "agent": configuration["agent"]["agent"],
+        "seed": configuration["seed"],
         "versions": configuration["versions"],
         "questions": list(_answers(state)),
         "earlier": configuration.get("earlier"),
         "notes": [{"at": at, "text": text} for at, text in state.notes],
-    }  # fmt: skip
+    }
     if json:
         print(_dumps(content))
         return

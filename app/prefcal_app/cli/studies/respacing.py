@@ -59,11 +59,7 @@ def _event(state: State, scenario: KnobSpace, changes: Changes) -> tuple[Respace
     theirs = knobs_as_dicts(scenario)
     if space == old and state.configuration.get("scenario_knobs") in (None, theirs):
         raise SettingsError("nothing changes: give --knob, --freeze or --add")
-    content = {
-        "knobs": knobs_as_dicts(space),
-        "within": within_as_dict(space),
-        "scenario_knobs": theirs,
-    }
+    content = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space), "scenario_knobs": theirs}
     before = agent_state(state)
     then = before.configuration()
     now = moved(before, old, space, added).configuration()

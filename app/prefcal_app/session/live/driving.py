@@ -135,9 +135,12 @@ def _running(flow: Flow, rig: LiveRig, sample: Suggested) -> Attempt:
         result: Driven | Exception
         try:
             result = rig.drive(
-                theta, lambda changes: changes == agreed, stop=live.stop.is_set,
-                closing=live.closing.is_set, tell=live.tell,
-            )  # fmt: skip
+                theta,
+                lambda changes: changes == agreed,
+                stop=live.stop.is_set,
+                closing=live.closing.is_set,
+                tell=live.tell,
+            )
         except Exception as error:
             result = error
         return lambda: _finish(flow, sample, result)

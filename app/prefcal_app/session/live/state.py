@@ -101,6 +101,4 @@ class Live:
             thin = max(1, -(-len(self._curve) // _DRAWN))
             curve = tuple(self._curve[::thin])
             progress = self._progress
-        return LiveNow(
-            self.changes, self.problem, progress, curve, self.stop.is_set(), self.recovery
-        )
+        return LiveNow(self.changes, self.problem, progress, curve, self.stop.is_set(), self.recovery)

@@ -74,19 +74,11 @@ def _of_pages(pages: Pages) -> list[Route]:
 
 
 def _of_api(api: Api) -> list[Route]:
-    gets = {
-        "now": api.now,
-        "history/{answer}": api.asked,
-        "simulated": api.simulated,
-        "look": api.look,
-    }
+    gets = {"now": api.now, "history/{answer}": api.asked, "simulated": api.simulated, "look": api.look}
     posts = {"preview": api.preview, "record": api.record, "close": api.close}
     return [
         *(Route(f"/api/{name}", api.answering(do)) for name, do in gets.items()),
         *(Route(f"/api/{name}", api.answering(api.show, name)) for name in PLAIN),
         *(Route(f"/api/{name}", api.answering(do), methods=["POST"]) for name, do in posts.items()),
-        *(
-            Route(f"/api/{name}", api.answering(api.act, name), methods=["POST"])
-            for name in ACTIONS
-        ),
+        *(Route(f"/api/{name}", api.answering(api.act, name), methods=["POST"]) for name in ACTIONS),
     ]

@@ -37,8 +37,7 @@ class Assets:
         if plotly := _plotly():
             self._contents[PLOTLY] = plotly.read_bytes()
         self._tags = {
-            name: f'"{sha256(content).hexdigest()[:20]}"'
-            for name, content in self._contents.items()
+            name: f'"{sha256(content).hexdigest()[:20]}"' for name, content in self._contents.items()
         }
 
     def response(self, name: str, request: Request) -> Response:

@@ -63,9 +63,7 @@ NO_COOKIE = Refusal(
 )
 
 
-_LATE = Refusal(
-    408, f"This took longer than {BODY_SECONDS:g} s to arrive. Nothing was saved; send it again."
-)
+_LATE = Refusal(408, f"This took longer than {BODY_SECONDS:g} s to arrive. Nothing was saved; send it again.")
 
 
 def too_big(limit: int) -> Refusal:

@@ -76,9 +76,7 @@ class Window(Site):
         self._watch = Watch(interview)
         self._reports.changed = self._watch.wake
         seen = self._presence.seen
-        api = Api(
-            interview, self._reports, self._watch, self.closed, seen, again=again, command=command
-        )
+        api = Api(interview, self._reports, self._watch, self.closed, seen, again=again, command=command)
         super().__init__(partial(make_app, api, framed=framed), host=host, port=port)
 
     @property

@@ -85,8 +85,17 @@ def _connections() -> type[asyncio.Protocol]:
 def _config(app: Callable[..., object]) -> uvicorn.Config:
     """Return uvicorn settings: no log, and nothing taken from the environment or proxies."""
     return uvicorn.Config(
-        app, loop="asyncio", http=_connections(), ws="none", lifespan="off", log_config=None,
-        log_level="critical", access_log=False, proxy_headers=False, server_header=False,
-        h11_max_incomplete_event_size=LARGEST_HEAD, timeout_keep_alive=30,
+        app,
+        loop="asyncio",
+        http=_connections(),
+        ws="none",
+        lifespan="off",
+        log_config=None,
+        log_level="critical",
+        access_log=False,
+        proxy_headers=False,
+        server_header=False,
+        h11_max_incomplete_event_size=LARGEST_HEAD,
+        timeout_keep_alive=30,
         timeout_graceful_shutdown=_GRACE,
-    )  # fmt: skip
+    )

@@ -92,9 +92,7 @@ def curves(runs: Runs, rng: np.random.Generator) -> Eyes:
     return _nearest(runs, rng, chosen, [0.0] * count, 1.0)
 
 
-def _ordered(
-    runs: Runs, rng: np.random.Generator, names: tuple[str, ...], limited: list[bool]
-) -> Eyes:
+def _ordered(runs: Runs, rng: np.random.Generator, names: tuple[str, ...], limited: list[bool]) -> Eyes:
     sizes = [_size(runs, rng, name) for name in names]
     limits = [
         float(np.quantile(finished(runs, name), rng.uniform(*_LIMIT))) if has else -np.inf
@@ -109,11 +107,7 @@ def _ordered(
 
 
 def _nearest(
-    runs: Runs,
-    rng: np.random.Generator,
-    names: tuple[str, ...],
-    shares: list[float],
-    power: float,
+    runs: Runs, rng: np.random.Generator, names: tuple[str, ...], shares: list[float], power: float
 ) -> Eyes:
     wishes = tuple(
         Wish(
@@ -127,10 +121,7 @@ def _nearest(
 
 
 def _with_eyes(
-    judging: Callable[[float], Judgement],
-    runs: Runs,
-    rng: np.random.Generator,
-    part: float = 1.0,
+    judging: Callable[[float], Judgement], runs: Runs, rng: np.random.Generator, part: float = 1.0
 ) -> Eyes:
     """Return the person who cannot tell some pairs of the best runs apart.
 

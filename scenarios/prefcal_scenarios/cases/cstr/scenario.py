@@ -62,9 +62,7 @@ def lexicographic(seed: int = 0) -> Lexicographic:
         [
             Criterion("target missed by", _missed_by, 0.01),
             Criterion("time to steady state t_f [h]", partial(_kpi, "settling_time"), 0.5),
-            Criterion(
-                "mean square move [K²]", partial(_kpi, "mean_square_move"), just_noticeable=0.05
-            ),
+            Criterion("mean square move [K²]", partial(_kpi, "mean_square_move"), just_noticeable=0.05),
             Criterion("undershoot [kgmol/m³]", partial(_kpi, "undershoot"), 0.02),
         ]
     )
@@ -117,9 +115,13 @@ def make_tuning_env(
     options = {"x0": x0, "max_move": max_move, "plant": plant}
     cstr_env(**options)  # fail on wrong options now, not in the first experiment
     return TuningEnv(
-        sampled_at(SPACE, T_s), partial(run, **options), score=performance_index, panels=PANELS,
-        title=cstr.title, render_mode=render_mode,
-    )  # fmt: skip
+        sampled_at(SPACE, T_s),
+        partial(run, **options),
+        score=performance_index,
+        panels=PANELS,
+        title=cstr.title,
+        render_mode=render_mode,
+    )
 
 
 def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:

@@ -25,8 +25,7 @@ KPIS: Mapping[str, str] = {
     "largest_move": "Largest change of the coolant temperature from one sample to the next; the "
     "controller may use up to 10 K.",
     "mean_square_move": "Mean of the squared coolant moves: small means calm control.",
-    "peak_temperature": "Highest temperature in the reactor. Above 400 K a run is stopped as "
-    "unsafe.",
+    "peak_temperature": "Highest temperature in the reactor. Above 400 K a run is stopped as unsafe.",
     "undershoot": "How far C_A fell below its target of 2 on the way.",
     "band_entry": "When C_A entered the ±3 % band around its target for good.",
     "index": "The paper's score: duration, moves and final error in one number, lower is better. "

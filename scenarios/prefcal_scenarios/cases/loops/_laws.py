@@ -10,9 +10,7 @@ PID, CASCADE, FEEDBACK = range(3)
 """Kinds of laws."""
 
 # Columns of a row of PID gains.
-GAIN, INTEGRAL, DERIVATIVE, FILTER, WEIGHT, TRACKING, BIAS, LOW, HIGH, STAGES, HYSTERESIS = range(
-    11
-)
+GAIN, INTEGRAL, DERIVATIVE, FILTER, WEIGHT, TRACKING, BIAS, LOW, HIGH, STAGES, HYSTERESIS = range(11)
 # Columns of a row of the memory.
 _STARTED, _INTEGRATOR, _FILTERED, _OUTPUT = range(4)
 MEMORY = 4

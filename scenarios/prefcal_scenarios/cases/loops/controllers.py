@@ -103,9 +103,7 @@ class LQR:
         return np.hstack([K, [[u0[0], *course.limits[0]]]])
 
 
-def _row(
-    values: Values, suffix: str, sign: float, output: tuple[float, float, float]
-) -> list[float]:
+def _row(values: Values, suffix: str, sign: float, output: tuple[float, float, float]) -> list[float]:
     def value(name: str) -> float:
         plain = values.get(name, _DEFAULTS.get(name, np.nan))
         return float(values.get(f"{name}{suffix}", plain))

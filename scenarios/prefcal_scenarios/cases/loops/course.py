@@ -70,9 +70,7 @@ def by_law(law: int, gains: Float[np.ndarray, "r c"], course: Course) -> Trace:
         (course.x0, course.u0, course.safe),
     )
     steps = len(range(0, max(valid - 1, 0), course.hold))  # the last instant decides none
-    return Trace(
-        x[:valid], u[:valid], np.zeros(steps, np.int64), np.zeros(steps), np.ones(steps, np.bool_)
-    )
+    return Trace(x[:valid], u[:valid], np.zeros(steps, np.int64), np.zeros(steps), np.ones(steps, np.bool_))
 
 
 def by_controller(
@@ -103,9 +101,8 @@ def by_controller(
         last = min(k + course.hold, count - 1)
         u[k : last + 1] = now
         valid, stopped = advance(
-            plant, course.step, course.delay, (k, last),
-            (x, u, course.u0, course.disturbance), course.safe,
-        )  # fmt: skip
+            plant, course.step, course.delay, (k, last), (x, u, course.u0, course.disturbance), course.safe
+        )
         if stopped:
             break
     iterations, solve_time, solved = zip(*steps, strict=True)

@@ -31,21 +31,40 @@ def kpis_of(
     """
     y, unit = controlled.name, controlled.unit
     rows = [
-        ("overshoot", f"overshoot of {y}", "%",
-         "How far it goes beyond its target, as a share of the step."),
-        ("settling_time", f"settling time of {y} (within ±5 %)", time_unit,
-         "Time after which it stays close to its target, until the disturbance."),
-        ("error", f"integrated error of {y}", f"{unit} {time_unit}".strip(),
-         "Integral of the absolute error over the run."),
-        ("disturbance_peak", f"peak error of {y} after the disturbance", unit,
-         "Largest distance from the target after the disturbance."),
-        ("effort", f"effort of {u.name}", u.unit,
-         "Root mean square distance of the input from its value at the start."),
+        ("overshoot", f"overshoot of {y}", "%", "How far it goes beyond its target, as a share of the step."),
+        (
+            "settling_time",
+            f"settling time of {y} (within ±5 %)",
+            time_unit,
+            "Time after which it stays close to its target, until the disturbance.",
+        ),
+        (
+            "error",
+            f"integrated error of {y}",
+            f"{unit} {time_unit}".strip(),
+            "Integral of the absolute error over the run.",
+        ),
+        (
+            "disturbance_peak",
+            f"peak error of {y} after the disturbance",
+            unit,
+            "Largest distance from the target after the disturbance.",
+        ),
+        (
+            "effort",
+            f"effort of {u.name}",
+            u.unit,
+            "Root mean square distance of the input from its value at the start.",
+        ),
         ("switches", f"switches of {u.name}", "", "How often the input changes its stage.")
-        if staged else
-        ("input_noise", f"noise in {u.name}", u.unit,
-         "How much the input moves in a sampling period of normal length."),
-    ]  # fmt: skip
+        if staged
+        else (
+            "input_noise",
+            f"noise in {u.name}",
+            u.unit,
+            "How much the input moves in a sampling period of normal length.",
+        ),
+    ]
     if beside is not None:
         about = "Largest distance from its value at the start."
         rows.append(("side_effect", f"peak of {beside.name} after the step", beside.unit, about))
@@ -60,11 +79,7 @@ def kpis_of(
 
 
 def compute_kpis(
-    experiment: Experiment,
-    disturbed_at: float,
-    u0: float,
-    beside: int | None,
-    pace: float = 1.0,
+    experiment: Experiment, disturbed_at: float, u0: float, beside: int | None, pace: float = 1.0
 ) -> dict[str, float]:
     """Return the values of all KPIs, in their units; an infinite time means never.
 

@@ -121,10 +121,7 @@ class Loop:
     def channels(self) -> Channels:
         """Channels of an experiment."""
         outputs = zip(self.measured[: self.controlled], self.task.target, strict=False)
-        y = tuple(
-            Channel(self.states[i].name, self.states[i].unit, target=target)
-            for i, target in outputs
-        )
+        y = tuple(Channel(self.states[i].name, self.states[i].unit, target=target) for i, target in outputs)
         return Channels(self.states, self.inputs, y, self.timing.unit)
 
     @property
@@ -227,13 +224,19 @@ class Loop:
         """Return the record with its KPIs; it is empty if there was no controller."""
         timing, steps = self.timing, hold * np.arange(len(driven.solved))
         bare = Experiment(
-            theta=theta, t=np.arange(len(driven.x)) * timing.step,
-            x=driven.x, u=driven.u,
-            t_control=steps * timing.step, u_control=driven.u[steps],
+            theta=theta,
+            t=np.arange(len(driven.x)) * timing.step,
+            x=driven.x,
+            u=driven.u,
+            t_control=steps * timing.step,
+            u_control=driven.u[steps],
             y_ref=self.task.reference(steps * timing.step)[:, : self.controlled],
-            iterations=driven.iterations, solve_time=driven.solve_time, solved=driven.solved,
-            channels=self.channels, end=self.end(driven.x),
-        )  # fmt: skip
+            iterations=driven.iterations,
+            solve_time=driven.solve_time,
+            solved=driven.solved,
+            channels=self.channels,
+            end=self.end(driven.x),
+        )
         if len(steps) == 0:
             return bare
         pace = timing.T_s / (hold * timing.step)

@@ -105,16 +105,18 @@ class MPC:
         weights = [values.get(f"Q_{i}", 0.0) for i in range(1, len(self.scales) + 1)]
         N_p = int(values["N_p"])
         settings = MPCSettings(
-            T_s=course.T_s, N_p=N_p, N_u=min(int(values["N_u"]), N_p),
+            T_s=course.T_s,
+            N_p=N_p,
+            N_u=min(int(values["N_u"]), N_p),
             Q_y=np.diag(np.array(weights) / np.square(self.scales)),
             Q_du=np.diag(values["Q_du"] / np.square(self.moves)),
-        )  # fmt: skip
-        offsets = [self.scales[i] for i in self.on_outputs] + [
-            self.moves[j] for j in self.on_inputs
-        ]
+        )
+        offsets = [self.scales[i] for i in self.on_outputs] + [self.moves[j] for j in self.on_inputs]
         estimator = EstimatorSettings(
-            noise=self.noise, process=self.process,
+            noise=self.noise,
+            process=self.process,
             drift=tuple(values["drift"] * scale for scale in offsets),
-            on_outputs=self.on_outputs, on_inputs=self.on_inputs,
-        )  # fmt: skip
+            on_outputs=self.on_outputs,
+            on_inputs=self.on_inputs,
+        )
         return EstimatingMPC(LoopModel(course), settings, estimator)

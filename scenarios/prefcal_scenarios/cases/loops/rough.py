@@ -116,9 +116,7 @@ def _within(loop: Loop, room: float) -> Loop:
     (low, high), first = _targets(loop), loop.measured[0]
     states = list(loop.states)
     states[first] = replace(
-        states[first],
-        low=max(states[first].low, low - room),
-        high=min(states[first].high, high + room),
+        states[first], low=max(states[first].low, low - room), high=min(states[first].high, high + room)
     )
     return replace(loop, states=tuple(states))
 
@@ -163,9 +161,7 @@ def _actuators(
 ) -> tuple[Actuator, ...]:
     found = []
     for channel, size in zip(loop.inputs, usual, strict=True):
-        stiction, backlash, step = (
-            size * _draw(rng, share) for share in (_STICTION, _BACKLASH, _STEPS)
-        )
+        stiction, backlash, step = (size * _draw(rng, share) for share in (_STICTION, _BACKLASH, _STEPS))
         whole = channel.high - channel.low
         steps = 0.0 if loop.staged else whole / max(round(whole / step), 2)
         kept = rng.random(3) < _OFTEN

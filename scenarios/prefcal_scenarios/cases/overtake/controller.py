@@ -69,10 +69,7 @@ STEERING_LIMITS: Mapping[str, Fixed] = {
 
 
 def mpc_settings(
-    theta: Float[np.ndarray, " 5"],
-    phase: Phase,
-    fixed: Fixed = PAPER,
-    space: KnobSpace = SPACE,
+    theta: Float[np.ndarray, " 5"], phase: Phase, fixed: Fixed = PAPER, space: KnobSpace = SPACE
 ) -> MPCSettings:
     """Return MPC settings of one phase, θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22).
 
@@ -93,22 +90,25 @@ def _settings(theta: tuple[float, ...], phase: Phase, fixed: Fixed) -> MPCSettin
     beside = MIN_LATERAL_DISTANCE if overtaking else -inf
     steering_move = min(fixed.steering_rate * T_s, fixed.steering_move)
     return MPCSettings(
-        T_s=T_s, N_p=int(N_p), N_u=control_horizon(share, int(N_p)),
-        Q_y=np.diag([1.0, 1.0, 0.0]), Q_u=np.zeros((2, 2)),
+        T_s=T_s,
+        N_p=int(N_p),
+        N_u=control_horizon(share, int(N_p)),
+        Q_y=np.diag([1.0, 1.0, 0.0]),
+        Q_u=np.zeros((2, 2)),
         Q_du=np.diag([10.0**log_q11, 10.0**log_q22]),
-        u_min=[low, -_ANGLE], u_max=[high, _ANGLE],
-        du_min=[-inf, -steering_move], du_max=[inf, steering_move],
-        y_min=[-inf, beside, -_ANGLE], y_max=[inf, inf, _ANGLE],
-        Q_eps=fixed.Q_eps, softness=(1.0, 1.0, 1.0),
+        u_min=[low, -_ANGLE],
+        u_max=[high, _ANGLE],
+        du_min=[-inf, -steering_move],
+        du_max=[inf, steering_move],
+        y_min=[-inf, beside, -_ANGLE],
+        y_max=[inf, inf, _ANGLE],
+        Q_eps=fixed.Q_eps,
+        softness=(1.0, 1.0, 1.0),
         backend="piqp",  # t_comp is modeled from its iterations (`computation_time`)
-    )  # fmt: skip
+    )
 
 
-def controller(
-    theta: Float[np.ndarray, " 5"],
-    fixed: Fixed = PAPER,
-    space: KnobSpace = SPACE,
-) -> Supervisor:
+def controller(theta: Float[np.ndarray, " 5"], fixed: Fixed = PAPER, space: KnobSpace = SPACE) -> Supervisor:
     """Create a supervised MPC tuned by θ, shape (5,), physical. Raises like `mpc_settings`."""
     tuned = {phase: mpc_settings(theta, phase, fixed, space) for phase in Phase}
     return Supervisor(tuned)
@@ -118,7 +118,4 @@ def settings(
     theta: Float[np.ndarray, " 5"], fixed: Fixed = PAPER, space: KnobSpace = SPACE
 ) -> dict[str, Any]:
     """Return the MPC settings as plain data, by name of the phase."""
-    return {
-        p.name.lower().replace("_", " "): mpc_settings(theta, p, fixed, space).named()
-        for p in Phase
-    }
+    return {p.name.lower().replace("_", " "): mpc_settings(theta, p, fixed, space).named() for p in Phase}

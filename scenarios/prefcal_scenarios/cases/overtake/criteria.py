@@ -29,9 +29,7 @@ def calibrator(seed: int = 0) -> Lexicographic:
             Criterion("(iii) off the road by [m]", _kpi("off_road")),
             Criterion("(iii) overshoot of y_f [m]", _kpi("overshoot"), 0.05),
             Criterion("(ii) |y_f| in lane keeping [m]", _kpi("lane_deviation"), 0.05),
-            Criterion(
-                "(iii) largest lateral acceleration [m/s²]", _kpi("lateral_acceleration"), 1.0
-            ),
+            Criterion("(iii) largest lateral acceleration [m/s²]", _kpi("lateral_acceleration"), 1.0),
             Criterion("(iii) RMS lateral jerk [m/s³]", _kpi("lateral_jerk_rms"), 1.0),
             Criterion("(iv) RMS error of v [km/h]", _kpi("speed_error"), 0.2),
             Criterion("(iv) total variation of v [km/h]", _kpi("speed_variation"), 1.0),

@@ -26,10 +26,7 @@ SHORTEST_DISTANCE = MIN_LATERAL_DISTANCE - 0.1
 
 KPIS = (
     KPI("t_comp_ratio", "worst t_comp / T_s", at_most=1.0),
-    KPI(
-        "lateral_distance", "smallest lateral distance beside the obstacle", "m",
-        at_least=SHORTEST_DISTANCE,
-    ),
+    KPI("lateral_distance", "smallest lateral distance beside the obstacle", "m", at_least=SHORTEST_DISTANCE),
     KPI("path_peak", "largest y_f", "m", better="lower"),
     KPI("t_comp_worst", "worst t_comp, modeled", "s", better="lower"),
     KPI("t_comp_99", "t_comp, 99th percentile, modeled", "s", better="lower"),
@@ -51,7 +48,7 @@ KPIS = (
     KPI("steering_rate", "largest rate of δ_s", "°/s", better="lower"),
     KPI("steering_rate_rms", "RMS rate of δ_s", "°/s", better="lower"),
     KPI("unsolved", "unsolved QPs", at_most=0.0),
-)  # fmt: skip
+)
 """KPIs, most important first. An infinite time means never, an infinite distance no obstacle."""
 
 

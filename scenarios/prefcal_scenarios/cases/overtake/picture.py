@@ -9,24 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from prefcal_env.envs.overtake.geometry import corners
-from prefcal_env.envs.overtake.rules import (
-    KEEPING_SPEEDS,
-    LANE_WIDTH,
-    LENGTH,
-    OVERTAKING_SPEEDS,
-)
+from prefcal_env.envs.overtake.rules import KEEPING_SPEEDS, LANE_WIDTH, LENGTH, OVERTAKING_SPEEDS
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plants.bicycle import KMH
-from prefcal_scenarios.presentation.style import (
-    BEST,
-    FAINT,
-    FIRST,
-    GOOD,
-    LIMIT,
-    OTHERS,
-    canvas,
-)
+from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, canvas
 from prefcal_scenarios.presentation.wording import mathtext, number, quantity, theta_text
 from prefcal_scenarios.scenario import Picture
 
@@ -97,9 +84,7 @@ def _computing(experiment: Experiment) -> str:
 
 
 def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
-    axes.annotate(
-        text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look
-    )
+    axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
 def _path(axes: Axes, run: ShownDrive) -> None:

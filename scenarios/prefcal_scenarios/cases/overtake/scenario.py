@@ -27,11 +27,16 @@ from .kpis import KPIS, compute_kpis
 PANELS = (
     Panel("lateral position", reference="lateral_reference"),
     Panel(
-        "speed", unit="km/h", low=40.0, high=70.0, scale=1 / KMH,
-        reference="speed_reference", low_signal="speed_low",
+        "speed",
+        unit="km/h",
+        low=40.0,
+        high=70.0,
+        scale=1 / KMH,
+        reference="speed_reference",
+        low_signal="speed_low",
     ),
     Panel("steering angle", unit="°", low=-45.0, high=45.0, scale=180 / np.pi),
-)  # fmt: skip
+)
 """Panels over time, in the units of the paper's figures, with references and limits."""
 REFERENCES = {"paper, preferences": np.array([0.085, 0.31, 16.0, 0.261, 0.918])}
 
@@ -71,9 +76,7 @@ def _configured(config: Mapping[str, Any]) -> Scenario:
     scene = dict(config)
     limit = scene.pop("steering_limit", "per second")
     if limit not in STEERING_LIMITS:
-        raise SettingsError(
-            f"steering_limit must be one of {sorted(STEERING_LIMITS)}, got {limit!r}"
-        )
+        raise SettingsError(f"steering_limit must be one of {sorted(STEERING_LIMITS)}, got {limit!r}")
     fixed = STEERING_LIMITS[limit]
     return replace(
         overtake,
@@ -129,9 +132,8 @@ def make_tuning_env(
     changes = dict(config or {}) if x0 is None else dict(config or {}, x0=x0)
     scenario = _configured(changes) if changes else overtake
     return TuningEnv(
-        sampled_at(SPACE, T_s), scenario.run, panels=PANELS, title=overtake.title,
-        render_mode=render_mode,
-    )  # fmt: skip
+        sampled_at(SPACE, T_s), scenario.run, panels=PANELS, title=overtake.title, render_mode=render_mode
+    )
 
 
 def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:

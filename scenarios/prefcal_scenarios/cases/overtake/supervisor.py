@@ -52,9 +52,7 @@ class Supervisor:
         self._mpc = {phase: LinearMPC(Bicycle(), settings[phase]) for phase in Phase}
         self._ahead = {
             Phase.LANE_KEEPING: _ahead(settings[Phase.LANE_KEEPING], KEEPING_SPEED, 0.0),
-            Phase.OVERTAKING: _ahead(
-                settings[Phase.OVERTAKING], OVERTAKING_SPEED, MIN_LATERAL_DISTANCE
-            ),
+            Phase.OVERTAKING: _ahead(settings[Phase.OVERTAKING], OVERTAKING_SPEED, MIN_LATERAL_DISTANCE),
         }
         self._phase, self._y_o = Phase.LANE_KEEPING, 0.0
 
@@ -76,9 +74,7 @@ class Supervisor:
         """
         m = measurement
         if m.d.ndim != 1 or len(m.d) % 3:
-            raise PlantError(
-                f"d must hold x_o, y_o and v_o of each obstacle, shape (3 n,), got {m.d.shape}"
-            )
+            raise PlantError(f"d must hold x_o, y_o and v_o of each obstacle, shape (3 n,), got {m.d.shape}")
         obstacles = m.d.reshape(-1, 3)
         x_f, y_f, yaw = m.x.tolist()
         phase = next_phase(self._phase, x_f, obstacles)

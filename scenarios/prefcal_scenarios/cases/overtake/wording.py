@@ -25,8 +25,7 @@ KPIS: Mapping[str, str] = {
     "Above 1 the controller is too slow to run in real time.",
     "lateral_distance": "Smallest sideways distance between the center lines of the two cars "
     "while they are side by side. The reference is 3 m.",
-    "path_peak": "Largest distance from the center of the car's lane; the target while passing "
-    "is 3 m.",
+    "path_peak": "Largest distance from the center of the car's lane; the target while passing is 3 m.",
     "t_comp_worst": "Longest computation of one control step, modeled for one processor.",
     "t_comp_99": "Computation time that 99 % of the steps stay below, modeled in the same way.",
     "collision": "Whether the car touched the other one (1) or not (0).",

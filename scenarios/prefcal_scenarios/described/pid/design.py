@@ -148,10 +148,7 @@ def design(
 
 
 def settling(
-    M: Float[np.ndarray, "n n"],
-    drive: Float[np.ndarray, "n 2"],
-    rows: Float[np.ndarray, "2 n"],
-    T_s: float,
+    M: Float[np.ndarray, "n n"], drive: Float[np.ndarray, "n 2"], rows: Float[np.ndarray, "2 n"], T_s: float
 ) -> tuple[float, float, float]:
     """Return the time until step and load have settled, the load's peak and the largest input.
 
@@ -182,9 +179,7 @@ def settling(
     raise FloatingPointError("the loop does not settle")
 
 
-def pairs_of(
-    plant: Plant, J: LinearSystem, outputs: tuple[int, ...]
-) -> tuple[tuple[int, int], ...]:
+def pairs_of(plant: Plant, J: LinearSystem, outputs: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
     """Return (output, input) of each loop, paired by the relative gain array near rest.
 
     Of all pairings with positive relative gains, the one whose gains are closest to 1.
@@ -273,9 +268,14 @@ def _scale(process: Process) -> float:
 
 
 def _single(
-    plant: Plant, point: OperatingPoint, T_s: float, i: int, j: int, process: Process,
+    plant: Plant,
+    point: OperatingPoint,
+    T_s: float,
+    i: int,
+    j: int,
+    process: Process,
     reference: Mapping[str, float],
-) -> Single:  # fmt: skip
+) -> Single:
     """Return the loop from input j to output i: its target, and limits of its input.
 
     The target is given, or what a fifth of the input's range achieves; without limits, the input

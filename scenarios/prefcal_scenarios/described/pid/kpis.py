@@ -62,9 +62,8 @@ class Measure:
 
 
 def _until(
-    t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], part: np.ndarray, start: float,
-    end: float,
-) -> float:  # fmt: skip
+    t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], part: np.ndarray, start: float, end: float
+) -> float:
     """Return the time from `start` on until the error stays in the band; infinite for never."""
     if not part.any() or t[-1] < end * (1 - 1e-6) - 1e-9:
         return np.inf
@@ -73,9 +72,7 @@ def _until(
     return float(instants[last + 1] - start) if last + 1 < len(instants) else np.inf
 
 
-def kpis_of(
-    design: Design, outputs: tuple[Channel, ...], time: str, robust: float
-) -> tuple[KPI, ...]:
+def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
     """Return the KPIs, in order of importance; all are better if lower.
 
     Args:
@@ -88,18 +85,39 @@ def kpis_of(
     for k, loop in enumerate(design.loops):
         end, y, u = design.suffix(k), outputs[loop.output], loop.channel
         found += [
-            _lower(f"settling_time{end}", f"settling time of {y.name} (within ±5 %)", time,
-                   "Time after which it stays close to its reference."),
-            _lower(f"overshoot{end}", f"overshoot of {y.name}", "%",
-                   "How far it goes beyond its reference, as a share of the step.", resolution=0.1),
-            _lower(f"disturbance_peak{end}", f"peak error of {y.name} under the load", y.unit,
-                   "Largest distance from the reference after the load sets in."),
-            _lower(f"recovery{end}", f"recovery time of {y.name} (within ±5 %)", time,
-                   "Time from the load until it stays close to its reference again; never, if it "
-                   "was not close when the load came."),
-            _lower(f"total_move{end}", f"total move of {u.name}", u.unit,
-                   "Sum of all changes of the input: wear of the actuator."),
-        ]  # fmt: skip
+            _lower(
+                f"settling_time{end}",
+                f"settling time of {y.name} (within ±5 %)",
+                time,
+                "Time after which it stays close to its reference.",
+            ),
+            _lower(
+                f"overshoot{end}",
+                f"overshoot of {y.name}",
+                "%",
+                "How far it goes beyond its reference, as a share of the step.",
+                resolution=0.1,
+            ),
+            _lower(
+                f"disturbance_peak{end}",
+                f"peak error of {y.name} under the load",
+                y.unit,
+                "Largest distance from the reference after the load sets in.",
+            ),
+            _lower(
+                f"recovery{end}",
+                f"recovery time of {y.name} (within ±5 %)",
+                time,
+                "Time from the load until it stays close to its reference again; never, if it "
+                "was not close when the load came.",
+            ),
+            _lower(
+                f"total_move{end}",
+                f"total move of {u.name}",
+                u.unit,
+                "Sum of all changes of the input: wear of the actuator.",
+            ),
+        ]
     about = (
         "Largest amplification of disturbances at any frequency, by the linearized loop: 1.2 to 2 "
         "is usual, a large one is close to instability."

@@ -141,9 +141,13 @@ def _joint(held: Held, x: X) -> OperatingPoint | None:
     try:
         with np.errstate(all="ignore"):
             found = least_squares(
-                lambda v: motion(plant, v[:n], v[n:], d)[0], start, bounds=(low, high),
-                xtol=1e-14, ftol=1e-14, gtol=1e-14,
-            )  # fmt: skip
+                lambda v: motion(plant, v[:n], v[n:], d)[0],
+                start,
+                bounds=(low, high),
+                xtol=1e-14,
+                ftol=1e-14,
+                gtol=1e-14,
+            )
     except (ArithmeticError, ValueError):
         return None
     point = OperatingPoint(found.x[:n], found.x[n:], d)

@@ -69,12 +69,7 @@ def theta_of(space: KnobSpace, values: Sequence[float]) -> Float[np.ndarray, " n
 
 
 def scenario_of_steps(
-    plant: Plant,
-    found: Design,
-    make: Make,
-    space: KnobSpace,
-    sensitivity: Sensitivity,
-    **said: Any,
+    plant: Plant, found: Design, make: Make, space: KnobSpace, sensitivity: Sensitivity, **said: Any
 ) -> Scenario:
     """Return the scenario of a plant and its controllers.
 

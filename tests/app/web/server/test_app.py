@@ -14,9 +14,7 @@ LEFT, RIGHT = Choice.LEFT, Choice.RIGHT
 
 
 def verdict(room, **changes):
-    return {
-        "question": room.question(), "choice": "left", "comment": "", "blind": False, **changes
-    }  # fmt: skip
+    return {"question": room.question(), "choice": "left", "comment": "", "blind": False, **changes}
 
 
 def test_now_shows_the_open_question(room):
@@ -35,9 +33,7 @@ def test_forty_polls_wake_with_an_answer_that_they_do_not_hold_up(toy, static):
 
     async def meet() -> list[httpx.Response]:
         async with room.page().client() as client:
-            polls = [
-                asyncio.create_task(client.get(f"/api/now?after={version}")) for _ in range(60)
-            ]
+            polls = [asyncio.create_task(client.get(f"/api/now?after={version}")) for _ in range(60)]
             while len(room.seen) < 60:  # all of them are in
                 await asyncio.sleep(0)
             answered = await client.post("/api/answer", json=verdict(room))

@@ -29,13 +29,13 @@ def found(monkeypatch, browser):
 @pytest.mark.parametrize(
     ("environ", "platform", "opens"),
     [
-        (SCREEN, "linux", True), ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
-        ({"DISPLAY": ""}, "linux", False), ({}, "darwin", True),
+        (SCREEN, "linux", True),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
+        ({"DISPLAY": ""}, "linux", False),
+        ({}, "darwin", True),
     ],
-)  # fmt: skip
-def test_a_graphical_browser_is_opened_where_there_is_a_display(
-    monkeypatch, environ, platform, opens
-):
+)
+def test_a_graphical_browser_is_opened_where_there_is_a_display(monkeypatch, environ, platform, opens):
     browser = found(monkeypatch, Graphical())
     assert open_browser("http://x/", environ=environ, platform=platform) is opens
     assert browser.opened == ["http://x/"] * opens

@@ -28,8 +28,7 @@ def test_plotly_comes_from_the_installed_package(room):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["notes.txt", "../index.html", "%2e%2e%2findex.html", "..%5cindex.html", "%00", "main.js%00"],
+    "name", ["notes.txt", "../index.html", "%2e%2e%2findex.html", "..%5cindex.html", "%00", "main.js%00"]
 )
 def test_only_the_files_of_the_page_are_there(room, name):
     assert room.page().get(f"/static/{name}").status_code == 404
@@ -52,9 +51,7 @@ def test_the_report_is_there_once_it_is_written(room, tmp_path):
     assert policy.startswith("sandbox allow-popups; default-src 'none'")
     assert "allow-same-origin" not in policy
     assert room.page(cookie="").get("/report/b.html").status_code == 401
-    for name in (
-        "c.py", ".d.json", "e.svg", "link.json", "folder.png", "%2e%2e%2fsecret.json", "z.png",
-    ):  # fmt: skip
+    for name in ("c.py", ".d.json", "e.svg", "link.json", "folder.png", "%2e%2e%2fsecret.json", "z.png"):
         assert page.get(f"/report/{name}").status_code == 404
 
 

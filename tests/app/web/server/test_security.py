@@ -16,9 +16,7 @@ def room(shared_room):
 
 
 def answer(room, **changes):
-    return {
-        "question": room.question(), "choice": "left", "comment": "", "blind": False, **changes
-    }  # fmt: skip
+    return {"question": room.question(), "choice": "left", "comment": "", "blind": False, **changes}
 
 
 def untouched(room, ask):
@@ -32,11 +30,20 @@ def untouched(room, ask):
 @pytest.mark.parametrize(
     "host",
     [
-        "evil.example", f"evil.example:{PORT}", "127.0.0.1", f"127.0.0.1:{PORT + 1}", "",
-        f"127.0.0.1.evil.example:{PORT}", f"localhost:{PORT}:{PORT}", f"127.0.0.1:{PORT}x",
-        f"192.168.0.9:{PORT}", f"evil@127.0.0.1:{PORT}", "127.0.0.1:\u0661", f"[::2]:{PORT}",
+        "evil.example",
+        f"evil.example:{PORT}",
+        "127.0.0.1",
+        f"127.0.0.1:{PORT + 1}",
+        "",
+        f"127.0.0.1.evil.example:{PORT}",
+        f"localhost:{PORT}:{PORT}",
+        f"127.0.0.1:{PORT}x",
+        f"192.168.0.9:{PORT}",
+        f"evil@127.0.0.1:{PORT}",
+        "127.0.0.1:\u0661",
+        f"[::2]:{PORT}",
     ],
-)  # fmt: skip
+)
 def test_a_foreign_name_is_refused_even_with_the_cookie(room, host):
     given = {"cookie": COOKIE, "host": host.encode("utf-8")}
     page = room.page()
@@ -53,10 +60,17 @@ def test_the_names_of_the_loopback_device_are_ours(room, host):
 @pytest.mark.parametrize(
     "origin",
     [
-        "null", "http://evil.example", f"https://{HOST}", "http://127.0.0.1", f"{ORIGIN}/",
-        f"http://127.0.0.1:{PORT + 1}", f"http://localhost:{PORT}", ORIGIN + ".evil.example", "*",
+        "null",
+        "http://evil.example",
+        f"https://{HOST}",
+        "http://127.0.0.1",
+        f"{ORIGIN}/",
+        f"http://127.0.0.1:{PORT + 1}",
+        f"http://localhost:{PORT}",
+        ORIGIN + ".evil.example",
+        "*",
     ],
-)  # fmt: skip
+)
 def test_a_foreign_origin_is_refused(room, origin):
     page = room.page(origin=origin)
     response = untouched(room, lambda: page.post("/api/answer", json=answer(room)))
@@ -75,11 +89,17 @@ def test_a_post_without_an_origin_is_refused(room):
 @pytest.mark.parametrize(
     "cookie",
     [
-        "", f"prefcal_{PORT}=", f"prefcal_{PORT}={TOKEN}x", f"prefcal_{PORT}={TOKEN[:-1]}",
-        f"prefcal_{PORT + 1}={TOKEN}", f"prefcal={TOKEN}", TOKEN, f"x=prefcal_{PORT}={TOKEN}",
+        "",
+        f"prefcal_{PORT}=",
+        f"prefcal_{PORT}={TOKEN}x",
+        f"prefcal_{PORT}={TOKEN[:-1]}",
+        f"prefcal_{PORT + 1}={TOKEN}",
+        f"prefcal={TOKEN}",
+        TOKEN,
+        f"x=prefcal_{PORT}={TOKEN}",
         f"prefcal_{PORT}={TOKEN.upper()}",
     ],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("path", ["/", "/api/now", "/static/main.js", "/report/x.png", "/nowhere"])
 def test_without_the_cookie_nothing_is_shown_but_a_sentence(room, cookie, path):
     response = room.page(cookie=cookie).get(path)
@@ -107,9 +127,7 @@ def test_the_link_gives_the_cookie_and_the_page(room):
     assert parts == {f"prefcal_{PORT}={TOKEN}", "HttpOnly", "SameSite=Strict", "Path=/"}
 
 
-@pytest.mark.parametrize(
-    "token", ["wrong", TOKEN + "x", "%C3%A9", "%00", "%ff", "%2e%2e", "the-toke"]
-)
+@pytest.mark.parametrize("token", ["wrong", TOKEN + "x", "%C3%A9", "%00", "%ff", "%2e%2e", "the-toke"])
 def test_a_wrong_link_is_refused(room, token):
     response = room.page().get(f"/open/{token}")
     assert response.status_code in (401, 404)
@@ -119,12 +137,20 @@ def test_a_wrong_link_is_refused(room, token):
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [
-        ("GET", "/", 200), ("GET", f"/open/{TOKEN}", 200), ("GET", "/api/now", 200),
-        ("GET", "/static/main.js", 200), ("GET", "/nowhere", 404), ("GET", "/api/nowhere", 404),
-        ("GET", "/api/answer", 405), ("POST", "/api/answer", 415), ("PUT", "/api/answer", 405),
-        ("OPTIONS", "/api/answer", 405), ("TRACE", "/", 405), ("DELETE", "/", 405),
+        ("GET", "/", 200),
+        ("GET", f"/open/{TOKEN}", 200),
+        ("GET", "/api/now", 200),
+        ("GET", "/static/main.js", 200),
+        ("GET", "/nowhere", 404),
+        ("GET", "/api/nowhere", 404),
+        ("GET", "/api/answer", 405),
+        ("POST", "/api/answer", 415),
+        ("PUT", "/api/answer", 405),
+        ("OPTIONS", "/api/answer", 405),
+        ("TRACE", "/", 405),
+        ("DELETE", "/", 405),
     ],
-)  # fmt: skip
+)
 def test_every_response_bears_the_policy_and_is_not_kept(room, method, path, status):
     response = room.page().request(method, path)
     assert response.status_code == status
@@ -166,9 +192,7 @@ OURS = [HOSTS, ORIGINS, COOKIES]
         ("GET", "/api/now", [*OURS, *((f"x-{i}", "y" * 1000) for i in range(40))], 431),
     ],
 )
-def test_what_no_browser_sends_is_refused_before_its_body_is_read(
-    room, method, path, headers, status
-):
+def test_what_no_browser_sends_is_refused_before_its_body_is_read(room, method, path, headers, status):
     assert bare(room, method, path, headers, chunks=None) == status
 
 
@@ -214,10 +238,16 @@ def bare(room, method, path, headers, chunks=(b"{}",), *, type_="http"):
     """Status of a request that no client library would send; None if there is no response."""
     path, _, query = path.partition("?")
     scope = {
-        "type": type_, "http_version": "1.1", "method": method, "path": path, "root_path": "",
-        "raw_path": path.encode(), "query_string": query.encode(), "scheme": "http",
+        "type": type_,
+        "http_version": "1.1",
+        "method": method,
+        "path": path,
+        "root_path": "",
+        "raw_path": path.encode(),
+        "query_string": query.encode(),
+        "scheme": "http",
         "headers": [(k.encode(), v.encode("utf-8")) for k, v in headers],
-    }  # fmt: skip
+    }
     sent, left = [], None if chunks is None else iter(chunks)
 
     async def receive():

@@ -144,8 +144,7 @@ def test_a_page_that_waits_is_there_until_its_wait_ends(toy):
     now = [0.0]
     window = Window(begun, clock=lambda: now[0])
     with window, page(window) as browser:
-        poll = threading.Thread(target=browser.get, args=("/api/now",),
-                                kwargs={"params": {"after": version}})  # fmt: skip
+        poll = threading.Thread(target=browser.get, args=("/api/now",), kwargs={"params": {"after": version}})
         poll.start()
         while window.waiting < 1:
             time.sleep(0)

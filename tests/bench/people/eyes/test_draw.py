@@ -49,9 +49,8 @@ def ties(rule, pool):
 @pytest.mark.parametrize("kind", EYES)
 def test_a_tenth_to_two_fifths_of_the_pairs_among_the_best_hundred_of_a_pool_are_ties(kind):
     found = np.array(
-        [ties(person(loop, kind, seed), sampled(loop, "pool", 8192))
-         for loop in LOOPS for seed in SEEDS]
-    )  # fmt: skip
+        [ties(person(loop, kind, seed), sampled(loop, "pool", 8192)) for loop in LOOPS for seed in SEEDS]
+    )
     assert 0.1 <= np.median(found) <= 0.4
     assert np.mean((found >= 0.1) & (found <= 0.4)) > 0.5
     assert found.max() < 0.8
@@ -63,9 +62,13 @@ def test_random_search_is_worth_about_what_it_is_to_people_who_see_everything(ki
     for loop in LOOPS:
         for seed in SEEDS:
             found = random_search_worth(
-                person(loop, kind, seed), sampled(loop, USUAL, 512), experiments=50,
-                replays=60, rng=np.random.default_rng(seed), pool=sampled(loop, "pool", 8192),
-            )  # fmt: skip
+                person(loop, kind, seed),
+                sampled(loop, USUAL, 512),
+                experiments=50,
+                replays=60,
+                rng=np.random.default_rng(seed),
+                pool=sampled(loop, "pool", 8192),
+            )
             logs.append(np.log(found))
     assert 45 <= np.exp(np.mean(logs)) <= 180  # 90 if any two runs differ
 

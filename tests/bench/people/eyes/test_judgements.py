@@ -17,9 +17,7 @@ def verdict(by, one, other, **more):
 
 
 def test_a_difference_is_noticed_from_just_above_the_threshold_on():
-    assert noticeable(np.array([-1.1, -1.0, 0.0, 1.0, 1.1, np.inf]), 1.0).tolist() == [
-        -1, 0, 0, 0, 1, 1,
-    ]  # fmt: skip
+    assert noticeable(np.array([-1.1, -1.0, 0.0, 1.0, 1.1, np.inf]), 1.0).tolist() == [-1, 0, 0, 0, 1, 1]
 
 
 def test_the_first_criterion_that_differs_noticeably_decides_and_else_it_is_a_tie():

@@ -56,9 +56,7 @@ def test_a_collision_terminates_and_costs_the_rest_of_the_horizon():
     for _ in range(6):
         assert env.step(np.array([1.0, 0.0]))[1:4] == (pytest.approx(-0.5, abs=0.3), False, False)
     *_, reward, terminated, truncated, info = env.step(np.array([1.0, 0.0]))
-    assert (terminated, truncated, info["mishap"], info["end"]) == (
-        True, False, "collision", "unsafe",
-    )  # fmt: skip
+    assert (terminated, truncated, info["mishap"], info["end"]) == (True, False, "collision", "unsafe")
     assert reward == pytest.approx(-10 * (15 - 3.06), abs=0.2)
 
 
@@ -185,7 +183,5 @@ def test_an_experiment_in_the_papers_scene_loads_neither_highway_env_nor_pygame(
         "print({'highway_env', 'pygame', 'matplotlib'} & set(sys.modules))"
     )
     program = f"import sys; sys.path[:0] = {sys.path!r}\n{code}"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

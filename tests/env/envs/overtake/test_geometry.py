@@ -25,9 +25,7 @@ from prefcal_env.envs.overtake.traffic import Obstacle
 from prefcal_env.plants.bicycle import Bicycle
 
 TINY = 1e-9
-poses = st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(-pi, pi)).map(
-    lambda pose: np.array([pose])
-)
+poses = st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(-pi, pi)).map(lambda pose: np.array([pose]))
 
 
 def boundary(pose: np.ndarray, n: int = 40) -> np.ndarray:
@@ -151,9 +149,13 @@ def apart_at_first_sight(motion):
 
 
 drives = given(
-    y=st.floats(-4, 4), yaw=st.floats(-0.8, 0.8), v=st.floats(11, 19.5),
-    steering=st.floats(-0.78, 0.78), x_o=st.floats(-6, 30), speed=st.floats(0, 12),
-)  # fmt: skip
+    y=st.floats(-4, 4),
+    yaw=st.floats(-0.8, 0.8),
+    v=st.floats(11, 19.5),
+    steering=st.floats(-0.78, 0.78),
+    x_o=st.floats(-6, 30),
+    speed=st.floats(0, 12),
+)
 
 
 @settings(max_examples=40)

@@ -89,9 +89,7 @@ def test_reset_takes_a_configuration_from_then_on_and_the_rest_for_once():
 KINDS = [{"type": kind} for kind in ("Kinematics", "OccupancyGrid", "LidarObservation")]
 
 
-@pytest.mark.parametrize(
-    "seen", [*KINDS, {"type": "TupleObservation", "observation_configs": KINDS[:2]}]
-)
+@pytest.mark.parametrize("seen", [*KINDS, {"type": "TupleObservation", "observation_configs": KINDS[:2]}])
 def test_it_observes_as_highway_env_does(seen):
     env = make({"observation": seen, **TRAFFIC["on three lanes"]}, x0=[10.0, 0.0, 0.0])
     before, _ = env.reset(seed=0)

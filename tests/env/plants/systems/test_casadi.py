@@ -22,9 +22,7 @@ def function(n_x=2, kind=None):
 @pytest.mark.parametrize("kind", [ca.SX, ca.MX])
 def test_a_casadi_plant_is_that_of_numpy_with_exact_derivatives(kind):
     plant = FunctionPlant(function(kind=kind), states=STATES, inputs=INPUTS)
-    same = FunctionPlant(
-        lambda x, u, d: [x[1], np.sin(x[0]) + u[0] * x[1]], states=STATES, inputs=INPUTS
-    )
+    same = FunctionPlant(lambda x, u, d: [x[1], np.sin(x[0]) + u[0] * x[1]], states=STATES, inputs=INPUTS)
     assert plant.f(X, U, NONE) == pytest.approx(same.f(X, U, NONE), rel=1e-15)
     J = plant.jacobians(X, U, NONE)
     assert pytest.approx(np.array([[0, 1], [np.cos(0.3), 0.5]]), rel=1e-15) == J.A

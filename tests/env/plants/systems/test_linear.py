@@ -48,10 +48,7 @@ def test_transfer_functions_step_as_python_control_says():
     plant = Plant.of(control.tf(*entry))
     run = driven(plant, Held([1.0, 1.0], 0.4))
     for i in range(2):
-        y = sum(
-            control.step_response(control.tf(entry[0][i][j], entry[1][i][j]), run.t)[1]
-            for j in range(2)
-        )
+        y = sum(control.step_response(control.tf(entry[0][i][j], entry[1][i][j]), run.t)[1] for j in range(2))
         assert run.y[:, i] == pytest.approx(y, abs=1e-9)
 
 
@@ -106,10 +103,7 @@ def test_entries_that_share_states_are_delayed_as_those_that_do_not():
     A, B = -np.diag([0.5, 0.2]), np.array([[1.0, 0.4], [0.3, 1.0]])
     C, D = np.array([[1.0, 0.5], [0.2, 1.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
     shared = driven(Plant.of((A, B, C, D), delay=entries), Steps(), horizon=20.0)
-    parts = [
-        [signal.StateSpace(A, B[:, [j]], C[[i]], D[[i]][:, [j]]) for j in range(2)]
-        for i in range(2)
-    ]
+    parts = [[signal.StateSpace(A, B[:, [j]], C[[i]], D[[i]][:, [j]]) for j in range(2)] for i in range(2)]
     alone = driven(Plant.of(parts, delay=entries), Steps(), horizon=20.0)
     assert shared.y == pytest.approx(alone.y, abs=1e-9)
 
@@ -235,9 +229,13 @@ def test_a_continuous_loop_is_exact_and_a_sampled_one_converges_to_it():
 
 def test_a_loop_starts_at_the_state_and_input_of_a_function_plant():
     plant = FunctionPlant(
-        lambda x, u, d: [u[0] - x[0]], states=[Channel("level")], inputs=[Channel("flow")],
-        x0=3.0, u0=[1.5], delay=0.5,
-    )  # fmt: skip
+        lambda x, u, d: [u[0] - x[0]],
+        states=[Channel("level")],
+        inputs=[Channel("flow")],
+        x0=3.0,
+        u0=[1.5],
+        delay=0.5,
+    )
     run = LTILoop(plant, lambda _: 0.0, horizon=2.0, T_s=0.1)(np.zeros(1))
     # The last input acts for the dead time, then the controller's 0 does.
     early = run.t <= 0.5

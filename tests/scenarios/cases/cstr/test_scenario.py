@@ -18,9 +18,7 @@ from prefcal_scenarios.cases.cstr import compute_kpis, cstr, performance_index
 from prefcal_scenarios.scenario import panels_of
 from support.short_runs import short_run
 
-PREFERRED, AUTOMATED = (
-    cstr.run(cstr.references[k]) for k in ("paper, preferences", "paper, automated")
-)
+PREFERRED, AUTOMATED = (cstr.run(cstr.references[k]) for k in ("paper, preferences", "paper, automated"))
 LAZY = cstr.run(np.array([1.5, 4.0, 3.0]))
 """So reluctant to move that it never leaves the start."""
 _, T_C_START = CSTR().steady_state_at_concentration(START)
@@ -33,10 +31,19 @@ def made_up(C_A: list[float], T_c: list[float], duration: float, end: End):
     x = np.column_stack([np.full(n + 1, 350.0), C_A])
     u = np.array(T_c)[:, None]
     return short_run(
-        [0.25, 26.0, -1.0], t=t, x=x, u=np.vstack([u, u[-1:]]), t_control=t[:-1], u_control=u,
-        y_ref=np.zeros((n, 2)), iterations=np.zeros(n, dtype=int), solve_time=np.zeros(n),
-        solved=np.ones(n, dtype=bool), channels=PREFERRED.channels, end=end,
-    )  # fmt: skip
+        [0.25, 26.0, -1.0],
+        t=t,
+        x=x,
+        u=np.vstack([u, u[-1:]]),
+        t_control=t[:-1],
+        u_control=u,
+        y_ref=np.zeros((n, 2)),
+        iterations=np.zeros(n, dtype=int),
+        solve_time=np.zeros(n),
+        solved=np.ones(n, dtype=bool),
+        channels=PREFERRED.channels,
+        end=end,
+    )
 
 
 def test_the_room_is_found_by_name():

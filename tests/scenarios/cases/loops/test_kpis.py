@@ -18,11 +18,19 @@ def kpis(level, valve, *, disturbed_at=4.0, flow=None, beside=None):
     flow = np.zeros(n + 1) if flow is None else np.array(flow)
     u = np.array(valve, dtype=float)[:, None]
     run = short_run(
-        [1.0], t=np.arange(n + 1.0), x=np.column_stack([level, flow]), u=np.vstack([u, u[-1:]]),
-        t_control=np.arange(float(n)), u_control=u, y_ref=np.full((n, 1), 2.0),
-        iterations=np.zeros(n, dtype=int), solve_time=np.zeros(n), solved=np.ones(n, dtype=bool),
-        channels=CHANNELS, end=End.TIME_UP,
-    )  # fmt: skip
+        [1.0],
+        t=np.arange(n + 1.0),
+        x=np.column_stack([level, flow]),
+        u=np.vstack([u, u[-1:]]),
+        t_control=np.arange(float(n)),
+        u_control=u,
+        y_ref=np.full((n, 1), 2.0),
+        iterations=np.zeros(n, dtype=int),
+        solve_time=np.zeros(n),
+        solved=np.ones(n, dtype=bool),
+        channels=CHANNELS,
+        end=End.TIME_UP,
+    )
     return compute_kpis(run, disturbed_at, 50.0, beside)
 
 

@@ -29,9 +29,7 @@ def test_its_compiled_equations_are_its_own(name):
     model, x, u = LoopModel(course), course.x0 + 0.1, course.u0
     J = model.jacobians(x, u, NONE)
     matrices = np.concatenate([m.ravel() for m in (J.A, J.B, J.C, J.D)])
-    for equation, values in (
-        ("f", model.f(x, u, NONE)), ("g", model.g(x, u, NONE)), ("jacobians", matrices),
-    ):  # fmt: skip
+    for equation, values in (("f", model.f(x, u, NONE)), ("g", model.g(x, u, NONE)), ("jacobians", matrices)):
         found = evaluated(model.equations, equation, len(values), x, u, NONE)
         np.testing.assert_array_equal(found, values)
 
@@ -42,9 +40,7 @@ def test_its_jacobians_are_those_of_the_equations():
     point = np.array([20.0, 3.0, 0.4])
 
     def f(p):
-        return np.array(
-            [((1 - p[2]) * p[1] - p[0] / R) / C, (supply - r * p[1] - (1 - p[2]) * p[0]) / L]
-        )
+        return np.array([((1 - p[2]) * p[1] - p[0] / R) / C, (supply - r * p[1] - (1 - p[2]) * p[0]) / L])
 
     J = LoopModel(course).jacobians(point[:2], point[2:], NONE)
     exact = derivative(f, point)

@@ -14,10 +14,17 @@ from support.drives import drive
 
 JUDGE = calibrator()
 GOOD = {
-    "lateral_distance": 3.0, "off_road": 0.0, "overshoot": 0.0, "lane_deviation": 0.1,
-    "lateral_acceleration": 5.0, "lateral_jerk_rms": 5.0, "speed_error": 1.0,
-    "speed_variation": 20.0, "steering_rate_rms": 10.0, "steering_move": 5.0,
-}  # fmt: skip
+    "lateral_distance": 3.0,
+    "off_road": 0.0,
+    "overshoot": 0.0,
+    "lane_deviation": 0.1,
+    "lateral_acceleration": 5.0,
+    "lateral_jerk_rms": 5.0,
+    "speed_error": 1.0,
+    "speed_variation": 20.0,
+    "steering_rate_rms": 10.0,
+    "steering_move": 5.0,
+}
 
 
 def outcome(*, end: End = End.TIME_UP, T_s: float = 0.1, **kpis: float) -> Experiment:

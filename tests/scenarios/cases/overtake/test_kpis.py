@@ -83,9 +83,7 @@ def test_speed_and_steering_by_hand():
     v, angle = 54 / 3.6, np.radians(3.0)
     a = v**2 * np.sin(2 * angle) / 9
     assert kpis["lateral_acceleration"] == pytest.approx(a)
-    assert kpis["lateral_jerk"] == pytest.approx(
-        (a + (63 / 3.6) ** 2 * np.sin(np.radians(2.0)) / 9) / 0.5
-    )
+    assert kpis["lateral_jerk"] == pytest.approx((a + (63 / 3.6) ** 2 * np.sin(np.radians(2.0)) / 9) / 0.5)
 
 
 def test_the_time_of_overtaking_is_infinite_if_it_does_not_end():

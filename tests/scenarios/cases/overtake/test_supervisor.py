@@ -55,9 +55,7 @@ def test_each_phase_is_the_mpc_of_its_settings_with_x_ref_running_ahead(x_o, pha
 def test_where_the_car_is_along_the_road_makes_no_difference():
     here = see((NEAR, 0.0, 11.1), x=(0.0, 0.5, 0.02))
     far = see((NEAR + 5000.0, 0.0, 11.1), x=(5000.0, 0.5, 0.02))
-    np.testing.assert_allclose(
-        controller(OPTIMUM).move(here).u, controller(OPTIMUM).move(far).u, atol=1e-9
-    )
+    np.testing.assert_allclose(controller(OPTIMUM).move(here).u, controller(OPTIMUM).move(far).u, atol=1e-9)
 
 
 def test_the_distance_is_kept_from_where_the_obstacle_drives():

@@ -32,9 +32,7 @@ def lag(vary: Vary = nominal) -> Loop:
         brief="The outlet of a heat exchanger is warmed up by 10 °C; later the inflow gets colder. "
         "The valve acts after a dead time.",
         plant=Linear(
-            A=((-1 / slow, 1 / slow), (0.0, -1 / fast)),
-            B=((0.0,), (gain / fast,)),
-            E=((0.0,), (1 / fast,)),
+            A=((-1 / slow, 1 / slow), (0.0, -1 / fast)), B=((0.0,), (gain / fast,)), E=((0.0,), (1 / fast,))
         ),
         controller=PID(),
         space=knobs(
@@ -61,9 +59,7 @@ def integrating(vary: Vary = nominal) -> Loop:
         brief="The level of a buffer tank is raised by 10 %; later more flows out. The level "
         "integrates the difference of inflow and outflow.",
         plant=Linear(
-            A=((0.0, rate), (0.0, -1 / actuator)),
-            B=((0.0,), (1 / actuator,)),
-            E=((-rate,), (0.0,)),
+            A=((0.0, rate), (0.0, -1 / actuator)), B=((0.0,), (1 / actuator,)), E=((-rate,), (0.0,))
         ),
         controller=PID(),
         space=knobs(
@@ -90,11 +86,7 @@ def oscillatory(vary: Vary = nominal) -> Loop:
         brief="The tip of a flexible arm moves by 1 cm; later a force pushes it. Left alone, the "
         "arm oscillates for a long time.",
         plant=Linear(
-            A=(
-                (0.0, 1.0, 0.0),
-                (-stiffness, -2 * damping * frequency, stiffness),
-                (0.0, 0.0, -1 / actuator),
-            ),
+            A=((0.0, 1.0, 0.0), (-stiffness, -2 * damping * frequency, stiffness), (0.0, 0.0, -1 / actuator)),
             B=((0.0,), (0.0,), (1 / actuator,)),
             E=((0.0,), (stiffness,), (0.0,)),
         ),
@@ -106,11 +98,7 @@ def oscillatory(vary: Vary = nominal) -> Loop:
             ratio("T_f", 0.02, 2.0, "s"),
             SETPOINT_WEIGHT,
         ),
-        states=(
-            Channel("position", "cm", -10, 10),
-            Channel("speed", "cm/s"),
-            Channel("actuator force", "N"),
-        ),
+        states=(Channel("position", "cm", -10, 10), Channel("speed", "cm/s"), Channel("actuator force", "N")),
         inputs=(Channel("force", "N", -3, 3),),
         task=Task((0.0,) * 3, (0.0,), (1.0,), ((0.0, 0.5),), (0.005,)),
         timing=Timing(0.05, 60.0, 0.05, 30.0),

@@ -149,11 +149,7 @@ def _heated_room(vary: Vary) -> tuple[Linear, tuple[float, ...], float]:
     walls = (wall * _ROOM + outside * _COLD) / (wall + outside)
     hot = _ROOM + (inside * (_ROOM - walls) + leak * (_ROOM - _COLD)) / air
     plant = Linear(
-        A=(
-            (-air - inside - leak, air, inside),
-            (radiator, -radiator, 0.0),
-            (wall, 0.0, -wall - outside),
-        ),
+        A=((-air - inside - leak, air, inside), (radiator, -radiator, 0.0), (wall, 0.0, -wall - outside)),
         B=((0.0,), (radiator * heating,), (0.0,)),
         E=((leak,), (0.0,), (outside,)),
     )
