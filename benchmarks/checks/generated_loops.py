@@ -20,8 +20,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from prefcal_bench.people import USUAL, Runs, random_search_worth, sample, taste
-from prefcal_bench.people.priorities import Priorities
+from prefcal_bench.people import USUAL, random_search_worth, sample, taste
+from prefcal_bench.people.draw import decided
+from prefcal_bench.people.judgements import Order
 from prefcal_env.experiments.end import End
 from prefcal_scenarios import Scenario, load
 
@@ -76,20 +77,13 @@ def examined(name: str) -> LoopVerdict:
             rule = taste(kind, scenario.kpis, usual, person).rule
             rng = np.random.default_rng(person)
             found.append(random_search_worth(rule, tried, experiments=50, replays=200, rng=rng, pool=pool))
-            if isinstance(rule, Priorities):
-                shares.append(decided(rule, pool, rng))
+            if isinstance(order := getattr(rule, "by", None), Order):
+                pairs = (pool.take(rows) for rows in rng.integers(len(pool), size=(2, 4000)))
+                shares.append(decided(order.criteria[0], *pairs))
         worth[kind] = float(np.exp(np.mean(np.log(found))))
     failed = float(np.mean(np.isfinite(pool.survived)))
     ends = min(shares), max(shares)
     return LoopVerdict(name, scenario.title, worth, ends, failed, faults(scenario))
-
-
-def decided(rule: Priorities, runs: Runs, rng: np.random.Generator) -> float:
-    """Return the share of random pairs that the first priority decides."""
-    first, second = rng.integers(len(runs), size=(2, 4000))
-    a, b = runs.take(first), runs.take(second)
-    both = np.isinf(a.survived) & np.isinf(b.survived)
-    return float(np.mean((rule.order[0].compare(a, b) != 0) & both))
 
 
 def faults(scenario: Scenario, count: int = 40) -> list[str]:

@@ -14,10 +14,10 @@ from prefcal_bench.people import (
     taste,
 )
 from prefcal_bench.people.draw import KINDS
-from prefcal_bench.people.eyes.noticing import Eyes
-from prefcal_bench.people.eyes.order import Criterion, Order
+from prefcal_bench.people.judgements import Noticed, Order
+from prefcal_bench.people.rule import Noticing
 from prefcal_bench.people.sample import _run, thetas
-from prefcal_bench.people.weighted import Term, Weighted
+from prefcal_bench.people.trade_off import Term, TradeOff
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import KPI
@@ -44,7 +44,7 @@ def usual(loop):
 
 
 def by(name):
-    return Weighted((Term(name, 1.0, good=0.0, scale=0.3, steepness=1.0),))
+    return TradeOff((Term(name, 1.0, good=0.0, scale=0.3, steepness=1.0),))
 
 
 def drawing(*rules):
@@ -102,7 +102,7 @@ def test_if_all_lie_at_the_edge_there_is_a_taste_all_the_same(monkeypatch):
 
 def test_a_person_with_eyes_to_whom_the_best_runs_look_alike_is_drawn_again(monkeypatch):
     sharp, blunt = (
-        Eyes(Order((Criterion("middle", noticed), Criterion("other", noticed)))) for noticed in (0.002, 0.3)
+        Noticing(Order((Noticed("middle", noticed), Noticed("other", noticed)))) for noticed in (0.002, 0.3)
     )
     assert named._blind(sharp, RUNS) == 0 < 1 < named._blind(blunt, RUNS)
     assert named._blind(by("middle"), RUNS) == 0  # no just noticeable difference
