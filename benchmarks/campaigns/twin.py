@@ -37,9 +37,10 @@ from prefcal_agents import GLISp, RandomSearch, Screening
 from prefcal_agents.protocol.agent import Agent, one_thread
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import each
-from prefcal_bench.cells.run import Study
+from prefcal_bench.cells.run import CellStudy
 from prefcal_bench.problems import Outcome, Person, Problem, problem
-from prefcal_bench.results.paired import interval, markdown, mean_of, ratio_of
+from prefcal_bench.results.statistics import mean_of, ratio_of
+from prefcal_bench.results.words import interval, markdown
 from prefcal_env.errors import BenchmarkError, RunError
 from prefcal_env.preferences.kpis import Outcome as Kpis
 from prefcal_scenarios import load, simulator
@@ -90,7 +91,7 @@ def main(words: Sequence[str] | None = None) -> None:
     known = {_key(row) for row in rows}
     workers = None if options.jobs == 1 else Processes(options.jobs)
     for seed in range(options.seeds):  # so that an interruption leaves whole seeds
-        jobs = [partial(study_plant, plant, seed, options, known) for plant in options.plants]
+        jobs = {plant: partial(study_plant, plant, seed, options, known) for plant in options.plants}
         for _, found in each(jobs, workers):
             if isinstance(found, RunError):
                 raise BenchmarkError(str(found))
@@ -139,7 +140,7 @@ def study(agent: Agent, where: Problem, person: Person, tells: bool) -> dict[str
     if not tells:
         where = replace(where, run=partial(_without_kpis, where.run))
     cost: Any = person.cost if lowest else None
-    course = Study(agent, where, replace(person, gap=cost), max(RUNS))
+    course = CellStudy(agent, where, replace(person, gap=cost), max(RUNS))
     course.run()
     return {"worth": course.worth, "cost": course.gaps, "lowest": lowest}
 
@@ -208,23 +209,22 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         for row in mine:
             found.setdefault((row["twin"], row["agent"]), []).append(row)
         order = sorted(found, key=lambda k: ([*TWINS, WITHOUT].index(k[0]), AGENTS.index(k[1])))
-        heads = [f"{n} runs" for n in RUNS]
-        yield from ("", f"**{taste}**: worth after so many runs on the plant", "")
+        heads, base = [f"{n} runs" for n in RUNS], found.get((WITHOUT, "GLISp"), [])
         yield from markdown(
             ["twin", "agent", "studies", *heads],
-            [[*key, str(len(found[key])), *(_worth(found[key], n) for n in RUNS)] for key in order],
+            [[*key, len(found[key]), *(_worth(found[key], n) for n in RUNS)] for key in order],
+            f"**{taste}**: worth after so many runs on the plant",
         )
-        yield from ("", f"**{taste}**: worth over that of GLISp without a twin, in pairs", "")
-        base = found.get((WITHOUT, "GLISp"), [])
         yield from markdown(
             ["twin", "agent", *heads, "worse after 20"],
             [[*key, *_ratios(found[key], base)] for key in order if base],
+            f"**{taste}**: worth over that of GLISp without a twin, in pairs",
         )
         if any(row["cost"] for row in mine):
-            yield from ("", f"**{taste}**: share of studies near the lowest known cost", "")
             yield from markdown(
                 ["twin", "agent", *heads],
                 [[*key, *(_near(found[key], mine, n) for n in RUNS)] for key in order],
+                f"**{taste}**: share of studies near the lowest known cost",
             )
 
 

@@ -39,7 +39,7 @@ from prefcal_bench.published.plan import read_published
 from prefcal_bench.results import campaign_of
 from prefcal_bench.results.pictures import Material, draw_loops, draw_overview
 from prefcal_scenarios import load
-from prefcal_scenarios.presentation.style import save, style
+from prefcal_scenarios.presentation.style import png, style
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks" / "site"))  # what draws for the site
@@ -271,7 +271,7 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "index": (reactor_index, ("reactor_index.png",)),
     "window": (window, ("query_window.png",)),
     "algorithm": (algorithm, ("learning.png", "simulated.png")),
-    "look": (looking, ("look.png",)),
+    "agent_style": (looking, ("agent_style.png",)),
     "maneuvers": (maneuvers, ("maneuvers.png",)),
     "worth": (worth, tuple(WORTH)),
     "gallery": (lambda folder: gallery(ROOT / "docs", folder), GALLERY),
@@ -286,9 +286,7 @@ UNCHECKED = ("examples",)
 def drawn(draw: Callable[[], Figure]) -> bytes:
     """Draw a figure as PNG, in the common style."""
     with style():
-        buffer = BytesIO()
-        save(draw(), buffer)
-        return buffer.getvalue()
+        return png(draw())
 
 
 def made_by() -> dict[str, str]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .cells.result import Result as Result
     from .cells.result import digest as digest
     from .cells.run import run_cell as run_cell
-    from .cells.runner import Finished as Finished
+    from .cells.runner import SuiteResults as SuiteResults
     from .cells.runner import run_suite as run_suite
     from .cells.store import Store as Store
     from .cells.suite import Suite as Suite
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Cell": "cells.cell",
     "Duel": "cells.duels",
-    "Finished": "cells.runner",
+    "SuiteResults": "cells.runner",
     "Processes": "cells.engine",
     "Result": "cells.result",
     "Store": "cells.store",

@@ -12,7 +12,7 @@ from prefcal_scenarios.presentation.wording import labeled, measured, number
 from prefcal_scenarios.scenario import Scenario
 
 from .paper import COMPARISONS, T_COMP, THETA
-from .studies import CASES, Case, Study
+from .studies import CASES, Case, PaperStudy
 
 SHOWN = {
     "cstr": ("index", "settling_time", "final_concentration", "mean_square_move", "undershoot"),
@@ -31,7 +31,7 @@ class Found:
     case: Case
     scenario: Scenario
     paper: Experiment
-    studies: tuple[Study, ...]
+    studies: tuple[PaperStudy, ...]
     experiments: tuple[Experiment, ...]
 
     @property
@@ -40,7 +40,7 @@ class Found:
         return self.experiments[0]
 
 
-def found(studies: Sequence[Study]) -> list[Found]:
+def found(studies: Sequence[PaperStudy]) -> list[Found]:
     """Run the experiments of the tables: at the paper's θ, and at the best θ of each study."""
     results = []
     for case in CASES:

@@ -45,7 +45,7 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Study:
+class PaperStudy:
     """Results of one study.
 
     Args:
@@ -65,12 +65,12 @@ class Study:
     asked: tuple[Asked, ...]
 
 
-def tasks(seeds: Sequence[int]) -> list[Callable[[], Study]]:
+def tasks(seeds: Sequence[int]) -> list[Callable[[], PaperStudy]]:
     """Return one task for each case and seed; tasks can run in any process."""
     return [partial(study, case, seed) for seed in seeds for case in CASES]
 
 
-def study(case: Case, seed: int) -> Study:
+def study(case: Case, seed: int) -> PaperStudy:
     """Run one study with the settings of section IV of the paper."""
     scenario = load(case.scenario)
     if case.calibrator is None:
@@ -78,7 +78,7 @@ def study(case: Case, seed: int) -> Study:
         assert cost is not None
         seeing = GLIS(scenario.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
         deque(ask_and_tell(seeing, scenario.run, lambda new, _: cost(new)), maxlen=0)  # runs it
-        return Study(case.name, seed, _plain(seeing.best), N_MAX, 0, ())
+        return PaperStudy(case.name, seed, _plain(seeing.best), N_MAX, 0, ())
     agent = GLISp.paper(scenario.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
     asked, comparisons = list[Asked](), 0
     for one in calibrate(agent, scenario.run, scenario.calibrators[case.calibrator](seed)):
@@ -90,7 +90,7 @@ def study(case: Case, seed: int) -> Study:
             new_won = one.answer.preference is Preference.CHALLENGER
             asked.append(Asked(*(pair if new_won else pair[::-1])))
     best, count = _plain(agent.best), len(agent.samples)
-    return Study(case.name, seed, best, count, comparisons, tuple(asked))
+    return PaperStudy(case.name, seed, best, count, comparisons, tuple(asked))
 
 
 def _plain(theta: np.ndarray) -> Theta:

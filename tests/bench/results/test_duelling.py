@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.results import duel_table
-from prefcal_bench.results.duelling import duel_rows
+from prefcal_bench.results.rows import duel_rows
 from prefcal_env.errors import SettingsError
 from support.campaigns import duel
 

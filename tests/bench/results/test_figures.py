@@ -10,7 +10,7 @@ from PIL import Image
 from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results import figures
 from prefcal_bench.results.campaign import campaign_of
-from prefcal_bench.results.drawing import drawn, looks
+from prefcal_bench.results.drawing import agent_styles, drawn
 from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.statistics import random_search
 from prefcal_scenarios.presentation.style import save, style
@@ -35,8 +35,7 @@ def pixels(figure):
 def draw(results, value="gap", unit="experiments"):
     """The figure, and its panels by title."""
     campaign = campaign_of(results)
-    given = (campaign, campaign.settings[0], value, unit, looks(campaign.agents), "GLISp")
-    figure = figures.against(*given)
+    figure = figures.against(campaign, campaign.settings[0], value, unit, "GLISp")
     return figure, {axes.get_title(loc="left"): axes for axes in figure.axes if axes.axison}
 
 
@@ -79,7 +78,7 @@ def test_a_line_is_the_median_and_its_band_the_quartiles():
 
 def test_an_agent_has_the_same_color_in_every_figure():
     campaign = campaign_of(grid(FACTORS))
-    styles = looks(campaign.agents)
+    styles = agent_styles(campaign.agents)
     for axes in draw(grid(FACTORS))[1].values():
         for agent in FACTORS:
             assert to_hex(line(axes, agent).get_color()) == styles[agent].color
@@ -87,11 +86,11 @@ def test_an_agent_has_the_same_color_in_every_figure():
 
 def test_looks_do_not_depend_on_the_order_and_differ():
     names = ["GLISp", "GLISp.paper", "GLIS", "Own", "Peer", "PPO", "SAC", "RandomSearch"]
-    found = looks(names)
-    assert found == looks(reversed(names))
-    assert len({look.color for look in found.values()}) == len(names)
-    assert len({look.marker for look in found.values()}) == len(names)
-    many = looks([f"agent {i}" for i in range(20)])
+    found = agent_styles(names)
+    assert found == agent_styles(reversed(names))
+    assert len({style.color for style in found.values()}) == len(names)
+    assert len({style.marker for style in found.values()}) == len(names)
+    many = agent_styles([f"agent {i}" for i in range(20)])
     assert len(set(many.values())) == 20
 
 
@@ -164,7 +163,7 @@ def test_a_line_of_worth_is_the_geometric_mean_beside_that_of_random_search():
 
 def test_the_bar_of_drift_leads_from_the_end_to_the_best_before():
     campaign = campaign_of([study(worth=(2, 32, 8)), study(loop="boost", worth=(2, 2, 8))])
-    figure = figures.along(campaign, campaign.settings, looks(campaign.agents))
+    figure = figures.along(campaign, campaign.settings)
     axes = figure.axes[0]
     assert line(axes, "GLISp").get_ydata() == pytest.approx([2, 8, 8])
     (bar,) = axes.collections
@@ -189,8 +188,7 @@ def test_many_agents_have_thin_lines_and_the_baseline_a_thick_one():
 
 def summarized(results):
     campaign = campaign_of(results)
-    rows, styles = worth_rows(campaign), looks(campaign.agents)
-    return figures.summary(campaign, rows, campaign.settings, styles)
+    return figures.summary(campaign, worth_rows(campaign), campaign.settings)
 
 
 def test_the_summary_is_sorted_by_worth_which_is_written_beside_it():
