@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from .cells.runner import run_suite as run_suite
     from .cells.store import Store as Store
     from .cells.suite import Suite as Suite
-    from .peers.bope import BOPE as BOPE
-    from .peers.eubo import EUBO as EUBO
+    from .peers.botorch_agents import BOPE as BOPE
+    from .peers.botorch_agents import EUBO as EUBO
     from .peers.optuna_agents import OptunaGP as OptunaGP
     from .peers.optuna_agents import OptunaPreferential as OptunaPreferential
     from .peers.optuna_agents import OptunaTPE as OptunaTPE

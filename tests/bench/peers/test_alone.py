@@ -2,7 +2,7 @@
 
 import pytest
 
-from prefcal_bench.peers.alone import torch_seeded
+from prefcal_bench.peers.peer import torch_seeded
 from support.extras import need
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_bench.peers.botorch_agent import BoTorchAgent, attempted
+from prefcal_bench.peers.botorch_agents import BoTorchAgent, attempted
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_bench.peers.kpi_table import KPITable
+from prefcal_bench.peers.utility import KPITable
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_bench.peers.alone import torch_seeded
+from prefcal_bench.peers.peer import torch_seeded
 from prefcal_bench.peers.utility import Utility, strict_pairs
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History
