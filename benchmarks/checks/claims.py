@@ -157,10 +157,6 @@ def growths() -> Numbers:
     return [along[k], *x[k], max(steady), growth(365.0, 5.0), at_365[1]]
 
 
-def steady_states() -> Numbers:
-    return [float(C_A) for C_A in CSTR().steady_states_at_input(298.0)[:, 1]]
-
-
 def circle() -> Numbers:
     """Return the numbers of the three drives, if each is better than the next."""
     judge = overtake.calibrators["synthetic"]()

@@ -17,10 +17,10 @@ from .peers import PEERS
 
 if TYPE_CHECKING:
     from .cells.cell import Cell as Cell
+    from .cells.cell import Result as Result
+    from .cells.cell import digest as digest
     from .cells.duels import Duel as Duel
     from .cells.engine import Processes as Processes
-    from .cells.result import Result as Result
-    from .cells.result import digest as digest
     from .cells.run import run_cell as run_cell
     from .cells.runner import SuiteResults as SuiteResults
     from .cells.runner import run_suite as run_suite
@@ -39,10 +39,10 @@ _HOMES = {
     "Duel": "cells.duels",
     "SuiteResults": "cells.runner",
     "Processes": "cells.engine",
-    "Result": "cells.result",
+    "Result": "cells.cell",
     "Store": "cells.store",
     "Suite": "cells.suite",
-    "digest": "cells.result",
+    "digest": "cells.cell",
     "run_cell": "cells.run",
     "run_suite": "cells.runner",
     **{row.name: row.module for row in PEERS},

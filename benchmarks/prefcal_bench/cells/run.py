@@ -19,8 +19,7 @@ from prefcal_env.own_line import described
 from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.loop import ask_and_tell
 
-from .cell import Cell
-from .result import Result
+from .cell import Cell, Result
 from .roster import entry
 from .simulation import Simulation
 

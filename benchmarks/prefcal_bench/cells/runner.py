@@ -10,9 +10,9 @@ from prefcal_bench.people import TASTES
 from prefcal_bench.problems import problem
 from prefcal_env.errors import RunError
 
+from .cell import Result, digest
 from .duels import Duel, play, rounds
 from .engine import Processes, each
-from .result import Result, digest
 from .run import alone, run_cell
 from .store import Store, Trouble
 from .suite import Suite

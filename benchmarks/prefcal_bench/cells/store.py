@@ -17,9 +17,8 @@ import msgspec
 from prefcal_env.errors import BenchmarkError, PrefcalError, SettingsError
 from prefcal_scenarios.presentation.folder import folder_for
 
-from .cell import FORMAT, Cell, canonical, read_as
+from .cell import FORMAT, Cell, Result, canonical, read_as
 from .duels import Duel, Round
-from .result import Result
 
 T = TypeVar("T")
 Trouble = str

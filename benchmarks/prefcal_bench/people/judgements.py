@@ -71,8 +71,6 @@ class Majority:
 class Part(Protocol):
     """One KPI of a total."""
 
-    name: str
-
     def cost(self, runs: Runs) -> Float[np.ndarray, " K"]:
         """Return what it adds, 0 or more, lower is better, shape (K,)."""
 

@@ -31,7 +31,7 @@ from typing import Any
 
 import pandas as pd
 
-from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.roster import entry, package_version
 from prefcal_bench.problems import problem
 from prefcal_env.errors import PrefcalError, SettingsError

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from prefcal_bench.cells.cell import Cell
-from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.cell import Cell, Result
 from prefcal_bench.cells.roster import in_order
 from prefcal_bench.problems import CALIBRATORS, NOISES, PROBLEMS
 from prefcal_env.errors import SettingsError

@@ -9,8 +9,8 @@ import pandas as pd
 
 from prefcal_app.report.export import versions
 from prefcal_app.report.html import environment
+from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.duels import Duel
-from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.folder import folder_for, put
 
 from .campaign import Campaign, campaign_of

@@ -8,8 +8,8 @@ from rich import box, table
 from rich.console import Console
 from rich.markup import escape
 
+from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.duels import PAPER, Duel
-from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.wording import printable
 
 from .campaign import campaign_of

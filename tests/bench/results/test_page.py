@@ -256,8 +256,3 @@ def test_alternative_texts_say_what_the_figures_of_worth_say():
     assert "weights: Own 40, GLISp 4.0" in found["worth-summary.png"].alt
     assert "Own 1.0, GLISp 2.0" in found["worth-drift.png"].alt
     assert "servo Own (40)" in found["worth-experiments.png"].alt
-
-
-@pytest.mark.parametrize("name", [r"a$\frac{.py:A", "_hidden", "x\x1b[2J\ny"])
-def test_strange_names_are_drawn_as_they_stand(name):
-    assert len(shown([study(name), study("Own")], baseline="Own")) == 4
