@@ -24,8 +24,8 @@ from unittest import mock
 
 import numpy as np
 import readings
-from hole import lowest, rows_of, theta
 from offset_free import noise_left, offsets
+from reactor_pictures import lowest, rows_of, theta
 from readings import AUTOMATED, CAR, PREFERRED
 from rich.console import Console
 from rich.table import Table

@@ -28,10 +28,9 @@ import gymnasium as gym
 import numpy as np
 from algorithm import algorithm
 from examples import DRAWN, SAVED, examples, models
-from gain import CalibratedRuns, gain
-from hole import hole, lowest, rows_of, theta
 from matplotlib.figure import Figure
 from PIL import Image
+from reactor_pictures import CalibratedRuns, gain, hole, lowest, rows_of, theta
 from rich.console import Console
 from screens import looking, maneuvers, window
 

@@ -159,29 +159,14 @@ def _draw_ends(axes: Axes, ends: pd.DataFrame, styles: Mapping[str, AgentStyle])
     """Draw each agent's marker, its interval, and its value to the right of the row."""
     where = axes.get_yaxis_transform()
     for y, row in enumerate(ends.itertuples()):
-        style = styles[row.agent]
+        style, sees, interval = styles[row.agent], row.answers == 0, (row.worth_low, row.worth_high)
         if row.worth_low is not None:
-            axes.plot(
-                [row.worth_low, row.worth_high],
-                [y, y],
-                color=style.color,
-                linewidth=2.4,
-                solid_capstyle="butt",
-                zorder=3,
-            )
-        sees = row.answers == 0
-        axes.plot(
-            row.worth,
-            y,
-            marker=style.marker,
-            linestyle="none",
-            zorder=4,
-            markersize=7,
-            color="white" if sees else style.color,
-            markeredgewidth=1.2,
-            markeredgecolor=style.color if sees else "white",
-        )
-        text = with_interval(row.worth, row.worth_low, row.worth_high)
+            bar: Any = {"color": style.color, "linewidth": 2.4, "solid_capstyle": "butt", "zorder": 3}
+            axes.plot(interval, [y, y], **bar)
+        face, edge = ("white", style.color) if sees else (style.color, "white")
+        dot: Any = {"marker": style.marker, "markersize": 7, "markeredgewidth": 1.2, "zorder": 4}
+        axes.plot(row.worth, y, linestyle="none", color=face, markeredgecolor=edge, **dot)
+        text = with_interval(row.worth, *interval)
         axes.annotate(text, (1.02, y), xycoords=where, va="center", color=INK, fontsize=8)
     names = [drawn(agent) for agent in ends["agent"]]
     axes.set_yticks(range(len(names)), names, color=INK, fontsize=8.5)
@@ -259,8 +244,7 @@ def _draw(
 ) -> None:
     """Draw the bands from the start of `span`, and the last values of `ends` right of its end.
 
-    Among many agents the line of the `baseline` is thick. `caps` mark the upper ends that are
-    apart.
+    Among many agents the line of the `baseline` is thick. `caps` mark the upper ends that are apart.
     """
     start, last = span
     step = 0.028 * (last - start + 1)
@@ -274,25 +258,21 @@ def _draw(
             options = line_options(style) | _width(agent == baseline, len(styles))
             axes.plot(x, middle, label=agent, markevery=markers(len(x), i, len(styles)), **options)
         if agent in ends:
-            low, middle, high = ends[agent][:, -1]
-            place = last + (i + 1.5) * step
-            axes.vlines(place, low, high, color=style.color, linewidth=1.8, clip_on=False)
-            axes.plot(
-                place,
-                middle,
-                marker=style.marker,
-                linestyle="none",
-                color=style.color,
-                markersize=4.5,
-                markeredgewidth=0,
-                clip_on=False,
-            )
-            if caps and high > 1.02 * middle:
-                axes.plot(place, high, "_", color=style.color, markersize=5, markeredgewidth=1.6)
+            _draw_end(axes, last + (i + 1.5) * step, ends[agent][:, -1], style, caps)
     axes.axvline(last + 0.5 * step, color=GRID, linewidth=0.8, zorder=0)
     axes.set_xlim(start - 0.5, last + (len(styles) + 1) * step)
     ticks = MaxNLocator(5, integer=True).tick_values(start, last)
     axes.set_xticks([t for t in ticks if start <= t <= last])
+
+
+def _draw_end(axes: Axes, place: float, end: Float[np.ndarray, " 3"], style: AgentStyle, caps: bool) -> None:
+    """Draw the last values of a band at `place`, with a cap on an upper end that is apart."""
+    (low, middle, high), color = end, style.color
+    axes.vlines(place, low, high, color=color, linewidth=1.8, clip_on=False)
+    dot: Any = {"marker": style.marker, "linestyle": "none", "markersize": 4.5, "markeredgewidth": 0}
+    axes.plot(place, middle, color=color, clip_on=False, **dot)
+    if caps and high > 1.02 * middle:
+        axes.plot(place, high, "_", color=color, markersize=5, markeredgewidth=1.6)
 
 
 def _width(is_baseline: bool, agents: int) -> dict[str, float]:
@@ -302,15 +282,8 @@ def _width(is_baseline: bool, agents: int) -> dict[str, float]:
 
 
 def _draw_theory(axes: Axes, last: int) -> None:
-    x = range(1, last + 1)
-    axes.plot(
-        x,
-        [random_search(n) for n in x],
-        color=_THEORY.get_color(),
-        zorder=1.5,
-        linewidth=_THEORY.get_linewidth(),
-        solid_capstyle="butt",
-    )
+    x, look = range(1, last + 1), {"color": _THEORY.get_color(), "linewidth": _THEORY.get_linewidth()}
+    axes.plot(x, [random_search(n) for n in x], zorder=1.5, solid_capstyle="butt", **look)
 
 
 def _label(figure: Figure, grid: Sequence[Axes], what: str, value: str) -> None:

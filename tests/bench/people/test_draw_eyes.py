@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from prefcal_bench.people import USUAL, draw, named, random_search_worth
+from prefcal_bench.people import USUAL, draw, named
 from prefcal_bench.people.judgements import Order, Total
 from prefcal_bench.people.looks import LOOKS
 from prefcal_bench.people.sample import sample
@@ -52,23 +52,6 @@ def test_a_tenth_to_two_fifths_of_the_pairs_among_the_best_hundred_of_a_pool_are
     assert 0.1 <= np.median(found) <= 0.4
     assert np.mean((found >= 0.1) & (found <= 0.4)) > 0.5
     assert found.max() < 0.8
-
-
-@pytest.mark.parametrize("kind", EYES)
-def test_random_search_is_worth_about_what_it_is_to_people_who_see_everything(kind):
-    logs = []
-    for loop in LOOPS:
-        for seed in SEEDS:
-            found = random_search_worth(
-                person(loop, kind, seed),
-                sampled(loop, USUAL, 512),
-                experiments=50,
-                replays=60,
-                rng=np.random.default_rng(seed),
-                pool=sampled(loop, "pool", 8192),
-            )
-            logs.append(np.log(found))
-    assert 45 <= np.exp(np.mean(logs)) <= 180  # 90 if any two runs differ
 
 
 def test_an_order_has_limits_half_of_the_time_and_none_on_its_last_criterion():

@@ -4,7 +4,6 @@ from io import BytesIO
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
 from PIL import Image
 
 from prefcal_bench.cells.roster import AGENTS
@@ -74,14 +73,6 @@ def test_a_line_is_the_median_and_its_band_the_quartiles():
     vertices = band.get_paths()[0].vertices
     at_the_end = vertices[vertices[:, 0] == 3][:, 1]
     assert (at_the_end.min(), at_the_end.max()) == (1.5, 3.0)
-
-
-def test_an_agent_has_the_same_color_in_every_figure():
-    campaign = campaign_of(grid(FACTORS))
-    styles = agent_styles(campaign.agents)
-    for axes in draw(grid(FACTORS))[1].values():
-        for agent in FACTORS:
-            assert to_hex(line(axes, agent).get_color()) == styles[agent].color
 
 
 def test_looks_do_not_depend_on_the_order_and_differ():

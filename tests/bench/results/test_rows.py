@@ -140,12 +140,6 @@ def test_infinite_gaps_are_no_crash_and_null():
     json.dumps(row, allow_nan=False)
 
 
-def test_a_study_that_ended_early_keeps_its_last_gap():
-    early = result("A", "p", 0, (1.0, 0.5), n_max=4)
-    (curve,) = campaign_of([early]).studies["gap"]
-    assert curve.tolist() == [1.0, 0.5, 0.5, 0.5]
-
-
 def test_what_was_visited_and_what_is_returned_are_two_things():
     (row,) = table([result("A", "p", 0, (1.0, 0.01, 0.3))])
     assert row["gap_median"] == 0.3
