@@ -15,8 +15,7 @@ from prefcal_scenarios.presentation.folder import put
 from prefcal_scenarios.presentation.style import BEST, FIRST, OTHERS, png, style
 
 from .paper import COMPARISONS, DEVIATIONS, N_MAX, algorithm, parameters, ranges
-from .results import Found, compared, disagreements, found, rows
-from .studies import PaperStudy
+from .studies import Found, PaperStudy, compared, disagreements, found, rows
 
 PAPER = "Zhu, Bemporad, Piga: Preference-based MPC calibration (ECC 2021)"
 DOI = "10.23919/ECC54610.2021.9654900"
