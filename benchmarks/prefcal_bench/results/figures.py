@@ -282,8 +282,9 @@ def _width(is_baseline: bool, agents: int) -> dict[str, float]:
 
 
 def _draw_theory(axes: Axes, last: int) -> None:
-    x, look = range(1, last + 1), {"color": _THEORY.get_color(), "linewidth": _THEORY.get_linewidth()}
-    axes.plot(x, [random_search(n) for n in x], zorder=1.5, solid_capstyle="butt", **look)
+    x, color, width = range(1, last + 1), _THEORY.get_color(), _THEORY.get_linewidth()
+    worth = [random_search(n) for n in x]
+    axes.plot(x, worth, color=color, linewidth=width, zorder=1.5, solid_capstyle="butt")
 
 
 def _label(figure: Figure, grid: Sequence[Axes], what: str, value: str) -> None:

@@ -49,10 +49,10 @@ def gap_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
         agents = dict(iter(there.groupby("agent", observed=True)))
         gaps = {agent: _last_gaps(group) for agent, group in agents.items()}
         about = {"setting": setting, "problem": problem, "knobs": campaign.knobs(problem), **asdict(setting)}
-        here = []
+        here: list[dict[str, Any]] = []
         for agent, group in agents.items():
             found = _nearer(gaps[agent], gaps[baseline]) if agent != baseline and baseline in gaps else None
-            compared = dict.fromkeys(_DIFFERENCE) if found is None else asdict(found)
+            compared: dict[str, Any] = dict.fromkeys(_DIFFERENCE) if found is None else asdict(found)
             statistics = {"baseline": baseline, "floor": FLOOR, "average": "median"}
             here.append(about | {"agent": agent} | _gap_row(group, gaps[agent]) | statistics | compared)
         tested = [row for row in here if row["p"] is not None]
