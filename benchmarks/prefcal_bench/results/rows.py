@@ -54,10 +54,9 @@ def gap_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
             found = _nearer(gaps[agent], gaps[baseline]) if agent != baseline and baseline in gaps else None
             compared: dict[str, Any] = dict.fromkeys(_DIFFERENCE) if found is None else asdict(found)
             statistics = {"baseline": baseline, "floor": FLOOR, "average": "median"}
-            here.append(about | {"agent": agent} | _gap_row(group, gaps[agent]) | statistics | compared)
+            row = about | {"agent": agent} | _gap_row(group, gaps[agent]) | statistics | compared
+            here.append(row | {"p_holm": None})
         tested = [row for row in here if row["p"] is not None]
-        for row in here:
-            row["p_holm"] = None
         for row, p in zip(tested, holm([row["p"] for row in tested]), strict=True):
             row["p_holm"] = p
         rows += here
