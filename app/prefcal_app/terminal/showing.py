@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.session import Interview, Now, Question, Side
-from prefcal_app.session.kpi_index import trust_text
+from prefcal_app.session.memory import trust_text
 from prefcal_app.view import Seen, comparison_view
 from prefcal_app.view.brief import current_tuning, how, knob_view, kpi_view
 from prefcal_app.view.history import history_view
