@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.screening.simulations import Simulating
 from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.utility.bank import Bank, runnable
+from prefcal_agents.utility.bank import Bank, columns_of
 from prefcal_env.preferences.history import History
 
 
@@ -27,8 +27,8 @@ class EqualWeights(Simulating):
     def bank(self) -> Bank:
         """Return the simulated θ; it simulates them if needed."""
         simulations, design = (self.simulations, latin_hypercube(self.space, self.n_simulated, self._seed))
-        z, thetas = runnable(self.space, design)
-        return Bank.of(z, thetas, simulations(thetas))
+        z, thetas = self.space.proposals(design)
+        return Bank.of(z, thetas, columns_of(simulations(thetas)))
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         bank = self.bank
