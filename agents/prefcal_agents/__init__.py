@@ -21,8 +21,10 @@ if _TYPE_CHECKING:
     from .glisp.agent import GLISp as GLISp
     from .glisp.settings import GLISpSettings as GLISpSettings
     from .history.agent_state import AgentState as AgentState
+    from .history.lessons import Preferences as Preferences
     from .minimize import Minimum as Minimum
     from .minimize import minimize_by_preference as minimize_by_preference
+    from .protocol.agent import Agent as Agent
     from .respacing import respaced as respaced
     from .rl import PPOBandit as PPOBandit
     from .rl import SACBandit as SACBandit
@@ -33,12 +35,14 @@ if _TYPE_CHECKING:
     from .utility.bank import Bank as Bank
 
 _HOMES = {
+    "Agent": "protocol.agent",
     "AgentState": "history.agent_state",
     "Bank": "utility.bank",
     "Earlier": "transfer",
     "GLISSettings": "baselines.glis",
     "GLISpSettings": "glisp.settings",
     "Minimum": "minimize",
+    "Preferences": "history.lessons",
     "Simulate": "screening.simulations",
     "SimulateMany": "screening.simulations",
     "minimize_by_preference": "minimize",

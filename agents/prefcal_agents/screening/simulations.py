@@ -10,7 +10,7 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import Settings, integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
@@ -203,7 +203,7 @@ class Budget(Settings):
         integer("n_simulated", self.n_simulated, low=1)
 
 
-class Simulating(PreferenceBased):
+class Simulating(Agent):
     """An agent that is given a simulation, and shows only some of what it simulates.
 
     Copies share the simulations. A restored agent has none until `with_simulations`. Arguments and
@@ -216,7 +216,7 @@ class Simulating(PreferenceBased):
     """
 
     options = Budget
-    pickled = (*PreferenceBased.pickled, "_simulations")
+    _simulations: Simulations | None = None
 
     def __init__(
         self,
@@ -236,13 +236,14 @@ class Simulating(PreferenceBased):
     def with_simulations(self, simulate: Simulate) -> Self:
         """Return a copy that simulates by `simulate`, for example one restored from a file."""
         twin = self.copy()
-        twin._simulations, twin._judged = Simulations(simulate), None
+        twin._simulations = Simulations(simulate)
+        twin._forget()
         return twin
 
     @property
     def n_simulated(self) -> int:
         """Return the number of θ that the agent may simulate."""
-        return int(self._options.n_simulated)
+        return int(self.setup.settings.n_simulated)
 
     @property
     def simulate(self) -> Simulate | None:
@@ -260,7 +261,3 @@ class Simulating(PreferenceBased):
             name = type(self).__name__
             raise SettingsError(f"{name} needs simulate, a function of θ that returns KPIs")
         return self._simulations
-
-    @classmethod
-    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
-        return dict(Budget.of(saved).pairs())
