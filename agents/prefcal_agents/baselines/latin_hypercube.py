@@ -21,4 +21,5 @@ class LatinHypercube(Agent):
 
     def propose(self, history: History) -> Float[np.ndarray, " n"]:
         """Return the next point of the design."""
-        return latin_hypercube(self.space, self._most(history), self.setup.seed)[history.answered]
+        design = latin_hypercube(self.space, self._most(history), self.setup.seed)
+        return np.asarray(design[history.answered])

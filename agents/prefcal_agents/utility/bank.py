@@ -56,7 +56,8 @@ class Bank:
         for column, name in enumerate(names):
             kpis[:, column] = table[name]
         unknown = np.isnan(kpis)
-        return cls(z[first], thetas[first], names, np.where(unknown, np.inf, kpis), unknown.all(axis=1))
+        failed = np.asarray(unknown.all(axis=1))
+        return cls(z[first], thetas[first], names, np.where(unknown, np.inf, kpis), failed)
 
     @property
     def hopeless(self) -> Bool[np.ndarray, " m"]:
