@@ -21,7 +21,6 @@ if _TYPE_CHECKING:
     from .glisp.agent import GLISp as GLISp
     from .glisp.settings import GLISpSettings as GLISpSettings
     from .history.agent_state import AgentState as AgentState
-    from .history.lessons import Preferences as Preferences
     from .minimize import Minimum as Minimum
     from .minimize import minimize_by_preference as minimize_by_preference
     from .protocol.agent import Agent as Agent
@@ -42,7 +41,6 @@ _HOMES = {
     "GLISSettings": "baselines.glis",
     "GLISpSettings": "glisp.settings",
     "Minimum": "minimize",
-    "Preferences": "history.lessons",
     "Simulate": "screening.simulations",
     "SimulateMany": "screening.simulations",
     "minimize_by_preference": "minimize",

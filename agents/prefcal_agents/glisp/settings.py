@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS
-from prefcal_agents.protocol.setup import Setup
+from prefcal_agents.space.setup import Setup
 from prefcal_agents.support.checks import Settings, choice, integer, number
 from prefcal_env.errors import SettingsError
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from prefcal_agents.protocol.setup import Setup
+from prefcal_agents.space.setup import Setup
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer

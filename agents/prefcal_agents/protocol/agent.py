@@ -12,6 +12,7 @@ from prefcal_agents.history.agent_state import AgentState, check_record
 from prefcal_agents.history.stages import Remembered
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.space.capacity import capacity
+from prefcal_agents.space.setup import Setup
 from prefcal_agents.space.start import Start, start_points
 from prefcal_agents.support.checks import Settings, integer
 from prefcal_env.errors import KnobError, ProtocolError, SettingsError
@@ -19,8 +20,6 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Query, Suggestion
 from prefcal_env.preferences.best import representative, undominated
 from prefcal_env.preferences.history import History, Sample
-
-from .setup import Setup
 
 Pair = tuple[int, int]
 """Two known samples to compare: the later one, which is the challenger, and the earlier one."""
@@ -400,7 +399,7 @@ class Agent:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if "_propose" in vars(cls):
-            raise TypeError(
+            raise SettingsError(
                 f"{cls.__name__}: rename _propose to propose, and write self.setup.seed for self._seed"
             )
 

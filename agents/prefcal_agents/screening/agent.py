@@ -10,7 +10,7 @@ from prefcal_agents.glisp.settings import GLISpSettings
 from prefcal_agents.glisp.strategy import propose
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
-from prefcal_agents.protocol.setup import Setup
+from prefcal_agents.space.setup import Setup
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
 from prefcal_agents.utility.posterior import AFTER, explains

@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from prefcal_agents.space.start import Points
 from prefcal_agents.support.checks import integer
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
+
+from .start import Points
 
 SettingsT = TypeVar("SettingsT")
 
