@@ -25,10 +25,7 @@ EPILOG = examples(
         "Start from your current tuning: the first experiment runs it.",
     ),
     ("calibrate cstr --simulate 0", "Run only what is shown: 50 experiments, with agent glisp."),
-    (
-        "calibrate cstr --agent glis --cost mine_index.py:cost",
-        "Unattended, scored by the cost learned from your answers (`prefcal studies index`).",
-    ),
+    ("calibrate cstr --agent glis --cost own.py:cost", "Unattended, scored by a function of yours."),
     ("calibrate own.py:plant", "Your own scenario, simulated or a rig that you run yourself."),
     (
         'calibrate loop.fmu --knob "K_p=0.1:50:log" --reference level=2',

@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents import Earlier
 from prefcal_agents.registry import WORDS
 from prefcal_app.simulating import twin_of
 from prefcal_app.terminal.lines import theta_of
-from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
-from prefcal_env.study import study_path
+from prefcal_env.study import space_of, study_path
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.options import FLAGS
@@ -34,7 +36,7 @@ from prefcal_scenarios.scenario import Scenario, finds_kpis
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
-from .studies.files import open_described
+from .studies.files import EXPERIMENT, existing, numbered, open_described
 
 if TYPE_CHECKING:
     from prefcal_agents.protocol.agent import Agent
@@ -324,20 +326,38 @@ def follows_cost(options: Options, scenario: Scenario) -> bool:
 def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
     """Return the physical θ that `text` describes, shape (n,).
 
-    The text is either `knob=value, ...` for every knob in any order, or the name of one of the
-    scenario's references.
+    The text is `knob=value, ...` for every knob in any order, the name of one of the scenario's
+    references, or an experiment of a study, as MINE:3 or MINE:best.
 
     Raises:
-        SettingsError: If a reference or knob is unknown, a knob is missing, or a value is not a
-            number.
-        KnobError: If a value is outside its knob's range.
+        SettingsError: If a reference, knob or experiment is unknown, a knob is missing, a value is
+            not a number, or the constraints refuse the θ of a study.
+        KnobError: If a value is outside its knob's range, or the study has other knobs.
+        StudyError: If there is no such study.
     """
     if "=" in text:
         return theta_of(text, scenario.space)
+    if text not in scenario.references and (study := EXPERIMENT.fullmatch(text)) is not None:
+        return _theta_of_study(study[1], study[2], scenario.space)
     if text not in scenario.references:
         known = sorted(scenario.references)
         raise SettingsError(
-            f"--start must be KNOB=VALUE, ... or one of the references {known} of scenario "
-            f"{scenario.name!r}, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
+            f"--start must be KNOB=VALUE, ..., one of the references {known} of scenario "
+            f"{scenario.name!r}, or STUDY:best, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
         )
     return np.array(scenario.references[text], dtype=float)
+
+
+def _theta_of_study(name: str, which: str, space: KnobSpace) -> Float[np.ndarray, " n"]:
+    """Return the θ of an experiment of another study in `space`, shape (n,); see `Earlier`."""
+    with open_described(existing(name)) as file:
+        state = file.state
+    theta = state.history.samples[numbered(name, which, state)].theta
+    earlier = Earlier(space_of(state.configuration).knobs, theta)
+    missing = earlier.missing(space, {})
+    if missing:
+        raise KnobError(f"study {name!r} has no knobs {missing}: give every knob, as KNOB=VALUE, ...")
+    start = earlier.start(space)
+    if start is None:
+        raise SettingsError(f"the constraints refuse the θ of {name}:{which}: give one as KNOB=VALUE, ...")
+    return np.array(start)

@@ -1,7 +1,6 @@
 """Run `prefcal look`: read the runs, then show the page, a picture or the KPIs."""
 
 import json
-import re
 import sys
 import time
 from collections.abc import Sequence
@@ -23,13 +22,12 @@ from prefcal_scenarios.presentation.wording import printable
 from prefcal_scenarios.scenario import KPI
 
 from .interrupt import interruption
-from .studies.files import existing, open_described
+from .studies.files import EXPERIMENT, existing, numbered, open_described
 
 if TYPE_CHECKING:
     from .look import LookOptions
 
 _SQLITE = b"SQLite format 3\0"
-_STUDY = re.compile(r"(.+):(\d+|best)")
 
 
 def run(options: "LookOptions") -> int:
@@ -88,7 +86,7 @@ def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
 
 def _run(words: str, about: TableColumns) -> Run:
     """Return the run that a word names: a file, or an experiment of a study."""
-    path, study = Path(words).expanduser(), _STUDY.fullmatch(words)
+    path, study = Path(words).expanduser(), EXPERIMENT.fullmatch(words)
     if study is not None and not path.is_file():
         return _of_study(study[1], study[2])
     if path.is_file() and path.suffix == ".json":
@@ -111,10 +109,7 @@ def _is_study(path: Path) -> bool:
 def _of_study(name: str, which: str) -> Run:
     with open_described(existing(name)) as file:
         state = file.state
-        index = state.history.incumbent if which == "best" else int(which) - 1
-        if index is None or index not in state.finished:
-            there = ", ".join(str(k + 1) for k in sorted(state.finished)) or "none"
-            raise SettingsError(f"study {name!r} has no experiment {which}; there are {there}")
+        index = numbered(name, which, state)
         experiment = file.experiment(state.finished[index])
         kpis = tuple(KPI(**row) for row in state.configuration.get("kpis", ()))
     known = tuple(kpi for kpi in kpis if kpi.name in experiment.kpis)

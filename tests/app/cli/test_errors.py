@@ -26,6 +26,8 @@ CALLS = [
     ("calib", "no such command 'calib'. Did you mean 'calibrate'?"),
     ("nonsense", "no such command 'nonsense'", "calibrate, new, check, look, report, "),
     ("calibrate TOY --nmax 3", "no such option: --nmax", "--n-max"),
+    ("calibrate TOY --from mine", "--from STUDY is gone: write --start STUDY:best"),
+    ("studies index mine", "`agent.index.to_python()`"),
     ("calibrate TOY --n-max x", "--n-max"),
     ("calibrate TOY more", "more", "calibrate --help"),
     ("calibrate TOY --port 99999", "--port", "65535"),
@@ -113,7 +115,7 @@ def test_a_misspelled_study_is_recognized(prefcal, refused, tmp_path):
         assert "no study 'pumptest'. Did you mean 'pump-test'? `prefcal studies list`" in refused(
             *command, "pumptest"
         )
-    err = prefcal(*words, "--from", "pump-tets", "--study", "second")[2]
+    err = prefcal(*words, "--start", "pump-tets:best", "--study", "second")[2]
     assert "Did you mean 'pump-test'?" in err
 
 

@@ -149,29 +149,6 @@ def import_(
     echo(f"Imported: {import_study(file, study)}")
 
 
-@_command(("index mine", "Write mine_index.py, which scores experiments as you did."))
-def index(
-    study: _Name,
-    out: Annotated[
-        Path | None, Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py")
-    ] = None,
-    scenario: _Scenario = None,
-    plant: _Plant = None,
-) -> None:
-    """Write what the answers have taught as a Python function, `cost(experiment)`.
-
-    With it, an agent can run unattended:
-    prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
-    """
-    from prefcal_app.session.kpi_index import trust_text
-
-    from .changes import export_index
-
-    file, learned = export_index(study, _named(scenario, plant), out)
-    echo(trust_text(learned))
-    echo(f"Written: {file}")
-
-
 @_command(("verify mine", "Check the whole file, for example after a copy."))
 def verify(study: _Name) -> None:
     """Check a study file and everything in it for damage; the exit code is 1 if any is found."""

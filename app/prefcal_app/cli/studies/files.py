@@ -1,6 +1,7 @@
 """Find study files, open them safely, list them, and show one."""
 
 import json as json_
+import re
 import shlex
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
@@ -26,7 +27,23 @@ from prefcal_scenarios.described.options import words_to_resume
 from prefcal_scenarios.described.resuming import resumed_source
 from prefcal_scenarios.names import is_built_in, is_described
 from prefcal_scenarios.own.source import split_source
-from prefcal_scenarios.presentation.wording import earlier_text, labeled, mark_text, number, printable
+from prefcal_scenarios.presentation.wording import labeled, mark_text, number, printable
+
+EXPERIMENT = re.compile(r"(.+):(\d+|best)")
+"""An experiment of a study, as people name it: MINE:3, MINE:best."""
+
+
+def numbered(name: str, which: str, state: State) -> int:
+    """Return the index of the experiment that people call `which` in the study called `name`.
+
+    Raises:
+        SettingsError: If the study has no such experiment.
+    """
+    index = state.history.incumbent if which == "best" else int(which) - 1
+    if index is None or index not in state.finished:
+        there = ", ".join(str(k + 1) for k in sorted(state.finished)) or "none"
+        raise SettingsError(f"study {name!r} has no experiment {which}; there are {there}")
+    return index
 
 
 def wall_clock() -> str:
@@ -54,13 +71,6 @@ class _Agent(msgspec.Struct):
     agent: str
 
 
-class _Earlier(msgspec.Struct):
-    study: str
-    scenario: str
-    experiments: int
-    thetas: list[Any]
-
-
 class _Configuration(msgspec.Struct):
     """Fields of a study's configuration that the command line reads."""
 
@@ -72,7 +82,6 @@ class _Configuration(msgspec.Struct):
     agent: _Agent
     options: dict[str, Any]
     versions: dict[str, Any]
-    earlier: _Earlier | None = None
 
 
 def open_described(path: Path, *, writing: bool = False) -> StudyFile:
@@ -112,8 +121,6 @@ def _problem(configuration: Mapping[str, Any]) -> str:
 def _in_words(error: msgspec.ValidationError) -> str:
     """Return a parser message like "Expected `str`, got `int` - at `$.name`" in our words."""
     problem, _, where = str(error).replace("`", "").partition(" - at $.")
-    if where.startswith("earlier"):
-        return "what it says of an earlier study cannot be read"
     problem = problem[:1].lower() + problem[1:]
     return f"its {where}: {problem}" if where else f"its configuration: {problem}"
 
@@ -218,7 +225,6 @@ def print_study(name: str, *, json: bool) -> None:
         "seed": configuration["seed"],
         "versions": configuration["versions"],
         "questions": list(_answers(state)),
-        "earlier": configuration.get("earlier"),
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }
     if json:
@@ -227,8 +233,6 @@ def print_study(name: str, *, json: bool) -> None:
     console = Console(emoji=False)
     shown = ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state")
     lines = [f"{key:<12}{content[key]}" for key in shown]
-    if content["earlier"]:
-        lines.append(f"{'from':<12}{earlier_text(content['earlier'])}")
     lines.append(f"{'experiments':<12}{content['experiments']} of {state.n_max}")
     units = {knob["name"]: knob["unit"] for knob in configuration["knobs"]}
     for knob, value in (content["best"] or {}).items():
