@@ -1,84 +1,172 @@
-"""`prefcal look`: compare runs from anywhere on one page, without a study."""
+"""Run `prefcal look`: read the runs, then show the page, a picture or the KPIs."""
 
-from dataclasses import dataclass
+import json
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from typer import Exit
+from rich.console import Console
 
-from .parameters import argument, examples, made, option, takes
+from prefcal_app.looking import Look
+from prefcal_app.looking.pair import Run, paired
+from prefcal_app.looking.table import run_from
+from prefcal_env.errors import SettingsError
+from prefcal_env.study import study_path
+from prefcal_env.tables import TableColumns
+from prefcal_scenarios.presentation.wording import printable
+from prefcal_scenarios.scenario import KPI
 
-EPILOG = examples(
-    (
-        "look before.csv after.csv",
-        "Both runs on one page: same axes, one cursor, KPIs with their differences.",
-    ),
-    (
-        "look before.csv after.csv --reference level=2 --inputs valve",
-        "With tracking errors of the level, and moves of the valve.",
-    ),
-    (
-        'look a.csv b.csv --time Stamp --columns "level=TI-101.PV" --unit level=m',
-        "Columns of a historian under names of your own.",
-    ),
-    ("look mine:3 mine:best plant.csv", "Experiments of the study mine, beside a record of the plant."),
-    ("look a.csv b.csv --out pair.png", "The picture in a file, without a page."),
-    ("look a.csv b.csv --json", "The KPIs of both, for programs."),
-    more="""\
-The first column, or one called time, is the time, in seconds or as time stamps.
-Headings may have units, as in "level \\\\[m]". A column "level ref" is the reference
-of level. All other columns of numbers are outputs.
-""",
-)
+from .interrupt import interruption
+from .studies.files import EXPERIMENT, existing, numbered, open_described
+
+if TYPE_CHECKING:
+    from .commands import LookOptions
+
+_SQLITE = b"SQLite format 3\0"
 
 
-@dataclass(frozen=True, slots=True)
-class LookOptions:
-    """Options of `prefcal look`, in the order of its help.
+def run(options: "LookOptions") -> int:
+    """Show the runs; return the exit code.
 
-    Args:
-        runs: CSV or Parquet files, or STUDY:3, STUDY:best.
-        time: Column of time.
-        time_format: Format of time stamps.
-        outputs: Columns to show.
-        inputs: Columns that are inputs, drawn as steps.
-        reference: Reference of an output: a number, or a column.
-        unit: Unit of a column without one.
-        columns: Name of your own for a column.
-        align: Let all runs start at time 0.
-        terminal: Show KPIs in this terminal.
-        browser: Only print the link.
-        host: Address of the page.
-        port: Port of the page; 0: any free one.
-        out: Write a picture instead.
-        json: Print the KPIs as JSON instead.
+    Raises:
+        PrefcalError: If a run cannot be read, or an option does not fit.
     """
+    if len(options.runs) < 2:
+        raise SettingsError(
+            "name two runs or more: CSV or Parquet files, or STUDY:3 for experiment 3 of a study"
+        )
+    about = TableColumns(
+        time=options.time,
+        time_format=options.time_format,
+        outputs=_listed(options.outputs),
+        inputs=_listed(options.inputs),
+        reference=_mapped("--reference", options.reference, "level=2"),
+        units=_mapped("--unit", options.unit, "level=m"),
+        columns=_mapped("--columns", options.columns, "level=TI-101.PV"),
+    )
+    runs = _named([_run(words, about) for words in options.runs])
+    look = Look(paired(runs[0], runs[1], align=options.align or None))
+    picture = None if options.out is None else look.save(options.out)
+    if options.json:
+        written = {} if picture is None else {"picture": str(picture)}
+        print(json.dumps(_as_dict(runs, look) | written), flush=True)
+        return 0
+    for line in (*(f"{each.name}: {each.about}" for each in runs), *look.pair.notes):
+        print(printable(line), flush=True)
+    if picture is not None:
+        print(f"Picture: {picture}", flush=True)
+    elif options.terminal:
+        from prefcal_app.terminal.showing import show_kpis
 
-    runs: tuple[str, ...] = argument("RUN RUN ...")
-    time: str | None = option(None, "NAME", shown="time, or the first one")
-    time_format: str | None = option(None, "FORMAT", shown="ISO 8601")
-    outputs: str = option("", "NAME,...", shown="all others")
-    inputs: str = option("", "NAME,...")
-    reference: tuple[str, ...] = option((), "NAME=VALUE")
-    unit: tuple[str, ...] = option((), "NAME=UNIT")
-    columns: tuple[str, ...] = option((), "NAME=HEADING")
-    align: bool = option(False, flag="--align")
-    terminal: bool = option(False, flag="--terminal")
-    browser: bool = option(True, flag="--no-browser")
-    host: str = option("127.0.0.1", "ADDRESS")
-    port: int = option(0, "N")
-    out: Path | None = option(None, "FILE.png")
-    json: bool = option(False, flag="--json")
+        names = {"left": look.pair.left.name, "right": look.pair.right.name}
+        show_kpis(look.kpis(), Console(emoji=False), names)
+    else:
+        _serve(runs, options)
+    return 0
 
 
-@takes(LookOptions)
-def look(**typed: Any) -> None:
-    """Show two or more runs beside each other, without a study.
+def _listed(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
-    Runs may have different time bases, lengths and columns: columns of the same name and unit
-    share a plot. Ctrl-C ends the page.
-    """
-    # Imported here to keep --help fast.
-    from .look_run import run
 
-    raise Exit(run(made(LookOptions, typed)))
+def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
+    found = {}
+    for text in given:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise SettingsError(f"{option} must look like {example}, got {text!r}")
+        found[name] = value
+    return found
+
+
+def _run(words: str, about: TableColumns) -> Run:
+    """Return the run that a word names: a file, or an experiment of a study."""
+    path, study = Path(words).expanduser(), EXPERIMENT.fullmatch(words)
+    if study is not None and not path.is_file():
+        return _of_study(study[1], study[2])
+    if path.is_file() and path.suffix == ".json":
+        raise SettingsError(
+            f"{words} holds a controller, not a run: name an experiment of the study instead, "
+            "such as mine:best"
+        )
+    if _is_study(path if path.is_file() else study_path(words)):
+        raise SettingsError(f"{words} is a study: say which experiment of it, as {words}:3")
+    return run_from(path, about)
+
+
+def _is_study(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_SQLITE)) == _SQLITE
+
+
+def _of_study(name: str, which: str) -> Run:
+    with open_described(existing(name)) as file:
+        state = file.state
+        index = numbered(name, which, state)
+        experiment = file.experiment(state.finished[index])
+        kpis = tuple(KPI(**row) for row in state.configuration.get("kpis", ()))
+    known = tuple(kpi for kpi in kpis if kpi.name in experiment.kpis)
+    return Run(f"{name}:{index + 1}", experiment, known, f"experiment {index + 1} of study {name}")
+
+
+def _named(runs: Sequence[Run]) -> list[Run]:
+    """Return the runs with different names: files of the same name are numbered."""
+    names = [run.name for run in runs]
+    return [
+        run
+        if names.count(run.name) == 1
+        else replace(run, name=f"{run.name} ({names[:k].count(run.name) + 1})")
+        for k, run in enumerate(runs)
+    ]
+
+
+def _as_dict(runs: Sequence[Run], look: Look) -> dict[str, Any]:
+    return {
+        "runs": [
+            {
+                "name": run.name,
+                "read": run.about,
+                "rows": len(run.experiment.t),
+                "duration": run.experiment.duration,
+                "time_unit": run.experiment.channels.time_unit,
+                "kpis": [{"name": k.name, "unit": k.unit, "value": _finite(run, k)} for k in run.kpis],
+            }
+            for run in runs
+        ],
+        "comparison": look.kpis(),
+        "notes": list(look.pair.notes),
+    }
+
+
+def _finite(run: Run, kpi: KPI) -> float | None:
+    """Return a KPI's value; None if it is not finite, which JSON cannot hold."""
+    value = float(run.experiment.kpis[kpi.name])
+    return value if isfinite(value) else None
+
+
+def _serve(runs: Sequence[Run], options: "LookOptions") -> None:
+    """Serve the page until Ctrl-C."""
+    # Imported here: pictures need no web server.
+    from prefcal_app.looking.window import LookWindow
+    from prefcal_app.web import open_browser
+
+    served = LookWindow(runs, align=options.align or None, host=options.host, port=options.port)
+    with interruption(others=True) as ctrl_c, served as window:
+        if window.warning:
+            print(window.warning, file=sys.stderr)
+        # On a line of its own, unwrapped and flushed, so that programs can read it.
+        print(window.link, flush=True)
+        if window.link_for_others:
+            print(f"From other machines:\n{window.link_for_others}", flush=True)
+        if options.browser and not open_browser(window.link):
+            print("No browser found: open the link yourself. Ctrl-C ends.", file=sys.stderr)
+        with suppress(KeyboardInterrupt), ctrl_c.allowed():
+            while True:
+                time.sleep(0.5)

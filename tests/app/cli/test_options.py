@@ -7,8 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from prefcal_app.cli.check import CheckOptions
-from prefcal_app.cli.look import LookOptions
+from prefcal_app.cli.commands import CheckOptions, LookOptions
 from prefcal_app.cli.options import Options
 from prefcal_app.cli.parameters import Kept, argument, given, kept_by, option, parameters_of, takes
 from prefcal_bench.cli.options import BenchOptions

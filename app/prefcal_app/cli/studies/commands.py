@@ -1,4 +1,4 @@
-"""`prefcal studies ...` and `prefcal report`: commands that work on studies."""
+"""Declare the commands `prefcal studies ...`."""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -16,10 +16,10 @@ app = Typer(
     rich_markup_mode="rich",
 )
 
-_Name = Annotated[str, Argument(metavar="STUDY", help="A name, or the path of a file.")]
-_Json = Annotated[bool, Option("--json", metavar="", help="Print only JSON on standard output.")]
+Study = Annotated[str, Argument(metavar="STUDY", help="A name, or the path of a file.")]
+Json = Annotated[bool, Option("--json", metavar="", help="Print only JSON on standard output.")]
 _Texts = list[str] | None
-_Scenario = Annotated[
+Scenario = Annotated[
     str | None,
     Option(
         metavar="SCENARIO",
@@ -28,12 +28,12 @@ _Scenario = Annotated[
         show_default="the built-in one that the study names",
     ),
 ]
-_Plant = Annotated[
+Plant = Annotated[
     str | None, Option(metavar="FILE.py:NAME", help="Plant of a standard controller, as for calibrate.")
 ]
 
 
-def _named(scenario: str | None, plant: str | None) -> str | None:
+def named(scenario: str | None, plant: str | None) -> str | None:
     """Return what the user names: a scenario, a plant as for `prefcal calibrate`, or both."""
     if plant is None:
         return scenario
@@ -62,7 +62,7 @@ class Format(StrEnum):
     ("list --json", "The same for programs, with the file of each study."),
     name="list",
 )
-def list_(json: _Json = False) -> None:
+def list_(json: Json = False) -> None:
     """List the studies in your data folder."""
     from .files import print_list
 
@@ -73,7 +73,7 @@ def list_(json: _Json = False) -> None:
     ("show mine", "The best θ so far, and every answer."),
     ("show ./shared.prefcal --json", "A study file from anywhere, for programs."),
 )
-def show(study: _Name, json: _Json = False) -> None:
+def show(study: Study, json: Json = False) -> None:
     """Show one study: its progress, its best θ and every answer."""
     from .files import print_study
 
@@ -114,7 +114,7 @@ def rm(
     ("export mine --format parquet --out tables", "The same for pandas, polars or DuckDB."),
 )
 def export(
-    study: _Name,
+    study: Study,
     format: Annotated[
         Format,
         Option(
@@ -150,7 +150,7 @@ def import_(
 
 
 @_command(("verify mine", "Check the whole file, for example after a copy."))
-def verify(study: _Name) -> None:
+def verify(study: Study) -> None:
     """Check a study file and everything in it for damage; the exit code is 1 if any is found."""
     from .changes import findings_of
 
@@ -167,7 +167,7 @@ def verify(study: _Name) -> None:
     ("respace mine --freeze N_p=26", "Keep N_p at 26."),
 )
 def respace(
-    study: _Name,
+    study: Study,
     knob: Annotated[
         _Texts, Option(metavar="KNOB=LOW:HIGH", help="Search this range, narrower or wider.")
     ] = None,
@@ -179,8 +179,8 @@ def respace(
             help="A knob that is new in the scenario, and its value in the experiments so far.",
         ),
     ] = None,
-    scenario: _Scenario = None,
-    plant: _Plant = None,
+    scenario: Scenario = None,
+    plant: Plant = None,
 ) -> None:
     """Change the knobs of a running study; every experiment and answer stays.
 
@@ -191,43 +191,5 @@ def respace(
     from .respacing import respace as respace_study
 
     changes = Changes(knob or (), freeze or (), add or ())
-    for line in in_words(respace_study(study, _named(scenario, plant), changes)):
+    for line in in_words(respace_study(study, named(scenario, plant), changes)):
         echo(line)
-
-
-REPORT_EPILOG = examples(
-    ("report mine", "Write the report of the study called mine into the folder prefcal-mine."),
-    (
-        "report plant-1 --scenario own.py:plant --out latest",
-        "For a study of your own scenario, into a folder of your choice.",
-    ),
-    ("report pid-1 --plant model.py:plant", "For a PID on your own plant."),
-)
-
-
-def report(
-    study: _Name,
-    scenario: _Scenario = None,
-    plant: _Plant = None,
-    cost: Annotated[
-        str | None,
-        Option(
-            metavar="COST",
-            help="The cost that the study was started with, if any.",
-            show_default="the scenario's score",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            metavar="FOLDER",
-            help="Folder of the report; must not hold the report of another study.",
-            show_default="./prefcal-STUDY",
-        ),
-    ] = None,
-    json: _Json = False,
-) -> None:
-    """Write the report of a study as it stands, complete or not."""
-    from prefcal_app.cli.calibration import report_of
-
-    report_of(study, _named(scenario, plant), cost, out=out, json=json)
