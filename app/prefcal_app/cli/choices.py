@@ -26,7 +26,6 @@ from prefcal_env.study import space_of, study_path
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.options import FLAGS
-from prefcal_scenarios.described.resuming import resumed_source
 from prefcal_scenarios.described.words import knob_of, listed, named_numbers
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.names import CONTROLLERS, is_described, is_own
@@ -36,7 +35,7 @@ from prefcal_scenarios.scenario import Scenario, finds_kpis
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
-from .studies.files import EXPERIMENT, existing, numbered, open_described
+from .studies.files import EXPERIMENT, existing, numbered, open_described, trusted_source
 
 if TYPE_CHECKING:
     from prefcal_agents.protocol.agent import Agent
@@ -67,12 +66,11 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
             f"{FLAGS[next(iter(words))]} describes an FMU, a TOML file or a standard controller "
             f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
         )
-    configuration, cost = _resumed(given.get("study")), given.get("cost")
-    if configuration is not None:
-        kept = str(configuration["scenario"])
-        if is_described(source) and is_described(kept):  # another one is refused on opening
-            source = resumed_source(kept, source)
-        cost = kept_cost(configuration["options"]) if cost is None else cost
+    study, cost = given.get("study"), given.get("cost")
+    if study is not None and study_path(study).is_file():
+        with open_described(study_path(study)) as file:
+            source = trusted_source(study, file.state, source)
+            cost = kept_cost(file.state.configuration["options"]) if cost is None else cost
     return {**given, "scenario": source, "cost": cost}
 
 
@@ -91,14 +89,6 @@ def _described(given: Mapping[str, Any]) -> dict[str, Any]:
     if given.get("reference"):
         found["reference"] = named_numbers(given["reference"], "--reference")
     return found
-
-
-def _resumed(study: str | None) -> Mapping[str, Any] | None:
-    """Return what an existing study was started with; None if there is none to resume."""
-    if study is None or not study_path(study).is_file():
-        return None
-    with open_described(study_path(study)) as file:
-        return file.state.configuration
 
 
 def kept_cost(stored: Mapping[str, Any]) -> str | None:
