@@ -46,32 +46,49 @@ Thetas = Sequence[Float[np.ndarray, " n"]]
 def completed(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return `given` with the source of the scenario that the options describe, and the cost.
 
-    A study that is resumed keeps what is not given, except programs: a study from another person
-    must not decide which program runs here.
+    An existing study keeps what is not given, except programs: a study from another person must
+    not decide which program runs here. So a scenario that is not given must be a built-in one, or
+    be described by a plant that is.
 
     Args:
-        given: Values of the fields of a command's options, None for options that were not typed.
+        given: Values of a command's options by name, None for options that were not typed.
 
     Raises:
         ScenarioError: If an option cannot be read.
         SettingsError: If an option does not fit the scenario, or differs from the study's.
+        StudyError: If there is no such study where no scenario is given, or its scenario is a
+            program that is not named.
     """
-    source, words = with_config_of(given["scenario"], given.get("config")), _described(given)
+    source, study, words = given["scenario"], given.get("study"), _described(given)
+    kept: Mapping[str, Any] = {}
+    if study is not None and (source is None or study_path(study).is_file()):
+        with open_described(existing(study)) as file:
+            kept = file.state.configuration
+    if source is None and words:
+        source = split_source(kept["scenario"])[0]  # the study keeps the rest
+        if not is_described(source):
+            raise SettingsError(f"study {study!r} has no plant of its own: leave --plant out")
+    if source is not None:
+        source = _with_words(with_config_of(source, given.get("config")), words)
+    cost = given.get("cost")
+    if kept:
+        source = trusted_source(study, kept["scenario"], source)
+        cost = kept_cost(kept["options"]) if cost is None else cost
+    return {**given, "scenario": source, "cost": cost}
+
+
+def _with_words(source: str, words: Mapping[str, Any]) -> str:
+    """Return `source` with what the options describe. Raises SettingsError if it takes none."""
     if is_described(source):
         name, config = split_source(source)
         wanted = {**(config or {}), **words}
-        source = joined_source(name, wanted) if wanted else name
-    elif words:
+        return joined_source(name, wanted) if wanted else name
+    if words:
         raise SettingsError(
             f"{FLAGS[next(iter(words))]} describes an FMU, a TOML file or a standard controller "
             f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
         )
-    study, cost = given.get("study"), given.get("cost")
-    if study is not None and study_path(study).is_file():
-        with open_described(study_path(study)) as file:
-            source = trusted_source(study, file.state, source)
-            cost = kept_cost(file.state.configuration["options"]) if cost is None else cost
-    return {**given, "scenario": source, "cost": cost}
+    return source
 
 
 def _described(given: Mapping[str, Any]) -> dict[str, Any]:

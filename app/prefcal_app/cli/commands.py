@@ -15,7 +15,7 @@ from .options import Described, Options
 from .parameters import argument, examples, given, made, option, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
-from .studies.commands import Json, Plant, Scenario, Study, named
+from .studies.commands import Json, Plant, Scenario, Study
 from .studies.commands import app as studies
 
 app = Typer(
@@ -271,7 +271,8 @@ def report(
     """Write the report of a study as it stands, complete or not."""
     from .calibration import report_of
 
-    report_of(study, named(scenario, plant), cost, out=out, json=json)
+    given = {"study": study, "scenario": scenario, "plant": plant, "cost": cost, "out": out, "json": json}
+    report_of(study, given)
 
 
 @app.command()

@@ -33,16 +33,6 @@ Plant = Annotated[
 ]
 
 
-def named(scenario: str | None, plant: str | None) -> str | None:
-    """Return what the user names: a scenario, a plant as for `prefcal calibrate`, or both."""
-    if plant is None:
-        return scenario
-    from prefcal_scenarios.own.source import joined_source, split_source
-
-    name, config = split_source(scenario or "")
-    return joined_source(name, {**(config or {}), "plant": plant})
-
-
 def _command(*shown: tuple[str, str], name: str | None = None) -> Callable[..., Any]:
     """Return a decorator that makes a function a command of `prefcal studies`, with examples."""
     epilog = examples(*((f"studies {line}", words) for line, words in shown))
@@ -187,9 +177,11 @@ def respace(
     Close its page first. Experiments outside a narrowed range still count for
     learning; only new proposals stay inside. Each option can be repeated.
     """
+    from prefcal_app.cli.choices import completed
+
     from .respacing import Changes, in_words
     from .respacing import respace as respace_study
 
-    changes = Changes(knob or (), freeze or (), add or ())
-    for line in in_words(respace_study(study, named(scenario, plant), changes)):
+    source = completed({"study": study, "scenario": scenario, "plant": plant})["scenario"]
+    for line in in_words(respace_study(study, source, Changes(knob or (), freeze or (), add or ()))):
         echo(line)

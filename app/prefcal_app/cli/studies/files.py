@@ -26,7 +26,6 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.described.options import words_to_resume
 from prefcal_scenarios.described.resuming import resumed_source
 from prefcal_scenarios.names import is_built_in, is_described
-from prefcal_scenarios.own.source import split_source
 from prefcal_scenarios.presentation.wording import labeled, mark_text, number, printable
 
 EXPERIMENT = re.compile(r"(.+):(\d+|best)")
@@ -125,24 +124,17 @@ def _in_words(error: msgspec.ValidationError) -> str:
     return f"its {where}: {problem}" if where else f"its configuration: {problem}"
 
 
-def trusted_source(name: str, state: State, source: str | None) -> str:
+def trusted_source(name: str, named: str, source: str | None) -> str:
     """Return the scenario of the study called `name`, if the user trusts it.
 
     Args:
         name: Name of the study.
-        state: State of the study.
-        source: Scenario that the user names; None to use the study's if it is built in. With a
-            plant alone, the controller is that of the study.
+        named: Scenario that the study names.
+        source: Scenario that the user names; None to use the study's if it is built in.
 
     Raises:
         StudyError: If the study names a program and the user does not.
-        SettingsError: If the user names a plant, and the study has none.
     """
-    named: str = state.configuration["scenario"]
-    if source is not None and not split_source(source)[0]:
-        if not is_described(named):
-            raise SettingsError(f"study {name!r} has no plant of its own: leave --plant out")
-        source = split_source(named)[0] + source
     if source is None and not is_built_in(named):
         # A study from another person must not decide which program runs here.
         short, *plant = words_to_resume(named)  # the study keeps the rest

@@ -13,7 +13,7 @@ from prefcal_env.study import Respaced, State, knobs_as_dicts, space_of, within_
 from prefcal_env.study.fold import step
 from prefcal_scenarios.catalog import load
 
-from .files import existing, open_described, trusted_source
+from .files import existing, open_described
 
 _Part = tuple[float, float]
 
@@ -27,16 +27,15 @@ class Changes:
     add: Sequence[str] = ()
 
 
-def respace(name: str, source: str | None, changes: Changes) -> KnobSpace:
-    """Change the space of the study called `name`; return the new space.
+def respace(name: str, source: str, changes: Changes) -> KnobSpace:
+    """Change the space of the study called `name`, of the scenario `source`; return the new space.
 
     Raises:
-        StudyError: If there is no such study, or its scenario must be given.
+        StudyError: If there is no such study, or its agent cannot change its space.
         SettingsError: If the changes cannot be read, or change nothing.
         KnobError: If a range is invalid.
     """
     with open_described(existing(name), writing=True) as file:
-        source = trusted_source(name, file.state, source)
         if file.state.configuration["agent"]["agent"] not in RESPACEABLE:
             raise StudyError(f"the agent of study {name!r} cannot change its space")
         event, space = _event(file.state, load(source).space, changes)
