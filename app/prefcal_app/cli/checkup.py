@@ -46,6 +46,7 @@ from prefcal_scenarios.presentation.wording import (
 from prefcal_scenarios.scenario import Scenario, with_found_kpis
 
 from .choices import completed, start_of
+from .studies.files import as_text
 
 if TYPE_CHECKING:
     from .commands import CheckOptions
@@ -333,7 +334,7 @@ def _end(
             "checks": [asdict(finding) for finding in findings],
             "picture": None if picture is None else str(picture),
         }
-        print(json.dumps(content), flush=True)
+        print(as_text(content), flush=True)
         return int(bool(wrong))
     console = Console(emoji=False)
     if checkup is not None:

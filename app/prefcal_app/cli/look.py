@@ -1,12 +1,10 @@
 """Run `prefcal look`: read the runs, then show the page, a picture or the KPIs."""
 
-import json
 import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +16,12 @@ from prefcal_app.looking.table import run_from
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
+from prefcal_scenarios.described.words import listed
 from prefcal_scenarios.presentation.wording import printable
 from prefcal_scenarios.scenario import KPI
 
 from .interrupt import interruption
-from .studies.files import EXPERIMENT, existing, numbered, open_described
+from .studies.files import EXPERIMENT, as_text, existing, numbered, open_described
 
 if TYPE_CHECKING:
     from .commands import LookOptions
@@ -43,8 +42,8 @@ def run(options: "LookOptions") -> int:
     about = TableColumns(
         time=options.time,
         time_format=options.time_format,
-        outputs=_listed(options.outputs),
-        inputs=_listed(options.inputs),
+        outputs=tuple(listed([options.outputs])),
+        inputs=tuple(listed([options.inputs])),
         reference=_mapped("--reference", options.reference, "level=2"),
         units=_mapped("--unit", options.unit, "level=m"),
         columns=_mapped("--columns", options.columns, "level=TI-101.PV"),
@@ -54,7 +53,7 @@ def run(options: "LookOptions") -> int:
     picture = None if options.out is None else look.save(options.out)
     if options.json:
         written = {} if picture is None else {"picture": str(picture)}
-        print(json.dumps(_as_dict(runs, look) | written), flush=True)
+        print(as_text(_as_dict(runs, look) | written), flush=True)
         return 0
     for line in (*(f"{each.name}: {each.about}" for each in runs), *look.pair.notes):
         print(printable(line), flush=True)
@@ -68,10 +67,6 @@ def run(options: "LookOptions") -> int:
     else:
         _serve(runs, options)
     return 0
-
-
-def _listed(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
@@ -136,19 +131,15 @@ def _as_dict(runs: Sequence[Run], look: Look) -> dict[str, Any]:
                 "rows": len(run.experiment.t),
                 "duration": run.experiment.duration,
                 "time_unit": run.experiment.channels.time_unit,
-                "kpis": [{"name": k.name, "unit": k.unit, "value": _finite(run, k)} for k in run.kpis],
+                "kpis": [
+                    {"name": k.name, "unit": k.unit, "value": run.experiment.kpis[k.name]} for k in run.kpis
+                ],
             }
             for run in runs
         ],
         "comparison": look.kpis(),
         "notes": list(look.pair.notes),
     }
-
-
-def _finite(run: Run, kpi: KPI) -> float | None:
-    """Return a KPI's value; None if it is not finite, which JSON cannot hold."""
-    value = float(run.experiment.kpis[kpi.name])
-    return value if isfinite(value) else None
 
 
 def _serve(runs: Sequence[Run], options: "LookOptions") -> None:

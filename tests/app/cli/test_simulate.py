@@ -41,6 +41,7 @@ def test_where_experiments_are_quick_most_are_simulated_unseen(given, expected):
 def test_elsewhere_all_experiments_are_shown():
     assert chosen(simulated=False) == ("glisp", 0, 6, 50)
     assert chosen(simulated=False, agent="glisp-paper") == ("glisp-paper", 0, 10, 50)
+    assert chosen(simulated=False, twin="model") == ("screening", 1000, 1, 11)
 
 
 def test_a_terminal_is_told_at_once_what_is_loaded(prefcal, monkeypatch):

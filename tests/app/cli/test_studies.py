@@ -79,8 +79,8 @@ def test_a_study_is_exported_and_imported_unchanged(prefcal, study, tmp_path):
         one.pop("study"), one.pop("file")
     assert shown[0] == shown[1]
     assert prefcal("studies", "verify", "twin")[0] == 0
-    assert prefcal("studies", "export", "mine", "--format", "csv", "--out", "tables")[0] == 0
-    assert len((tmp_path / "tables" / "comparisons.csv").read_text().splitlines()) == 5
+    assert prefcal("studies", "export", "mine", "--format", "csv")[1] == "Written: mine\n"
+    assert len((tmp_path / "mine" / "comparisons.csv").read_text().splitlines()) == 5
 
 
 def test_a_comment_of_somebody_else_does_not_steer_the_terminal(prefcal, done, tmp_path):
@@ -116,14 +116,6 @@ def test_a_report_is_written_of_any_study(prefcal, done, refused, study, tmp_pat
     assert json.loads(out)["experiments"] == 5
     first = (tmp_path / "prefcal-mine" / "best.json").read_text()
     assert (tmp_path / "again" / "best.json").read_text() == first
-
-
-def test_a_study_is_exported_as_parquet_with_its_dictionary(prefcal, study, tmp_path):
-    code, out, err = prefcal("studies", "export", "mine", "--format", "parquet")
-    assert (code, out) == (0, "Written: mine\n"), err
-    names = {path.name for path in (tmp_path / "mine").iterdir()}
-    tables = {f"{name}.parquet" for name in ("experiments", "comparisons", "trajectories")}
-    assert names == tables | {"dictionary-parquet.csv"}
 
 
 def test_parquet_without_its_extra_is_refused_with_the_extra(prefcal, refused, study, monkeypatch, tmp_path):

@@ -152,7 +152,7 @@ def print_list(*, json: bool) -> None:
     """Print a row for each study in the data folder, including unreadable ones."""
     rows = [_row(path) for path in studies_in_data_folder()]
     if json:
-        print(_dumps(rows))
+        print(as_text(rows))
         return
     if not rows:
         print("No studies yet: `prefcal calibrate cstr` starts one.")
@@ -220,7 +220,7 @@ def print_study(name: str, *, json: bool) -> None:
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }
     if json:
-        print(_dumps(content))
+        print(as_text(content))
         return
     console = Console(emoji=False)
     shown = ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state")
@@ -277,5 +277,6 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
     return table
 
 
-def _dumps(content: Any) -> str:
+def as_text(content: Any) -> str:
+    """Return what programs read: strict, indented JSON, with null for missing numbers."""
     return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
