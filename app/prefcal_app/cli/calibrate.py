@@ -22,10 +22,11 @@ from prefcal_scenarios.presentation.wording import printable, theta_text
 from prefcal_scenarios.scenario import Scenario
 
 from .calibration import Calibration, calibration, default_folder
-from .choices import completed, make_calibrator, with_cost
+from .choices import make_calibrator, with_cost
 from .interrupt import INTERRUPTED, Interruption, interruption
 from .opening import Opened, kept_if_worth_it, open_study
 from .options import Options
+from .studies.sources import completed
 
 RUN_FAILED = 1
 """Exit code if the user's own scenario code ended an unattended study."""

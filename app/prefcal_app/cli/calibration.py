@@ -27,11 +27,12 @@ from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.names import is_own
 from prefcal_scenarios.scenario import Scenario
 
-from .choices import completed, with_cost
+from .choices import with_cost
 from .opening import IN_MEMORY, Opened, by_now, worth_keeping
 from .options import Options
 from .report import as_json, record_of, references, show
 from .studies.files import existing, open_described
+from .studies.sources import completed
 
 _KNOWN = 2.0
 """Longest wait, in seconds, for what a screening agent expects of its simulations in the end."""

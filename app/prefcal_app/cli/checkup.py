@@ -45,8 +45,9 @@ from prefcal_scenarios.presentation.wording import (
 )
 from prefcal_scenarios.scenario import Scenario, with_found_kpis
 
-from .choices import completed, start_of
+from .choices import start_of
 from .studies.files import as_text
+from .studies.sources import completed
 
 if TYPE_CHECKING:
     from .commands import CheckOptions

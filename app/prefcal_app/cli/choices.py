@@ -1,7 +1,7 @@
 """Turn command-line values into scenarios, costs, agents, calibrators and θ."""
 
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf, isfinite
@@ -22,99 +22,21 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
-from prefcal_env.study import space_of, study_path
+from prefcal_env.study import space_of
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.options import FLAGS
-from prefcal_scenarios.described.words import knob_of, listed, named_numbers
 from prefcal_scenarios.kpis import outcome
-from prefcal_scenarios.names import CONTROLLERS, is_described, is_own
 from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.own.source import joined_source, split_source, with_config_of
 from prefcal_scenarios.scenario import Scenario, finds_kpis
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
-from .studies.files import EXPERIMENT, existing, numbered, open_described, trusted_source
+from .studies.files import EXPERIMENT, existing, numbered, open_described
 
 if TYPE_CHECKING:
     from prefcal_agents.protocol.agent import Agent
 
 Thetas = Sequence[Float[np.ndarray, " n"]]
-
-
-def completed(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `given` with the source of the scenario that the options describe, and the cost.
-
-    An existing study keeps what is not given, except programs: a study from another person must
-    not decide which program runs here. So a scenario that is not given must be a built-in one, or
-    be described by a plant that is.
-
-    Args:
-        given: Values of a command's options by name, None for options that were not typed.
-
-    Raises:
-        ScenarioError: If an option cannot be read.
-        SettingsError: If an option does not fit the scenario, or differs from the study's.
-        StudyError: If there is no such study where no scenario is given, or its scenario is a
-            program that is not named.
-    """
-    source, study, words = given["scenario"], given.get("study"), _described(given)
-    kept: Mapping[str, Any] = {}
-    if study is not None and (source is None or study_path(study).is_file()):
-        with open_described(existing(study)) as file:
-            kept = file.state.configuration
-    if source is None and words:
-        source = split_source(kept["scenario"])[0]  # the study keeps the rest
-        if not is_described(source):
-            raise SettingsError(f"study {study!r} has no plant of its own: leave --plant out")
-    if source is not None:
-        source = _with_words(with_config_of(source, given.get("config")), words)
-    cost = given.get("cost")
-    if kept:
-        source = trusted_source(study, kept["scenario"], source)
-        cost = kept_cost(kept["options"]) if cost is None else cost
-    return {**given, "scenario": source, "cost": cost}
-
-
-def _with_words(source: str, words: Mapping[str, Any]) -> str:
-    """Return `source` with what the options describe. Raises SettingsError if it takes none."""
-    if is_described(source):
-        name, config = split_source(source)
-        wanted = {**(config or {}), **words}
-        return joined_source(name, wanted) if wanted else name
-    if words:
-        raise SettingsError(
-            f"{FLAGS[next(iter(words))]} describes an FMU, a TOML file or a standard controller "
-            f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
-        )
-    return source
-
-
-def _described(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the typed options as keys of a description."""
-    found = {key: given[key] for key in ("plant", "stop_time") if given.get(key) is not None}
-    if given.get("knob"):
-        names = [knob_of(text).name for text in given["knob"]]
-        texts = [text.partition("=")[2].strip() for text in given["knob"]]
-        twice = [name for name in names if names.count(name) > 1]
-        if twice:
-            raise SettingsError(f"--knob gives {twice[0]!r} twice")
-        found["knobs"] = dict(zip(names, texts, strict=True))
-    if given.get("show"):
-        found["show"] = listed(given["show"])
-    if given.get("reference"):
-        found["reference"] = named_numbers(given["reference"], "--reference")
-    return found
-
-
-def kept_cost(stored: Mapping[str, Any]) -> str | None:
-    """Return the cost to use again from the options that a study keeps; None for a program.
-
-    A study from another person must not decide which program runs here; a KPI's name is none.
-    """
-    cost = stored.get("cost")
-    return None if cost is None or is_own(str(cost)) else str(cost)
 
 
 def with_cost(scenario: Scenario, source: str | None) -> Scenario:

@@ -104,18 +104,8 @@ def children(pid):
 @pytest.mark.usefixtures("own_process")
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_no_worker_outlives_the_command(tmp_path, monkeypatch, how):
-    process = start(
-        tmp_path,
-        "calibrate",
-        UNSEEN,
-        "--calibrator",
-        "synthetic",
-        "--simulate",
-        "100000",
-        "--out",
-        "out",
-        PREFCAL_TEST_SECONDS="0.01",
-    )
+    line = f"calibrate {UNSEEN} --calibrator synthetic --simulate 100000 --out out"
+    process = start(tmp_path, *line.split(), PREFCAL_TEST_SECONDS="0.01")
     try:
         wait_until(lambda: len(children(process.pid)) >= 2)  # experiments, and simulations
         workers = children(process.pid)

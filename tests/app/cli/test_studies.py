@@ -97,9 +97,8 @@ def test_an_export_never_overwrites_its_study(prefcal, refused, study, tmp_path)
     (path,) = (tmp_path / "data").rglob("mine.prefcal")
     before = path.read_bytes()
     for format_ in ("json", "csv"):
-        assert "is the study itself" in refused(
-            "studies", "export", "mine", "--format", format_, "--out", str(path)
-        )
+        words = ["--format", format_, "--out", str(path)]
+        assert "is the study itself" in refused("studies", "export", "mine", *words)
     assert path.read_bytes() == before
 
 
@@ -168,10 +167,8 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     assert "Question 3 of 3" in out
     assert "The study is finished: all compared." in out
     assert "Repeat it" not in out  # a person gives other answers
-    verdicts = [
-        q["verdict"] for q in json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
-    ]
-    assert verdicts[-1] == "about the same"
+    questions = json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
+    assert questions[-1]["verdict"] == "about the same"
 
 
 @pytest.mark.usefixtures("rig_file")

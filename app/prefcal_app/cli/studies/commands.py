@@ -177,10 +177,9 @@ def respace(
     Close its page first. Experiments outside a narrowed range still count for
     learning; only new proposals stay inside. Each option can be repeated.
     """
-    from prefcal_app.cli.choices import completed
-
     from .respacing import Changes, in_words
     from .respacing import respace as respace_study
+    from .sources import completed
 
     source = completed({"study": study, "scenario": scenario, "plant": plant})["scenario"]
     for line in in_words(respace_study(study, source, Changes(knob or (), freeze or (), add or ()))):

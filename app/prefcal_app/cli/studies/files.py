@@ -2,7 +2,6 @@
 
 import json as json_
 import re
-import shlex
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,9 +22,6 @@ from prefcal_env.errors import PrefcalError, SettingsError, StudyError
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.described.options import words_to_resume
-from prefcal_scenarios.described.resuming import resumed_source
-from prefcal_scenarios.names import is_built_in, is_described
 from prefcal_scenarios.presentation.wording import labeled, mark_text, number, printable
 
 EXPERIMENT = re.compile(r"(.+):(\d+|best)")
@@ -122,30 +118,6 @@ def _in_words(error: msgspec.ValidationError) -> str:
     problem, _, where = str(error).replace("`", "").partition(" - at $.")
     problem = problem[:1].lower() + problem[1:]
     return f"its {where}: {problem}" if where else f"its configuration: {problem}"
-
-
-def trusted_source(name: str, named: str, source: str | None) -> str:
-    """Return the scenario of the study called `name`, if the user trusts it.
-
-    Args:
-        name: Name of the study.
-        named: Scenario that the study names.
-        source: Scenario that the user names; None to use the study's if it is built in.
-
-    Raises:
-        StudyError: If the study names a program and the user does not.
-    """
-    if source is None and not is_built_in(named):
-        # A study from another person must not decide which program runs here.
-        short, *plant = words_to_resume(named)  # the study keeps the rest
-        option = plant or ["--scenario", short]
-        raise StudyError(
-            f"study {name!r} calibrates {' '.join([short, *plant])!r}, which is a program: if you "
-            f"trust it, add {shlex.join(option)}"
-        )
-    if source is not None and is_described(source) and is_described(named):
-        return resumed_source(named, source)
-    return source or named
 
 
 def print_list(*, json: bool) -> None:
