@@ -242,11 +242,10 @@ def _identity(opened: Opened) -> str:
     return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
 
 
-def report_of(name: str, given: Mapping[str, Any]) -> None:
-    """Write the report of the study called `name`.
+def report_of(given: Mapping[str, Any]) -> None:
+    """Write the report of a study.
 
     Args:
-        name: Name of the study.
         given: Values of the options of `prefcal report`, None for those that were not typed.
 
     Raises:
@@ -254,7 +253,7 @@ def report_of(name: str, given: Mapping[str, Any]) -> None:
         SettingsError: If its cost is a program and must be given.
     """
     given = completed(given)
-    source, cost = given["scenario"], given["cost"]
+    name, source, cost = given["study"], given["scenario"], given["cost"]
     with open_described(existing(name)) as file, isolation(source, early=False) as isolated:
         scenario = isolated(with_cost(load(source), cost))
         stored = by_now(file.state)

@@ -15,7 +15,7 @@ from .options import Described, Options
 from .parameters import argument, examples, given, made, option, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
-from .studies.commands import Json, Plant, Scenario, Study
+from .studies.commands import OfStudy
 from .studies.commands import app as studies
 
 app = Typer(
@@ -236,6 +236,21 @@ def look(**typed: Any) -> None:
     raise Exit(run(made(LookOptions, typed)))
 
 
+@dataclass(frozen=True, slots=True)
+class ReportOptions(OfStudy):
+    """Options of `prefcal report`, in the order of its help.
+
+    Args:
+        cost: The cost that the study was started with, if any.
+        out: Folder of the report; must not hold the report of another study.
+        json: Print only JSON on standard output.
+    """
+
+    cost: str | None = option(None, "COST", shown="the scenario's score")
+    out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY")
+    json: bool = option(False, flag="--json")
+
+
 @app.command(
     epilog=examples(
         ("report mine", "Write the report of the study called mine into the folder prefcal-mine."),
@@ -246,33 +261,12 @@ def look(**typed: Any) -> None:
         ("report pid-1 --plant model.py:plant", "For a PID on your own plant."),
     )
 )
-def report(
-    study: Study,
-    scenario: Scenario = None,
-    plant: Plant = None,
-    cost: Annotated[
-        str | None,
-        Option(
-            metavar="COST",
-            help="The cost that the study was started with, if any.",
-            show_default="the scenario's score",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            metavar="FOLDER",
-            help="Folder of the report; must not hold the report of another study.",
-            show_default="./prefcal-STUDY",
-        ),
-    ] = None,
-    json: Json = False,
-) -> None:
+@takes(ReportOptions)
+def report(**typed: Any) -> None:
     """Write the report of a study as it stands, complete or not."""
     from .calibration import report_of
 
-    given = {"study": study, "scenario": scenario, "plant": plant, "cost": cost, "out": out, "json": json}
-    report_of(study, given)
+    report_of(given(ReportOptions, typed))
 
 
 @app.command()

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.cli.studies.respacing import Changes, respace
+from prefcal_app.cli.studies.commands import RespaceOptions
+from prefcal_app.cli.studies.respacing import respace
 from prefcal_app.session import Choice, Interview, Phase
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs.knob import Knob
@@ -127,7 +128,7 @@ def test_an_open_question_stays_open(prefcal, tmp_path):
     asked = proceed(interview).question
     theta = asked.challenger.experiment.theta
     interview.study.close()
-    respace(str(path), TOY, Changes(knobs=["T_s=0.3:0.4"]))
+    respace(RespaceOptions(str(path), knob=("T_s=0.3:0.4",)), TOY)
     again = reopened(toy_scenario(), path)
     now = again.now()
     assert (now.phase, now.question.id) == (Phase.QUESTION, asked.id)

@@ -1,13 +1,14 @@
 """Declare the commands `prefcal studies ...`."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Argument, Exit, Option, Typer, echo
 
-from prefcal_app.cli.parameters import examples
+from prefcal_app.cli.parameters import argument, examples, made, option, takes
 
 app = Typer(
     name="studies",
@@ -18,19 +19,22 @@ app = Typer(
 
 Study = Annotated[str, Argument(metavar="STUDY", help="A name, or the path of a file.")]
 Json = Annotated[bool, Option("--json", metavar="", help="Print only JSON on standard output.")]
-_Texts = list[str] | None
-Scenario = Annotated[
-    str | None,
-    Option(
-        metavar="SCENARIO",
-        help="Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never "
-        "makes prefcal run a program.",
-        show_default="the built-in one that the study names",
-    ),
-]
-Plant = Annotated[
-    str | None, Option(metavar="FILE.py:NAME", help="Plant of a standard controller, as for calibrate.")
-]
+
+
+@dataclass(frozen=True, slots=True)
+class OfStudy:
+    """Options of a command that loads the scenario of a study.
+
+    Args:
+        study: A name, or the path of a file.
+        scenario: Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never makes
+            prefcal run a program.
+        plant: Plant of a standard controller, as for calibrate.
+    """
+
+    study: str = argument("STUDY")
+    scenario: str | None = option(None, "SCENARIO", shown="the built-in one that the study names")
+    plant: str | None = option(None, "FILE.py:NAME")
 
 
 def _command(*shown: tuple[str, str], name: str | None = None) -> Callable[..., Any]:
@@ -152,35 +156,37 @@ def verify(study: Study) -> None:
     echo(f"Sound: {count} events.")
 
 
+@dataclass(frozen=True, slots=True)
+class RespaceOptions(OfStudy):
+    """Options of `prefcal studies respace`, in the order of its help.
+
+    Args:
+        knob: Search this range, narrower or wider.
+        freeze: Keep a knob at this value.
+        add: A knob that is new in the scenario, and its value in the experiments so far.
+    """
+
+    knob: tuple[str, ...] = option((), "KNOB=LOW:HIGH")
+    freeze: tuple[str, ...] = option((), "KNOB=VALUE")
+    add: tuple[str, ...] = option((), "KNOB=VALUE")
+
+
 @_command(
     ("respace mine --knob T_s=0.1:0.5", "Search T_s from 0.1 to 0.5 from now on."),
     ("respace mine --freeze N_p=26", "Keep N_p at 26."),
 )
-def respace(
-    study: Study,
-    knob: Annotated[
-        _Texts, Option(metavar="KNOB=LOW:HIGH", help="Search this range, narrower or wider.")
-    ] = None,
-    freeze: Annotated[_Texts, Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")] = None,
-    add: Annotated[
-        _Texts,
-        Option(
-            metavar="KNOB=VALUE",
-            help="A knob that is new in the scenario, and its value in the experiments so far.",
-        ),
-    ] = None,
-    scenario: Scenario = None,
-    plant: Plant = None,
-) -> None:
+@takes(RespaceOptions)
+def respace(**typed: Any) -> None:
     """Change the knobs of a running study; every experiment and answer stays.
 
     Close its page first. Experiments outside a narrowed range still count for
     learning; only new proposals stay inside. Each option can be repeated.
     """
-    from .respacing import Changes, in_words
+    from .respacing import in_words
     from .respacing import respace as respace_study
     from .sources import completed
 
-    source = completed({"study": study, "scenario": scenario, "plant": plant})["scenario"]
-    for line in in_words(respace_study(study, source, Changes(knob or (), freeze or (), add or ()))):
+    options = made(RespaceOptions, typed)
+    source = completed({name: typed[name] for name in ("study", "scenario", "plant")})["scenario"]
+    for line in in_words(respace_study(options, source)):
         echo(line)
