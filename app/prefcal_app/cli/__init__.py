@@ -63,7 +63,6 @@ _MISSING = {
     "OLD": "name the study to rename and its new name: `prefcal studies list` shows yours",
     "NEW": "give the new name, too",
     "FILE": "name the exported file",
-    "KIND": "name a kind of starter: function, pid, controller, mpc, fmu or rig",
     "RUN RUN ...": "name two runs or more: CSV or Parquet files, or STUDY:3",
     "AGENT": "name an agent, or your own as path/to/own.py:Agent",
 }

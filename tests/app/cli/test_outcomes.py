@@ -22,28 +22,24 @@ def thetas_of(study):
     return [sample.theta for sample in state_of(study).history.samples]
 
 
-def test_without_outcomes_the_agent_learns_from_theta_alone(done, tmp_path):
+def test_without_outcomes_the_agent_learns_from_theta_alone_and_the_line_that_repeats_it_says_so(
+    done, tmp_path
+):
     on = thetas(done, "--study", str(tmp_path / "on.prefcal"))
-    off = thetas(done, "--study", str(tmp_path / "off.prefcal"), "--no-outcomes")
+    off = thetas(done, "--study", str(tmp_path / "off.prefcal"), "--no-outcomes", "--out", "off")
     assert on[:4] == off[:4]
     configuration = state_of(tmp_path / "off.prefcal").configuration
     assert configuration["options"]["outcomes"] is False
     assert configuration["agent"]["settings"]["kpis"] is False
     assert state_of(tmp_path / "on.prefcal").configuration["options"]["outcomes"] is True
-
-
-def test_the_line_that_repeats_a_study_says_so_and_does(done, tmp_path):
-    path = str(tmp_path / "mine.prefcal")
-    first = thetas(done, "--study", path, "--no-outcomes", "--out", "first")
-    page = (tmp_path / "first" / "report.html").read_text("utf-8")
     line = Options.of(
         {"scenario": TOY, "calibrator": "synthetic", "n_init": 4, "n_max": 7, "outcomes": False}
     ).command()
     assert line.endswith("--no-outcomes")
-    assert line in page
+    assert line in (tmp_path / "off" / "report.html").read_text("utf-8")
     again = str(tmp_path / "again.prefcal")
     done(*shlex.split(line)[1:], "--study", again)
-    assert thetas_of(again) == first
+    assert thetas_of(again) == off
 
 
 def test_a_cost_that_is_no_number_is_named(refused, tmp_path):
