@@ -102,7 +102,7 @@ def calibrate(**typed: Any) -> None:
     if sys.stderr.isatty():  # the next imports take a second
         name = str(found["scenario"]).partition("{")[0].strip()
         print(f"Loading {name} ...", file=sys.stderr, flush=True)
-    from .calibrate import run
+    from .calibrate_run import run
 
     raise Exit(run(found))
 
@@ -231,7 +231,7 @@ def look(**typed: Any) -> None:
     Runs may have different time bases, lengths and columns: columns of the same name and unit
     share a plot. Ctrl-C ends the page.
     """
-    from .look import run
+    from .look_run import run
 
     raise Exit(run(made(LookOptions, typed)))
 
