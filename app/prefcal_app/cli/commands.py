@@ -115,7 +115,8 @@ class CheckOptions(Described):
     """Options of `prefcal check`, in the order of its help.
 
     Args:
-        theta: What to run: "KNOB=VALUE, ..." for every knob, or the name of a reference.
+        theta: What to run: "KNOB=VALUE, ..." for every knob, the name of a reference, or an experiment
+            of a study, MINE:3 or MINE:best.
         out: File of the picture.
         json: Print the result as JSON, and nothing else, on stdout.
     """
