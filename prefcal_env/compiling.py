@@ -148,16 +148,16 @@ def _of_the_reactor() -> Iterator[Kernel]:
 
 
 def _of_the_road() -> Iterator[Kernel]:
-    from prefcal_env.envs.overtake import _kernels
+    from prefcal_env.envs.overtake import geometry
     from prefcal_env.plants.bicycle import compiled_hold
 
     yield from _of_the_solver()
     yield _kernel("car", compiled_hold(), "f8, f8, f8, f8, f8, f8, vector")
-    yield _kernel("edge of the road", _kernels.kept, "matrix, UniTuple(f8, 2), f8")
-    yield _kernel("contacts", _kernels.surely_apart, "matrix, cube, f8, f8")
-    yield _kernel("separation", _kernels.separation, "matrix, matrix")
-    yield _kernel("distance", _kernels.distance, "matrix, matrix")
-    yield _kernel("distance off the road", _kernels.outside, "matrix, UniTuple(f8, 2)")
+    yield _kernel("edge of the road", geometry.kept, "matrix, UniTuple(f8, 2), f8")
+    yield _kernel("contacts", geometry.surely_apart, "matrix, cube")
+    yield _kernel("separation", geometry.separations, "matrix, matrix")
+    yield _kernel("distance", geometry.distances, "matrix, matrix")
+    yield _kernel("distance off the road", geometry.outsides, "matrix, UniTuple(f8, 2)")
 
 
 _KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {

@@ -7,18 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.envs.overtake._kernels import kept, surely_apart
 from prefcal_env.envs.overtake.geometry import (
-    BENT,
     CONTACT,
-    REACH,
     corners,
     distance,
     first_contact,
+    kept,
     lateral_distance,
     outside,
     overlap,
     separation,
+    surely_apart,
 )
 from prefcal_env.envs.overtake.rules import ROAD
 from prefcal_env.envs.overtake.traffic import Obstacle
@@ -145,7 +144,7 @@ def apart(motion, times):
 
 def apart_at_first_sight(motion):
     x, others = motion(TIMES)
-    return surely_apart(x, np.stack(others), BENT, REACH)
+    return surely_apart(x, np.stack(others))
 
 
 drives = given(
