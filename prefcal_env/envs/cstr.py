@@ -10,9 +10,9 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.cstr import CSTR, FEED
 
+from .canvas import makes
 from .checks import vector
 from .plant_env import PlantEnv
-from .rendering import makes
 from .task import Step, Task
 
 START = 8.56

@@ -14,8 +14,8 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.trajectory import Record, Trajectory, instants
 from prefcal_env.plants.plant import Plant
 
-from .canvas import Canvas, Trace
-from .checks import check_render_mode, known_options, vector
+from .canvas import Canvas, Trace, check_render_mode
+from .checks import known_options, vector
 from .dead_time import DeadTime, dead_times, delays_of
 from .fit import channels_of, check_fit, check_limits, check_rate, observed_of, tracked_of
 from .task import Step, Task

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Real
 
+from prefcal_env.arrays import numbers
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import is_number
-
-from .checks import numbers
 
 Vector = Float[np.ndarray, " _"]
 Signal = Vector | Callable[[float], Vector]

@@ -7,13 +7,13 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import numbers
 from prefcal_env.errors import ExperimentError, KnobError, ProtocolError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.knobs.space import KnobSpace
 
-from .canvas import Canvas, Trace
-from .checks import check_render_mode, numbers
+from .canvas import Canvas, Trace, check_render_mode
 
 Array = np.ndarray[Any, Any]
 

@@ -10,7 +10,8 @@ from highway_env.envs.common.graphics import EnvViewer
 from highway_env.envs.common.observation import ObservationType, observation_factory
 from jaxtyping import Float
 
-from prefcal_env.envs.checks import check_render_mode, known_options, number, vector
+from prefcal_env.envs.canvas import check_render_mode
+from prefcal_env.envs.checks import known_options, number, vector
 from prefcal_env.envs.task import Step
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.calibrators import Criterion, LatentCost, Lexicographic
+from prefcal_env.envs.canvas import makes
 from prefcal_env.envs.cstr import BAND, TARGET, UNSAFE_TEMPERATURE, cstr_env
-from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout

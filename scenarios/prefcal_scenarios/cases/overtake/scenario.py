@@ -9,8 +9,8 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.envs.canvas import makes
 from prefcal_env.envs.overtake import Course, OvertakeOptions
-from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
