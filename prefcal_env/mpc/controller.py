@@ -12,7 +12,7 @@ from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.equations import equations_of
 from prefcal_env.plants.plant import Plant
-from prefcal_env.qp import QP, make_backend
+from prefcal_env.qp import QP, PIQPSolver
 
 from .kernels import model, rows, step
 from .settings import ACTIVE_SET, MPCSettings
@@ -76,7 +76,7 @@ class LinearMPC:
             s.tolerances.max_iterations,
         )
         # What the compiled method does not solve, PIQP may.
-        self._backend = make_backend(s.tolerances)
+        self._backend = PIQPSolver(s.tolerances)
         n = s.N_u * n_u + (1 if soft else 0)
         self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
 
