@@ -168,10 +168,10 @@ class PlantEnv(gym.Env[Array, Array]):
         self._steps += 1
         t = instants(self._t, self._steps * self._T_s, self.task.dense_step)
         if self._dead_time is None:
-            states = self.plant.hold(self._x, u, d, t[1:] - self._t)
+            later = self.plant.hold(self._x, u, d, t[1:] - self._t)
         else:
-            states = self._dead_time.hold(self._x, u, d, t)
-        x = np.concatenate([self._x[None], states])
+            later = self._dead_time.hold(self._x, u, d, t)
+        x = np.concatenate([self._x[None], later])
         kept, stopped = self._survived(x)
         if stopped:
             if kept == self._steps == 1:
@@ -267,10 +267,9 @@ class PlantEnv(gym.Env[Array, Array]):
         return found
 
     def _saturated(self, u: Array) -> Array:
-        low, high = self._low, self._high
-        if self.task.max_move is not None:
-            low = np.maximum(low, self._u - self.task.max_move)
-            high = np.minimum(high, self._u + self.task.max_move)
+        low, high, move = self._low, self._high, self.task.max_move
+        if move is not None:
+            low, high = np.maximum(low, self._u - move), np.minimum(high, self._u + move)
         return np.asarray(np.minimum(np.maximum(u, low), high))  # faster than `clip`
 
     def _survived(self, x: Float[np.ndarray, "M n_x"]) -> tuple[int, bool]:
@@ -290,11 +289,8 @@ class PlantEnv(gym.Env[Array, Array]):
     def _traces(self) -> list[Trace]:
         if self._episode is None:
             return []
-        record = self.record()
-        y, span = self._outputs(record), (0.0, self.task.horizon)
-        outputs = [Trace(record.channels.y[i], record.t, y[:, i], span=span) for i in self._tracked]
-        inputs = [
-            Trace(channel, record.t, record.u[:, i], held=True, span=span)
-            for i, channel in enumerate(record.channels.u)
-        ]
-        return outputs + inputs
+        record, span = self.record(), (0.0, self.task.horizon)
+        assert record.y is not None
+        shown = [(self.channels.y[i], record.y[:, i], False) for i in self._tracked]
+        shown += [(channel, u, True) for channel, u in zip(self.channels.u, record.u.T, strict=True)]
+        return [Trace(channel, record.t, values, held, span) for channel, values, held in shown]

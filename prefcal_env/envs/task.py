@@ -140,7 +140,14 @@ class Task:
             object.__setattr__(self, name, array)
         if not is_number(self.horizon):
             raise SettingsError(f"task: horizon must be a number, got {self.horizon!r}")
-        self._derive()
+        # Missing times are shares of the horizon.
+        if self.T_s_range is None:
+            object.__setattr__(self, "T_s_range", (1e-6 * self.horizon, self.horizon))
+        if self.T_s is None:
+            low, high = self.T_s_range
+            object.__setattr__(self, "T_s", min(max(self.horizon / 200, low), high))
+        if self.dense_step is None:
+            object.__setattr__(self, "dense_step", self.horizon / 500)
         for name in ("horizon", "dense_step"):
             if not 0 < getattr(self, name) < np.inf:
                 raise SettingsError(f"task: {name} must be positive and finite, got {getattr(self, name)}")
@@ -153,16 +160,6 @@ class Task:
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
         self.sampling_time(self.T_s)
-
-    def _derive(self) -> None:
-        """Fill in missing times as shares of the horizon."""
-        if self.T_s_range is None:
-            object.__setattr__(self, "T_s_range", (1e-6 * self.horizon, self.horizon))
-        if self.T_s is None:
-            low, high = self.T_s_range
-            object.__setattr__(self, "T_s", min(max(self.horizon / 200, low), high))
-        if self.dense_step is None:
-            object.__setattr__(self, "dense_step", self.horizon / 500)
 
     def sampling_time(self, T_s: Any) -> float:
         """Return `T_s` as a number. Raises SettingsError if it is no number or out of range."""

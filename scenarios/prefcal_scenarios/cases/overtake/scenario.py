@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
@@ -136,6 +135,5 @@ def make_tuning_env(
     )
 
 
-def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:
-    """Create several tuning environments as a vector without wasted steps (`same_step_vector`)."""
-    return same_step_vector("prefcal/OvertakeTuning-v0", num_envs, **options)
+make_tuning_vector = partial(same_step_vector, "prefcal/OvertakeTuning-v0")
+"""Create several tuning environments as a vector without wasted steps (`same_step_vector`)."""
