@@ -16,7 +16,7 @@ _CURVE, _LIMIT, _TARGET, _BAND = "#0b62c4", "#b3261e", "#2b2b2b", "#2e7d32"
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class DrawnCurve:
     """A curve in its own panel."""
 
     channel: Channel  # name, unit, limits, target and band
@@ -39,7 +39,7 @@ class Canvas:
         self._drawn: tuple[Any, ...] = ()
         self._lines: list[Any] = []
 
-    def frame(self, traces: Sequence[Trace], note: str = "") -> UInt8[np.ndarray, "h w 3"]:
+    def frame(self, traces: Sequence[DrawnCurve], note: str = "") -> UInt8[np.ndarray, "h w 3"]:
         """Return the picture, shape (height, width, 3); all pictures have the same size."""
         layout = tuple((trace.channel, trace.held, trace.span) for trace in traces)
         if self._figure is None or layout != self._drawn:
@@ -67,7 +67,7 @@ class Canvas:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)  # type: ignore[misc]
 
-    def _lay_out(self, traces: Sequence[Trace]) -> None:
+    def _lay_out(self, traces: Sequence[DrawnCurve]) -> None:
         # Imported here so that programs that do not render never load matplotlib.
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -88,7 +88,7 @@ class Canvas:
             axes[-1].set_xlabel(self.time_label)
 
 
-def _panel(ax: Any, trace: Trace) -> Any:
+def _panel(ax: Any, trace: DrawnCurve) -> Any:
     """Draw title, limits, target and band, which do not change; return the empty curve."""
     c = trace.channel
     title = f"${c.symbol}$  {c.label}" if c.symbol else c.label
@@ -108,7 +108,7 @@ def _panel(ax: Any, trace: Trace) -> Any:
     return ax.plot([], [], color=_CURVE, linewidth=1.8, drawstyle=style)[0]
 
 
-def _vertical(trace: Trace) -> tuple[float, float]:
+def _vertical(trace: DrawnCurve) -> tuple[float, float]:
     c = trace.channel
     finite = trace.values[np.isfinite(trace.values)]
     wanted = [float(finite.min()), float(finite.max())] if len(finite) else []

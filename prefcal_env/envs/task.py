@@ -17,7 +17,7 @@ Signal = Vector | Callable[[float], Vector]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class Period:
     """One sampling period, as seen by the rules of a task: M dense instants, with both ends.
 
     Args:
@@ -47,7 +47,7 @@ def never(_: Any) -> bool:
     return False
 
 
-def free(_: Step) -> float:
+def free(_: Period) -> float:
     """Return 0: a stage cost that charges nothing."""
     return 0.0
 
@@ -117,8 +117,8 @@ class Task:
     tracked: tuple[int, ...] | None = None
     bands: Mapping[int, float] | None = None
     unsafe: Callable[[Vector], Any] = never
-    settled: Callable[[Step], bool] = never
-    stage_cost: Callable[[Step], float] = free
+    settled: Callable[[Period], bool] = never
+    stage_cost: Callable[[Period], float] = free
     unsafe_cost: float = 0.0
     max_move: Float[np.ndarray, " n_u"] | None = None
     noise: Float[np.ndarray, " n_y"] | None = None

@@ -14,7 +14,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.knobs.space import KnobSpace
 
-from .canvas import Canvas, Trace, check_render_mode
+from .canvas import Canvas, DrawnCurve, check_render_mode
 
 Array = np.ndarray[Any, Any]
 
@@ -137,7 +137,7 @@ class TuningEnv(gym.Env[Array, Array]):
         named = self.space.named(self._experiment.theta)
         note = ", ".join(f"{name} = {value:.4g}" for name, value in named.items())
         self._canvas.time_label = f"time [{self._experiment.channels.time_unit}]"
-        return self._canvas.frame(_traces(self._experiment, self._panels), note)
+        return self._canvas.frame(_curves(self._experiment, self._panels), note)
 
     def close(self) -> None:
         """Release the figure."""
@@ -153,10 +153,10 @@ def sampled_at(space: KnobSpace, T_s: float | None) -> KnobSpace:
     return space if T_s is None else space.narrowed({"T_s": (T_s, T_s)})
 
 
-def _traces(experiment: Experiment, panels: Sequence[Panel] | None) -> list[Trace]:
+def _curves(experiment: Experiment, panels: Sequence[Panel] | None) -> list[DrawnCurve]:
     e, t = experiment, experiment.t
     plots = plots_of(e.channels) if panels is None else [p.plot(e) if len(t) else p.absent() for p in panels]
-    return [Trace(p.channel, t, p.values(e), held=p.held) for p in plots]
+    return [DrawnCurve(p.channel, t, p.values(e), held=p.held) for p in plots]
 
 
 def same_step_vector(env_id: str, num_envs: int = 1, **kwargs: Any) -> gym.vector.SyncVectorEnv:

@@ -23,7 +23,7 @@ _LEAST_RANK = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class StateEstimate:
     """An estimated state with its uncertainty, in the plant's units.
 
     Args:
@@ -57,7 +57,7 @@ class Estimate:
 class ExtendedKalmanFilter:
     """A filter for x⁺ = hold(x, u, d) + w, y = g(x, u, d) + v, with white noise w and v.
 
-    The filter has no memory: it takes an `Estimate` and returns the next one. You provide the
+    The filter has no memory: it takes a `StateEstimate` and returns the next one. You provide the
     first one. Of a `Disturbed` plant it also estimates the disturbances, which follow x.
 
     Source: Anderson, Moore (1979), Optimal Filtering, section 8.2.
@@ -89,7 +89,7 @@ class ExtendedKalmanFilter:
         # Middle and end of each piece.
         self._instants = np.arange(1, 2 * _PIECES + 1) * (T_s / (2 * _PIECES))
 
-    def predict(self, estimate: Estimate, u: U, d: D) -> Estimate:
+    def predict(self, estimate: StateEstimate, u: U, d: D) -> StateEstimate:
         """Return the estimate one period later, with u and d held, before the next measurement.
 
         It is not `finite` if the model diverges.
@@ -98,24 +98,24 @@ class ExtendedKalmanFilter:
         states = self._model.hold(x, u, d, self._instants)
         mean = np.concatenate([states[-1], estimate.mean[self._n_x :]])
         if not np.isfinite(states).all():
-            return Estimate(mean, np.full_like(self._Q, np.inf))
+            return StateEstimate(mean, np.full_like(self._Q, np.inf))
         equations, middles = self._model.equations, np.ascontiguousarray(states[::2])
         P, T = estimate.covariance.copy(order="C"), self.T_s / _PIECES
         covariance = kernels.carried(equations.packed, middles, u, d, P, self._Q, T, len(self._R))
         equations.check()
-        return Estimate(mean, covariance)
+        return StateEstimate(mean, covariance)
 
-    def update(self, estimate: Estimate, y: Y, u: U, d: D) -> Estimate:
+    def update(self, estimate: StateEstimate, y: Y, u: U, d: D) -> StateEstimate:
         """Return the estimate updated with the measured outputs `y`, shape (n_y,)."""
         equations, P = self._model.equations, estimate.covariance.copy(order="C")
         measured = np.array(y, dtype=float, order="C")
         point = self._point(estimate, u, d)
         mean, covariance = kernels.updated(equations.packed, *point, P, self._R, measured)
         equations.check()
-        return Estimate(mean, covariance)
+        return StateEstimate(mean, covariance)
 
     def linearized(
-        self, estimate: Estimate, u: U, d: D
+        self, estimate: StateEstimate, u: U, d: D
     ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n_y n"]]:
         """Return A = ∂ẋ/∂(x, p, w) and C = ∂y/∂(x, p, w) at an estimate."""
         equations, point = self._model.equations, self._point(estimate, u, d)
@@ -123,7 +123,7 @@ class ExtendedKalmanFilter:
         equations.check()
         return A, C
 
-    def _point(self, estimate: Estimate, u: U, d: D) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _point(self, estimate: StateEstimate, u: U, d: D) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x, u, and d followed by the disturbances, as writable copies."""
         mean = estimate.mean
         u = np.array(u, dtype=float, order="C")
@@ -205,11 +205,11 @@ class DisturbanceEstimator:
             self.model, T_s, Q=Q, R=np.diag(vector("noise", s.noise, n_y) ** 2)
         )
         self._P0 = np.diag(np.concatenate([start, drift]) ** 2)
-        self._estimate: Estimate | None = None
+        self._estimate: StateEstimate | None = None
         self._d = np.zeros(0)
 
     @property
-    def estimate(self) -> Estimate | None:
+    def estimate(self) -> StateEstimate | None:
         """Estimate of (x, p, w) at the last measurement; None before the first."""
         return self._estimate
 
@@ -235,19 +235,19 @@ class DisturbanceEstimator:
         extended = np.concatenate([d, np.tile(offsets, (len(d), 1))], axis=1)
         return replace(m, x=x, d=extended if m.d.ndim == 2 else extended[0])
 
-    def _predicted(self, m: Measurement) -> Estimate:
+    def _predicted(self, m: Measurement) -> StateEstimate:
         """Return the predicted estimate; at first, or if it is not finite, the measurement."""
         if self._estimate is not None:
             predicted = self._filter.predict(self._estimate, m.u, self._d)
             if predicted.finite:
                 return predicted
         offsets = np.zeros(len(self.model.offsets))
-        return Estimate(np.concatenate([m.x, offsets]), self._P0)
+        return StateEstimate(np.concatenate([m.x, offsets]), self._P0)
 
     def _check_rank(self, m: Measurement, d: Float[np.ndarray, " n_d"]) -> None:
         """Raise SettingsError unless [A - 1, B_d; C, C_d], columns scaled to 1, has full rank."""
         n = len(self._P0)
-        start = Estimate(np.concatenate([m.x, np.zeros(n - len(m.x))]), self._P0)
+        start = StateEstimate(np.concatenate([m.x, np.zeros(n - len(m.x))]), self._P0)
         A_c, C = self._filter.linearized(start, m.u, d)
         A = discretize(A_c, np.zeros((n, 0)), np.zeros(n), self._filter.T_s)[0]
         matrix = np.concatenate([A - np.eye(n), C])

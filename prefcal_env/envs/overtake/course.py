@@ -9,7 +9,7 @@ from gymnasium.utils import seeding
 from jaxtyping import Float
 
 from prefcal_env.envs.checks import known_options, number, vector
-from prefcal_env.envs.task import Step
+from prefcal_env.envs.task import Period
 from prefcal_env.errors import PlantError, ProtocolError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channels, End
@@ -63,6 +63,7 @@ class Course:
         self.options = options or OvertakeOptions()
         self.end: End | None = None
         self.mishap: Mishap | None = None
+        self.phase = Phase.LANE_KEEPING
         self._rng: np.random.Generator | None = None
         self._trajectory: Trajectory | None = None
 
@@ -114,7 +115,7 @@ class Course:
         self.phase = Phase.LANE_KEEPING
         self._look(np.concatenate([mover.at(np.zeros(1)) for mover in movers]))
 
-    def apply(self, u: Float[np.ndarray, " 2"]) -> Step:
+    def apply(self, u: Float[np.ndarray, " 2"]) -> Period:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
 
         Raises:
@@ -131,7 +132,7 @@ class Course:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
         others = np.stack([self._ahead[step], *(o.at(times) for o in self.movers[1:])])
         t, x, self.mishap = self._period(u, times, others)
-        period = Step(t, x, u_before=self.u, u=u, y_ref=self._y_ref(), T_s=float(times[-1] - times[0]))
+        period = Period(t, x, u_before=self.u, u=u, y_ref=self._y_ref(), T_s=float(times[-1] - times[0]))
         trajectory.add(t[1:], x[1:], u, period.y_ref)
         self._phases.append((self.phase, len(t) - 1))
         self.t, self.x, self.u = float(t[-1]), x[-1], u

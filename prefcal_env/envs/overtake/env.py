@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from prefcal_env.envs.canvas import check_render_mode
 from prefcal_env.envs.checks import known_options, number, vector
-from prefcal_env.envs.task import Step
+from prefcal_env.envs.task import Period
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import End
@@ -259,7 +259,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self.action_type.act(action)
         return self.vehicle.inputs(self.T_s)  # type: ignore[no-any-return]
 
-    def apply(self, u: Float[np.ndarray, " 2"]) -> Step:
+    def apply(self, u: Float[np.ndarray, " 2"]) -> Period:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
 
         Raises:
