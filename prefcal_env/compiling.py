@@ -117,7 +117,6 @@ def _of_the_mpc() -> Iterator[Kernel]:
     yield _kernel("triangular factors", riccati.triangularize, "matrix, i8, i8, i8")
     yield _kernel("inputs", rows.inputs, "cube, vector, vector, UniTuple(vector, 4)")
     yield _kernel("active limits", _active_set.nearest, "matrix, vector, vector, f8, f8, i8")
-    # Not `in_inputs`, which is as large and hardly ever needed.
     yield _kernel(
         "control step",
         step.decide,
