@@ -42,24 +42,20 @@ class PIQPSolver:
         if not whole or np.isnan(qp.lower).any() or np.isnan(qp.upper).any():
             return Solution.none(qp, 0)
         P = np.asfortranarray(qp.P.T)  # symmetric, so this makes no copy
-        solver, m, n = self._solver, len(qp.lower), len(qp.q)
-        box = m == n and n > 1 and np.array_equal(qp.G, np.eye(n))
+        solver = self._solver
         bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)  # PIQP prints about others
         lower, upper = qp.lower[bounded], qp.upper[bounded]
-        if not len(lower):
-            solver.setup(P, qp.q)
-        elif box and len(lower) == n:  # as bounds, its rows cost nothing to factorize
-            solver.setup(P, qp.q, x_l=lower, x_u=upper)
-        else:
-            box = False
+        if len(lower):
             solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G[bounded]), lower, upper)
+        else:
+            solver.setup(P, qp.q)
         solved = solver.solve() == self._is_solved
         result = solver.result
         iterations = int(result.info.iter)
         if not solved:
             return Solution.none(qp, iterations)
-        multipliers = np.zeros(m)
-        multipliers[bounded] = result.z_bu - result.z_bl if box else result.z_u - result.z_l
+        multipliers = np.zeros(len(bounded))
+        multipliers[bounded] = result.z_u - result.z_l
         return Solution.checked(qp, result.x, multipliers, iterations)
 
     def solve_box(

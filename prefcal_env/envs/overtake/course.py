@@ -36,11 +36,6 @@ class Mishap(Enum):
 
     COLLISION = "collision"
     OFF_ROAD = "off the road"
-    NOT_FINITE = "not finite"
-
-
-_MISHAPS = None, Mishap.NOT_FINITE, Mishap.OFF_ROAD
-"""What the second number of `kept` means."""
 
 
 class Course:
@@ -167,12 +162,12 @@ class Course:
             return states(at), [mover.at(at)[:, :3] for mover in self.movers]
 
         driven = np.concatenate([x[None], _PLANT.hold(x, u, _NONE, t[1:] - start)])
-        last, why = kept(driven, self.options.road, ROAD_MARGIN)
+        last, left = kept(driven, self.options.road, ROAD_MARGIN)
         t, driven, touched = t[: last + 1], driven[: last + 1], None
         if not surely_apart(driven, others):
             touched = first_contact(motion, t)
         if touched is None:
-            return t, driven, _MISHAPS[why]
+            return t, driven, Mishap.OFF_ROAD if left else None
         n = int(np.searchsorted(t[1:], touched)) + 1
         driven = np.concatenate([driven[:n], states(np.array([touched]))])
         return np.append(t[:n], touched), driven, Mishap.COLLISION

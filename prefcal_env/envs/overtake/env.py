@@ -111,8 +111,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
     - Observation, by default float32, shape (7,): see `OvertakeObservation`.
     - Reward: minus `stage_cost` (speed, lane, steering) times the duration of the step; after
       a mishap also minus `MISHAP_COST` times the rest of the horizon.
-    - terminated: collision, more than 1 m off the road, or a state that is not finite.
-      truncated: the first sample at or after 15 s.
+    - terminated: collision, or more than 1 m off the road. truncated: the first sample at or after
+      15 s. A state is always finite: the inputs saturate.
     - Info: `t` [s], `x` and `u` in the plant's units, `speed` [m/s], `crashed`, `gap`,
       `lateral_offset` [m], `phase`; `end` at the end, and `mishap` if there was one.
     - Options of `reset`: any `T_s` in [0.085, 0.5] s; `x0`, the pose (x_f, y_f, θ); `config`.

@@ -156,24 +156,17 @@ def outsides(poses, road):  # type: ignore[no-untyped-def]
 
 @kernel()
 def kept(x, road, margin):  # type: ignore[no-untyped-def]
-    """Return how many instants after the first to keep, and why not all of them.
+    """Return how many instants after the first to keep, and whether the last one is off the road.
 
     Args:
         x: States at the M + 1 instants, shape (M + 1, n_x); the first ones are the pose.
         road: Right and left edge of the road, y [m].
         margin: Distance off the road at which a body has left it [m].
-
-    Returns:
-        The number of instants, and 0 for all, 1 if the next state is not finite, or 2 if the last
-        one of them is off the road.
     """
     for i in range(1, len(x)):
-        for k in range(x.shape[1]):
-            if not math.isfinite(x[i, k]):
-                return i - 1, 1
         if _outside(x[i, 1], x[i, 2], road) > margin:
-            return i, 2
-    return len(x) - 1, 0
+            return i, True
+    return len(x) - 1, False
 
 
 @kernel()
