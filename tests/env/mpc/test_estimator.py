@@ -65,6 +65,31 @@ def test_on_a_linear_plant_it_is_the_kalman_filter():
         np.testing.assert_allclose(found.covariance, P, rtol=1e-9, atol=1e-9)
 
 
+def test_the_mean_is_predicted_by_the_hold_of_the_plant():
+    plant = CSTR()
+    x, u = plant.steady_state_at_concentration(5.0)
+    x = x + np.array([3.0, 0.5])
+    ekf = ExtendedKalmanFilter(plant, T_S, Q=np.eye(2), R=np.eye(2))
+    predicted = ekf.predict(StateEstimate(x, np.eye(2)), u, FEED)
+    np.testing.assert_allclose(predicted.mean, plant.hold(x, u, FEED, np.array([T_S]))[0], 1e-8)
+
+
+def test_it_knows_the_reactor_better_than_its_measurements():
+    rng, plant, noise = np.random.default_rng(2), CSTR(), np.array([0.5, 0.05])
+    x, u = plant.steady_state_at_concentration(8.56)
+    Q = np.diag([0.02, 0.002]) ** 2
+    ekf = ExtendedKalmanFilter(plant, T_S, Q=Q, R=np.diag(noise**2))
+    estimate, errors = StateEstimate(x + noise, np.diag(noise**2)), []
+    for T_c in rng.uniform(295, 301, size=200):
+        u = np.array([T_c])
+        x = plant.hold(x, u, FEED, np.array([T_S]))[0]
+        y = x + noise * rng.standard_normal(2)
+        estimate = ekf.update(ekf.predict(estimate, u, FEED), y, u, FEED)
+        errors.append((estimate.mean - x, y - x))
+    of_estimate, of_measurement = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert np.all(of_estimate < 0.5 * of_measurement)
+
+
 def test_the_covariance_follows_the_derivative_of_the_hold():
     plant, h = CSTR(), 1e-5
     x, u = plant.steady_state_at_concentration(5.0)
