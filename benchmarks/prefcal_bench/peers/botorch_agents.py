@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import Pair, PreferenceBased
+from prefcal_agents.protocol.agent import Pair, rematch
 from prefcal_agents.support.extras import load
 from prefcal_env.preferences.history import History
 
@@ -23,7 +23,7 @@ _RIVALS = 8
 _KPI_DRAWS, _UTILITY_DRAWS = 32, 16
 
 
-class BoTorchAgent(Peer, PreferenceBased):
+class BoTorchAgent(Peer):
     """An agent that proposes the first of its candidates that did not run.
 
     Without such a candidate, or if a fit fails, the sample is random.
@@ -36,7 +36,7 @@ class BoTorchAgent(Peer, PreferenceBased):
         raise NotImplementedError
 
     def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
-        with torch_seeded(self._seed, history.answered) as seed:
+        with torch_seeded(self.setup.seed, history.answered) as seed:
             points = attempted(lambda: self._candidates(history, seed))
         return None if points is None else tried.first_new(np.clip(points, 0.0, 1.0))
 
@@ -132,10 +132,14 @@ class BOPE(BoTorchAgent):
     def _candidates(self, history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
         return _most_improving(history, seed)
 
-    def _follow_up(self, history: History) -> Pair | None:
-        if history.answered < self.n_init or len(history.latest) > 1:
+    def question(self, history: History) -> Pair | None:
+        """Return the unbeaten samples to compare, or those that tell most about the KPIs."""
+        pair = rematch(history)
+        if pair is not None or history.answered >= self._most(history):
+            return pair
+        if history.answered < self.setup.n_init or len(history.latest) > 1:
             return None
-        with torch_seeded(self._seed, history.answered):
+        with torch_seeded(self.setup.seed, history.answered):
             return attempted(lambda: _most_telling(history))
 
 
