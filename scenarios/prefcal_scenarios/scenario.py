@@ -10,6 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.formula import formula_of
 from prefcal_env.experiments.maneuvers import Maneuvers
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
@@ -19,7 +20,7 @@ from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.preferences.reading import as_read
 from prefcal_env.rig import Rig
 from prefcal_scenarios.own.checks import check_parts
-from prefcal_scenarios.own.tracking import Tracked, TrackedRecord, found_rows
+from prefcal_scenarios.own.tracking import Formulas, Measured, MeasuredRecord, Tracking, found_rows
 from prefcal_scenarios.own.tracking import within as _within
 
 if TYPE_CHECKING:
@@ -74,10 +75,12 @@ class KPI:
             simulated ones learned from, as its multiples. None for a hundredth of an objective's
             range, rounded down to a power of 10, and for 0.01 of a KPI in %; others are shown with
             four significant digits.
+        formula: Formula that computes it from the signals of a run, such as "max(level) - ref(level)"
+            (see docs/outcomes.md); "" if the run returns it.
 
     Raises:
         ScenarioError: If `better` is not "lower", "higher" or None, if `at_least` is above
-            `at_most`, or if `resolution` is not above 0.
+            `at_most`, `resolution` is not above 0, or `formula` cannot be read.
     """
 
     name: str
@@ -88,8 +91,11 @@ class KPI:
     better: Literal["lower", "higher"] | None = None
     about: str = ""
     resolution: float | None = None
+    formula: str = ""
 
     def __post_init__(self) -> None:
+        if self.formula:
+            formula_of(self.formula)
         if self.resolution is not None and not 0 < self.resolution < np.inf:
             raise ScenarioError(
                 f"resolution of KPI {self.name!r} must be above 0 and finite, "
@@ -221,8 +227,11 @@ class Scenario:
             rows = found_rows(channels) if isinstance(channels, Channels) else []
             if rows:
                 object.__setattr__(self, "kpis", tuple(KPI(**row) for row in rows))
-            object.__setattr__(self, "run", _tracked(self.run, [row["name"] for row in rows]))
+            names = tuple(row["name"] for row in rows)
+            object.__setattr__(self, "run", _measured(self.run, Tracking(names)))
         check_parts(self, KPI)
+        if formulas := tuple((kpi.name, kpi.formula) for kpi in self.kpis if kpi.formula):
+            object.__setattr__(self, "run", _measured(self.run, Formulas(formulas)))
 
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:
@@ -230,27 +239,27 @@ class Scenario:
         return tuple(k for k in self.kpis if self.cost is None or k.name != "index")
 
 
-def _tracked(run: Any, names: Sequence[str]) -> Any:
-    """Return `run` so that its experiments have tracking KPIs, those in `names` among them."""
-    if isinstance(run, Rig):
-        return replace(run, kpis=TrackedRecord(run.kpis, tuple(names)))
-    # A live rig measures them itself; a run in another process got them there.
-    if isinstance(run, LiveRig):
-        return run
+def _measured(run: Any, kpis: Tracking | Formulas) -> Any:
+    """Return `run` so that its experiments have more `kpis` than their own."""
+    if isinstance(run, Rig | LiveRig):
+        # A live rig measures tracking KPIs itself.
+        live = isinstance(run, LiveRig) and isinstance(kpis, Tracking)
+        return run if live else replace(run, kpis=MeasuredRecord(run.kpis, kpis))
     if isinstance(run, Maneuvers):
-        return run.each(lambda part: _tracked(part, _allowed(part, names)))
-    if isinstance(run, Tracked) or hasattr(run, "worker") or not callable(run):
-        return run
-    return Tracked(run, tuple(names))
+        return run.each(lambda part: _measured(part, _allowed(part, kpis)))
+    if isinstance(run, Measured) and type(run.kpis) is type(kpis):
+        return replace(run, kpis=kpis)
+    # A run in another process got them there.
+    return run if hasattr(run, "worker") or not callable(run) else Measured(run, kpis)
 
 
-def _allowed(run: Any, names: Sequence[str]) -> list[str]:
-    """Return those of `names` that the channels of a maneuver allow: others lack a target."""
+def _allowed(run: Any, kpis: Tracking | Formulas) -> Tracking | Formulas:
+    """Return those of the tracking KPIs that the channels of a maneuver allow: others lack a target."""
     channels = getattr(run, "channels", None)
-    if not isinstance(channels, Channels):
-        return list(names)
+    if isinstance(kpis, Formulas) or not isinstance(channels, Channels):
+        return kpis
     there = {row["name"] for row in found_rows(channels)}
-    return [name for name in names if name in there]
+    return Tracking(tuple(name for name in kpis.names if name in there))
 
 
 def finds_kpis(scenario: Scenario) -> bool:

@@ -168,7 +168,9 @@ def _name(where: str, d: Description) -> str:
     return f"{where}-{name}".rstrip("-")
 
 
-def _kpis(stated: Mapping[str, float | Mapping[str, Any]], made: Scenario, where: str) -> tuple[KPI, ...]:
+def _kpis(
+    stated: Mapping[str, float | str | Mapping[str, Any]], made: Scenario, where: str
+) -> tuple[KPI, ...]:
     channels = getattr(made.run, "channels", None)
     known = {kpi.name: kpi for kpi in made.kpis}
     if isinstance(channels, Channels):
@@ -176,14 +178,22 @@ def _kpis(stated: Mapping[str, float | Mapping[str, Any]], made: Scenario, where
     return tuple(_kpi(name, value, known, where) for name, value in stated.items())
 
 
-def _kpi(name: str, value: float | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:
-    if name not in known:
+def _kpi(name: str, value: float | str | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:
+    """Return a KPI that is known by its name, or has a formula; lower is better unless it says more."""
+    plain = {"at_most": value} if isinstance(value, float | int) else {"formula": value}
+    given = stated(value if isinstance(value, Mapping) else plain, KPI, f"{where}, [kpis] {name!r}")
+    if name not in known and "formula" not in given:
         raise ScenarioError(
             f"{where}, [kpis]: there is no KPI {name!r}.{did_you_mean(name, known)} "
-            f"Expected one of {', '.join(known)}"
+            f'Expected one of {", ".join(known)}, or a formula such as {name!r} = "max(level) - 2"'
         )
-    limits = {"at_most": value} if isinstance(value, float | int) else dict(value)
-    return replace(known[name], **stated(limits, KPI, f"{where}, [kpis] {name!r}"))
+    try:
+        if "formula" not in given:
+            return replace(known[name], **given)
+        aims = {"at_most", "at_least", "better"} & given.keys()
+        return KPI(**{"name": name, "title": name, "better": None if aims else "lower", **given})
+    except ScenarioError as error:
+        raise ScenarioError(f"{where}, [kpis] {name!r}: {error}") from error
 
 
 def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:

@@ -57,7 +57,7 @@ class Description(msgspec.Struct, frozen=True, kw_only=True):
     reference: dict[str, float] = {}
     stop_time: float | None = None
     timeout: float | None = None
-    kpis: dict[str, float | dict[str, Any]] | Literal["none"] | None = None
+    kpis: dict[str, float | str | dict[str, Any]] | Literal["none"] | None = None
     panels: dict[str, dict[str, Any]] = {}
     starts: dict[str, dict[str, float]] = {}
 

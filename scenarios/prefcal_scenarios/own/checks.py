@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.formula import formula_of
 from prefcal_env.experiments.maneuvers import MEAN, Maneuvers, named
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
@@ -123,9 +124,16 @@ def _check_against_run(scenario: Scenario, where: str) -> None:
                     f"{where}: panel {panel.name!r}: no signal is called {panel.reference!r} to "
                     "draw the reference"
                 )
-    if scenario.kpis and getattr(scenario.run, "kpis", ...) is None:
+        for kpi in scenario.kpis:
+            for find in formula_of(kpi.formula).names if kpi.formula else ():
+                try:
+                    find(channels, signals)
+                except ScenarioError as error:
+                    raise ScenarioError(f"{where}: formula of KPI {kpi.name!r}: {error}") from error
+    measured = [kpi.name for kpi in scenario.kpis if not kpi.formula]
+    if measured and getattr(scenario.run, "kpis", ...) is None:
         raise ScenarioError(
-            f"{where}: it has the KPI {scenario.kpis[0].name!r}, but its run computes none: "
+            f"{where}: it has the KPI {measured[0]!r}, but its run computes none: "
             "give the run a function kpis(experiment)"
         )
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.formula import computed_formulas
 from prefcal_env.experiments.kpi_units import OF_OUTPUT, kinds_of
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.maneuvers import Maneuvers
@@ -68,32 +69,52 @@ def found_rows(channels: Channels, measured: Mapping[str, float] | None = None) 
 
 
 @dataclass(frozen=True, slots=True)
-class Tracked:
-    """A run whose experiments get their tracking KPIs in addition to their own.
+class Tracking:
+    """The KPIs of an experiment, and its tracking KPIs.
 
     Args:
-        run: Run of the scenario.
         names: KPIs that every complete experiment has, NaN if it could not be measured.
     """
 
-    run: Any
     names: tuple[str, ...] = ()
+
+    def __call__(self, experiment: Experiment) -> Mapping[str, float]:
+        """Return the KPIs of an experiment by name; its own count."""
+        unknown = {} if experiment.end.interrupted else dict.fromkeys(self.names, np.nan)
+        return {**unknown, **tracking_kpis(experiment), **experiment.kpis}
+
+
+@dataclass(frozen=True, slots=True)
+class Formulas:
+    """The KPIs of an experiment, and those that formulas give: pairs of a name and a formula."""
+
+    texts: tuple[tuple[str, str], ...]
+
+    def __call__(self, experiment: Experiment) -> Mapping[str, float]:
+        """Return the KPIs of an experiment by name; the formulas count."""
+        return {**experiment.kpis, **computed_formulas(dict(self.texts), experiment)}
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A run whose experiments get more KPIs than their own.
+
+    Args:
+        run: Run of the scenario.
+        kpis: Function that returns all KPIs of an experiment that has its own.
+    """
+
+    run: Any
+    kpis: Tracking | Formulas
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Any:
         """Run θ, physical, shape (n,); what is no experiment is returned as it is."""
         made = self.run(theta, seed=seed)
-        if not isinstance(made, Experiment):
-            return made
-        known = {} if made.end.interrupted else dict.fromkeys(self.names, np.nan)
-        return made.with_kpis({**known, **tracking_kpis(made), **made.kpis})
+        return made.with_kpis(self.kpis(made)) if isinstance(made, Experiment) else made
 
-    def kpis(self, experiment: Experiment) -> Mapping[str, float]:
-        """Return the KPIs that are added to those of the run."""
-        return tracking_kpis(experiment)
-
-    def within(self, space: KnobSpace) -> "Tracked":
+    def within(self, space: KnobSpace) -> "Measured":
         """Return the same with the ranges of `space`, if the run takes them."""
-        return Tracked(within(self.run, space), self.names)
+        return Measured(within(self.run, space), self.kpis)
 
     def __getattr__(self, name: str) -> Any:
         if name == "run" or name.startswith("__"):  # a copy that is being unpickled has no run
@@ -102,21 +123,20 @@ class Tracked:
 
 
 @dataclass(frozen=True, slots=True)
-class TrackedRecord:
-    """KPIs of a rig's record: the tracking KPIs, and those of its own.
+class MeasuredRecord:
+    """The KPIs of a rig's record: more than its own.
 
     Args:
         own: Function that returns the rig's own KPIs; None if it has none.
-        names: KPIs that every record has, NaN if it could not be measured.
+        kpis: Function that returns all KPIs of an experiment that has its own.
     """
 
     own: Callable[[Experiment], Mapping[str, float]] | None
-    names: tuple[str, ...] = ()
+    kpis: Tracking | Formulas
 
     def __call__(self, experiment: Experiment) -> Mapping[str, float]:
         """Return the KPIs of a record by name."""
-        own = {} if self.own is None else self.own(experiment)
-        return {**dict.fromkeys(self.names, np.nan), **tracking_kpis(experiment), **own}
+        return self.kpis(experiment if self.own is None else experiment.with_kpis(self.own(experiment)))
 
 
 def within(function: Any, space: KnobSpace) -> Any:
