@@ -39,7 +39,7 @@ _NUMBERS: Mapping[str, Callable[..., Any]] = {
     "integral": lambda x, t: x[:-1] @ np.diff(t),  # each value counts until the next, as in tracking_kpis
 }
 """Functions of a curve x at instants t, both of shape (M,), that return a number."""
-_CURVES = {"abs": np.abs, "sqrt": np.sqrt, "diff": lambda x: np.diff(x, prepend=x[:1])}
+_CURVES: Mapping[str, Any] = {"abs": np.abs, "sqrt": np.sqrt, "diff": lambda x: np.diff(x, prepend=x[:1])}
 """Functions of a curve that return a curve of the same length."""
 _FUNCTIONS = (*_NUMBERS, *_CURVES, "ref")
 

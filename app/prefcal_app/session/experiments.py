@@ -12,7 +12,6 @@ from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.loop import Comparison as Compared
-from prefcal_env.rig import Rig
 from prefcal_env.study import Shown, State, StudyFile
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.scenario import Scenario
@@ -118,10 +117,9 @@ class ExperimentStore:
     def failed(self, index: int) -> Experiment:
         """Return an experiment without a record, for sample `index`, whose run failed."""
         theta = np.array(self.study.state.history.samples[index].theta)
-        if isinstance(self.scenario.run, Rig):
-            return self.scenario.run.failed(theta)
         known = self.study.state.finished
-        channels = self.experiment(min(known)).channels if known else Channels((), (), ())
+        declared = self.scenario.source.channels or Channels((), (), ())
+        channels = self.experiment(min(known)).channels if known else declared
         n_x, n_u, n_y = len(channels.x), len(channels.u), len(channels.y)
         none = np.zeros(0)
         return Experiment(

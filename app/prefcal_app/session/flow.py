@@ -1,6 +1,6 @@
 """Advance an interview from an answer to the next question."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,14 +9,14 @@ from jaxtyping import Float
 from prefcal_agents.protocol.agent import Agent
 from prefcal_app.simulating import Basis, Simulator, named_twin, past_of
 from prefcal_env.compiling import Compiling
-from prefcal_env.errors import StudyError
+from prefcal_env.errors import RunError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.live import LiveRig
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.own_line import in_words
 from prefcal_env.preferences.answer import Answer, Query
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.loop import completed
-from prefcal_env.rig import Rig
+from prefcal_env.sources import Run, Source
 from prefcal_env.study import (
     Answered,
     Ended,
@@ -34,8 +34,8 @@ from prefcal_env.study import (
 from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore
-from .live.state import Live
 from .order import challenger_left
+from .plant import Plant
 from .prefetch import Prefetch, Prepared
 from .view import Phase, Question, Side
 
@@ -51,8 +51,14 @@ class Flow:
     """What the agent simulates with; None if it simulates nothing."""
     at_once: int = 1
     """Number of experiments that run at the same time."""
-    running: set[bytes] = field(default_factory=set)
-    """Keys of the θ that run now, if several do."""
+    runs: dict[bytes, Run] = field(default_factory=dict)
+    """Runs in progress by the key of their θ."""
+    awaited: tuple[bytes, Run] | None = None
+    """The run that is waited for, and the key of its θ: due, in progress, or asking a person."""
+    partial: Experiment | None = None
+    """What the run that failed last had recorded until then."""
+    changed: Callable[[], None] = lambda: None
+    """Function that tells front ends, from any thread, that there is news of a run."""
     asked: bool = False
     """Whether the agent has proposed what can run until the next answer, if several do."""
     prefetch: Prefetch = field(default_factory=Prefetch)
@@ -65,8 +71,6 @@ class Flow:
     version: int = 0
     answered_at: int = 0
     """Version at which an answer was last given or undone."""
-    stopped: int | None = None
-    """Sample whose run the person stopped before it began."""
     draft: str = ""
     """Comment of the answer that was undone last, until another answer is given."""
     basis: Basis | None = None
@@ -75,9 +79,29 @@ class Flow:
     """The agent and the record for which it knows its next query."""
     thinking: tuple[Agent, History] | None = None
     """The agent and the record whose next query is being chosen in the background."""
+    plant: Plant = field(init=False)
+    """What must be done on the plant before anything else."""
 
-    live: Live = field(default_factory=Live)
-    """What is known of the live plant, if the scenario has one."""
+    def __post_init__(self) -> None:
+        self.plant = Plant(self.source)
+
+    @property
+    def source(self) -> Source:
+        """Return what turns θ into experiments."""
+        return self.store.scenario.source
+
+    @property
+    def run(self) -> Run | None:
+        """Return the run of the pending sample; None unless it is waited for or in progress."""
+        if self.pending is None:
+            return None
+        key = theta_key(self.pending.theta)
+        return self.awaited[1] if self.awaited and self.awaited[0] == key else self.runs.get(key)
+
+    @property
+    def moves_plant(self) -> bool:
+        """Return whether a run changes a plant, or is about to."""
+        return self.awaited is not None and self.awaited[1].moves_plant
 
     @property
     def twin(self) -> Scenario | None:
@@ -136,6 +160,10 @@ class Flow:
         self.agent = prepared.agent
         self.knows = (prepared.agent, prepared.agent.history)
         self.basis = prepared.basis or self.basis
+
+    def tell_change(self) -> None:
+        """Take note of a change for front ends."""
+        self.version += 1
 
     def move(self, phase: Phase, problem: Exception | None = None) -> None:
         """Enter `phase`, without a question."""
@@ -261,15 +289,49 @@ class Flow:
         return [] if prefetched is None else [(Finished(index), prefetched)]
 
     def _wait_for(self) -> None:
-        if isinstance(self.store.scenario.run, Rig):
-            self.move(Phase.RECORD)
-        elif isinstance(self.store.scenario.run, LiveRig):
-            self.live.ask()
-            self.move(Phase.CONFIRM)
-        else:
-            # Also if its run failed before: the person may have fixed the plant since.
-            self.move(Phase.RUNNING)
-            self.asked = True
+        self.partial = None
+        self.wait_anew()
+        if self.source.asks:
+            self.move(Phase(self.source.asks))
+            return
+        # Also if its run failed before: the person may have fixed the plant since.
+        self.move(Phase.RUNNING)
+        self.asked = True
+
+    def wait_anew(self) -> None:
+        """Wait for a new run of the pending sample, which can be stopped from now on."""
+        assert self.pending is not None
+        key, theta = theta_key(self.pending.theta), np.array(self.pending.theta)
+        if key not in self.runs:
+            self.awaited = (key, self._start(theta))
+
+    def begin(self, theta: Float[np.ndarray, " n"]) -> Run:
+        """Return the run of θ, physical, shape (n,), which counts as in progress from now on."""
+        key = theta_key(theta)
+        waits = self.awaited is not None and self.awaited[0] == key
+        self.runs[key] = self.awaited[1] if self.awaited and waits else self._start(theta)
+        return self.runs[key]
+
+    def _start(self, theta: Float[np.ndarray, " n"]) -> Run:
+        run = self.source.begin(theta.copy(), seed=self.seed)
+        run.changed = self.changed
+        return run
+
+    def end(self, theta: Float[np.ndarray, " n"], result: Experiment | Exception | None) -> None:
+        """Take note that the run of θ is over or, without a result, asks something of a person."""
+        key = theta_key(theta)
+        run = self.runs.pop(key)
+        if result is None:
+            self.version += 1
+            return
+        if self.awaited is not None and self.awaited[1] is run:
+            self.awaited = None
+        if isinstance(result, Exception):
+            self.partial = run.partial
+        # After an error nobody knows how far the run came, but what it left on the disk tells.
+        unknown = isinstance(result, Exception) and not isinstance(result, RunError)
+        if run.moves_plant and (run.problem or unknown):
+            self.plant.is_due(run.problem)
 
     def _show(self, query: Query) -> None:
         assert query.incumbent is not None
@@ -321,7 +383,7 @@ class Flow:
 
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
         """Take the result of running `sample`, if it is still pending."""
-        self.stopped, theta = None, np.array(sample.theta)
+        theta = np.array(sample.theta)
         if isinstance(result, Experiment):
             self.prefetch.keep(theta, result)
         # While it ran, another one may have been answered, which changes its number.

@@ -14,11 +14,9 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Abandoned, Basis
 
 from .flow import Flow
+from .plant import Attempt
 from .prefetch import LIKELIEST, LIKELY, Prepared
 from .view import Phase, Question
-
-Attempt = Callable[[], Callable[[], None]]
-"""Long-running function, called without the lock; it returns a function to call with the lock."""
 
 
 def think(flow: Flow) -> Attempt:

@@ -1,20 +1,15 @@
 """Find KPIs for a scenario that states none: the tracking KPIs that its channels allow."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from inspect import signature
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.formula import computed_formulas
 from prefcal_env.experiments.kpi_units import OF_OUTPUT, kinds_of
 from prefcal_env.experiments.kpis import tracking_kpis
-from prefcal_env.experiments.maneuvers import Maneuvers
-from prefcal_env.knobs.space import KnobSpace
 
 _MOST = 10
 """Number of found KPIs that people still read."""
@@ -70,13 +65,19 @@ def found_rows(channels: Channels, measured: Mapping[str, float] | None = None) 
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """The KPIs of an experiment, and its tracking KPIs.
+    """Function that returns the KPIs of an experiment, and its tracking KPIs.
 
     Args:
         names: KPIs that every complete experiment has, NaN if it could not be measured.
     """
 
     names: tuple[str, ...] = ()
+
+    @classmethod
+    def promised(cls, channels: Channels | None, names: Sequence[str]) -> "Tracking":
+        """Promise those of `names` that channels allow, since others lack a target; all if unknown."""
+        there = names if channels is None else {row["name"] for row in found_rows(channels)}
+        return cls(tuple(name for name in names if name in there))
 
     def __call__(self, experiment: Experiment) -> Mapping[str, float]:
         """Return the KPIs of an experiment by name; its own count."""
@@ -86,65 +87,10 @@ class Tracking:
 
 @dataclass(frozen=True, slots=True)
 class Formulas:
-    """The KPIs of an experiment, and those that formulas give: pairs of a name and a formula."""
+    """Function that returns the KPIs of an experiment, and those of formulas: pairs of name and text."""
 
     texts: tuple[tuple[str, str], ...]
 
     def __call__(self, experiment: Experiment) -> Mapping[str, float]:
         """Return the KPIs of an experiment by name; the formulas count."""
         return {**experiment.kpis, **computed_formulas(dict(self.texts), experiment)}
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """A run whose experiments get more KPIs than their own.
-
-    Args:
-        run: Run of the scenario.
-        kpis: Function that returns all KPIs of an experiment that has its own.
-    """
-
-    run: Any
-    kpis: Tracking | Formulas
-
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Any:
-        """Run θ, physical, shape (n,); what is no experiment is returned as it is."""
-        made = self.run(theta, seed=seed)
-        return made.with_kpis(self.kpis(made)) if isinstance(made, Experiment) else made
-
-    def within(self, space: KnobSpace) -> "Measured":
-        """Return the same with the ranges of `space`, if the run takes them."""
-        return Measured(within(self.run, space), self.kpis)
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "run" or name.startswith("__"):  # a copy that is being unpickled has no run
-            raise AttributeError(name)
-        return getattr(self.run, name)
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredRecord:
-    """The KPIs of a rig's record: more than its own.
-
-    Args:
-        own: Function that returns the rig's own KPIs; None if it has none.
-        kpis: Function that returns all KPIs of an experiment that has its own.
-    """
-
-    own: Callable[[Experiment], Mapping[str, float]] | None
-    kpis: Tracking | Formulas
-
-    def __call__(self, experiment: Experiment) -> Mapping[str, float]:
-        """Return the KPIs of a record by name."""
-        return self.kpis(experiment if self.own is None else experiment.with_kpis(self.own(experiment)))
-
-
-def within(function: Any, space: KnobSpace) -> Any:
-    """Return a scenario's function for the knobs of `space`, if they matter to it."""
-
-    if isinstance(function, Maneuvers):
-        return function.each(partial(within, space=space))
-    if hasattr(function, "within"):
-        return function.within(space)
-    takes = callable(function) and "space" in signature(function).parameters
-    return partial(function, space=space) if takes else function

@@ -9,7 +9,8 @@ import pytest
 from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Maneuvers, Move, PlantEnv, Rig, Task
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants import FunctionPlant
-from prefcal_scenarios.own.tracking import Measured, Tracking, found_rows
+from prefcal_env.sources import Function, Measured
+from prefcal_scenarios.own.tracking import Tracking, found_rows
 from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 from toy_study import toy_scenario
 
@@ -107,9 +108,9 @@ def test_many_outputs_leave_few_enough_kpis_to_read(count):
 
 
 def test_a_tracked_run_passes_on_what_is_no_experiment_and_can_be_pickled():
-    tracked = pickle.loads(pickle.dumps(Measured(float, Tracking(("a",)))))
+    tracked = pickle.loads(pickle.dumps(Measured(Function(float), Tracking(("a",)))))
     assert tracked.kpis.names == ("a",)
-    assert Measured(lambda theta, seed: None, Tracking())(np.zeros(1)) is None
+    assert Measured(Function(lambda theta, seed: None), Tracking())(np.zeros(1)) is None
 
 
 PEAK = KPI("peak", "Peak", "m", at_most=2.5, formula="max(level) - ref(level)")
@@ -134,7 +135,7 @@ def test_a_formula_that_is_changed_is_computed_once_and_counts_more_than_what_th
     one = replace(scenario, kpis=(replace(PEAK, name=FOUND[0]),))
     other = replace(one, kpis=(replace(PEAK, name=FOUND[0], formula="1 + (first(time) < 1)"),))
     assert other.run(np.array([30.0])).kpis[FOUND[0]] == 2.0
-    assert other.run.run is one.run.run is scenario.run
+    assert other.run.source is one.run.source is scenario.run
 
 
 def test_formulas_of_maneuvers_are_those_of_the_worst_one():

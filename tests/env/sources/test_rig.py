@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End
-from prefcal_env.rig import Rig
+from prefcal_env.sources.rig import Rig
 
 CHANNELS = Channels(
     x=(Channel("temperature", "°C"), Channel("flow", "m³/h")),
