@@ -196,7 +196,7 @@ class LiveRig(Source):
 
     def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
         """Yield which formulas of KPIs name what is not recorded, before a run is spent on it."""
-        outputs = tuple(Channel(tag.name) for tag in self.tags if tag.role == "output")
+        outputs = tuple(Channel(tag.name, tag.unit) for tag in self.tags if tag.role == "output")
         yield from formula_problems(kpis, replace(self.channels, x=outputs), ())
 
     @property
