@@ -38,11 +38,11 @@ if _TYPE_CHECKING:
     from .experiments.experiment import Channels as Channels
     from .experiments.experiment import End as End
     from .experiments.experiment import Experiment as Experiment
-    from .experiments.kpis import tracking_kpis as tracking_kpis
     from .experiments.maneuvers import combined as combined
     from .experiments.panels import Panel as Panel
     from .experiments.recorded import recorded as recorded
     from .experiments.rollout import rollout as rollout
+    from .experiments.tracking import tracking_kpis as tracking_kpis
     from .fmu import FMULoop as FMULoop
     from .knobs.constraints import Constraint as Constraint
     from .knobs.constraints import LinearConstraint as LinearConstraint
@@ -87,7 +87,7 @@ _HOMES = {
         "errors": "PrefcalError",
         "experiments.control": "Controller Measurement Move",
         "experiments.experiment": "Channel Channels End Experiment",
-        "experiments.kpis": "tracking_kpis",
+        "experiments.tracking": "tracking_kpis",
         "experiments.maneuvers": "combined",
         "experiments.panels": "Panel",
         "experiments.recorded": "recorded",

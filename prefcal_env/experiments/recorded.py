@@ -13,8 +13,8 @@ from prefcal_env.wording import did_you_mean
 
 from .curves import Curve, check_covers, common_instants, curve_of, held_rows, instants_of, named, numbers
 from .experiment import Channel, Channels, End, Experiment
-from .kpis import tracking_kpis
 from .rollout import computed
+from .tracking import tracking_kpis
 
 Limits = tuple[float | None, float | None]
 

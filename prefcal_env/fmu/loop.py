@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, PlantError, RunError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.recorded import recorded
+from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.knobs.knob import Knob, is_number
 from prefcal_env.knobs.space import KnobSpace
 

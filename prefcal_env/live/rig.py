@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import LiveError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.run import Change
 from prefcal_env.sources.source import KPIsOf, Source, formula_problems, with_own

@@ -11,12 +11,12 @@ import numpy as np
 
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
 from prefcal_env.experiments.panels import Panel, plots_of
+from prefcal_env.experiments.tracking import every_tracking_kpi, found_kpis
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import live_rig
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS
-from prefcal_scenarios.own.tracking import found_rows, tracking_rows
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .reading import description_of
@@ -112,8 +112,7 @@ def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
         rig = live_rig(d.opcua)
     except (KnobError, LiveError, SettingsError) as error:
         raise ScenarioError(f"{where}, [opcua]: {error}") from error
-    measured = dict.fromkeys(tracking_rows(rig.channels), 0.0)  # only the names count
-    kpis = tuple(KPI(**row) for row in found_rows(rig.channels, measured))
+    kpis = found_kpis(rig.channels, every_tracking_kpi(rig.channels))
     name = Path(where).stem
     return Scenario(name, f"Live plant {name}", rig.space, rig, kpis=kpis)
 
@@ -173,7 +172,7 @@ def _kpis(
     channels = made.source.channels
     known = {kpi.name: kpi for kpi in made.kpis}
     if channels is not None:
-        known = {n: KPI(**row) for n, row in tracking_rows(channels).items()} | known
+        known = every_tracking_kpi(channels) | known
     return tuple(_kpi(name, value, known, where) for name, value in stated.items())
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Maneuvers, Move, PlantEnv, Rig, Task
 from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.tracking import Tracking, found_kpis
 from prefcal_env.plants import FunctionPlant
 from prefcal_env.sources import Function, Measured
-from prefcal_scenarios.own.tracking import Tracking, found_rows
 from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 from toy_study import toy_scenario
 
@@ -96,13 +96,13 @@ def test_the_records_of_a_rig_get_kpis_beside_its_own():
 
 
 def test_without_a_reference_nothing_is_found():
-    assert found_rows(Channels((LEVEL,), (VALVE,), (LEVEL,))) == []
+    assert found_kpis(Channels((LEVEL,), (VALVE,), (LEVEL,))) == ()
 
 
 @pytest.mark.parametrize("count", [2, 4, 9])
 def test_many_outputs_leave_few_enough_kpis_to_read(count):
     outputs = tuple(Channel(f"y{i}", "m", target=1.0) for i in range(count))
-    names = [row["name"] for row in found_rows(Channels((), (VALVE,), outputs))]
+    names = [kpi.name for kpi in found_kpis(Channels((), (VALVE,), outputs))]
     assert len(names) <= max(10, count)
     assert {f"settling time of y{i}" for i in range(count)} <= set(names)
 
