@@ -40,7 +40,6 @@ if _TYPE_CHECKING:
     from .experiments.experiment import Experiment as Experiment
     from .experiments.maneuvers import combined as combined
     from .experiments.panels import Panel as Panel
-    from .experiments.recorded import recorded as recorded
     from .experiments.rollout import rollout as rollout
     from .experiments.tracking import tracking_kpis as tracking_kpis
     from .fmu import FMULoop as FMULoop
@@ -70,6 +69,7 @@ if _TYPE_CHECKING:
     from .sources import Source as Source
     from .tables import TableColumns as TableColumns
     from .tables import from_frame as from_frame
+    from .tables.recorded import recorded as recorded
 
 _HOMES = {
     name: home
@@ -90,7 +90,7 @@ _HOMES = {
         "experiments.tracking": "tracking_kpis",
         "experiments.maneuvers": "combined",
         "experiments.panels": "Panel",
-        "experiments.recorded": "recorded",
+        "tables.recorded": "recorded",
         "experiments.rollout": "rollout",
         "fmu": "FMULoop",
         "knobs.constraints": "Constraint LinearConstraint",
