@@ -175,22 +175,6 @@ class Rig(Source):
         except RecordError as error:
             raise ScenarioError(f"a made-up record is refused: {error}") from error
 
-    def failed(self, theta: Float[np.ndarray, " n"], text: str | None = None) -> Experiment:
-        """Return a failed experiment of a physical θ, shape (n,), without KPIs.
-
-        Args:
-            theta: Controller parameters of the run.
-            text: Text of a CSV file with the data logged before the failure. With None, or a
-                record that `read` would refuse, the experiment has no record.
-        """
-        try:
-            values = None if text is None else self._values(text)
-        except RecordError:
-            values = None
-        if values is None:
-            values = np.zeros((0, len(self._units) + len(self._optional)))
-        return self._of(values, theta, End.FAILED)
-
     def _values(self, source: Table) -> Float[np.ndarray, "K n"]:
         """Return the values of a record, shape (K, n); NaN for optional columns that are absent.
 

@@ -97,6 +97,10 @@ class Table:
     unsafe: bool = False
 
 
+Given = Table | tuple[Change, ...]
+"""What a person supplies: a record, or the changes that they confirm."""
+
+
 class Run:
     """One experiment under way. One thread advances it; any may look at it, supply it or stop it.
 
@@ -146,7 +150,7 @@ class Run:
         """
         raise NotImplementedError
 
-    def supply(self, given: Table | tuple[Change, ...]) -> None:
+    def supply(self, given: Given) -> None:
         """Supply what the run asks for: a record, or the changes that a person confirms."""
         raise ScenarioError("this run asks for nothing")
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import partial
 from math import inf
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,7 @@ from prefcal_env.experiments.formula import formula_of
 from prefcal_env.experiments.rollout import KPIs
 from prefcal_env.knobs.space import KnobSpace
 
-from .run import Run, Whole
+from .run import Given, Run, Whole
 
 Asks = Literal["", "record", "confirm"]
 """What a run asks of a person: nothing, the record of a run that they did, or a confirmation."""
@@ -73,14 +73,31 @@ class Source:
         """Run θ, physical, shape (n,), from its start to its end.
 
         Raises:
-            ScenarioError: If the run asks something of a person.
+            ScenarioError: If the run asks something of a person; `attend` lets them answer.
+        """
+
+        def refuse(run: Run) -> Given:
+            raise ScenarioError(_ONLY_A_PERSON[self.asks])
+
+        return self.attend(theta, refuse, seed=seed)
+
+    def attend(
+        self, theta: Float[np.ndarray, " n"], supply: Callable[[Run], Given], seed: int = 0
+    ) -> Experiment:
+        """Run θ, physical, shape (n,), and let a person supply what it asks for.
+
+        Args:
+            theta: Physical θ, shape (n,).
+            supply: Function of the waiting run that returns its record, or the run's `changes` once
+                they are confirmed; see `Run.supply`.
+            seed: Seed of all randomness.
         """
         run = self.begin(theta, seed=seed)
-        while not run.waits:
+        made = None if run.waits else run.advance()
+        while made is None and run.waits:
+            run.supply(supply(run))
             made = run.advance()
-            if made is not None:
-                return made
-        raise ScenarioError(_ONLY_A_PERSON[self.asks])
+        return cast(Experiment, made)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, physical, shape (n,); the same as `run`."""

@@ -390,8 +390,10 @@ def _asked(source: Source, run: Run) -> Iterator[Finding]:
     if run.changes is None:
         yield Finding("plant", False, run.problem)
         return
-    shown = (f"{each.name} = {quantity(each.old, each.unit)}" for each in run.changes)
-    yield Finding("plant", True, f"it is reachable and has {', '.join(shown)}")
+    known = [c for c in run.changes if not np.isnan(c.old)]
+    shown = (f"{each.name} = {quantity(each.old, each.unit)}" for each in known)
+    has = f"it is reachable and has {', '.join(shown)}" if known else "it does not say what it has now"
+    yield Finding("plant", True, has)
     if left := source.left:
         values = ", ".join(f"{name} = {value:g}" for name, value in left.items())
         yield Finding("old values", None, f"the next start restores those of a run: {values}")

@@ -13,7 +13,7 @@ from prefcal_app.report.export import jsonable
 from prefcal_app.report.record import Record
 from prefcal_app.report.tables import gain_rows, result_columns, result_rows
 from prefcal_app.session import Interview
-from prefcal_app.session.kpi_index import trust_text
+from prefcal_app.session.memory import trust_text
 from prefcal_app.session.view import GOOD_ENOUGH
 from prefcal_app.summary.gain import Baseline
 from prefcal_env.experiments.experiment import Experiment

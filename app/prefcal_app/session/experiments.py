@@ -121,6 +121,7 @@ class ExperimentStore:
         declared = self.scenario.source.channels or Channels((), (), ())
         channels = self.experiment(min(known)).channels if known else declared
         n_x, n_u, n_y = len(channels.x), len(channels.u), len(channels.y)
+        measured = {(c.name, c.unit) for c in channels.y} - {(c.name, c.unit) for c in channels.x}
         none = np.zeros(0)
         return Experiment(
             theta=theta,
@@ -135,6 +136,7 @@ class ExperimentStore:
             solved=np.zeros(0, dtype=bool),
             channels=channels,
             end=End.FAILED,
+            y=np.zeros((0, n_y)) if measured else None,
         )
 
     def question(self, id_: int, number: int, shown: Shown) -> Question:

@@ -29,8 +29,7 @@ from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 from . import records, runs, steps
 from .experiments import ExperimentStore
 from .flow import Flow
-from .kpi_index import index_of, known_outcomes
-from .memory import agent_of, as_studied, is_simulating
+from .memory import agent_of, as_studied, index_of, is_simulating, known_outcomes
 from .records import Given, Preview
 from .view import Now, Phase, Question
 

@@ -1,7 +1,7 @@
 """Show a study in a terminal: its task, a question, answers, progress, and what a plant needs."""
 
 from collections.abc import Iterable, Mapping
-from math import isinf
+from math import isinf, isnan
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.session import Interview, Now, Question, Side
-from prefcal_app.session.kpi_index import trust_text
+from prefcal_app.session.memory import trust_text
 from prefcal_app.view import Seen, comparison_view
 from prefcal_app.view.brief import current_tuning, how, knob_view, kpi_view
 from prefcal_app.view.history import history_view
@@ -251,9 +251,11 @@ def show_changes(interview: Interview, now: Now, console: Console) -> None:
     assert live is not None
     console.rule(f"Experiment {sample.index + 1}: confirm what is written to the plant")
     for change in live.changes or ():
-        limits = f"limits {change.low:g} to {change.high:g}, at most {change.rate:g} per second"
+        rate = "" if isinf(change.rate) else f", at most {change.rate:g} per second"
+        limits = f"limits {change.low:g} to {change.high:g}{rate}"
         new = with_unit(f"{change.new:.6g}", change.unit)
-        say(console, f"  {change.name}: {change.old:.6g} → {new}   ({limits})", style="bold")
+        old = "" if isnan(change.old) else f"{change.old:.6g} → "
+        say(console, f"  {change.name}: {old}{new}   ({limits})", style="bold")
     recorded = "" if isinf(source.duration) else f"Then {source.duration:g} s are recorded. "
     say(
         console,

@@ -1,7 +1,7 @@
 """Preview what a person confirms: a rig's record, or what a run writes to a live plant."""
 
 from collections.abc import Iterator
-from math import isfinite
+from math import isfinite, isinf, isnan
 from typing import Any
 
 from prefcal_app.session import Given, Interview, Preview, Side
@@ -70,10 +70,10 @@ def _change(change: Change) -> dict[str, str]:
     return {
         "name": change.name,
         "unit": change.unit,
-        "old": f"{change.old:.6g}",
+        "old": "unknown" if isnan(change.old) else f"{change.old:.6g}",
         "new": f"{change.new:.6g}",
         "limits": f"{change.low:g} to {change.high:g}",
-        "rate": f"{change.rate:g}",
+        "rate": "any" if isinf(change.rate) else f"{change.rate:g}",
     }
 
 
