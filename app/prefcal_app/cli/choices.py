@@ -21,8 +21,7 @@ from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.study import study_path
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.options import FLAGS
-from prefcal_scenarios.described.resuming import resumed_source
+from prefcal_scenarios.described.options import FLAGS, resumed_source
 from prefcal_scenarios.described.words import knob_of, listed, named_numbers
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.names import CONTROLLERS, is_described, is_own

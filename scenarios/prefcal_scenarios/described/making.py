@@ -19,9 +19,8 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS
 from prefcal_scenarios.scenario import KPI, Scenario
 
-from .reading import description_of
+from .description import Description, description_of, stated
 from .rig import rig_of
-from .tables import Description, stated
 from .words import KNOB_EXAMPLE, ranged_knob
 
 
@@ -131,7 +130,7 @@ def _knob(name: str, value: str | Mapping[str, Any], where: str) -> Knob:
         if isinstance(value, str):
             return ranged_knob(name, value)
         plain = {**value, "scale": "log10"} if value.get("scale") == "log" else value
-        return Knob(name, **stated(plain, Knob, f"{where}, [knobs] {name}", partial=False))
+        return Knob(name, **stated(plain, f"{where}, [knobs] {name}", Knob, partial=False))
     except KnobError as error:
         raise ScenarioError(f"{where}, [knobs]: {error}") from error
     except ScenarioError as error:
@@ -179,7 +178,7 @@ def _kpis(
 def _kpi(name: str, value: float | str | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:
     """Return a KPI that is known by its name, or has a formula; lower is better unless it says more."""
     plain = {"at_most": value} if isinstance(value, float | int) else {"formula": value}
-    given = stated(value if isinstance(value, Mapping) else plain, KPI, f"{where}, [kpis] {name!r}")
+    given = stated(value if isinstance(value, Mapping) else plain, f"{where}, [kpis] {name!r}", KPI)
     if name not in known and "formula" not in given:
         raise ScenarioError(
             f"{where}, [kpis]: there is no KPI {name!r}.{did_you_mean(name, known)} "
@@ -196,7 +195,7 @@ def _kpi(name: str, value: float | str | Mapping[str, Any], known: Mapping[str, 
 
 def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:
     """Return the panels: those to show in their order, each with the look that the file gives."""
-    looks = {n: stated(t, Panel, f"{where}, [panels] {n}") for n, t in d.panels.items()}
+    looks = {n: stated(t, f"{where}, [panels] {n}", Panel) for n, t in d.panels.items()}
     channels = made.source.channels
     usual = {panel.name: panel for panel in made.panels}
     if not usual and channels is not None:

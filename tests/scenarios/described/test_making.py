@@ -7,9 +7,8 @@ import pytest
 
 from prefcal_env.errors import ScenarioError, SettingsError, StudyError
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.options import words_of, words_to_resume
+from prefcal_scenarios.described.options import resumed_source, words_of, words_to_resume
 from prefcal_scenarios.described.plant import plant_at
-from prefcal_scenarios.described.resuming import resumed_source
 from prefcal_scenarios.names import is_own
 
 OVEN = """

@@ -22,8 +22,7 @@ from prefcal_env.errors import PrefcalError, SettingsError, StudyError
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.described.options import words_to_resume
-from prefcal_scenarios.described.resuming import resumed_source
+from prefcal_scenarios.described.options import resumed_source, words_to_resume
 from prefcal_scenarios.names import is_built_in, is_described
 from prefcal_scenarios.own.source import split_source
 from prefcal_scenarios.presentation.wording import earlier_text, labeled, mark_text, number, printable
