@@ -108,8 +108,11 @@ class Source:
         return self
 
     def measured(self, kpis_of: KPIsOf) -> "Source":
-        """Return the same source, whose experiments have more KPIs than their own."""
-        return Measured(self, kpis_of(self.channels))
+        """Return the same source, whose experiments have more KPIs than their own.
+
+        Unless it says otherwise, one that asks something of a person computes its KPIs alone.
+        """
+        return self if self.asks else Measured(self, kpis_of(self.channels))
 
     @property
     def elsewhere(self) -> "Source":
