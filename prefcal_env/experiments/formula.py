@@ -78,16 +78,13 @@ def formula_of(text: str) -> Formula:
     return found
 
 
-def computed_formulas(formulas: Mapping[str, str], experiment: Experiment) -> dict[str, float]:
-    """Return the value of each formula by name, NaN for unknown; nothing of a run without a record.
+def value_of(text: str, experiment: Experiment) -> float:
+    """Return the value of a formula in an experiment that has a record; NaN means unknown.
 
     Raises ScenarioError if the experiment lacks a signal, or an output whose reference is needed.
     """
-    if not len(experiment.t):
-        return {}
     with np.errstate(all="ignore"):
-        values = {name: formula_of(text).compute(experiment) for name, text in formulas.items()}
-    return {name: float(np.atleast_1d(value)[-1]) for name, value in values.items()}
+        return float(np.atleast_1d(formula_of(text).compute(experiment))[-1])
 
 
 def _read(node: ast.AST) -> Formula:

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.errors import ScenarioError
+
 from .experiment import Channel, Channels, Experiment
-from .formula import computed_formulas
+from .formula import value_of
 from .kpi import KPI
 from .tracking_kinds import OF_INPUT, OF_OUTPUT, Kind, kinds_of
 
@@ -148,5 +150,14 @@ class Formulas:
     texts: tuple[tuple[str, str], ...]
 
     def __call__(self, experiment: Experiment) -> Mapping[str, float]:
-        """Return the KPIs of an experiment by name; the formulas count."""
-        return {**experiment.kpis, **computed_formulas(dict(self.texts), experiment)}
+        """Return the KPIs of an experiment by name; the formulas count, if there is a record.
+
+        Raises ScenarioError if the experiment lacks what a formula names.
+        """
+        found = dict(experiment.kpis)
+        for name, text in self.texts if len(experiment.t) else ():
+            try:
+                found[name] = value_of(text, experiment)
+            except ScenarioError as error:
+                raise ScenarioError(f"formula of KPI {name!r}: {error}") from error
+        return found

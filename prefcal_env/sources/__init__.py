@@ -15,6 +15,5 @@ from .run import Progress as Progress
 from .run import Run as Run
 from .run import Stage as Stage
 from .run import Table as Table
-from .source import KPIsOf as KPIsOf
 from .source import Measured as Measured
 from .source import Source as Source

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from prefcal_env import recorded, tracking_kpis
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments import formula
-from prefcal_env.experiments.formula import computed_formulas, formula_of
+from prefcal_env.experiments.formula import formula_of, value_of
 from prefcal_env.experiments.maneuvers import without_record
+from prefcal_env.experiments.tracking import Formulas
 
 T = np.linspace(0.0, 10.0, 101)
 LEVEL = 2 * (1 - np.exp(-T) * np.cos(2 * T))
@@ -26,8 +27,8 @@ RUN = recorded(
 )
 
 
-def value(text, run=RUN):
-    return computed_formulas({"kpi": text}, run)["kpi"]
+def value(text):
+    return value_of(text, RUN)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +82,14 @@ def test_what_is_not_finite_is_data(text, expected):
 
 
 def test_a_run_without_a_record_has_no_kpis():
-    assert computed_formulas({"kpi": "max(level)"}, without_record(RUN)) == {}
+    kpis = Formulas((("peak", "max(level)"),))
+    assert kpis(RUN.with_kpis({}))["peak"] == LEVEL.max()
+    assert kpis(without_record(RUN)) == {}
+
+
+def test_a_wrong_name_is_said_with_the_kpi_if_only_the_run_shows_it():
+    with pytest.raises(ScenarioError, match=r"formula of KPI 'peak': signal 'levl': .*mean 'level'"):
+        Formulas((("peak", "max(levl)"),))(RUN)
 
 
 @pytest.mark.parametrize(
