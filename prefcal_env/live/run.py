@@ -25,17 +25,7 @@ class _Followed(Run):
         self._rig = rig
         self._stop, self._closing = threading.Event(), threading.Event()
         self._lock = threading.Lock()
-        self._progress: Progress | None = None
         self._rows: list[Progress] = []
-
-    @property
-    def progress(self) -> Progress | None:
-        with self._lock:
-            return self._progress
-
-    @property
-    def stopping(self) -> bool:
-        return self._stop.is_set()
 
     @property
     def recorded(self) -> tuple[tuple[float, ...], tuple[Curve, ...]]:
@@ -57,12 +47,13 @@ class _Followed(Run):
 
     def stop(self, why: str, within: float = 0.0) -> None:
         """Stop: the old values are restored, if the process ends, at the next start."""
+        self.stopping = self.stopping or why == "stopped"
         (self._stop if why == "stopped" else self._closing).set()
 
-    def _tell(self, progress: Progress | None) -> None:
-        with self._lock:
-            self._progress = progress
-            if progress is not None and progress.stage is Stage.RECORDING:
+    def _tell(self, progress: Progress) -> None:
+        self.progress = progress
+        if progress.stage is Stage.RECORDING:
+            with self._lock:
                 self._rows.append(progress)
         self.changed()
 
@@ -78,24 +69,14 @@ class LiveRun(_Followed):
     def __init__(self, rig: "LiveRig", theta: Float[np.ndarray, " n"]) -> None:
         super().__init__(rig)
         self._theta = theta
-        self._looked = False
         self._agreed: tuple[Change, ...] | None = None
-
-    @property
-    def waits(self) -> bool:
-        """Return whether a person must confirm the changes, or look again."""
-        return self._looked and self._agreed is None
-
-    @property
-    def moves_plant(self) -> bool:
-        """Return whether a person confirmed the changes."""
-        return self._agreed is not None
 
     def supply(self, given: Table | tuple[Change, ...]) -> None:
         """Let the run start with the changes that a person confirmed."""
         assert isinstance(given, tuple)
         self._agreed, self.problem = given, ""
-        self._progress = Progress(Stage.CONNECTING, 0.0, 0.0)
+        self.waits, self.moves_plant = False, True
+        self.progress = Progress(Stage.CONNECTING, 0.0, 0.0)
 
     def advance(self) -> Experiment | None:
         """Look at the plant or, once the changes are confirmed, run θ and return what it recorded.
@@ -117,7 +98,7 @@ class LiveRun(_Followed):
                 tell=self._tell,
             )
         finally:
-            self._progress = None
+            self.progress = None
         made = driven.experiment
         self.partial = made if len(made.t) else None
         if not (driven.restored or driven.kept):
@@ -134,7 +115,7 @@ class LiveRun(_Followed):
             self.changes = self._rig.look(self._theta) or None
         except LiveError as error:
             self.problem = str(error)
-        self._looked = True
+        self.waits = True
 
 
 class Recovery(_Followed):
@@ -149,4 +130,4 @@ class Recovery(_Followed):
         try:
             self._rig.recover(closing=self._closing.is_set, tell=self._tell)
         finally:
-            self._progress = None
+            self.progress = None

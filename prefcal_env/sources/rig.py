@@ -344,10 +344,7 @@ class _RigRun(Run):
     def __init__(self, rig: Rig, theta: Float[np.ndarray, " n"]) -> None:
         self._rig, self._theta = rig, theta
         self._given: Given | None = None
-
-    @property
-    def waits(self) -> bool:
-        return self._given is None
+        self.waits = True
 
     def advance(self) -> Experiment | None:
         if self._given is None:
@@ -356,4 +353,4 @@ class _RigRun(Run):
 
     def supply(self, given: Given | tuple[Change, ...]) -> None:
         assert isinstance(given, Given)
-        self._given = given
+        self._given, self.waits = given, False

@@ -105,6 +105,10 @@ class Run:
     """One experiment under way. One thread advances it; any may look at it, supply it or stop it.
 
     Attributes:
+        waits: Whether a person must supply something before the run can be advanced.
+        moves_plant: Whether a plant is being changed, so that nothing else may be done meanwhile.
+        stopping: Whether the run was told to stop.
+        progress: How far the run is; None if that is not known.
         changed: Function that is called, from the thread of the run, when there is news.
         changes: What would be written to a plant, for a person to confirm; None if that is not
             known or nothing is.
@@ -112,30 +116,14 @@ class Run:
         partial: What was recorded before the run failed; None if nothing was.
     """
 
+    waits: bool = False
+    moves_plant: bool = False
+    stopping: bool = False
+    progress: Progress | None = None
     changed: Callable[[], None] = staticmethod(lambda: None)
     changes: tuple[Change, ...] | None = None
     problem: str = ""
     partial: Experiment | None = None
-
-    @property
-    def waits(self) -> bool:
-        """Return whether a person must supply something before the run can be advanced."""
-        return False
-
-    @property
-    def moves_plant(self) -> bool:
-        """Return whether a plant is being changed: the run must be stopped before anything else."""
-        return False
-
-    @property
-    def stopping(self) -> bool:
-        """Return whether the run was told to stop."""
-        return False
-
-    @property
-    def progress(self) -> Progress | None:
-        """Return how far the run is; None if that is not known."""
-        return None
 
     @property
     def recorded(self) -> tuple[tuple[float, ...], tuple[Curve, ...]]:

@@ -22,25 +22,15 @@ class Device(Source):
 
 class DeviceRun(Run):
     def __init__(self, theta: np.ndarray) -> None:
-        self.theta, self.agreed = theta, False
+        self.theta, self.waits = theta, True
         self.changes = tuple(
             Change(k.name, v, unit=k.unit, low=k.low, high=k.high) for k, v in zip(SPACE, theta, strict=True)
         )
 
-    @property
-    def waits(self) -> bool:
-        return not self.agreed
-
-    @property
-    def moves_plant(self) -> bool:
-        return self.agreed
-
     def supply(self, given: object) -> None:
-        self.agreed = True
+        self.waits, self.moves_plant = False, True
 
-    def advance(self) -> Experiment | None:
-        if not self.agreed:
-            return None
+    def advance(self) -> Experiment:
         t = np.linspace(0.0, 10.0, 101)
         level = 2.0 - np.exp(-self.theta[0] * t / 10)
         valve = self.theta[0] * (2.0 - level) + t / self.theta[1]

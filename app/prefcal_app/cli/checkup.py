@@ -124,7 +124,7 @@ class Checkup:
     def _run(self) -> Iterator[Finding]:
         start, source = time.perf_counter(), self.scenario.source
         run = source.begin(self.theta.copy(), seed=0)
-        result: object = run.advance()
+        result: object = None if run.waits else run.advance()
         if run.waits:
             self.experiment = source.example(self.theta)
             if self.experiment is None:

@@ -124,7 +124,7 @@ class Flow:
         """Return the index of the agent's best experiment so far; None before the first."""
         if not self.state.history.comparisons or self.agent.by_value:
             return self.state.history.incumbent
-        return self.agent.incumbent
+        return self.agent.history.incumbent
 
     @property
     def pending(self) -> Suggested | None:
@@ -239,8 +239,7 @@ class Flow:
 
     def _keep_best(self) -> None:
         """Store which sample the agent holds for the best, if the answers name another."""
-        self.agent.settle()
-        best = self.agent.incumbent
+        best = self.agent.best_index
         if best is not None and best != self.state.history.incumbent:
             self.study.append(Led(best))
 
@@ -270,7 +269,8 @@ class Flow:
         """Give pending sample `index` the number of the next one to be answered."""
         if index != self.state.history.answered:
             self.study.append(Taken(index))
-            self.agent.take(index)
+            history = self.agent.history
+            self.agent.history = history.arranged(history.taken(index))
 
     def request(self, sample: Sample) -> None:
         """Store a sample that the person asks for in place of the pending one."""

@@ -146,7 +146,6 @@ def _rest(flow: Flow) -> None:
 
 def _prepared(flow: Flow, twin: Agent) -> Prepared:
     """Let `twin` choose its next query; return it with what the query was chosen from."""
-    twin.settle()
     if twin.done:
         return Prepared(twin)
     twin.ask()
