@@ -157,6 +157,11 @@ class Agent:
             rng = np.random.default_rng([self.setup.seed, past.answered])
             return Sample.of(space, space.snap(tried.fresh(z, rng)))
 
+    def recorded(self, history: History) -> History:
+        """Return what the agent goes by in the record of a study file."""
+        bare = history.bare()
+        return (bare.scores_alone() if self.by_value else bare).sharing(self.history)
+
     def knows(self, history: History) -> bool:
         """Return whether it is remembered what is asked after `history`, so that it takes no time."""
         turn = self._turn.get(history)

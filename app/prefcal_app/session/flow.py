@@ -36,7 +36,7 @@ from prefcal_scenarios.scenario import Scenario
 from .experiments import ExperimentStore
 from .order import challenger_left
 from .plant import Plant
-from .prefetch import Prefetch, Prepared
+from .prefetch import Prefetch
 from .view import Phase, Question, Side
 
 
@@ -75,10 +75,8 @@ class Flow:
     """Comment of the answer that was undone last, until another answer is given."""
     basis: Basis | None = None
     """What the latest question was chosen from, by simulations."""
-    knows: tuple[Agent, History] | None = None
-    """The agent and the record for which it knows its next query."""
-    thinking: tuple[Agent, History] | None = None
-    """The agent and the record whose next query is being chosen in the background."""
+    thinking: History | None = None
+    """The record whose next query is being chosen in the background."""
     plant: Plant = field(init=False)
     """What must be done on the plant before anything else."""
 
@@ -122,9 +120,7 @@ class Flow:
     @property
     def best(self) -> int | None:
         """Return the index of the agent's best experiment so far; None before the first."""
-        if not self.state.history.comparisons or self.agent.by_value:
-            return self.state.history.incumbent
-        return self.agent.history.incumbent
+        return self.state.history.incumbent
 
     @property
     def pending(self) -> Suggested | None:
@@ -141,10 +137,8 @@ class Flow:
     @property
     def must_think(self) -> bool:
         """Return whether choosing the next query may take simulations, so no lock may be held."""
-        agent, history = self.agent, self.agent.history
-        if self.simulator is None or history.pending is not None:
-            return False
-        return self.knows is None or self.knows[0] is not agent or self.knows[1] != history
+        history = self.agent.history
+        return self.simulator is not None and history.pending is None and not self.agent.knows(history)
 
     @property
     def grounds(self) -> Basis | None:
@@ -155,11 +149,17 @@ class Flow:
         # The person may have asked for another challenger since.
         return basis if basis.pending == self.agent.history.pending else None
 
-    def adopt(self, prepared: Prepared) -> None:
-        """Continue with an agent that knows its next query."""
-        self.agent = prepared.agent
-        self.knows = (prepared.agent, prepared.agent.history)
-        self.basis = prepared.basis or self.basis
+    def append(self, *events: Event | tuple[Finished, Experiment]) -> tuple[int, ...]:
+        """Save events before anything follows from them; return their numbers.
+
+        The record that the agent goes by is set here and nowhere else.
+
+        Raises:
+            StudyError: If they cannot be saved; then nothing has changed.
+        """
+        numbers = self.study.append(*events)
+        self.agent.history = self.agent.recorded(self.state.history)
+        return numbers
 
     def tell_change(self) -> None:
         """Take note of a change for front ends."""
@@ -192,7 +192,7 @@ class Flow:
         if shown.challenger < self.state.history.answered:
             if self.must_think:
                 return True  # until it is known, see `runs.think`
-            asked = None if self.agent.done else self.agent.ask()
+            asked = None if self.agent.done else self.agent.open(self.agent.history)[1][0]
             return asked is None or pair_of(asked) != (shown.challenger, shown.incumbent)
         return shown.incumbent != self.best
 
@@ -212,14 +212,17 @@ class Flow:
     def _proceed(self) -> None:
         if not self.state.ended and self.must_think:
             return self.move(Phase.RUNNING)
-        if self.simulator is not None and not self.state.ended:
+        if not self.state.ended:
             self._keep_best()
         if not self.state.ended and self.agent.done:
-            self.study.append(Ended("all compared"))
+            self.append(Ended("all compared"))
         if self.state.ended:
             return self.move(Phase.OVER)
-        queries = self.agent.ask(self.at_once)
-        self._suggest()
+        opened, queries = self.agent.open(self.agent.history, self.at_once)
+        for index in range(len(self.state.history.samples), len(opened.samples)):
+            z, theta = opened.samples[index].z, opened.samples[index].theta
+            # With its experiment, if that is known already.
+            self.append(Suggested(index, z, theta), *self._finished(index, np.array(theta)))
         query = self._ready(queries)
         if query is None:
             return self._wait_for()
@@ -227,29 +230,18 @@ class Flow:
         if query.incumbent is not None:
             return self._show(query)
         if self.agent.by_value:
-            rival, answer = self.store.scored(index)
-            self.study.append(Answered(None, index, rival, answer))
-            self.agent.tell(query, Answer(None, value=answer.value))
+            self.append(Answered(None, index, *self.store.scored(index)))
         else:
             alone = self.store.experiment(index)
             first = completed(Answer(None), alone, None, self.store.outcomes(index, None))
-            self.study.append(Answered(None, index, None, first))
-            self.agent.tell(query, first)
+            self.append(Answered(None, index, None, first))
         return self._proceed()
 
     def _keep_best(self) -> None:
         """Store which sample the agent holds for the best, if the answers name another."""
         best = self.agent.best_index
         if best is not None and best != self.state.history.incumbent:
-            self.study.append(Led(best))
-
-    def _suggest(self) -> None:
-        """Store each new sample, and its experiment if it is already known, in one step."""
-        samples = self.agent.history.samples
-        for index in range(len(self.state.history.samples), len(samples)):
-            z, theta = samples[index].z, samples[index].theta
-            known = self._finished(index, np.array(theta))
-            self.study.append(Suggested(index, z, theta), *known)
+            self.append(Led(best))
 
     def _ready(self, queries: Sequence[Query]) -> Query | None:
         """Return the query to show now, and give its sample the next number; None if none is ready.
@@ -263,20 +255,18 @@ class Flow:
         if not ready:
             return None
         self.take(min(ready, key=finished.__getitem__))
-        return self.agent.ask()
+        return self.agent.open(self.agent.history)[1][0]
 
     def take(self, index: int) -> None:
         """Give pending sample `index` the number of the next one to be answered."""
         if index != self.state.history.answered:
-            self.study.append(Taken(index))
-            history = self.agent.history
-            self.agent.history = history.arranged(history.taken(index))
+            self.append(Taken(index))
 
     def request(self, sample: Sample) -> None:
         """Store a sample that the person asks for in place of the pending one."""
         index = self.state.history.answered
         known = self._finished(index, np.array(sample.theta))
-        self.study.append(Requested(index, sample.z, sample.theta), *known)
+        self.append(Requested(index, sample.z, sample.theta), *known)
 
     def _finished(
         self, index: int, theta: Float[np.ndarray, " n"]
@@ -338,12 +328,12 @@ class Flow:
         new, old = query.challenger.index, query.incumbent.index
         left = challenger_left(self.seed, new, old if query.further else None)
         shown = Shown(new, old, left)
-        self._put(self.study.append(shown)[0], shown)
+        self._put(self.append(shown)[0], shown)
 
     def show_again(self, shown: Shown) -> None:
         """Put an earlier question on show again."""
         self.prefetch.forget()
-        self._put(self.study.append(shown)[0], shown)
+        self._put(self.append(shown)[0], shown)
 
     def refresh(self) -> None:
         """Show the open question with the current marks."""
@@ -369,17 +359,14 @@ class Flow:
         role = "new" if side.challenger and not further else ""
         return replace(side, role="best so far" if side.index == self.best else role)
 
-    def tell(self, answer: Answer) -> None:
-        """Teach the agent `answer`, which is already saved; proceed if the next step is known."""
+    def answered(self, answer: Answer) -> None:
+        """Go on from an answer that is saved: at once if the agent knows what to ask next."""
         if self.simulator is not None and self.prefetch.busy not in (None, answer):
             self.simulator.abandon()
-        twin = self.prefetch.take(answer)
-        if twin is None:
-            self.agent.tell(self.agent.ask(), answer)
-            # A proposal takes time, so `work` computes it.
-            return self.move(Phase.RUNNING)
-        self.adopt(twin)
-        return self.proceed()
+        self.basis = self.prefetch.take(answer) or self.basis
+        if self.at_once == 1 and self.agent.knows(self.agent.history):
+            return self.proceed()
+        return self.move(Phase.RUNNING)  # a proposal takes time, so `work` computes it
 
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
         """Take the result of running `sample`, if it is still pending."""
@@ -394,10 +381,10 @@ class Flow:
             return self._ran_beside(index, result, theta)
         try:
             if isinstance(result, Experiment):
-                self.study.append((Finished(index), result))
+                self.append((Finished(index), result))
                 return self.proceed()
             self.take(index)
-            self.study.append(Failed(self.state.history.answered, in_words(result)))
+            self.append(Failed(self.state.history.answered, in_words(result)))
         except StudyError as error:
             return self.move(Phase.FAILED, error)
         return self.move(Phase.FAILED, result)
@@ -407,7 +394,7 @@ class Flow:
         if self.at_once == 1:
             return
         if isinstance(result, Experiment):
-            self.study.append((Finished(index), result))
+            self.append((Finished(index), result))
         else:
             self.prefetch.keep_failure(theta, result)
         self.version += 1

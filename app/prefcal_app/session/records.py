@@ -15,7 +15,6 @@ from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.checks import check_experiment
 
 from .flow import Flow
-from .memory import agent_of
 from .view import Phase
 
 
@@ -94,9 +93,7 @@ def record(flow: Flow, given: Given) -> None:
     if replaces:
         known = Outcome(outcome(flow.store.scenario, seen.experiment)).to_dict()
         events.append(Replaced(index, known, counts_as_unsafe(seen.experiment)))
-    flow.study.append(*events, (Finished(index), seen.experiment))
-    if events:
-        flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
+    flow.append(*events, (Finished(index), seen.experiment))
     if not replaces or flow.phase is Phase.QUESTION:
         flow.proceed()  # a question about the wrong curves is asked again, under another id
     else:

@@ -285,7 +285,7 @@ def fail(flow: Flow, index: int, reason: str = "") -> None:
         raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
     partial, flow.partial = flow.partial, None
-    flow.study.append(*noted, (Finished(index), partial or flow.store.failed(index)))
+    flow.append(*noted, (Finished(index), partial or flow.store.failed(index)))
     flow.proceed()
 
 
@@ -314,7 +314,7 @@ def finish(flow: Flow) -> None:
         raise StaleError("the study has ended already")
     best, marks = flow.best, flow.state.marks
     good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
-    flow.study.append(Ended(GOOD_ENOUGH if good else "stopped"))
+    flow.append(Ended(GOOD_ENOUGH if good else "stopped"))
     flow.proceed()
 
 
@@ -326,6 +326,6 @@ def go_on(flow: Flow, more: int = 0) -> None:
     if more < 0 or (more == 0 and state.history.answered >= state.n_max):
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []
-    flow.study.append(*extended, Reopened())
+    flow.append(*extended, Reopened())
     flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
     flow.proceed()
