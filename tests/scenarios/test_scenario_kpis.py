@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Maneuvers, Move, PlantEnv, Rig, Task
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.tracking import Tracking, found_kpis
 from prefcal_env.plants import FunctionPlant
-from prefcal_env.sources import Function, Tracked
-from prefcal_scenarios.own.tracking import found_rows
-from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
+from prefcal_env.sources import Function, Measured
+from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 from toy_study import toy_scenario
 
 LEVEL = Channel("level", "m")
@@ -95,18 +96,60 @@ def test_the_records_of_a_rig_get_kpis_beside_its_own():
 
 
 def test_without_a_reference_nothing_is_found():
-    assert found_rows(Channels((LEVEL,), (VALVE,), (LEVEL,))) == []
+    assert found_kpis(Channels((LEVEL,), (VALVE,), (LEVEL,))) == ()
 
 
 @pytest.mark.parametrize("count", [2, 4, 9])
 def test_many_outputs_leave_few_enough_kpis_to_read(count):
     outputs = tuple(Channel(f"y{i}", "m", target=1.0) for i in range(count))
-    names = [row["name"] for row in found_rows(Channels((), (VALVE,), outputs))]
+    names = [kpi.name for kpi in found_kpis(Channels((), (VALVE,), outputs))]
     assert len(names) <= max(10, count)
     assert {f"settling time of y{i}" for i in range(count)} <= set(names)
 
 
 def test_a_tracked_run_passes_on_what_is_no_experiment_and_can_be_pickled():
-    tracked = pickle.loads(pickle.dumps(Tracked(Function(float), ("a",))))
-    assert tracked.names == ("a",)
-    assert Tracked(Function(lambda theta, seed: None))(np.zeros(1)) is None
+    tracked = pickle.loads(pickle.dumps(Measured(Function(float), Tracking(("a",)))))
+    assert tracked.kpis.names == ("a",)
+    assert Measured(Function(lambda theta, seed: None), Tracking())(np.zeros(1)) is None
+
+
+PEAK = KPI("peak", "Peak", "m", at_most=2.5, formula="max(level) - ref(level)")
+
+
+def test_a_formula_is_a_kpi_of_any_run_and_is_checked_before_it_runs():
+    scenario = replace(Scenario("tank", "Tank", SPACE, loop(), kpis=(PEAK,)), title="Other")
+    made = scenario.run(np.array([30.0]))
+    assert made.kpis["peak"] == made.x[:, 0].max() - 2.0
+    assert list(made.kpis) == ["peak"]
+    assert pickle.loads(pickle.dumps(scenario.run.kpis)) == scenario.run.kpis
+    wrong = replace(PEAK, formula="max(levl)")
+    with pytest.raises(ScenarioError, match=r"formula of KPI 'peak': signal 'levl': .*mean 'level'"):
+        replace(scenario, kpis=(wrong,))
+    with pytest.raises(ScenarioError, match=r"formula 'max\(level': '\(' was never closed"):
+        replace(PEAK, formula="max(level")
+
+
+def test_a_formula_that_is_changed_is_computed_once_and_counts_more_than_what_the_run_returns():
+    scenario = Scenario("tank", "Tank", SPACE, loop())
+    assert "peak" not in scenario.run(np.array([30.0])).kpis
+    one = replace(scenario, kpis=(replace(PEAK, name=FOUND[0]),))
+    other = replace(one, kpis=(replace(PEAK, name=FOUND[0], formula="1 + (first(time) < 1)"),))
+    assert other.run(np.array([30.0])).kpis[FOUND[0]] == 2.0
+    assert other.run.source is one.run.source is scenario.run
+
+
+def test_formulas_of_maneuvers_are_those_of_the_worst_one():
+    scenario = Scenario(
+        "tank", "Tank", SPACE, Maneuvers({"small": loop(2.0), "large": loop(6.0)}), kpis=(PEAK,)
+    )
+    kpis = scenario.run(np.array([30.0])).kpis
+    assert kpis["peak"] == max(kpis["peak (small)"], kpis["peak (large)"])
+
+
+def test_the_record_of_a_rig_has_formulas():
+    level = replace(LEVEL, target=2.0, band=0.1)
+    scenario = Scenario(
+        "rig", "Rig", SPACE, Rig(Channels((level,), (VALVE,), (level,)), (2.0,)), kpis=(PEAK,)
+    )
+    made = scenario.run.read("time [s],level [m],valve [%]\n0,0,50\n1,3,40\n", np.array([30.0]))
+    assert dict(made.kpis) == {"peak": 1.0}

@@ -1,18 +1,45 @@
-"""Read the description of a scenario: from a TOML file, from options, or from both."""
+"""Describe a scenario as plain data: in a TOML file, by options, or by both."""
 
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import msgspec
+
+from prefcal_env.described import Keys, checked, entries
 from prefcal_env.errors import ScenarioError
-
-from .tables import Description, checked
+from prefcal_env.wording import did_you_mean
 
 _MERGED = ("knobs", "reference", "kpis", "panels", "starts")
 """Tables to which options add entries; they replace any other value of a file."""
 _SUBJECTS = ("fmu", "controller", "rig", "opcua")
 """Keys of which a description has exactly one."""
+
+
+class Description(msgspec.Struct, frozen=True, kw_only=True):
+    """A scenario as plain data.
+
+    Exactly one of `fmu`, `controller`, `rig` and `opcua` says what is calibrated.
+    """
+
+    name: str = ""
+    title: str = ""
+    brief: str = ""
+    simulated: bool | None = None
+    fmu: str | None = None
+    controller: str | None = None
+    plant: str | dict[str, Any] | None = None
+    rig: dict[str, Any] | None = None
+    opcua: dict[str, Any] | None = None
+    knobs: dict[str, str | dict[str, Any]] = {}
+    show: list[str] = []
+    reference: dict[str, float] = {}
+    stop_time: float | None = None
+    timeout: float | None = None
+    kpis: dict[str, float | str | dict[str, Any]] | Literal["none"] | None = None
+    panels: dict[str, dict[str, Any]] = {}
+    starts: dict[str, dict[str, float]] = {}
 
 
 def description_of(name: str, config: Mapping[str, Any]) -> Description:
@@ -37,7 +64,7 @@ def description_of(name: str, config: Mapping[str, Any]) -> Description:
         both = key in _MERGED and isinstance(value, Mapping)
         merges = both and isinstance(values.get(key), Mapping)
         values[key] = {**values[key], **value} if merges else value
-    description = checked(values, Description, name)
+    description = checked(values, Description, name, ScenarioError, did_you_mean)
     _check_subject(description, name)
     return description
 
@@ -78,3 +105,25 @@ def _check_subject(description: Description, where: str) -> None:
         raise ScenarioError(
             f'{where}: a plant needs controller = "pid" or "lqr" to be calibrated, or leave it out'
         )
+
+
+def stated(
+    values: Mapping[str, Any],
+    where: str,
+    *tables: type | Keys,
+    known: tuple[str, ...] = ("name",),
+    partial: bool = True,
+) -> dict[str, Any]:
+    """Return what a table of a file states, each value in the type of its key.
+
+    Args:
+        values: Plain data by key.
+        where: Place in the file, for messages.
+        tables: Classes whose fields are the keys, or the keys themselves.
+        known: Fields that are no keys.
+        partial: Whether required keys may be left out.
+
+    Raises:
+        ScenarioError: If a key is unknown or missing, or a value has the wrong type.
+    """
+    return entries(values, tables, where, ScenarioError, did_you_mean, known=known, partial=partial)

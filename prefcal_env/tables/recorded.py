@@ -1,7 +1,6 @@
 """Make an experiment of recorded curves: whatever a simulator, a logger or a table returned."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,39 +8,16 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from prefcal_env.errors import ExperimentError
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
+from prefcal_env.experiments.rollout import computed
+from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.wording import did_you_mean
 
 from .curves import Curve, check_covers, common_instants, curve_of, held_rows, instants_of, named, numbers
-from .experiment import Channel, Channels, End, Experiment
-from .kpis import tracking_kpis
-from .rollout import computed
 
 Limits = tuple[float | None, float | None]
-
-
-@dataclass(frozen=True, slots=True)
-class _Look:
-    """What is said about the channels by name; see `recorded`."""
-
-    units: Mapping[str, str]
-    limits: Mapping[str, Limits]
-    bands: Mapping[str, float]
-
-    def channel(self, name: str, target: float | None = None) -> Channel:
-        limits: object = self.limits.get(name, (None, None))
-        if not isinstance(limits, tuple | list) or len(limits) != 2:
-            raise ExperimentError(
-                f"limits of {name!r} must be (low, high), with None for no limit, got {limits!r}"
-            )
-        low, high = (None if v is None else float(v) for v in limits)
-        return Channel(
-            name,
-            self.units.get(name, ""),
-            -np.inf if low is None else low,
-            np.inf if high is None else high,
-            target,
-            self.bands.get(name),
-        )
+_Look = tuple[Mapping[str, str], Mapping[str, Limits], Mapping[str, float]]
+"""Units, limits and bands of channels by name; see `recorded`."""
 
 
 def recorded(
@@ -97,37 +73,59 @@ def recorded(
             not increase, or a name is unknown. The message names the curve and the place.
     """
     y, u = named("output", outputs), named("input", {} if inputs is None else inputs)
-    look = _Look(units or {}, limits or {}, bands or {})
-    _check_names(y, u, look, reference or {}, signals or {})
+    reference, signals = reference or {}, signals or {}
+    look: _Look = (units or {}, limits or {}, bands or {})
+    _check_names(y, u, signals, reference, look)
     base = None if t is None else instants_of("t", t, time_unit)
     curves = [curve_of(f"output {n!r}", v, base, time_unit) for n, v in y.items()]
     held = [curve_of(f"input {n!r}", v, base, time_unit, held=True) for n, v in u.items()]
     instants = _instants(base, curves, held, time_unit)
-    references = _references(list(y), reference or {}, base, instants, time_unit)
-    channels = _channels(list(y), list(u), references, look, time_unit)
-    extra = {
-        name: curve_of(f"signal {name!r}", v, base, time_unit, gaps=True).at(instants)
-        for name, v in (signals or {}).items()
-    }
-    y_ref, moves = _table(references, instants), _table([c.at(instants) for c in held], instants)
-    rows = _decided(held, instants, y_ref)
+    references = _references(list(y), reference, base, instants, time_unit)
+    channel_u = tuple(_channel(name, look) for name in u)
+    channel_y = tuple(_channel(name, look, r) for name, r in zip(y, references, strict=True))
+    channels = Channels((), channel_u, channel_y, time_unit)
+    moves = _table([c.at(instants) for c in held], instants)
     made = Experiment(
         theta=_theta(theta),
         t=instants,
         x=np.zeros((len(instants), 0)),
         u=moves,
         y=_table([curve.at(instants) for curve in curves], instants),
-        t_control=instants[rows],
-        u_control=moves[rows],
-        y_ref=y_ref[rows],
-        iterations=np.zeros(len(rows), dtype=np.int64),
-        solve_time=np.zeros(len(rows)),
-        solved=np.ones(len(rows), dtype=bool),
+        **_steps(held, instants, moves, _table(references, instants)),
         channels=channels,
         end=_end(instants, [*curves, *held]) if end is None else end,
-        signals=_drawn(channels, references) | extra,
+        signals=_drawn(channels, references) | _extra(signals, base, instants, time_unit),
     )
     return made if kpis is None else made.with_kpis(computed(kpis, made))
+
+
+def _steps(
+    held: Sequence[Curve],
+    t: Float[np.ndarray, " K"],
+    u: Float[np.ndarray, "K n_u"],
+    y_ref: Float[np.ndarray, "K n_y"],
+) -> dict[str, Any]:
+    """Return what an experiment says of its N steps, in which no solver took part."""
+    rows = _decided(held, t, y_ref)
+    return {
+        "t_control": t[rows],
+        "u_control": u[rows],
+        "y_ref": y_ref[rows],
+        "iterations": np.zeros(len(rows), dtype=np.int64),
+        "solve_time": np.zeros(len(rows)),
+        "solved": np.ones(len(rows), dtype=bool),
+    }
+
+
+def _extra(
+    signals: Mapping[str, Any],
+    t: Float[np.ndarray, " K"] | None,
+    instants: Float[np.ndarray, " M"],
+    unit: str,
+) -> dict[str, Float[np.ndarray, " M"]]:
+    """Return additional signals at `instants`."""
+    curves = {name: curve_of(f"signal {name!r}", v, t, unit, gaps=True) for name, v in signals.items()}
+    return {name: curve.at(instants) for name, curve in curves.items()}
 
 
 def _drawn(
@@ -212,31 +210,26 @@ def _references(
     return found
 
 
-def _channels(
-    outputs: Sequence[str],
-    inputs: Sequence[str],
-    references: Sequence[Float[np.ndarray, " K"]],
-    look: _Look,
-    time_unit: str,
-) -> Channels:
-    """Return the channels; a constant reference is the target of its output."""
-    targets = [
-        float(v[0]) if len(v) and np.isfinite(v[0]) and (v == v[0]).all() else None for v in references
-    ]
-    return Channels(
-        x=(),
-        u=tuple(look.channel(name) for name in inputs),
-        y=tuple(look.channel(n, v) for n, v in zip(outputs, targets, strict=True)),
-        time_unit=time_unit,
-    )
+def _channel(name: str, look: _Look, reference: Float[np.ndarray, " K"] | None = None) -> Channel:
+    """Return a channel; a constant reference is its target."""
+    units, limits, bands = look
+    between: object = limits.get(name, (None, None))
+    if not isinstance(between, tuple | list) or len(between) != 2:
+        raise ExperimentError(
+            f"limits of {name!r} must be (low, high), with None for no limit, got {between!r}"
+        )
+    low, high = (free if v is None else float(v) for v, free in zip(between, (-np.inf, np.inf), strict=True))
+    r = np.zeros(0) if reference is None else reference
+    target = float(r[0]) if len(r) and np.isfinite(r[0]) and (r == r[0]).all() else None
+    return Channel(name, units.get(name, ""), low, high, target, bands.get(name))
 
 
 def _check_names(
     outputs: Mapping[str, Any],
     inputs: Mapping[str, Any],
-    look: _Look,
-    reference: Mapping[str, Any],
     signals: Mapping[str, Any],
+    reference: Mapping[str, Any],
+    look: _Look,
 ) -> None:
     """Refuse names that are used twice, and properties of names that do not exist."""
     if not outputs:
@@ -247,14 +240,9 @@ def _check_names(
         raise ExperimentError(
             f"outputs, inputs and signals must have different names, got {twice} more than once"
         )
-    channels = [*outputs, *inputs]
-    known: list[tuple[str, Any, Sequence[str]]] = [
-        ("units", look.units, channels),
-        ("limits", look.limits, channels),
-        ("bands", look.bands, list(outputs)),
-        ("reference", reference, list(outputs)),
-    ]
-    for what, given, there in known:
+    properties = zip(("units", "limits", "bands", "reference"), (*look, reference), strict=True)
+    for what, given in properties:
+        there = [*outputs, *inputs] if what in ("units", "limits") else [*outputs]
         if not isinstance(given, Mapping):
             raise ExperimentError(
                 f"{what} must be a mapping by name, such as {{{there[0]!r}: ...}}, got {type(given).__name__}"
