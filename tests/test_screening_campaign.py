@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_bench import Cell, Result, Store
+from prefcal_bench.cells.cell import Cell
 from prefcal_bench.cells.engine import each
+from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.store import Store
 from prefcal_bench.problems import CSTR_BROAD, problem
 from prefcal_bench.results.paired import mean_of, ratio_of
 from support.worths import study

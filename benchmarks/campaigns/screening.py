@@ -38,8 +38,12 @@ from judged.courses import Courses
 from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, TASTES, Selection, suites
 from rich.console import Console
 
-from prefcal_bench import Processes, Result, Store, Suite, run_suite
+from prefcal_bench.cells.engine import Processes
+from prefcal_bench.cells.result import Result
 from prefcal_bench.cells.roster import entry
+from prefcal_bench.cells.runner import run_suite
+from prefcal_bench.cells.store import Store
+from prefcal_bench.cells.suite import Suite
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.published import write_raw
 from prefcal_env.errors import PrefcalError

@@ -35,8 +35,7 @@ from jaxtyping import Float
 
 from prefcal_agents import GLISp, RandomSearch, Screening
 from prefcal_agents.protocol.agent import Agent, one_thread
-from prefcal_bench import Processes
-from prefcal_bench.cells.engine import each
+from prefcal_bench.cells.engine import Processes, each
 from prefcal_bench.cells.run import Study
 from prefcal_bench.problems import Outcome, Person, Problem, problem
 from prefcal_bench.results.paired import interval, markdown, mean_of, ratio_of

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from prefcal_bench import Result
+from prefcal_bench.cells.result import Result
 from prefcal_bench.people.sample import thetas
 from prefcal_bench.problems import CSTR_BROAD, Outcome, Problem, prefer, problem
 from prefcal_bench.results.paired import markdown

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_bench import Result
+from prefcal_bench.cells.result import Result
 from prefcal_bench.results.campaign import after_answers
 from prefcal_bench.results.paired import Study
 

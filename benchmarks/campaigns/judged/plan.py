@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from prefcal_bench import Suite
+from prefcal_bench.cells.suite import Suite
 from prefcal_scenarios.names import CLOSED_LOOPS
 
 SCREENING, GLISP, RANDOM, PEER = "Screening", "GLISp", "RandomSearch", "BOPE"

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_bench import Cell
+from prefcal_bench.cells.cell import Cell
 from prefcal_bench.problems import problem
 from prefcal_env.errors import ScenarioError, SettingsError
 

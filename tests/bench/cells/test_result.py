@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_bench import Cell, Result, digest
+from prefcal_bench.cells.cell import Cell
+from prefcal_bench.cells.result import Result, digest
 from prefcal_env.errors import SettingsError
 
 CELL = Cell("RandomSearch", "camel", "perfect", 0, 1, 2)

@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_bench import Processes, Store, Suite, run_suite
+from prefcal_bench.cells.engine import Processes
+from prefcal_bench.cells.runner import run_suite
+from prefcal_bench.cells.store import Store
+from prefcal_bench.cells.suite import Suite
 from support.bench_watcher import Seen
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from prefcal_bench import Finished
+from prefcal_bench.cells.runner import Finished
 from prefcal_bench.cli import run as run_module
 from prefcal_bench.cli.options import BenchOptions, CompareOptions
 from prefcal_bench.published.plan import publish

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from prefcal_bench import BOPE, EUBO
+from prefcal_bench.peers.bope import BOPE
+from prefcal_bench.peers.eubo import EUBO
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer

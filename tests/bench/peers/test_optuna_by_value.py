@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.global_random import seeded
-from prefcal_bench import OptunaGP, OptunaTPE
+from prefcal_bench.peers.optuna_agents import OptunaGP, OptunaTPE
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from support.extras import need

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from prefcal_agents.support.global_random import seeded
-from prefcal_bench import BOPE, EUBO, OptunaGP, OptunaPreferential, OptunaTPE, ReferenceGLIS, ReferenceGLISp
+from prefcal_bench.peers.bope import BOPE
+from prefcal_bench.peers.eubo import EUBO
+from prefcal_bench.peers.optuna_agents import OptunaGP, OptunaPreferential, OptunaTPE
+from prefcal_bench.peers.reference import ReferenceGLIS, ReferenceGLISp
 from prefcal_env.errors import MissingExtraError
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.agents import peers
