@@ -19,7 +19,7 @@ FOLDERS = {
     "prefcal_bench": ROOT / "benchmarks" / "prefcal_bench",
 }
 MAY_IMPORT = {name: {*list(FOLDERS)[: place + 1]} for place, name in enumerate(FOLDERS)}
-AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain", "on_first_use")
+AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain", "on_first_use", "arrays")
 
 LAYERS = {
     "prefcal_env": (

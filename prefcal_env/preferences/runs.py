@@ -10,7 +10,8 @@ from typing import Any, Generic, Protocol, TypeVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import RunError, SettingsError
+from prefcal_env.arrays import integer
+from prefcal_env.errors import RunError
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.workers import ATTEMPTS
 
@@ -40,9 +41,7 @@ class Runs(Protocol[R_co]):
 @contextmanager
 def runs_of(run: Callable[[Theta], R], at_once: int, executor: Executor | None) -> Iterator[Runs[R]]:
     """Yield what runs experiments for `ask_and_tell`, whose arguments these are."""
-    whole = isinstance(at_once, int | np.integer) and not isinstance(at_once, bool)
-    if not whole or at_once < 1:
-        raise SettingsError(f"at_once must be an integer, 1 or more, got {at_once!r}")
+    integer("at_once", at_once, low=1)
     if executor is not None:
         yield _AtOnce(run, int(at_once), executor)
     elif at_once == 1:

@@ -185,13 +185,20 @@ def _check_name(path: Path | str) -> None:
         )
 
 
-def beside(target: Path) -> Path:
-    """Return a new name next to `target` for a file that is not complete yet.
+@contextmanager
+def complete_file(target: Path) -> Iterator[Path]:
+    """Yield a path to write to; what is there in the end gets the name `target`, which is new.
 
-    The name is random. A process id is the same every time in a container, so a file that a
-    killed process left behind would block it forever.
+    So a file of this name is always complete. The path to write to is random: a process id is the
+    same every time in a container, so a file that a killed process left behind would block it
+    forever. Raises FileExistsError if there is a file `target` in the end.
     """
-    return target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    try:
+        yield part
+        publish(part, target)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def publish(source: Path, target: Path) -> None:
@@ -216,18 +223,12 @@ def save_copy(content: bytes, path: Path) -> Path:
     """Write a study under the first free name beside `path`; return the new file."""
     for number in count(1):
         target = path.with_name(f"{path.stem}-rescued{number}{path.suffix}")
-        part = beside(target)
-        try:
-            with part.open("xb") as file:
+        with suppress(FileExistsError):
+            with complete_file(target) as part, part.open("xb") as file:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-            publish(part, target)
             return target
-        except FileExistsError:
-            continue
-        finally:
-            part.unlink(missing_ok=True)
     raise AssertionError("numbers never end")
 
 

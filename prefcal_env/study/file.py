@@ -68,15 +68,12 @@ class StudyFile:
             file._begin(created)
             return file
         target = disk.vacant(path)
-        # Write a temporary file and link it, so that a file of this name is always complete.
-        part = disk.beside(target)
-        with told(target, "begin", "Nothing was recorded"):
-            try:
-                with closing(disk.connect(part)) as connection:
-                    cls(connection, str(part), clock)._begin(created)
-                disk.publish(part, target)
-            finally:
-                part.unlink(missing_ok=True)
+        with (
+            told(target, "begin", "Nothing was recorded"),
+            disk.complete_file(target) as part,
+            closing(disk.connect(part)) as connection,
+        ):
+            cls(connection, str(part), clock)._begin(created)
         return cls.open(target, clock=clock)
 
     @classmethod

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS
-from prefcal_agents.support.checks import Settings, choice, integer, number
+from prefcal_agents.support.checks import Settings, choice
+from prefcal_env.arrays import integer, number
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 

@@ -63,10 +63,10 @@ def test_another_seed_errs_elsewhere():
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"tie_band": -0.1}, "tie_band must be 0 or more, got -0.1"),
+        ({"tie_band": -0.1}, "tie_band must be finite and not below 0, got -0.1"),
         ({"tie_band": np.nan}, "tie_band"),
         ({"noise": 0.3}, "Thurstone, BradleyTerry or None, got 0.3"),
-        ({"seed": -1}, "seed must be an integer of 0 or more, got -1"),
+        ({"seed": -1}, "seed must be an integer, 0 or more, got -1"),
         ({"seed": 1.5}, "seed"),
         ({"cost": 3}, "cost must be a function"),
     ],
