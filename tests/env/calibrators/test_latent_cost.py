@@ -78,9 +78,9 @@ def test_impossible_options_are_refused(options, reason):
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_noise_without_a_positive_scale_is_refused(value):
-    with pytest.raises(SettingsError, match="sigma must be positive"):
+    with pytest.raises(SettingsError, match="sigma must be finite and above 0"):
         Thurstone(value)
-    with pytest.raises(SettingsError, match="scale must be positive"):
+    with pytest.raises(SettingsError, match="scale must be finite and above 0"):
         BradleyTerry(value)
 
 
