@@ -2,7 +2,6 @@
 
 import errno
 import os
-import secrets
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -10,6 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import NoReturn
 
+from prefcal_env.disk import beside, synchronize, write_new
 from prefcal_env.errors import StudyError
 
 _DAMAGED = "it is damaged: use an earlier copy or an export"
@@ -189,11 +189,9 @@ def _check_name(path: Path | str) -> None:
 def complete_file(target: Path) -> Iterator[Path]:
     """Yield a path to write to; what is there in the end gets the name `target`, which is new.
 
-    So a file of this name is always complete. The path to write to is random: a process id is the
-    same every time in a container, so a file that a killed process left behind would block it
-    forever. Raises FileExistsError if there is a file `target` in the end.
+    So a file of this name is always complete. Raises FileExistsError if there is one in the end.
     """
-    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    part = beside(target)
     try:
         yield part
         publish(part, target)
@@ -224,20 +222,7 @@ def save_copy(content: bytes, path: Path) -> Path:
     for number in count(1):
         target = path.with_name(f"{path.stem}-rescued{number}{path.suffix}")
         with suppress(FileExistsError):
-            with complete_file(target) as part, part.open("xb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
+            with complete_file(target) as part:
+                write_new(part, content)
             return target
     raise AssertionError("numbers never end")
-
-
-def synchronize(folder: Path) -> None:
-    """Write a new name to the disk; without this, a power failure could lose the file."""
-    if os.name != "posix":  # elsewhere a folder cannot be opened
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

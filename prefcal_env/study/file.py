@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.disk import synchronize
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.knobs.key import theta_key
@@ -288,7 +289,7 @@ class StudyFile:
     def _confirm(self, after: tuple[int, int]) -> None:
         """Write the folder to the disk, which failed at the end of a step."""
         try:
-            disk.synchronize(Path(os.path.realpath(self.path)).parent)
+            synchronize(Path(os.path.realpath(self.path)).parent)
         except OSError as error:
             raise StudyError(
                 f"the disk does not confirm that the last step is recorded in {self.path}: close "
