@@ -11,7 +11,7 @@ from .errors import PrefcalError, SettingsError
 
 def is_integer(value: object, low: float = -np.inf) -> bool:
     """Return whether `value` is an integer of Python or numpy, `low` or more; booleans are none."""
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= low
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= low
 
 
 def integer(name: str, value: Any, *, low: int, error: type[PrefcalError] = SettingsError) -> None:

@@ -78,8 +78,6 @@ class FMULoop:
         timeout: float = 60.0,
         kpis: _KPIs | None = tracking_kpis,
     ) -> None:
-        self._arguments = (Path(path).absolute(), knobs, outputs, inputs, reference, stop_time)
-        self._options = (output_interval, timeout, kpis)
         self.model, self.kpis = read_model(path), kpis
         self.problem = ""
         self.seconds: float | None = None
@@ -96,9 +94,11 @@ class FMULoop:
             for group in (self._outputs, self._inputs, self._variables)
             for variable in group.values()
         ]
-        places = [tuple((v.type, v.reference) for v in each) for each in (self._parameters, self._recorded)]
-        grid = grid_of(self.model, stop_time, output_interval)
-        job = Job(str(self.model.path), *places, *grid, self.model.tolerance)
+        knobs_, shown_ = (
+            tuple((v.type, v.reference) for v in each) for each in (self._parameters, self._recorded)
+        )
+        instants, every = grid_of(self.model, stop_time, output_interval)
+        job = Job(str(self.model.path), knobs_, shown_, instants, every, self.model.tolerance)
         self._process = FMUProcess(job, timeout)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
@@ -146,10 +146,6 @@ class FMULoop:
     def pid(self) -> int | None:
         """Return the id of the process of the FMU; None while there is none."""
         return self._process.pid
-
-    def __reduce__(self) -> Any:
-        """Pickle what the loop was made of: the copy reads the FMU again."""
-        return _remade, (self._arguments, self._options)
 
     def _checked(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         theta = np.asarray(theta, dtype=float)
@@ -200,8 +196,3 @@ class FMULoop:
             end=end,
             kpis=kpis,
         )
-
-
-def _remade(arguments: tuple[Any, ...], options: tuple[Any, ...]) -> FMULoop:
-    interval, timeout, kpis = options
-    return FMULoop(*arguments, output_interval=interval, timeout=timeout, kpis=kpis)

@@ -10,7 +10,7 @@ import weakref
 import zipfile
 from contextlib import suppress
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 from prefcal_env.errors import PlantError, RunError
 from prefcal_env.workers import Terms, Worker
@@ -36,6 +36,7 @@ class FMUProcess:
     """
 
     def __init__(self, job: Job, limit: float) -> None:
+        self._given = job, limit
         self._lock = threading.Lock()
         self._started = _Started(job)
         self._worker = Worker(self._started.work, limit, _TERMS)
@@ -69,6 +70,9 @@ class FMUProcess:
         """End the process and remove its files; a further run starts anew."""
         with self._lock:
             _release(self._worker, self._started)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a copy starts a process of its own
+        return type(self), self._given
 
     def _bears_reset(self) -> bool:
         """Return whether the process goes on after a reset was tried, whatever came of it."""
