@@ -2,16 +2,22 @@
 
 import ast
 from collections.abc import Callable, Iterator
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from inspect import getsource
 from sys import modules
-from typing import Any
-
-Door = tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]
-"""The `__getattr__`, `__dir__` and `__all__` of a package."""
+from typing import Any, NamedTuple
 
 
+class Door(NamedTuple):
+    """The `__getattr__`, `__dir__` and `__all__` of a package."""
+
+    load: Callable[[str], Any]
+    listed: Callable[[], list[str]]
+    names: list[str]
+
+
+@cache
 def public_names(package: str) -> Door:
     """Return what the `__init__` of a package defines to import its public names on first use.
 
@@ -22,9 +28,13 @@ def public_names(package: str) -> Door:
         package: Name of the package, `__name__` in its `__init__`.
     """
     module = modules[package]
-    homes = dict(_typed(getsource(module)))
+    # Not `inspect.getsource`, which asks the module for names that it has not.
+    source: str = module.__loader__.get_source(package)  # type: ignore[union-attr]
+    homes = dict(_typed(source))
 
     def load(name: str) -> Any:
+        if name == "__all__":
+            return sorted(homes)
         if name in homes:
             found = getattr(import_module(f".{homes[name]}", package), name)
             setattr(module, name, found)  # so that the next time costs nothing
@@ -33,7 +43,7 @@ def public_names(package: str) -> Door:
             return import_module(f".{name}", package)
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
-    return load, lambda: sorted({*vars(module), *homes}), sorted(homes)
+    return Door(load, lambda: sorted({*vars(module), *homes}), sorted(homes))
 
 
 def _typed(source: str) -> Iterator[tuple[str, str]]:

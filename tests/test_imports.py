@@ -295,3 +295,8 @@ def test_importing_plants_and_scenarios_loads_nothing_heavy():
     ids = ["prefcal/CSTR-v0", "prefcal/CSTRTuning-v0", "prefcal/Experiment-v0"]
     ids += ["prefcal/Overtake-v0", "prefcal/OvertakeTuning-v0"]
     assert in_a_new_process(code) == f"[] {ids}"
+
+
+def test_the_help_of_the_program_waits_for_no_plant():
+    code = "import sys; from prefcal_bench.cli.program import main; print('gymnasium' in sys.modules)"
+    assert in_a_new_process(code) == "False"

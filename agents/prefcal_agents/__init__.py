@@ -4,9 +4,7 @@ The names below are imported on first use. `registry.py` lists all agents, `rl` 
 stable-baselines3.
 """
 
-from typing import TYPE_CHECKING
-
-from prefcal_env.on_first_use import public_names
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .baselines.glis import GLIS as GLIS
@@ -20,4 +18,14 @@ if TYPE_CHECKING:
     from .screening.agent import Screening as Screening
     from .transfer import Earlier as Earlier
 
-__getattr__, __dir__, __all__ = public_names(__name__)
+
+def __getattr__(name: str) -> Any:
+    from prefcal_env.on_first_use import public_names  # here: `prefcal --help` need not load it
+
+    return public_names(__name__).load(name)
+
+
+def __dir__() -> list[str]:
+    from prefcal_env.on_first_use import public_names
+
+    return public_names(__name__).listed()

@@ -3,9 +3,7 @@
 Names are imported on first use, so that `prefcal --help` does not load plants and solvers.
 """
 
-from typing import TYPE_CHECKING
-
-from prefcal_env.on_first_use import public_names
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .cli.notebook import ask as ask
@@ -13,4 +11,14 @@ if TYPE_CHECKING:
     from .report.export import load_controller as load_controller
     from .report.trajectories import figure as figure
 
-__getattr__, __dir__, __all__ = public_names(__name__)
+
+def __getattr__(name: str) -> Any:
+    from prefcal_env.on_first_use import public_names  # here: `prefcal --help` need not load it
+
+    return public_names(__name__).load(name)
+
+
+def __dir__() -> list[str]:
+    from prefcal_env.on_first_use import public_names
+
+    return public_names(__name__).listed()

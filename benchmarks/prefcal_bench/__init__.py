@@ -10,11 +10,20 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from prefcal_agents.registry import JUDGES, register
-from prefcal_env.on_first_use import public_names
 
 from .peers import PEERS
 
-__getattr__, __dir__, __all__ = public_names(__name__)
+
+def __getattr__(name: str) -> Any:
+    from prefcal_env.on_first_use import public_names  # here: `prefcal --help` need not load it
+
+    return public_names(__name__).load(name)
+
+
+def __dir__() -> list[str]:
+    from prefcal_env.on_first_use import public_names
+
+    return public_names(__name__).listed()
 
 
 def _simulated_people(scenario: Any) -> Mapping[str, Callable[[int], Any]]:
