@@ -20,12 +20,6 @@ def __getattr__(name: str) -> Any:
     return public_names(__name__).load(name)
 
 
-def __dir__() -> list[str]:
-    from prefcal_env.on_first_use import public_names
-
-    return public_names(__name__).listed()
-
-
 def _simulated_people(scenario: Any) -> Mapping[str, Callable[[int], Any]]:
     from .people.named import calibrators_of  # draws random experiments only when one is asked for
 
