@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from .experiments.experiment import End as End
     from .experiments.experiment import Experiment as Experiment
     from .experiments.kpis import tracking_kpis as tracking_kpis
-    from .experiments.maneuvers import Maneuvers as Maneuvers
     from .experiments.recorded import recorded as recorded
     from .experiments.rollout import rollout as rollout
     from .fmu import FMULoop as FMULoop
@@ -45,7 +44,8 @@ if TYPE_CHECKING:
     from .preferences.answer import Answer as Answer
     from .preferences.answer import Mark as Mark
     from .preferences.loop import calibrate as calibrate
-    from .rig import Rig as Rig
+    from .sources import Maneuvers as Maneuvers
+    from .sources import Rig as Rig
     from .tables import TableColumns as TableColumns
     from .tables import from_frame as from_frame
 
