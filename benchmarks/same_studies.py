@@ -33,17 +33,11 @@ from unittest import mock
 
 import numpy as np
 
-from prefcal_agents import (
-    GLIS,
-    AgentState,
-    GLISp,
-    GLISpSettings,
-    LatinHypercube,
-    RandomSearch,
-    respaced,
-    restore,
-)
-from prefcal_env import Answer, Knob, KnobSpace, Mark, Query
+from prefcal_agents import GLIS, AgentState, GLISp, GLISpSettings, RandomSearch, restore
+from prefcal_agents.baselines.latin_hypercube import LatinHypercube
+from prefcal_agents.respacing import respaced
+from prefcal_env import Answer, Knob, KnobSpace, Mark
+from prefcal_env.preferences.answer import Query
 
 RECORD = Path(__file__).with_suffix(".json")
 Lines = list[str]

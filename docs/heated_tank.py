@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from prefcal_env import Channel, ClosedLoop, Knob, KnobSpace, Maneuvers, Move, Panel, PlantEnv, Task
+from prefcal_env import Channel, ClosedLoop, Knob, KnobSpace, Maneuvers, Move, PlantEnv, Task
 from prefcal_env.plants import FunctionPlant
-from prefcal_scenarios import KPI, Scenario
+from prefcal_scenarios import KPI, Panel, Scenario
 
 # 100 L of water lose 0.05 kW per K; the inflow is cold. Temperatures are above that of the room.
 plant = FunctionPlant(

@@ -1,11 +1,38 @@
-"""Check the arrays that settings hold: one message for each mistake."""
+"""Check the numbers and arrays that settings hold: one message for each mistake."""
 
+from math import isfinite
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from .errors import PrefcalError, SettingsError
+
+
+def is_integer(value: object, low: float = -np.inf) -> bool:
+    """Return whether `value` is an integer of Python or numpy, `low` or more; booleans are none."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= low
+
+
+def integer(name: str, value: Any, *, low: int, error: type[PrefcalError] = SettingsError) -> None:
+    """Raise `error` unless `value` is an integer, `low` or more."""
+    if not is_integer(value, low):
+        raise error(f"{name} must be an integer, {low} or more, got {value!r}")
+
+
+def number(
+    name: str,
+    value: Any,
+    *,
+    low: float = 0.0,
+    strict: bool = False,
+    error: type[PrefcalError] = SettingsError,
+) -> None:
+    """Raise `error` unless `value` is finite and not below `low` (above it if strict)."""
+    numeric = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not numeric or not isfinite(value) or (value <= low if strict else value < low):
+        relation = "above" if strict else "not below"
+        raise error(f"{name} must be finite and {relation} {low:g}, got {value!r}")
 
 
 def numbers(

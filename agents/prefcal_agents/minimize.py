@@ -13,8 +13,8 @@ from prefcal_agents.glisp.agent import GLISp
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.simulations import Simulate
 from prefcal_agents.space.start import Start
-from prefcal_agents.support.checks import integer
 from prefcal_agents.utility.bank import Bank
+from prefcal_env.arrays import integer
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Preference

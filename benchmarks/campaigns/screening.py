@@ -37,8 +37,12 @@ import screening_tables as tables
 from rich.console import Console
 from screening_tables import NOISES, OTHERS, OVERTAKING_SHOWN, REACTOR_SHOWN
 
-from prefcal_bench import Processes, Result, Store, Suite, run_suite
+from prefcal_bench.cells.cell import Result
+from prefcal_bench.cells.engine import Processes
 from prefcal_bench.cells.roster import entry
+from prefcal_bench.cells.runner import run_suite
+from prefcal_bench.cells.store import Store
+from prefcal_bench.cells.suite import Suite
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.published import write_raw
 from prefcal_env.errors import PrefcalError

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from prefcal_agents import GLISp, Screening
 from prefcal_bench.people import USUAL, sample, taste
 from prefcal_env import Knob, KnobSpace, calibrate
-from prefcal_scenarios import load, outcome, screened
+from prefcal_scenarios import load, outcome
+from prefcal_scenarios.kpis import screened
 from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, OTHERS, canvas, png, style
 
 GAIN = KnobSpace([Knob("gain", 0.0, 10.0)])

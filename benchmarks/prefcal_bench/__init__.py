@@ -1,14 +1,12 @@
 """The benchmark: agents x problems x calibrators x seeds, resumable and deterministic.
 
-`Suite` lists the cells, `run_suite` runs those without a result in a `Store` on `Processes`,
-and `digest` tells whether two runs gave the same results. Names are imported on first use, so that
-`prefcal --help` does not load plants and solvers. Importing this package makes its simulated people
-calibrators of closed loops, and lets `prefcal_agents.restore` restore its agents.
+In `cells`, `Suite` lists the cells, `run_suite` runs those without a result in a `Store` on
+`Processes`, and `digest` tells whether two runs gave the same results. Importing this package makes
+its simulated people calibrators of closed loops, and lets `prefcal_agents.restore` restore its
+agents.
 """
 
 from collections.abc import Callable, Mapping
-from importlib import import_module
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from prefcal_agents.registry import JUDGES, register
@@ -34,33 +32,17 @@ if TYPE_CHECKING:
     from .peers.reference import ReferenceGLIS as ReferenceGLIS
     from .peers.reference import ReferenceGLISp as ReferenceGLISp
 
-_HOMES = {
-    "Cell": "cells.cell",
-    "Duel": "cells.duels",
-    "SuiteResults": "cells.runner",
-    "Processes": "cells.engine",
-    "Result": "cells.cell",
-    "Store": "cells.store",
-    "Suite": "cells.suite",
-    "digest": "cells.cell",
-    "run_cell": "cells.run",
-    "run_suite": "cells.runner",
-    **{row.name: row.module for row in PEERS},
-}
-
-__all__ = list(_HOMES)
-
 
 def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
-    if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
-        return import_module(f".{name}", __name__)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from prefcal_env.on_first_use import public_names  # here: `prefcal --help` need not load it
+
+    return public_names(__name__).load(name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    from prefcal_env.on_first_use import public_names
+
+    return public_names(__name__).listed()
 
 
 def _simulated_people(scenario: Any) -> Mapping[str, Callable[[int], Any]]:

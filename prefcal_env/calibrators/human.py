@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from prefcal_env.arrays import integer
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Preference
-
-from .latent_cost import is_seed
 
 Ask = Callable[[Experiment, Experiment], Any]
 
@@ -42,8 +41,7 @@ class HumanCalibrator:
             raise SettingsError(f"ask must be a function of two experiments, got {self.ask!r}")
         if self.shuffle is None:
             return
-        if not is_seed(self.shuffle):
-            raise SettingsError(f"shuffle must be a seed of 0 or more, got {self.shuffle!r}")
+        integer("shuffle", self.shuffle, low=0)
         self._rng = np.random.default_rng(self.shuffle)
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Answer | Preference | None:

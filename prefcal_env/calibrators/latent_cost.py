@@ -2,15 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import isfinite
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import integer, number
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import is_number
 from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
 
@@ -35,7 +34,7 @@ class Thurstone:
     sigma: float
 
     def __post_init__(self) -> None:
-        _check("sigma", self.sigma)
+        number("sigma", self.sigma, strict=True)
 
     def draw(self, generator: np.random.Generator) -> float:
         """Return one error of a difference of costs, in the unit of the cost."""
@@ -55,7 +54,7 @@ class BradleyTerry:
     scale: float
 
     def __post_init__(self) -> None:
-        _check("scale", self.scale)
+        number("scale", self.scale, strict=True)
 
     def draw(self, generator: np.random.Generator) -> float:
         """Return one error of a difference of costs, in the unit of the cost."""
@@ -98,11 +97,6 @@ class Flipping:
         return replace(verdict, preference=None if preference is None else Preference(-preference))
 
 
-def is_seed(value: object) -> bool:
-    """Return whether `value` is an integer of 0 or more."""
-    return isinstance(value, int | np.integer) and is_number(value) and int(value) >= 0
-
-
 def generator_of_pair(
     seed: int, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]
 ) -> np.random.Generator:
@@ -110,11 +104,6 @@ def generator_of_pair(
     pair = sorted((tuple(a + 0.0), tuple(b + 0.0)))  # + 0.0 turns -0.0 into 0.0
     key = np.array(pair).view(np.uint32).ravel()
     return np.random.default_rng([int(seed), *key.tolist()])
-
-
-def _check(name: str, value: float) -> None:
-    if isinstance(value, bool) or not (isfinite(value) and value > 0):
-        raise SettingsError(f"{name} must be positive and finite, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -145,12 +134,10 @@ class LatentCost:
     def __post_init__(self) -> None:
         if not callable(self.cost):
             raise SettingsError(f"cost must be a function of an experiment, got {self.cost!r}")
-        if isinstance(self.tie_band, bool) or not 0 <= self.tie_band < np.inf:
-            raise SettingsError(f"tie_band must be 0 or more, got {self.tie_band!r}")
+        number("tie_band", self.tie_band)
         if self.noise is not None and not isinstance(self.noise, Noise):
             raise SettingsError(f"noise must be Thurstone, BradleyTerry or None, got {self.noise!r}")
-        if not is_seed(self.seed):
-            raise SettingsError(f"seed must be an integer of 0 or more, got {self.seed!r}")
+        integer("seed", self.seed, low=0)
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:
         """Return which one is better, as in eq. pref_fun."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from prefcal_env.arrays import number
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Preference
@@ -32,10 +33,7 @@ class Criterion:
     def __post_init__(self) -> None:
         if not callable(self.key):
             raise SettingsError(f"criterion {self.name!r}: key must be a function of an experiment")
-        if not 0 <= self.just_noticeable < np.inf:
-            raise SettingsError(
-                f"criterion {self.name!r}: just_noticeable must be 0 or more, got {self.just_noticeable!r}"
-            )
+        number(f"criterion {self.name!r}: just_noticeable", self.just_noticeable)
 
     def compare(self, challenger: Experiment, incumbent: Experiment) -> Preference:
         """Return which experiment is better by this criterion alone."""

@@ -1,7 +1,7 @@
 """Check knobs, curves and times of a loop against its FMU, before anything runs."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import ceil, floor, isfinite
 
 import numpy as np
@@ -21,29 +21,25 @@ _MOST = 2_000
 _ROUNDING = 1e-9
 """Relative error of a ratio of times that counts as a whole number."""
 
-Names = Mapping[str, str]
-"""Shown name to name in the FMU."""
+Names = Mapping[str, str] | Sequence[str]
+"""Variables of the FMU, perhaps by the names that they are shown with."""
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """The communication instants of a run, and which of them are recorded.
-
-    Args:
-        instants: Start, communication instants and end, in seconds, shape (M,).
-        every: Every how many communications the variables are recorded; the end always is.
-    """
-
-    instants: Float[np.ndarray, " M"]
-    every: int
-
-
-def names_of(what: str, names: Mapping[str, str] | Sequence[str]) -> Names:
-    """Return `names` as a mapping from shown names to names in the FMU, these with their units.
+def shown(model: Model, outputs: Names, inputs: Names) -> tuple[dict[str, Variable], dict[str, Variable]]:
+    """Return outputs and inputs by the names that they are shown with, in the units asked for.
 
     Raises:
-        PlantError: If they are no names, or one appears twice.
+        PlantError: If there is no output, one is no variable of the FMU, or a name appears twice.
     """
+    found = _named(model, "outputs", outputs), _named(model, "inputs", inputs)
+    if not outputs:
+        raise PlantError("outputs must name one or more variables of the FMU")
+    if twice := sorted(found[0].keys() & found[1].keys()):
+        raise PlantError(f"{twice[0]!r} cannot be both an output and an input: name it once")
+    return found
+
+
+def _named(model: Model, what: str, names: Names) -> dict[str, Variable]:
     if isinstance(names, str):
         raise PlantError(f"{what} must be a sequence of names, got {names!r}: write [{names!r}]")
     if isinstance(names, Mapping):
@@ -56,7 +52,7 @@ def names_of(what: str, names: Mapping[str, str] | Sequence[str]) -> Names:
     found = dict(pairs)
     if len(found) < len(pairs):
         raise PlantError(f"{what} must differ, got {[shown for shown, _ in pairs]}")
-    return found
+    return {name: model.variable(variable) for name, variable in found.items()}
 
 
 def tuned(model: Model, knobs: Mapping[str, Knob] | Sequence[Knob]) -> dict[str, Knob]:
@@ -102,11 +98,8 @@ def _tuned(model: Model, name: str, knob: Knob) -> Knob:
 
 def _check_range(knob: Knob, variable: Variable) -> None:
     if knob.low < variable.low or knob.high > variable.high:
-        raise KnobError(
-            f"knob {knob.name!r}: its range must lie in [{variable.low:g}, {variable.high:g}] "
-            f"{variable.unit}".rstrip()
-            + f", the limits of the FMU, got [{knob.low:g}, {knob.high:g}]"
-        )
+        range_ = f"[{knob.low:g}, {knob.high:g}]"
+        raise KnobError(f"knob {knob.name!r}: its range must lie in {variable.limits}, got {range_}")
     if variable.whole and not knob.integer:
         raise KnobError(f"knob {knob.name!r}: the FMU's type is {variable.type}, so it needs integer=True")
 
@@ -150,11 +143,14 @@ def _alike(variable: Variable, name: str, output: Variable) -> Variable:
     return found
 
 
-def grid_of(model: Model, stop_time: float | None, output_interval: float | None) -> Grid:
-    """Return when the FMU communicates, and every how many times it is recorded.
+def grid_of(
+    model: Model, stop_time: float | None, output_interval: float | None
+) -> tuple[Float[np.ndarray, " M"], int]:
+    """Return when the FMU communicates, in seconds, shape (M,), and every how many times to record.
 
-    The FMU communicates at its own step, if it declares one, so that what is recorded changes
-    nothing about the simulation. Otherwise it communicates whenever it is recorded.
+    The first instant is the start, the last one the end, which is always recorded. The FMU
+    communicates at its own step, if it declares one, so that what is recorded changes nothing about
+    the simulation. Otherwise it communicates whenever it is recorded.
 
     Raises:
         PlantError: If there is no stop time, it is not after the start, or the interval is not
@@ -177,7 +173,7 @@ def grid_of(model: Model, stop_time: float | None, output_interval: float | None
     instants = start + step * np.arange(max(whole, 0) + 1)
     if ceil(count - _ROUNDING * count) > whole and (model.variable_step or not whole):
         instants = np.append(instants, stop)  # a last, shorter step
-    return Grid(instants, every)
+    return instants, every
 
 
 def _step(model: Model, length: float, interval: float | None) -> tuple[float, int]:
@@ -192,16 +188,3 @@ def _step(model: Model, length: float, interval: float | None) -> tuple[float, i
     if every >= 1 and abs(ratio - every) <= _ROUNDING * ratio:
         return step, every
     return interval / ceil(ratio), ceil(ratio)
-
-
-def shown(model: Model, names: Names) -> dict[str, Variable]:
-    """Return variables by shown name. Raises PlantError if there is no such variable."""
-    return {name: model.variable(variable) for name, variable in names.items()}
-
-
-def check_apart(groups: Iterable[Iterable[str]]) -> None:
-    """Check that outputs and inputs share no name. Raises PlantError if they do."""
-    all_ = [name for group in groups for name in group]
-    twice = sorted({name for name in all_ if all_.count(name) > 1})
-    if twice:
-        raise PlantError(f"{twice[0]!r} cannot be both an output and an input: name it once")

@@ -15,7 +15,7 @@ from prefcal_env.knobs.knob import Knob, is_number
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.tables.recorded import recorded
 
-from .checks import check_apart, grid_of, names_of, referenced, shown, tuned
+from .checks import Names, grid_of, referenced, shown, tuned
 from .model import Variable, read_model
 from .process import FMUProcess
 from .simulation import Job, Reply
@@ -69,8 +69,8 @@ class FMULoop:
         self,
         path: Path | str,
         knobs: Mapping[str, Knob] | Sequence[Knob],
-        outputs: Mapping[str, str] | Sequence[str],
-        inputs: Mapping[str, str] | Sequence[str] = (),
+        outputs: Names,
+        inputs: Names = (),
         reference: Mapping[str, float | str] | None = None,
         stop_time: float | None = None,
         *,
@@ -78,8 +78,6 @@ class FMULoop:
         timeout: float = 60.0,
         kpis: _KPIs | None = tracking_kpis,
     ) -> None:
-        self._arguments = (Path(path).absolute(), knobs, outputs, inputs, reference, stop_time)
-        self._options = (output_interval, timeout, kpis)
         self.model, self.kpis = read_model(path), kpis
         self.problem = ""
         self.seconds: float | None = None
@@ -88,24 +86,19 @@ class FMULoop:
         found = tuned(self.model, knobs)
         self.space = KnobSpace(list(found.values()))
         self._parameters = [self.model.variable(f"{n} [{k.unit}]") for n, k in found.items()]
-        self._outputs = shown(self.model, names_of("outputs", outputs))
-        self._inputs = shown(self.model, names_of("inputs", inputs))
-        if not self._outputs:
-            raise PlantError("outputs must name one or more variables of the FMU")
-        check_apart((self._outputs, self._inputs))
+        self._outputs, self._inputs = shown(self.model, outputs, inputs)
         self._numbers, self._variables = referenced(self.model, self._outputs, reference)
         self.channels: Channels = self._curveless(np.zeros(len(found)), 0.0).channels
-        shown_ = {**self._outputs, **self._inputs}
-        self._recorded = [*shown_.values(), *self._variables.values()]
-        grid = grid_of(self.model, stop_time, output_interval)
-        job = Job(
-            str(self.model.path),
-            _places(self._parameters),
-            _places(self._recorded),
-            grid.instants,
-            grid.every,
-            self.model.tolerance,
+        self._recorded = [
+            variable
+            for group in (self._outputs, self._inputs, self._variables)
+            for variable in group.values()
+        ]
+        knobs_, shown_ = (
+            tuple((v.type, v.reference) for v in each) for each in (self._parameters, self._recorded)
         )
+        instants, every = grid_of(self.model, stop_time, output_interval)
+        job = Job(str(self.model.path), knobs_, shown_, instants, every, self.model.tolerance)
         self._process = FMUProcess(job, timeout)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
@@ -154,20 +147,13 @@ class FMULoop:
         """Return the id of the process of the FMU; None while there is none."""
         return self._process.pid
 
-    def __reduce__(self) -> Any:
-        """Pickle what the loop was made of: the copy reads the FMU again."""
-        return _remade, (self._arguments, self._options)
-
     def _checked(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         theta = np.asarray(theta, dtype=float)
         if theta.shape != (len(self.space),) or not np.isfinite(theta).all():
             raise KnobError(f"θ must be {len(self.space)} finite numbers, got {theta}")
         for knob, variable, value in zip(self.space, self._parameters, theta, strict=True):
             if not variable.low <= value <= variable.high:
-                raise KnobError(
-                    f"{knob.name} must lie in [{variable.low:g}, {variable.high:g}] {variable.unit}".rstrip()
-                    + f", the limits of the FMU, got {value:g}"
-                )
+                raise KnobError(f"{knob.name} must lie in {variable.limits}, got {value:g}")
         return theta
 
     def _stored(self, variable: Variable, value: float) -> float:
@@ -182,15 +168,8 @@ class FMULoop:
         outputs = dict(zip(self._outputs, columns, strict=False))
         inputs = dict(zip(self._inputs, columns[n_y:], strict=False))
         curves = dict(zip(self._variables, columns[n_y + n_u :], strict=True))
-        return self._made(
-            theta,
-            answer.t[:count],
-            outputs,
-            inputs,
-            {**self._numbers, **curves},
-            End.UNSAFE if self.problem else End.TIME_UP,
-            self.kpis,
-        )
+        reference, end = {**self._numbers, **curves}, End.UNSAFE if self.problem else End.TIME_UP
+        return self._made(theta, answer.t[:count], outputs, inputs, reference, end, self.kpis)
 
     def _failed(self, theta: Float[np.ndarray, " n"]) -> Experiment:
         """Return an experiment without a record."""
@@ -217,12 +196,3 @@ class FMULoop:
             end=end,
             kpis=kpis,
         )
-
-
-def _places(variables: Sequence[Variable]) -> tuple[tuple[str, int], ...]:
-    return tuple((v.type, v.reference) for v in variables)
-
-
-def _remade(arguments: tuple[Any, ...], options: tuple[Any, ...]) -> FMULoop:
-    interval, timeout, kpis = options
-    return FMULoop(*arguments, output_interval=interval, timeout=timeout, kpis=kpis)

@@ -13,24 +13,13 @@ from prefcal_env.wording import did_you_mean
 
 from .units import AS_IT_IS, Scales, UnitScale, display_units, plain
 
+_REALS = {"Real", "Float64", "Float32"}
 _NUMBERS = {
-    "Real",
-    "Integer",
-    "Boolean",
-    "Enumeration",
-    "Float64",
-    "Float32",
-    "Int8",
-    "UInt8",
-    "Int16",
-    "UInt16",
-    "Int32",
-    "UInt32",
-    "Int64",
-    "UInt64",
+    *_REALS,
+    *("Integer", "Boolean", "Enumeration"),
+    *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
 }
 """Types of FMI 2 and 3 whose values are numbers."""
-_REALS = {"Real", "Float64", "Float32"}
 _LISTED = 12
 """Number of names that a message lists at most."""
 
@@ -85,6 +74,11 @@ class Variable:
     def every_unit(self) -> str:
         """Return all units in which it can be given, for messages."""
         return " or ".join(repr(unit) for unit in (self.unit or "none", *self.units))
+
+    @property
+    def limits(self) -> str:
+        """Return its range with its unit, for messages."""
+        return f"[{self.low:g}, {self.high:g}] {self.unit}".rstrip() + ", the limits of the FMU"
 
     @property
     def tunable(self) -> bool:

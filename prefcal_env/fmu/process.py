@@ -3,20 +3,27 @@
 import os
 import pickle
 import shutil
+import tempfile
 import threading
+import time
 import weakref
+import zipfile
+from contextlib import suppress
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
-from prefcal_env.errors import RunError
+from prefcal_env.errors import PlantError, RunError
 from prefcal_env.workers import Terms, Worker
 
 from .simulation import FMUSimulation, Job, Reply
-from .unpacking import unpacked
 
 _RUNS = 1_000
 """Number of runs after which the process is replaced, so that FMUs that leak stay small."""
 _TERMS = Terms("the simulation", "timeout", threads=None, quiet=True)
+_PREFIX = "prefcal-fmu-"
+_OLD = 24 * 3600.0
+"""Seconds after which the folder of a process that is gone is removed: a process of a container
+can look as if it were."""
 
 
 @final
@@ -29,6 +36,7 @@ class FMUProcess:
     """
 
     def __init__(self, job: Job, limit: float) -> None:
+        self._given = job, limit
         self._lock = threading.Lock()
         self._started = _Started(job)
         self._worker = Worker(self._started.work, limit, _TERMS)
@@ -62,6 +70,9 @@ class FMUProcess:
         """End the process and remove its files; a further run starts anew."""
         with self._lock:
             _release(self._worker, self._started)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a copy starts a process of its own
+        return type(self), self._given
 
     def _bears_reset(self) -> bool:
         """Return whether the process goes on after a reset was tried, whatever came of it."""
@@ -104,3 +115,42 @@ def _release(worker: Worker, started: _Started) -> None:
     if started.home is not None:
         shutil.rmtree(started.home, ignore_errors=True)
         started.home = None
+
+
+def unpacked(path: Path) -> Path:
+    """Return a new folder, with the contents of the FMU in its folder "fmu".
+
+    Raises:
+        PlantError: If it cannot be unpacked.
+    """
+    _remove_leftovers()
+    home = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
+    try:
+        with zipfile.ZipFile(path) as content:
+            content.extractall(home / "fmu")
+    except BaseException as error:  # Ctrl-C, too
+        shutil.rmtree(home, ignore_errors=True)
+        if not isinstance(error, OSError | zipfile.BadZipFile):
+            raise
+        raise PlantError(f"cannot unpack the FMU {str(path)!r}: {error}") from error
+    return home
+
+
+def _remove_leftovers() -> None:
+    """Remove old folders of ours whose process was killed before it could remove them."""
+    if os.name != "posix":
+        return
+    for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*-*"):
+        with suppress(OSError, ValueError):
+            found = folder.lstat()
+            mine = found.st_uid == os.getuid() and time.time() - found.st_mtime > _OLD
+            if mine and not _runs(int(folder.name.removeprefix(_PREFIX).partition("-")[0])):
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True

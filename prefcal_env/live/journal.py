@@ -1,7 +1,6 @@
 """Keep the old values of a live plant on the disk while prefcal changes them."""
 
 import json
-import os
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
@@ -12,8 +11,8 @@ from pathlib import Path
 
 from platformdirs import user_data_path
 
+from prefcal_env.disk import synchronize, write_durably
 from prefcal_env.errors import LiveError
-from prefcal_env.study.connection import synchronize
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,15 +39,9 @@ class Journal:
         Raises:
             LiveError: If the file cannot be written; then nothing may be changed on the plant.
         """
-        part = self.path.with_suffix(".part")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with part.open("w", encoding="utf-8") as file:
-                json.dump({"old": dict(old)}, file)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(part, self.path)
-            synchronize(self.path.parent)
+            write_durably(self.path, json.dumps({"old": dict(old)}).encode())
         except OSError as error:
             raise LiveError(
                 f"cannot save the plant's values in {self.path}: {error.strerror or error}. "

@@ -11,6 +11,7 @@ from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import number
 from prefcal_env.errors import PreferenceError
 from prefcal_env.knobs.knob import is_number
 from prefcal_env.knobs.space import KnobSpace
@@ -89,8 +90,7 @@ class Answer:
     def __post_init__(self) -> None:
         if self.preference is not None:
             object.__setattr__(self, "preference", _preference(self.preference))
-        if not (is_number(self.strength) and 0 < self.strength < np.inf):
-            raise PreferenceError(f"strength must be positive and finite, got {self.strength!r}")
+        number("strength", self.strength, strict=True, error=PreferenceError)
         if not self.preference and self.strength != 1:  # a tie or an abstention
             object.__setattr__(self, "strength", 1)
         object.__setattr__(self, "marks", tuple(self.marks))

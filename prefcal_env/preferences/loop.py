@@ -23,6 +23,17 @@ def counts_as_unsafe(experiment: Experiment) -> bool:
     return any(run.end is End.UNSAFE for run in (experiment, *experiment.runs))
 
 
+def foregone(challenger: Experiment, incumbent: Experiment | None) -> Answer | None:
+    """Return the answer that follows from the runs alone; None if somebody must be asked.
+
+    The first experiment is compared with nothing. A run that was cut short has lost, which is why
+    it was cut short.
+    """
+    if incumbent is None:
+        return Answer(None)
+    return Answer(Preference.INCUMBENT) if challenger.end is End.CUT_SHORT else None
+
+
 def completed(
     answer: Answer, challenger: Experiment, incumbent: Experiment | None, outcomes: Outcomes | None = None
 ) -> Answer:
@@ -165,10 +176,9 @@ def calibrate(
     """
 
     def answer(challenger: Experiment, incumbent: Experiment | None) -> Answer:
-        said = Answer(None)
-        if incumbent is not None and challenger.end is End.CUT_SHORT:
-            said = Answer(Preference.INCUMBENT)  # which is why it was cut short
-        elif incumbent is not None:
+        said = foregone(challenger, incumbent)
+        if said is None:
+            assert incumbent is not None
             said = Answer.of(calibrator.prefer(challenger, incumbent))
         pair = None
         if outcome is not None and said.outcomes is None:

@@ -1,7 +1,7 @@
 """Run the experiments of a loop: one after the other, or several at once."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from queue import SimpleQueue
@@ -10,17 +10,15 @@ from typing import Any, Generic, Protocol, TypeVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import RunError, SettingsError
+from prefcal_env.arrays import integer
+from prefcal_env.errors import RunError
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.workers import ATTEMPTS
 
 from .answer import Query, Suggestion
 
 R = TypeVar("R")
-R_co = TypeVar("R_co", covariant=True)
 Theta = Float[np.ndarray, " n"]
-Found = tuple[Query, R, R | None]
-"""A query with the results of its challenger and of its incumbent."""
 
 
 class Executor(Protocol):
@@ -30,92 +28,78 @@ class Executor(Protocol):
         """Start `fn(*args)`, and return its future."""
 
 
-class Runs(Protocol[R_co]):
-    """The experiments of a study."""
-
-    def next_of(self, agent: Any) -> tuple[Query, R_co, R_co | None]:
-        """Return an open query whose experiments are done, after running what is missing."""
-
-
 @contextmanager
-def runs_of(run: Callable[[Theta], R], at_once: int, executor: Executor | None) -> Iterator[Runs[R]]:
+def runs_of(run: Callable[[Theta], R], at_once: int, executor: Executor | None) -> Iterator["Runs[R]"]:
     """Yield what runs experiments for `ask_and_tell`, whose arguments these are."""
-    whole = isinstance(at_once, int | np.integer) and not isinstance(at_once, bool)
-    if not whole or at_once < 1:
-        raise SettingsError(f"at_once must be an integer, 1 or more, got {at_once!r}")
-    if executor is not None:
-        yield _AtOnce(run, int(at_once), executor)
-    elif at_once == 1:
-        yield _OneByOne(run)
-    else:
-        threads = ThreadPoolExecutor(int(at_once), "experiment")
-        try:
-            yield _AtOnce(run, int(at_once), threads)
-        finally:
-            threads.shutdown(wait=False, cancel_futures=True)
+    integer("at_once", at_once, low=1)
+    if executor is not None or at_once == 1:
+        yield Runs(run, int(at_once), executor)
+        return
+    threads = ThreadPoolExecutor(int(at_once), "experiment")
+    try:
+        yield Runs(run, int(at_once), threads)
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
+
+
+def first_ready(queries: Iterable[Query], done: Callable[[Suggestion], int | None]) -> Query | None:
+    """Return the query to answer first; None if none has all its experiments.
+
+    One about two experiments that were compared before comes first, then the one whose challenger
+    was done first.
+
+    Args:
+        queries: The open queries.
+        done: Function that returns the place of an experiment in the order in which they were
+            done; None if it is not done.
+    """
+    places: list[tuple[int, Query]] = []
+    for query in queries:
+        place = done(query.challenger)
+        if place is not None and (query.incumbent is None or done(query.incumbent) is not None):
+            places.append((-1 if query.further else place, query))
+    return min(places, key=lambda found: found[0])[1] if places else None
 
 
 @final
-class _OneByOne(Generic[R]):
-    """Runs in this thread."""
-
-    def __init__(self, run: Callable[[Theta], R]) -> None:
-        self._run = run
-        self._results: dict[bytes, R] = {}
-
-    def next_of(self, agent: Any) -> Found[R]:
-        query: Query = agent.ask()
-        incumbent = query.incumbent
-        return query, self._of(query.challenger), None if incumbent is None else self._of(incumbent)
-
-    def _of(self, side: Suggestion) -> R:
-        key = theta_key(side.theta)
-        if key not in self._results:
-            self._results[key] = self._run(side.theta)
-        return self._results[key]
-
-
-@final
-class _AtOnce(Generic[R]):
-    """Runs in an executor, `at_once` at the same time.
+class Runs(Generic[R]):
+    """The experiments of a study, `at_once` at the same time in an executor, or in this thread.
 
     They are known by θ, since the number of a pending sample changes until it is answered.
     """
 
-    def __init__(self, run: Callable[[Theta], R], at_once: int, executor: Executor) -> None:
+    def __init__(self, run: Callable[[Theta], R], at_once: int, executor: Executor | None) -> None:
         self._run, self._at_once, self._executor = run, at_once, executor
         self._running: dict[bytes, Future[R]] = {}
         self._results: dict[bytes, R] = {}  # in the order in which they were ready
         self._landed: SimpleQueue[bytes] = SimpleQueue()
         self._started: Counter[bytes] = Counter()
 
-    def next_of(self, agent: Any) -> Found[R]:
-        queries: list[Query] = agent.ask(self._at_once)
-        while (found := self._ready(queries)) is None:
+    def next_of(self, agent: Any) -> tuple[Query, R, R | None]:
+        """Return an open query and the results of both sides, after running what is missing."""
+        # An agent that is run in this thread need not know of several queries.
+        queries: list[Query] = [agent.ask()] if self._executor is None else agent.ask(self._at_once)
+        while (query := first_ready(queries, self._place)) is None:
             for side in (s for q in queries for s in (q.incumbent, q.challenger) if s is not None):
                 self._start(side.theta)
-            self._collect(self._landed.get())
-        return found
+            if self._running:
+                self._collect(self._landed.get())
+        challenger, incumbent = query.challenger, query.incumbent
+        return query, self._of(challenger), None if incumbent is None else self._of(incumbent)
 
-    def _ready(self, queries: list[Query]) -> Found[R] | None:
-        """Return the query that can be answered first; None if none can be."""
-        order = {key: place for place, key in enumerate(self._results)}
-        first, found = len(order), None
-        for query in queries:
-            keys = [theta_key(s.theta) for s in (query.challenger, query.incumbent) if s]
-            if not order.keys() >= set(keys):
-                continue
-            place = -1 if query.further else order[keys[0]]
-            if place < first:
-                first, found = place, (query, [self._results[key] for key in keys])
-        if found is None:
-            return None
-        query, results = found
-        return query, results[0], results[1] if query.incumbent is not None else None
+    def _of(self, side: Suggestion) -> R:
+        return self._results[theta_key(side.theta)]
+
+    def _place(self, side: Suggestion) -> int | None:
+        key = theta_key(side.theta)
+        return next((place for place, known in enumerate(self._results) if known == key), None)
 
     def _start(self, theta: Theta) -> None:
         key = theta_key(theta)
         if key in self._results or key in self._running:
+            return
+        if self._executor is None:
+            self._results[key] = self._run(theta)
             return
         self._started[key] += 1
         try:

@@ -10,7 +10,7 @@ from prefcal_env.plain import UNREADABLE, to_plain
 
 from . import schema
 from .codec import pack, unpack
-from .connection import beside, connect, publish, told, vacant
+from .connection import complete_file, connect, told, vacant
 from .events import AnyEvent, Recorded, from_text
 from .file import StudyFile
 from .verify import verify
@@ -59,20 +59,15 @@ def import_json(text: str, path: Path | str) -> Path:
     target = vacant(path)
     with told(target, "import into", "Nothing was imported"):
         target.parent.mkdir(parents=True, exist_ok=True)
-        part = beside(target)
-        try:
+        with complete_file(target) as part:
             with closing(connect(part)) as connection:
                 schema.create(connection)
                 checksum = 0
                 for recorded, payload in rows:
                     checksum = schema.insert(connection, recorded, payload, checksum)
                 connection.execute("COMMIT")
-            findings = verify(part)
-            if findings:
+            if findings := verify(part):
                 raise StudyError(f"the export is damaged, nothing was imported: {findings[0]}")
-            publish(part, target)
-        finally:
-            part.unlink(missing_ok=True)
     return target
 
 

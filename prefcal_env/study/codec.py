@@ -61,14 +61,15 @@ class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fi
     y_shape: tuple[Size, Size] | None = None
     maneuver: str = ""
 
-    def layout(self) -> Iterator[tuple[Sequence[int], str]]:
-        """Yield shape and type of each array, without those of the other runs."""
-        yield from ((self.shapes[name], dtype) for name, dtype in _DTYPES.items())
-        yield from [(self.shapes["t"][:1], "<f8")] * len(self.signals)
-        yield (len(self.kpis),), "<f8"
-        yield from [((4,), "<f8")] * len(self.x + self.u + self.y)
-        if self.y_shape is not None:
-            yield self.y_shape, "<f8"
+    def layout(self) -> dict[str, tuple[Sequence[int], str]]:
+        """Return shape and type of each array in order, without those of the other runs."""
+        found: dict[str, tuple[Sequence[int], str]] = {
+            **{name: (self.shapes[name], dtype) for name, dtype in _DTYPES.items()},
+            "signals": ((len(self.signals), *self.shapes["t"][:1]), "<f8"),
+            "kpis": ((len(self.kpis),), "<f8"),
+            "limits": ((len(self.x + self.u + self.y), 4), "<f8"),
+        }
+        return found if self.y_shape is None else {**found, "y": (self.y_shape, "<f8")}
 
 
 class _Beginning(msgspec.Struct, frozen=True):
@@ -164,42 +165,40 @@ def _state_like(curve: np.ndarray, x: np.ndarray) -> int | None:
 def _arrays(header: _Header, experiment: Experiment) -> Iterator[bytes]:
     """Yield the bytes of all arrays in the order of `layout`, then those of the other runs."""
     channels = experiment.channels
-    values: list[Any] = [getattr(experiment, name) for name in _DTYPES]
-    values += [experiment.signals[name] for name in header.signals]
-    values.append([experiment.kpis[name] for name in header.kpis])
-    # JSON cannot store limits, target and band, since they may be infinite.
-    values += [
-        [c.low, c.high, *(np.nan if v is None else v for v in (c.target, c.band))]
-        for c in (*channels.x, *channels.u, *channels.y)
-    ]
-    values += [] if header.y_shape is None else [experiment.y]
-    for value, (_, dtype) in zip(values, header.layout(), strict=True):
+    made: dict[str, Any] = {
+        "signals": [experiment.signals[name] for name in header.signals],
+        "kpis": [experiment.kpis[name] for name in header.kpis],
+        # JSON cannot store limits, target and band, since they may be infinite.
+        "limits": [
+            [c.low, c.high, *(np.nan if v is None else v for v in (c.target, c.band))]
+            for c in (*channels.x, *channels.u, *channels.y)
+        ],
+    }
+    for name, (_, dtype) in header.layout().items():
+        value = made[name] if name in made else getattr(experiment, name)
         yield np.ascontiguousarray(value, dtype=dtype).tobytes()
     for run, of_run in zip(experiment.runs, header.runs, strict=True):
         yield from _arrays(of_run, run)
 
 
 def _experiment(header: _Header, buffer: io.BytesIO) -> Experiment:
-    arrays = iter([_array(buffer, shape, dtype) for shape, dtype in header.layout()])
-    named = {name: next(arrays) for name in _DTYPES}
-    signals = {name: next(arrays) for name in header.signals}
-    kpis = dict(zip(header.kpis, next(arrays).tolist(), strict=True))
+    arrays = {name: _array(buffer, *block) for name, block in header.layout().items()}
+    limits = iter(arrays["limits"].tolist())
     x, u, y = (
-        tuple(_channel(words, next(arrays).tolist()) for words in group)
-        for group in (header.x, header.u, header.y)
+        tuple(_channel(words, next(limits)) for words in group) for group in (header.x, header.u, header.y)
     )
-    outputs = next(arrays, None)
+    outputs = arrays.get("y")
     if header.y_states is not None:
-        if not all(i < named["x"].shape[1] for i in header.y_states):
+        if not all(i < arrays["x"].shape[1] for i in header.y_states):
             raise ValueError(f"outputs cannot be the states {list(header.y_states)}")
-        shape = len(named["x"]), len(header.y_states)
-        outputs = named["x"][:, list(header.y_states)].reshape(shape)
+        shape = len(arrays["x"]), len(header.y_states)
+        outputs = arrays["x"][:, list(header.y_states)].reshape(shape)
     return Experiment(
-        **named,
+        **{name: arrays[name] for name in _DTYPES},
         channels=Channels(x, u, y, header.time_unit),
         end=header.end,
-        kpis=kpis,
-        signals=signals,
+        kpis=dict(zip(header.kpis, arrays["kpis"].tolist(), strict=True)),
+        signals=dict(zip(header.signals, arrays["signals"], strict=True)),
         y=outputs,
         runs=tuple(_experiment(run, buffer) for run in header.runs),
         maneuver=header.maneuver,
@@ -215,7 +214,7 @@ def _array(buffer: io.BytesIO, shape: Sequence[int], dtype: str) -> np.ndarray:
 
 
 def _channel(words: _Words, numbers: Sequence[float]) -> Channel:
-    low, high = numbers[:2]
-    target, band = (None if np.isnan(v) else v for v in numbers[2:])
     name, unit, symbol = words
+    low, high, *optional = numbers
+    target, band = (None if np.isnan(v) else v for v in optional)
     return Channel(name, unit, low, high, target, band, symbol)

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import secrets
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -10,6 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import NoReturn
 
+from prefcal_env.disk import beside, synchronize, write_new
 from prefcal_env.errors import StudyError
 
 _DAMAGED = "it is damaged: use an earlier copy or an export"
@@ -185,13 +185,18 @@ def _check_name(path: Path | str) -> None:
         )
 
 
-def beside(target: Path) -> Path:
-    """Return a new name next to `target` for a file that is not complete yet.
+@contextmanager
+def complete_file(target: Path) -> Iterator[Path]:
+    """Yield a path to write to; what is there in the end gets the name `target`, which is new.
 
-    The name is random. A process id is the same every time in a container, so a file that a
-    killed process left behind would block it forever.
+    So a file of this name is always complete. Raises FileExistsError if there is one in the end.
     """
-    return target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    part = beside(target)
+    try:
+        yield part
+        publish(part, target)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def publish(source: Path, target: Path) -> None:
@@ -216,27 +221,8 @@ def save_copy(content: bytes, path: Path) -> Path:
     """Write a study under the first free name beside `path`; return the new file."""
     for number in count(1):
         target = path.with_name(f"{path.stem}-rescued{number}{path.suffix}")
-        part = beside(target)
-        try:
-            with part.open("xb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            publish(part, target)
+        with suppress(FileExistsError):
+            with complete_file(target) as part:
+                write_new(part, content)
             return target
-        except FileExistsError:
-            continue
-        finally:
-            part.unlink(missing_ok=True)
     raise AssertionError("numbers never end")
-
-
-def synchronize(folder: Path) -> None:
-    """Write a new name to the disk; without this, a power failure could lose the file."""
-    if os.name != "posix":  # elsewhere a folder cannot be opened
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.disk import synchronize
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.knobs.key import theta_key
@@ -68,15 +69,12 @@ class StudyFile:
             file._begin(created)
             return file
         target = disk.vacant(path)
-        # Write a temporary file and link it, so that a file of this name is always complete.
-        part = disk.beside(target)
-        with told(target, "begin", "Nothing was recorded"):
-            try:
-                with closing(disk.connect(part)) as connection:
-                    cls(connection, str(part), clock)._begin(created)
-                disk.publish(part, target)
-            finally:
-                part.unlink(missing_ok=True)
+        with (
+            told(target, "begin", "Nothing was recorded"),
+            disk.complete_file(target) as part,
+            closing(disk.connect(part)) as connection,
+        ):
+            cls(connection, str(part), clock)._begin(created)
         return cls.open(target, clock=clock)
 
     @classmethod
@@ -291,7 +289,7 @@ class StudyFile:
     def _confirm(self, after: tuple[int, int]) -> None:
         """Write the folder to the disk, which failed at the end of a step."""
         try:
-            disk.synchronize(Path(os.path.realpath(self.path)).parent)
+            synchronize(Path(os.path.realpath(self.path)).parent)
         except OSError as error:
             raise StudyError(
                 f"the disk does not confirm that the last step is recorded in {self.path}: close "

@@ -3,7 +3,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_agents import GLISp, LatinHypercube, RandomSearch, Screening, minimize_by_preference
+from prefcal_agents import GLISp, RandomSearch, Screening, minimize_by_preference
+from prefcal_agents.baselines.latin_hypercube import LatinHypercube
 from prefcal_env.errors import PreferenceError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

@@ -6,7 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, judge, run
-from prefcal_agents import GLISp, LatinHypercube, RandomSearch, respaced
+from prefcal_agents import GLISp, RandomSearch
+from prefcal_agents.baselines.latin_hypercube import LatinHypercube
+from prefcal_agents.respacing import respaced
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

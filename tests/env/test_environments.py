@@ -8,7 +8,8 @@ import pytest
 
 import prefcal_scenarios as prefcal_scenarios  # registers the tuning environments
 from contracts.environments import environment_contract
-from prefcal_env import ClosedLoop, Knob, KnobSpace, LatentCost, PrefcalError, PreferenceReward
+from prefcal_env import ClosedLoop, Knob, KnobSpace, LatentCost, PrefcalError
+from prefcal_env.envs.preference_reward import PreferenceReward
 from support.short_runs import final_level
 from support.tank import pi_of, tank_env
 

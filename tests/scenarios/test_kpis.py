@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents import LatinHypercube
+from prefcal_agents.baselines.latin_hypercube import LatinHypercube
 from prefcal_agents.models.learned_cost import CostTerm, LearnedCost
 from prefcal_app.session.memory import trust_text
 from prefcal_env import End

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from prefcal_env import Channel, Channels, Experiment, Knob, KnobSpace, Run, Source, recorded
-from prefcal_env.sources import Change
+from prefcal_env import Channel, Channels, Experiment, Knob, KnobSpace, recorded
+from prefcal_env.sources import Change, Run, Source
 
 SPACE = KnobSpace([Knob("K_p", 0.5, 20.0), Knob("T_i", 1.0, 60.0, "s")])
 

@@ -13,7 +13,8 @@ from prefcal_agents.optimize.search import Tried, new_minimum
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import random_points
-from prefcal_agents.support.checks import Settings, choice, number
+from prefcal_agents.support.checks import Settings, choice
+from prefcal_env.arrays import number
 from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.history import History
 

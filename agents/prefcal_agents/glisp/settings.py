@@ -5,7 +5,8 @@ from typing import Any, Literal
 
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS
 from prefcal_agents.space.setup import Setup
-from prefcal_agents.support.checks import Settings, choice, integer, number
+from prefcal_agents.support.checks import Settings, choice
+from prefcal_env.arrays import integer, number
 from prefcal_env.errors import SettingsError
 
 EVERY_STEP: Literal["every step"] = "every step"

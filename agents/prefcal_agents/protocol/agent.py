@@ -14,7 +14,8 @@ from prefcal_agents.optimize.search import Tried
 from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.setup import Setup
 from prefcal_agents.space.start import Start, start_points
-from prefcal_agents.support.checks import Settings, integer
+from prefcal_agents.support.checks import Settings
+from prefcal_env.arrays import integer
 from prefcal_env.errors import KnobError, ProtocolError, SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Query, Suggestion

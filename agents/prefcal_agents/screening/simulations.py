@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.space.start import Start
-from prefcal_agents.support.checks import Settings, integer
+from prefcal_agents.support.checks import Settings
+from prefcal_env.arrays import integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.knobs.key import theta_keys
 from prefcal_env.knobs.space import KnobSpace

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from prefcal_agents.support.checks import integer
+from prefcal_env.arrays import integer
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 

@@ -2,10 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
-from math import isfinite
 from typing import Any, Self
-
-import numpy as np
 
 from prefcal_env.errors import SettingsError
 
@@ -32,25 +29,6 @@ class Settings:
             agent = cls.__name__.removesuffix("Settings")
             raise SettingsError(f"{agent} has no settings called {sorted(unknown)}")
         return cls(**saved)
-
-
-def integer(name: str, value: Any, *, low: int) -> None:
-    """Raise SettingsError unless `value` is an integer, `low` or more."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < low:
-        raise SettingsError(f"{name} must be an integer, {low} or more, got {value!r}")
-
-
-def number(name: str, value: Any, *, low: float = 0.0, strict: bool = False) -> None:
-    """Raise SettingsError unless `value` is finite and not below `low` (above it if strict)."""
-    numeric = isinstance(value, (int, float, np.integer, np.floating))
-    if (
-        not numeric
-        or isinstance(value, bool)
-        or not isfinite(value)
-        or (value <= low if strict else value < low)
-    ):
-        relation = "above" if strict else "not below"
-        raise SettingsError(f"{name} must be finite and {relation} {low:g}, got {value!r}")
 
 
 def choice(name: str, value: Any, options: Collection[str]) -> None:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents import Earlier
 from prefcal_agents.registry import WORDS
+from prefcal_agents.transfer import Earlier
 from prefcal_app.simulating import twin_of
 from prefcal_app.terminal.lines import theta_of
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError

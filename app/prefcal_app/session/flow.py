@@ -16,6 +16,7 @@ from prefcal_env.own_line import in_words
 from prefcal_env.preferences.answer import Answer, Query
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.loop import completed
+from prefcal_env.preferences.runs import first_ready
 from prefcal_env.sources import Run, Source
 from prefcal_env.study import (
     Answered,
@@ -248,13 +249,10 @@ class Flow:
 
         A query about two known experiments comes first, then the experiment that ended first.
         """
-        if queries[0].further:
-            return queries[0]
-        finished = self.state.finished
-        ready = [q.challenger.index for q in queries if q.challenger.index in finished]
-        if not ready:
-            return None
-        self.take(min(ready, key=finished.__getitem__))
+        ready = first_ready(queries, lambda side: self.state.finished.get(side.index))
+        if ready is None or ready.further:
+            return ready
+        self.take(ready.challenger.index)
         return self.agent.open(self.agent.history)[1][0]
 
     def take(self, index: int) -> None:

@@ -1,7 +1,6 @@
 """Keep the KPIs of simulated θ in a file beside the study: nothing is simulated twice."""
 
 import json
-import os
 from collections.abc import Mapping
 from contextlib import suppress
 from hashlib import sha256
@@ -12,6 +11,7 @@ from zlib import crc32
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.disk import whole_file
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.study import knobs_as_dicts, within_as_dict
@@ -77,9 +77,8 @@ class Kept:
         if not self._whole:
             if not is_simulated(self._path):
                 raise ValueError(f"{self._path} is something else")
-            part = self._path.with_name(f".{self._path.name}.part")
-            part.write_bytes(self._head + b"".join(self._lines))
-            os.replace(part, self._path)
+            with whole_file(self._path) as part:
+                part.write_bytes(self._head + b"".join(self._lines))
         return self._path.open("ab")
 
 

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, final
 import cloudpickle
 import numpy as np
 
+from prefcal_env.arrays import integer
 from prefcal_env.errors import BenchmarkError, RunError, SettingsError
 from prefcal_env.workers import Pool, Terms, attempt, run_all
 
@@ -37,8 +38,7 @@ class Processes:
 
     def __post_init__(self) -> None:
         jobs = self.jobs
-        if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-            raise SettingsError(f"jobs must be an integer, 1 or more, got {jobs!r}")
+        integer("jobs", jobs, low=1)
         if not self.limit > 0:
             raise SettingsError(f"the time limit of a cell must be above 0 s, got {self.limit:g}")
 

@@ -5,15 +5,14 @@ cell, both write the same content. Files appear whole or not at all, and damage 
 """
 
 import hashlib
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar, final
-from uuid import uuid4
 
 import msgspec
 
+from prefcal_env.disk import write_durably
 from prefcal_env.errors import BenchmarkError, PrefcalError, SettingsError
 from prefcal_scenarios.presentation.folder import folder_for
 
@@ -112,18 +111,10 @@ def write_record(path: Path, content: Any) -> None:
         BenchmarkError: If it cannot be written; no partial file is left.
     """
     record = {"format": FORMAT, "sha256": _checksum(content), "content": content}
-    half = path.with_name(f".{uuid4().hex}.half")
     try:
-        with half.open("x", encoding="utf-8") as file:
-            file.write(canonical(record) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        half.replace(path)
-        _sync(path.parent)
+        write_durably(path, (canonical(record) + "\n").encode())
     except OSError as error:
         raise BenchmarkError(f"cannot write {path}: {error.strerror}") from error
-    finally:
-        half.unlink(missing_ok=True)
 
 
 def read_record(path: Path) -> Any:
@@ -156,13 +147,3 @@ def read_record(path: Path) -> Any:
 
 def _checksum(content: Any) -> str:
     return hashlib.sha256(canonical(content).encode()).hexdigest()
-
-
-def _sync(folder: Path) -> None:
-    """Make a file's new name durable, if the system can."""
-    if os.name == "posix":
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

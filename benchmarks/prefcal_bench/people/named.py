@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from prefcal_env.arrays import integer
 from prefcal_env.calibrators import Flipping
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
@@ -108,8 +109,7 @@ def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
         raise SettingsError(
             f"taste must be one of {', '.join(TASTES)}, got {name!r}.{did_you_mean(name, TASTES)}"
         )
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise SettingsError(f"the person's number must be an integer, 0 or more, got {seed!r}")
+    integer("the person's number", seed, low=0)
     if not len(runs):
         raise SettingsError("a taste needs runs that show what is usual, got none")
     if not runs.names:

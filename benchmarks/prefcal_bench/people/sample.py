@@ -1,11 +1,9 @@
 """Experiments of random θ of a scenario, computed once and kept in the user's cache folder."""
 
 import hashlib
-import os
 import zlib
 from contextlib import suppress
 from pathlib import Path
-from uuid import uuid4
 from zipfile import BadZipFile
 
 import numpy as np
@@ -13,6 +11,7 @@ from jaxtyping import Float
 from platformdirs import user_cache_path
 
 from prefcal_agents.protocol.agent import one_thread
+from prefcal_env.disk import whole_file
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.names import CLOSED_LOOPS, is_random_loop
@@ -145,11 +144,7 @@ def _read(path: Path, count: int) -> Runs | None:
 
 def _write(path: Path, runs: Runs) -> None:
     """Write the file at once or not at all; a cache that cannot be written is no error."""
-    part = path.with_name(f"{uuid4().hex}.part.npz")
-    try:
+    with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(part, names=runs.names, **{name: getattr(runs, name) for name in _PARTS})
-        os.replace(part, path)
-    except OSError:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+        with whole_file(path) as part, part.open("xb") as file:
+            np.savez(file, names=runs.names, **{name: getattr(runs, name) for name in _PARTS})

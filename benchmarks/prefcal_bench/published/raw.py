@@ -21,7 +21,6 @@ incumbent's θ and KPIs are in the row of the same study whose experiment it is.
 
 import csv
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from importlib.util import find_spec
@@ -34,6 +33,7 @@ import pandas as pd
 from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.roster import entry, package_version
 from prefcal_bench.problems import problem
+from prefcal_env.disk import whole_file
 from prefcal_env.errors import PrefcalError, SettingsError
 from prefcal_env.parquet import pyarrow
 
@@ -81,14 +81,11 @@ def write_raw(results: Iterable[Result], path: Path) -> Path:
     """
     write = _as_csv if path.suffix == ".csv" else partial(_as_parquet, pyarrow())
     ordered = iter(sorted((r for r in results if not r.failure), key=lambda r: r.cell))
-    beside = path.with_name(f".{path.name}.part")
     try:
-        write(ordered, beside)
-        os.replace(beside, path)
+        with whole_file(path) as part:
+            write(ordered, part)
     except OSError as error:
         raise SettingsError(f"cannot write {path}: {error}") from error
-    finally:
-        beside.unlink(missing_ok=True)
     return path
 
 

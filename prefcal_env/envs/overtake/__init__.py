@@ -1,21 +1,16 @@
 """`prefcal/Overtake-v0`: the overtaking of section IV-B as an environment.
 
-`OvertakeEnv` is loaded lazily, since highway-env takes a second to import.
+The names are imported on first use, since highway-env takes a second to import.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from .course import Course as Course
-from .course import Mishap as Mishap
-from .options import OvertakeOptions as OvertakeOptions
+from prefcal_env.on_first_use import public_names
 
 if TYPE_CHECKING:
+    from .course import Course as Course
+    from .course import Mishap as Mishap
     from .env import OvertakeEnv as OvertakeEnv
+    from .options import OvertakeOptions as OvertakeOptions
 
-
-def __getattr__(name: str) -> Any:
-    if name != "OvertakeEnv":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from .env import OvertakeEnv
-
-    return OvertakeEnv
+__getattr__, __dir__, __all__ = public_names(__name__)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import is_integer
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.workers import Terms, run_all, usable_cores
@@ -95,10 +96,9 @@ class _Options:
 
     def __post_init__(self) -> None:
         jobs, seed, timeout = self.jobs, self.seed, self.timeout
-        whole = isinstance(jobs, int | np.integer) and not isinstance(jobs, bool)
-        if jobs is not None and not (whole and jobs >= 1):
+        if jobs is not None and not is_integer(jobs, 1):
             raise SettingsError(f"jobs must be an integer, 1 or more, or None, got {jobs!r}")
-        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+        if not is_integer(seed):
             raise SettingsError(f"seed must be an integer, got {seed!r}")
         number = isinstance(timeout, int | float | np.number) and not isinstance(timeout, bool)
         if timeout is not None and not (number and timeout > 0):

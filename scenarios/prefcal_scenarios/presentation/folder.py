@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+from prefcal_env.disk import whole_file
 from prefcal_env.errors import SettingsError
 
 
@@ -41,6 +42,5 @@ def picture_at(path: str | Path) -> Path:
 
 def put(path: Path, content: bytes) -> None:
     """Write a file atomically: an interruption never leaves a partial file."""
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_bytes(content)
-    os.replace(beside, path)
+    with whole_file(path) as part:
+        part.write_bytes(content)

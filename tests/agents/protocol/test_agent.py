@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from prefcal_agents import Agent, GLISp, GLISpSettings, RandomSearch
+from prefcal_agents import GLISp, GLISpSettings, RandomSearch
 from prefcal_agents.glisp.questions import FINALS, final_question
-from prefcal_agents.protocol.agent import rematch
+from prefcal_agents.protocol.agent import Agent, rematch
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

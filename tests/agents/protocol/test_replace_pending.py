@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from prefcal_agents import GLIS, GLISp, LatinHypercube, RandomSearch, restore
+from prefcal_agents import GLIS, GLISp, RandomSearch, restore
+from prefcal_agents.baselines.latin_hypercube import LatinHypercube
 from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs.constraints import Constraint
 from prefcal_env.knobs.knob import Knob

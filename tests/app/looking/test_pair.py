@@ -8,8 +8,9 @@ import pytest
 from prefcal_app import look
 from prefcal_app.looking.pair import Run, in_time_unit
 from prefcal_app.report.trajectories import Curve, overlaid
-from prefcal_env import combined, recorded
+from prefcal_env import recorded
 from prefcal_env.errors import ExperimentError
+from prefcal_env.experiments.maneuvers import combined
 from prefcal_scenarios import KPI
 
 

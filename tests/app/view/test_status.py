@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents import LatinHypercube
+from prefcal_agents.baselines.latin_hypercube import LatinHypercube
 from prefcal_app.session import Choice, Consistency
 from prefcal_app.view import status_view
 from prefcal_app.view.status import in_words

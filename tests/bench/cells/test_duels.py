@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_bench import Cell, Duel, Result
-from prefcal_bench.cells.duels import PAPER, Round, play, rounds
+from prefcal_bench.cells.cell import Cell, Result
+from prefcal_bench.cells.duels import PAPER, Duel, Round, play, rounds
 from prefcal_bench.problems import problem
 from prefcal_env.errors import SettingsError
 from support.worths import study

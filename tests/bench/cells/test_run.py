@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from prefcal_bench import Cell, run_cell
+from prefcal_bench.cells.cell import Cell
 from prefcal_bench.cells.roster import entry
+from prefcal_bench.cells.run import run_cell
 from prefcal_bench.problems import problem
 from prefcal_scenarios.cases.functions import FUNCTIONS
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_bench import Cell, run_cell
+from prefcal_bench.cells.cell import Cell
+from prefcal_bench.cells.run import run_cell
 from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.problems import problem
 from prefcal_env.errors import SettingsError

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_bench import Cell, Duel, Result, Store
-from prefcal_bench.cells.cell import FORMAT
-from prefcal_bench.cells.duels import Round
-from prefcal_bench.cells.store import read_record, write_record
+from prefcal_bench.cells.cell import FORMAT, Cell, Result
+from prefcal_bench.cells.duels import Duel, Round
+from prefcal_bench.cells.store import Store, read_record, write_record
 from prefcal_env.errors import BenchmarkError, SettingsError
 
 CELL = Cell("RandomSearch", "camel", "perfect", 0, 1, 2)

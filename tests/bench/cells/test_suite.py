@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_bench import Suite
 from prefcal_bench.cells.roster import AGENTS, Entry
+from prefcal_bench.cells.suite import Suite
 from prefcal_bench.problems import PROBLEMS
 from prefcal_env.errors import SettingsError
 

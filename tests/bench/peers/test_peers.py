@@ -7,7 +7,9 @@ import pytest
 
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.global_random import seeded
-from prefcal_bench import BOPE, EUBO, OptunaGP, OptunaPreferential, OptunaTPE, ReferenceGLIS, ReferenceGLISp
+from prefcal_bench.peers.botorch_agents import BOPE, EUBO
+from prefcal_bench.peers.optuna_agents import OptunaGP, OptunaPreferential, OptunaTPE
+from prefcal_bench.peers.reference import ReferenceGLIS, ReferenceGLISp
 from prefcal_env.errors import MissingExtraError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

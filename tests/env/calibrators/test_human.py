@@ -54,7 +54,7 @@ def test_marks_and_ends_are_turned_back_too():
 
 @pytest.mark.parametrize("shuffle", [-1, 0.5, True, "x"])
 def test_an_impossible_seed_is_refused(shuffle):
-    with pytest.raises(SettingsError, match="shuffle must be a seed"):
+    with pytest.raises(SettingsError, match="shuffle must be an integer, 0 or more"):
         HumanCalibrator(lambda a, b: 0, shuffle=shuffle)
 
 

@@ -63,10 +63,10 @@ def test_another_seed_errs_elsewhere():
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"tie_band": -0.1}, "tie_band must be 0 or more, got -0.1"),
+        ({"tie_band": -0.1}, "tie_band must be finite and not below 0, got -0.1"),
         ({"tie_band": np.nan}, "tie_band"),
         ({"noise": 0.3}, "Thurstone, BradleyTerry or None, got 0.3"),
-        ({"seed": -1}, "seed must be an integer of 0 or more, got -1"),
+        ({"seed": -1}, "seed must be an integer, 0 or more, got -1"),
         ({"seed": 1.5}, "seed"),
         ({"cost": 3}, "cost must be a function"),
     ],
@@ -78,9 +78,9 @@ def test_impossible_options_are_refused(options, reason):
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_noise_without_a_positive_scale_is_refused(value):
-    with pytest.raises(SettingsError, match="sigma must be positive"):
+    with pytest.raises(SettingsError, match="sigma must be finite and above 0"):
         Thurstone(value)
-    with pytest.raises(SettingsError, match="scale must be positive"):
+    with pytest.raises(SettingsError, match="scale must be finite and above 0"):
         BradleyTerry(value)
 
 

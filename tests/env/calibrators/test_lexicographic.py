@@ -83,7 +83,7 @@ def test_no_criterion_and_something_else_are_refused(criteria, first):
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
 def test_an_impossible_threshold_is_refused(value):
-    with pytest.raises(SettingsError, match="'level': just_noticeable must be 0 or more"):
+    with pytest.raises(SettingsError, match="'level': just_noticeable must be finite and not below 0"):
         Criterion("level", final_level, just_noticeable=value)
 
 

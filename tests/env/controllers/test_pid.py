@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from prefcal_env import PID, Channel, Decentralized, Measurement, PlantEnv, Task, rollout
+from prefcal_env import PID, Channel, Measurement, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data, from_data
+from prefcal_env.controllers.decentralized import Decentralized
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
 

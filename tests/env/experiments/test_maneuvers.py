@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env import Maneuvers, combined
+from prefcal_env import Maneuvers
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.end import End
-from prefcal_env.experiments.maneuvers import by_maneuver
+from prefcal_env.experiments.maneuvers import by_maneuver, combined
 from prefcal_env.study.codec import decode, encode
 from support.short_runs import short_run
 

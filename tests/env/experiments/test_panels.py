@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env import Channel, Channels, End, Experiment, Panel
+from prefcal_env import Channel, Channels, End, Experiment
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.panels import plots_of
+from prefcal_env.experiments.panels import Panel, plots_of
 
 BALL = Channel("ball", "m", symbol="p")
 BEAM = Channel("beam", "rad")

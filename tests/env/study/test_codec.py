@@ -158,19 +158,10 @@ def test_numbers_of_numpy_are_plain_data():
 
 
 def _with_outputs(y):
-    one = np.zeros(1)
-    return Experiment(
-        theta=one,
-        t=np.arange(2.0),
+    return experiment(
+        0.5,
+        count=2,
         x=np.array([[1.0, 2.0], [3.0, 4.0]]),
-        u=np.zeros((2, 1)),
-        t_control=one,
-        u_control=one[:, None],
-        y_ref=one[:, None],
-        iterations=np.zeros(1, int),
-        solve_time=one,
-        solved=np.ones(1, bool),
-        end=End.TIME_UP,
         channels=Channels((Channel("a"), Channel("b")), (Channel("c"),), (Channel("d"),)),
         y=None if y is None else np.array(y)[:, None],
     )

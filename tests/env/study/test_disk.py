@@ -102,7 +102,6 @@ SOMEBODY_ELSE = """
 import os, sys
 from prefcal_env.errors import StudyError
 from prefcal_env.study import Noted, StudyFile
-from prefcal_env.study.connection import beside
 from support.interviews import clock
 os.setuid(65534)
 path = sys.argv[1]

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_env import Channel, End, Panel, recorded, tracking_kpis
+from prefcal_env import Channel, End, recorded, tracking_kpis
 from prefcal_env.errors import ExperimentError
-from prefcal_env.experiments.panels import plots_of
+from prefcal_env.experiments.panels import Panel, plots_of
 
 T = np.linspace(0.0, 10.0, 11)
 THETA = [1.0, 2.0]

@@ -8,8 +8,9 @@ import pytest
 
 from prefcal_app.session import Phase
 from prefcal_app.view import now_view
-from prefcal_env import Channel, Channels, ClosedLoop, End, Knob, KnobSpace, Move, Panel, PlantEnv, Rig, Task
+from prefcal_env import Channel, Channels, ClosedLoop, End, Knob, KnobSpace, Move, PlantEnv, Rig, Task
 from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.panels import Panel
 from prefcal_env.plants import FunctionPlant
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.scenario import KPI, Scenario

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from prefcal_agents.registry import JUDGES
+from prefcal_env.arrays import integer
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
@@ -65,8 +66,7 @@ def loop(seed: int) -> Scenario:
 
 def checked_seed(seed: int) -> int:
     """Return `seed`. Raises ScenarioError if it is not an integer of 0 or more."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
+    integer("the seed of a loop", seed, low=0, error=ScenarioError)
     return int(seed)
 
 

@@ -61,7 +61,7 @@ def test_a_seed_gives_one_loop_by_its_name_and_it_can_be_sent_to_a_worker():
 @pytest.mark.parametrize("seed", [-1, 1.5, True, "3"])
 @pytest.mark.unchecked
 def test_a_seed_that_is_no_number_is_refused(seed):
-    with pytest.raises(ScenarioError, match="seed of a loop must be an integer of 0 or more"):
+    with pytest.raises(ScenarioError, match="seed of a loop must be an integer, 0 or more"):
         rough_loop(seed)
 
 

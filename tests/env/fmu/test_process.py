@@ -8,7 +8,7 @@ import zipfile
 import pytest
 
 from prefcal_env.errors import PlantError
-from prefcal_env.fmu.unpacking import unpacked
+from prefcal_env.fmu.process import unpacked
 
 
 @pytest.fixture
