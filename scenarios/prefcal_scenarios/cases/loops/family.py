@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from prefcal_agents.registry import JUDGES
+from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
@@ -120,12 +121,11 @@ def judged(loop: Loop) -> Scenario:
 def varied(make: Callable[..., Loop], vary: Vary) -> Loop:
     """Return a loop with random parameters, disturbance and noise."""
     made = make(vary)
-    task = replace(
-        made.task,
-        disturbance=tuple((a, a + vary(1.0) * (b - a)) for a, b in made.task.disturbance),
-        noise=tuple(vary(each) for each in made.task.noise),
-    )
-    return replace(made, task=task)
+    (before,), ((time, (after,)),) = made.disturbance.start, made.disturbance.steps
+    d = StepSignal((before,), ((time, (before + vary(1.0) * (after - before),)),))
+    assert made.task.noise is not None
+    noise = np.array([vary(each) for each in made.task.noise.tolist()])
+    return replace(made, task=replace(made.task, d=d, noise=noise))
 
 
 def is_worth_tuning(loop: Loop) -> bool:
