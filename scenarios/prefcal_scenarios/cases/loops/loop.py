@@ -51,7 +51,7 @@ def step_task(
     *,
     x0: Sequence[float],
     u0: Sequence[float],
-    target: Sequence[float],
+    target: float,
     d: tuple[float, float],
     noise: Sequence[float],
 ) -> Task:
@@ -64,14 +64,14 @@ def step_task(
             multiple of the plant's step.
         x0: State at the start, a steady one, n_x numbers.
         u0: Inputs at the start, n_u numbers.
-        target: Reference of each measured state from the start on.
+        target: Reference of the first measured state; those of the others are where they start.
         d: Disturbance before and after it sets in.
         noise: Standard deviation of the noise of each measured state.
     """
     return Task(
         x0=np.array(x0, dtype=float),
         u0=np.array(u0, dtype=float),
-        y_ref=StepSignal(target),
+        y_ref=StepSignal((target, *(x0[i] for i in plant.measured[1:]))),
         d=StepSignal(d[:1], ((horizon / 2, d[1:]),)),
         noise=np.array(noise, dtype=float),
         horizon=horizon,

@@ -50,7 +50,7 @@ def lag(vary: Vary = nominal) -> Loop:
             1.0,
             x0=(gain * 50,) * 2,
             u0=(50.0,),
-            target=(gain * 50 + 10,),
+            target=gain * 50 + 10,
             d=(0.0, -8.0),
             noise=(0.1,),
         ),
@@ -76,7 +76,7 @@ def integrating(vary: Vary = nominal) -> Loop:
         controller=TunedPID(),
         space=knobs("K=0.2:20:log, T_i=3:300:log s, T_d=0.05:10:log s, T_f=0.1:10:log s, b=0:1"),
         task=step_task(
-            plant, 200.0, 0.5, x0=(50.0, 40.0), u0=(40.0,), target=(60.0,), d=(40.0, 55.0), noise=(0.2,)
+            plant, 200.0, 0.5, x0=(50.0, 40.0), u0=(40.0,), target=60.0, d=(40.0, 55.0), noise=(0.2,)
         ),
     )
 
@@ -103,9 +103,7 @@ def oscillatory(vary: Vary = nominal) -> Loop:
         plant=plant,
         controller=TunedPID(),
         space=knobs("K=0.03:10:log N/cm, T_i=0.1:10:log s, T_d=0.03:10:log s, T_f=0.02:2:log s, b=0:1"),
-        task=step_task(
-            plant, 60.0, 0.05, x0=(0.0,) * 3, u0=(0.0,), target=(1.0,), d=(0.0, 0.5), noise=(0.005,)
-        ),
+        task=step_task(plant, 60.0, 0.05, x0=(0.0,) * 3, u0=(0.0,), target=1.0, d=(0.0, 0.5), noise=(0.005,)),
     )
 
 
@@ -132,7 +130,5 @@ def unstable(vary: Vary = nominal) -> Loop:
         plant=plant,
         controller=TunedPID(),
         space=knobs("K=1:20:log, T_i=1:100:log min, T_d=0.02:2:log min, T_f=0.02:1:log min, b=0:1"),
-        task=step_task(
-            plant, 40.0, 0.1, x0=(0.0, 0.0), u0=(0.0,), target=(2.0,), d=(0.0, 2.0), noise=(0.02,)
-        ),
+        task=step_task(plant, 40.0, 0.1, x0=(0.0, 0.0), u0=(0.0,), target=2.0, d=(0.0, 2.0), noise=(0.02,)),
     )

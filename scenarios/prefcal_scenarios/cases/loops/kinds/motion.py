@@ -39,7 +39,7 @@ def servo(vary: Vary = nominal) -> Loop:
             "T_i_inner=0.03:3:log s, T_f_inner=0.001:0.03:log s, b_outer=0:1"
         ),
         task=step_task(
-            plant, 4.0, 0.004, x0=(0.0,) * 4, u0=(0.0,), target=(1.0, 0.0), d=(0.0, 0.3), noise=(5e-4, 0.05)
+            plant, 4.0, 0.004, x0=(0.0,) * 4, u0=(0.0,), target=1.0, d=(0.0, 0.3), noise=(5e-4, 0.05)
         ),
     )
 
@@ -75,7 +75,7 @@ def cart_pole(vary: Vary = nominal) -> Loop:
             0.02,
             x0=(0.0,) * 4,
             u0=(0.0,),
-            target=(0.5, 0.0, 0.0, 0.0),
+            target=0.5,
             d=(0.0, 1.5),
             noise=(1e-3, 2e-3, 0.01, 0.02),
         ),
@@ -115,7 +115,7 @@ def boost_converter(vary: Vary = nominal) -> Loop:
             0.02,
             x0=(start, current),
             u0=(1 - open_share,),
-            target=(24.0, 0.0),
+            target=24.0,
             d=(0.0, 0.8),
             noise=(0.05, 0.05),
         ),
@@ -148,7 +148,7 @@ def steering(vary: Vary = nominal) -> Loop:
             "T_f=0.005:0.5:log s, b_outer=0:1"
         ),
         task=step_task(
-            plant, 20.0, 0.04, x0=(0.0,) * 3, u0=(0.0,), target=(3.5, 0.0), d=(0.0, 0.5), noise=(0.02, 0.002)
+            plant, 20.0, 0.04, x0=(0.0,) * 3, u0=(0.0,), target=3.5, d=(0.0, 0.5), noise=(0.02, 0.002)
         ),
         beside=1,
     )

@@ -38,7 +38,7 @@ def tank(vary: Vary = nominal) -> Loop:
             2.0,
             x0=(start, flow),
             u0=(flow / parameters.pump_gain,),
-            target=(target,),
+            target=target,
             d=(0.0, -4e-4),
             noise=(0.003,),
         ),
@@ -81,7 +81,7 @@ def quadruple_tank(vary: Vary = nominal) -> Loop:
             3.0,
             x0=levels,
             u0=(u, u),
-            target=(levels[0] + 0.03, levels[1]),
+            target=levels[0] + 0.03,
             d=(0.0, 2e-6),
             noise=(5e-4, 5e-4),
         ),
@@ -120,14 +120,7 @@ def distillation(vary: Vary = nominal) -> Loop:
             "T_i_2=3:300:log min, T_f=0.2:20:log min, b=0:1"
         ),
         task=step_task(
-            plant,
-            400.0,
-            1.0,
-            x0=(0.0, 0.0),
-            u0=(0.0, 0.0),
-            target=(0.5, 0.0),
-            d=(0.0, 1.0),
-            noise=(0.005, 0.005),
+            plant, 400.0, 1.0, x0=(0.0, 0.0), u0=(0.0, 0.0), target=0.5, d=(0.0, 1.0), noise=(0.005, 0.005)
         ),
         controlled=2,
         beside=1,
@@ -163,9 +156,7 @@ def building(vary: Vary = nominal) -> Loop:
             "K=2:200:log %/K, T_i=10:1000:log min, T_d=0.5:50:log min, T_f=0.5:50:log min, b=0:1, "
             "hysteresis=0:0.5"
         ),
-        task=step_task(
-            plant, 960.0, 2.0, x0=start, u0=(power,), target=(21.0,), d=(_COLD, -2.0), noise=(0.05,)
-        ),
+        task=step_task(plant, 960.0, 2.0, x0=start, u0=(power,), target=21.0, d=(_COLD, -2.0), noise=(0.05,)),
         staged=True,
     )
 
