@@ -19,11 +19,11 @@ if _TYPE_CHECKING:
     from .calibrators import LatentCost as LatentCost
     from .calibrators import Lexicographic as Lexicographic
     from .calibrators import Thurstone as Thurstone
-    from .controllers.decentralized import Decentralized as Decentralized
     from .controllers.do_mpc import DoMPC as DoMPC
     from .controllers.lqg import LQG as LQG
     from .controllers.lqr import LQR as LQR
     from .controllers.pid import PID as PID
+    from .controllers.pid import Decentralized as Decentralized
     from .envs import LTILoop as LTILoop
     from .envs import PlantEnv as PlantEnv
     from .envs import Task as Task
@@ -73,11 +73,10 @@ _HOMES = {
     name: home
     for home, names in {
         "calibrators": "BradleyTerry Criterion HumanCalibrator LatentCost Lexicographic Thurstone",
-        "controllers.decentralized": "Decentralized",
         "controllers.do_mpc": "DoMPC",
         "controllers.lqg": "LQG",
         "controllers.lqr": "LQR",
-        "controllers.pid": "PID",
+        "controllers.pid": "Decentralized PID",
         "envs": "LTILoop PlantEnv Task",
         "envs.closed_loop": "ClosedLoop",
         "envs.preference_reward": "PreferenceReward",

@@ -17,7 +17,8 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
 from .kinds import basic, motion, predictive, processes
-from .loop import Loop, Vary, nominal, random
+from .kinds.parts import Vary, nominal, random
+from .loop import Loop
 
 _MAKERS = (
     *(basic.lag, basic.integrating, basic.oscillatory, basic.unstable),

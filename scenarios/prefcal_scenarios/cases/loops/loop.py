@@ -24,61 +24,6 @@ from .plant import CompiledPlant
 from .right_hand_sides import packed
 from .wording import about_knob, brief_of
 
-Vary = Callable[[float], float]
-"""Function that returns the value to use in place of a positive nominal one."""
-_FACTOR = 1.5
-"""Random parameters lie between the nominal value divided and multiplied by this."""
-
-
-def nominal(value: float) -> float:
-    """Return `value` itself: so the named loops are made."""
-    return value
-
-
-def random(rng: np.random.Generator) -> Vary:
-    """Return a function that draws values around the nominal one, uniform in the logarithm."""
-
-    def vary(value: float) -> float:
-        return float(value * _FACTOR ** rng.uniform(-1.0, 1.0))
-
-    return vary
-
-
-def step_task(
-    plant: CompiledPlant,
-    horizon: float,
-    T_s: float,
-    *,
-    x0: Sequence[float],
-    u0: Sequence[float],
-    target: float,
-    d: tuple[float, float],
-    noise: Sequence[float],
-) -> Task:
-    """Return the task of a loop: references step at the start, and halfway a disturbance sets in.
-
-    Args:
-        plant: Plant of the loop.
-        horizon: Duration of an experiment, in the plant's unit of time.
-        T_s: Sampling time of the controller; a knob called T_s replaces it. It is rounded to a
-            multiple of the plant's step.
-        x0: State at the start, a steady one, n_x numbers.
-        u0: Inputs at the start, n_u numbers.
-        target: Reference of the first measured state; those of the others are where they start.
-        d: Disturbance before and after it sets in.
-        noise: Standard deviation of the noise of each measured state.
-    """
-    return Task(
-        x0=np.array(x0, dtype=float),
-        u0=np.array(u0, dtype=float),
-        y_ref=StepSignal((target, *(x0[i] for i in plant.measured[1:]))),
-        d=StepSignal(d[:1], ((horizon / 2, d[1:]),)),
-        noise=np.array(noise, dtype=float),
-        horizon=horizon,
-        T_s=T_s,
-        dense_step=plant.max_step,
-    )
-
 
 @dataclass(frozen=True, slots=True)
 class Actuator:

@@ -16,7 +16,8 @@ from prefcal_scenarios.scenario import Scenario
 
 from .controllers import TunedPID
 from .family import LOOPS, checked_seed, is_worth_tuning, judged, varied
-from .loop import Actuator, Loop, random
+from .kinds.parts import random
+from .loop import Actuator, Loop
 
 _TRIES = 30
 """How often a rough loop is drawn at most."""

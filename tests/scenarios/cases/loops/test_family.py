@@ -6,7 +6,7 @@ import pytest
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.cases.loops import LOOPS, controllers, loop, named, rough_model
-from prefcal_scenarios.cases.loops.loop import nominal, random
+from prefcal_scenarios.cases.loops.kinds.parts import nominal, random
 from prefcal_scenarios.kpis import INTERRUPTED, outcome
 from prefcal_scenarios.scenario import with_ranges
 

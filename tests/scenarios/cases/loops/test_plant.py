@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_env.plants.derivative import derivative
 from prefcal_scenarios.cases.loops import LOOPS
-from prefcal_scenarios.cases.loops.loop import random
+from prefcal_scenarios.cases.loops.kinds.parts import random
 from support.equations import evaluated
 
 

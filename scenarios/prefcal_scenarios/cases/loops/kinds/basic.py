@@ -1,25 +1,12 @@
 """Four textbook processes, each with a PID."""
 
-from dataclasses import replace
-
 from prefcal_env.experiments.experiment import Channel
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.cases.loops.controllers import TunedPID
-from prefcal_scenarios.cases.loops.loop import Loop, Vary, nominal, step_task
+from prefcal_scenarios.cases.loops.loop import Loop
 from prefcal_scenarios.cases.loops.plant import CompiledPlant
 from prefcal_scenarios.cases.loops.right_hand_sides import Linear
-from prefcal_scenarios.described.words import knob_of, listed
 
-CASCADE = ("_outer", "_inner")
-"""Suffixes of the knobs of a cascade."""
-
-
-def knobs(text: str, *more: Knob) -> KnobSpace:
-    """Return the space of knobs as in a scenario file, "K=0.1:20:log %/°C, b=0:1", and of `more`."""
-    read = [knob_of(each) for each in listed([text])]
-    own = [k if k.integer else replace(k, low=float(k.low), high=float(k.high)) for k in read]
-    return KnobSpace([*own, *more])
+from .parts import Vary, knobs, nominal, step_task
 
 
 def lag(vary: Vary = nominal) -> Loop:

@@ -5,11 +5,11 @@ from math import inf, sqrt
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_scenarios.cases.loops.controllers import TunedLQR, TunedPID
-from prefcal_scenarios.cases.loops.loop import Loop, Vary, nominal, step_task
+from prefcal_scenarios.cases.loops.loop import Loop
 from prefcal_scenarios.cases.loops.plant import CompiledPlant
 from prefcal_scenarios.cases.loops.right_hand_sides import BoostConverter, CartPole, Servo, Steering
 
-from .basic import CASCADE, knobs
+from .parts import CASCADE, Vary, knobs, nominal, step_task
 
 
 def servo(vary: Vary = nominal) -> Loop:

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from prefcal_env.knobs.knob import Knob
-from prefcal_scenarios.cases.loops.loop import Loop, Vary, nominal
+from prefcal_scenarios.cases.loops.loop import Loop
 
-from .basic import knobs, oscillatory
+from .basic import oscillatory
 from .motion import boost_converter
+from .parts import Vary, knobs, nominal
 from .processes import quadruple_tank
 
 _SAMPLE = 20

@@ -4,11 +4,11 @@ from math import sqrt
 
 from prefcal_env.experiments.experiment import Channel
 from prefcal_scenarios.cases.loops.controllers import TunedPID
-from prefcal_scenarios.cases.loops.loop import Loop, Vary, nominal, step_task
+from prefcal_scenarios.cases.loops.loop import Loop
 from prefcal_scenarios.cases.loops.plant import CompiledPlant
 from prefcal_scenarios.cases.loops.right_hand_sides import GRAVITY, Linear, QuadrupleTank, Tank
 
-from .basic import knobs
+from .parts import Vary, knobs, nominal, step_task
 
 
 def tank(vary: Vary = nominal) -> Loop:
