@@ -18,7 +18,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from ._simulate import advance, simulate
-from .controllers import Gains, Tunable
+from .controllers import Gains, Tunable, Values
 from .kpis import compute_kpis, kpis_of, time_outside
 from .plant import CompiledPlant
 from .right_hand_sides import packed
@@ -116,7 +116,7 @@ class Loop:
         """Return the noise of the measured states at every instant, shape (K, n_y)."""
         assert self.task.noise is not None
         drawn = np.random.default_rng(seed).standard_normal((len(self.t), len(self.task.noise)))
-        return drawn * self.task.noise
+        return np.asarray(drawn * self.task.noise)
 
     def run(
         self, theta: Float[np.ndarray, " n"], seed: int = 0, space: KnobSpace | None = None
@@ -134,11 +134,10 @@ class Loop:
         T_s = values.get("T_s", self.task.T_s) * values.get("every", 1.0)
         hold = max(round(T_s / self.plant.max_step), 1)
         try:
-            made = self.controller.make(values, self.plant, self.task, hold * self.plant.max_step)
+            response = self._respond(values, hold, seed)
         except np.linalg.LinAlgError:
-            return self._experiment(theta, self._nothing(), hold)
-        drive = self.by_law if isinstance(made, Gains) else self.by_controller
-        return self._experiment(theta, drive(made, hold, seed), hold)
+            response = self._nothing()
+        return self._experiment(theta, response, hold)
 
     def scenario(self) -> Scenario:
         """Return the loop as a scenario."""
@@ -152,6 +151,13 @@ class Loop:
             brief=brief_of(self.brief, self.plant.states),
             simulated=True,
         )
+
+    def _respond(self, values: Values, hold: int, seed: int) -> Response:
+        """Return what the controller with these values of the knobs does."""
+        made = self.controller.make(values, self.plant, self.task, hold * self.plant.max_step)
+        if isinstance(made, Gains):
+            return self.by_law(made, hold, seed)
+        return self.by_controller(made, hold, seed)
 
     def by_law(self, gains: Gains, hold: int, seed: int) -> Response:
         """Return what a compiled law does that acts every `hold` steps."""

@@ -49,14 +49,7 @@ def quadruple_tank(vary: Vary = nominal) -> Loop:
     """Return Johansson's quadruple tank with a PI for each lower tank."""
     parameters = QuadrupleTank(outlet_1=vary(7.1e-6), outlet_2=vary(5.7e-6), pump_gain=vary(3.3e-6))
     u = 3.0
-    up_1, up_2 = (1 - parameters.share_2) * u, (1 - parameters.share_1) * u
-    flows = (
-        (parameters.share_1 * u + up_1, parameters.outlet_1),
-        (parameters.share_2 * u + up_2, parameters.outlet_2),
-        (up_1, parameters.outlet_3),
-        (up_2, parameters.outlet_4),
-    )
-    levels = tuple((parameters.pump_gain * flow / a) ** 2 / (2 * GRAVITY) for flow, a in flows)
+    levels = _resting_levels(parameters, u)
     plant = CompiledPlant(
         parameters,
         states=tuple(Channel(f"level {i}", "m", -0.001, 1.0) for i in range(1, 5)),
@@ -88,6 +81,18 @@ def quadruple_tank(vary: Vary = nominal) -> Loop:
         controlled=2,
         beside=1,
     )
+
+
+def _resting_levels(tanks: QuadrupleTank, u: float) -> tuple[float, ...]:
+    """Return the levels [m] at which the tanks rest if both pumps have the voltage `u`."""
+    up_1, up_2 = (1 - tanks.share_2) * u, (1 - tanks.share_1) * u
+    flows = (
+        (tanks.share_1 * u + up_1, tanks.outlet_1),
+        (tanks.share_2 * u + up_2, tanks.outlet_2),
+        (up_1, tanks.outlet_3),
+        (up_2, tanks.outlet_4),
+    )
+    return tuple((tanks.pump_gain * flow / a) ** 2 / (2 * GRAVITY) for flow, a in flows)
 
 
 def distillation(vary: Vary = nominal) -> Loop:
