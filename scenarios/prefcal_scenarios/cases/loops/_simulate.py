@@ -47,26 +47,14 @@ def simulate(plant, control, signals, timing, start):  # type: ignore[no-untyped
         else:
             _copy(u[k - 1], u[k])
         if k + 1 < count:
-            valid, stopped = _next((kind, p), dt, delay, k, (x, u, u0, disturbance), limits, work)
-            if stopped:
-                if valid == k + 2:
+            applied = u[k - delay] if k >= delay else u0
+            _step(kind, p, x[k], applied, disturbance[k], dt, work, x[k + 1])
+            inside, finite = _within(x[k + 1], limits)
+            if not inside:
+                if finite:
                     _copy(u[k], u[k + 1])
-                return x, u, valid
+                return x, u, k + 2 if finite else k + 1
     return x, u, count
-
-
-@inner()
-def _next(plant, dt, delay, k, history, limits, work):  # type: ignore[no-untyped-def]
-    """Write the state at instant k + 1 to `x`.
-
-    Return how many instants are then valid, and whether the simulation stops there.
-    """
-    kind, p = plant
-    x, u, u0, disturbance = history
-    applied = u[k - delay] if k >= delay else u0
-    _step(kind, p, x[k], applied, disturbance[k], dt, work, x[k + 1])
-    inside, finite = _within(x[k + 1], limits)
-    return k + 2 if inside or finite else k + 1, not inside
 
 
 @inner()
@@ -121,12 +109,16 @@ def advance(plant, dt, delay, at, history, limits):  # type: ignore[no-untyped-d
             before the start (n_u,), and disturbances (K, n_d).
         limits: Limits of the states (n_x, 2).
     """
+    kind, p = plant
     first, last = at
-    work = np.zeros((5, history[0].shape[1]))
+    x, u, u0, disturbance = history
+    work = np.zeros((5, x.shape[1]))
     for k in range(first, last):
-        valid, stopped = _next(plant, dt, delay, k, history, limits, work)
-        if stopped:
-            return valid, True
+        applied = u[k - delay] if k >= delay else u0
+        _step(kind, p, x[k], applied, disturbance[k], dt, work, x[k + 1])
+        inside, finite = _within(x[k + 1], limits)
+        if not inside:
+            return k + 2 if finite else k + 1, True
     return last + 1, False
 
 

@@ -1,5 +1,7 @@
 """KPIs of a closed loop: a step of the reference, then a disturbance."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
@@ -11,80 +13,81 @@ _BAND = 0.05
 """Band of the settling time, as a share of the step."""
 
 
-_ROWS = (
-    ("overshoot", "overshoot of {y}", "%", "How far it goes beyond its target, as a share of the step."),
-    (
-        "settling_time",
+_TEXTS = {
+    "overshoot": ("overshoot of {y}", "%", "How far it goes beyond its target, as a share of the step."),
+    "settling_time": (
         "settling time of {y} (within ±5 %)",
         "{time}",
         "Time after which it stays close to its target, until the disturbance.",
     ),
-    ("error", "integrated error of {y}", "{unit} {time}", "Integral of the absolute error over the run."),
-    (
-        "disturbance_peak",
+    "error": ("integrated error of {y}", "{unit} {time}", "Integral of the absolute error over the run."),
+    "disturbance_peak": (
         "peak error of {y} after the disturbance",
         "{unit}",
         "Largest distance from the target after the disturbance.",
     ),
-    (
-        "effort",
+    "effort": (
         "effort of {u}",
         "{u_unit}",
         "Root mean square distance of the input from its value at the start.",
     ),
-    ("switches", "switches of {u}", "", "How often the input changes its stage."),
-    (
-        "input_noise",
+    "switches": ("switches of {u}", "", "How often the input changes its stage."),
+    "input_noise": (
         "noise in {u}",
         "{u_unit}",
         "How much the input moves in a sampling period of normal length.",
     ),
-    (
-        "side_effect",
+    "side_effect": (
         "peak of {beside} after the step",
         "{beside_unit}",
         "Largest distance from its value at the start.",
     ),
-    ("alarm", "{y} in alarm", "{time}", "Time outside {alarm}."),
-)
-"""Name, title, unit and meaning of each KPI."""
+    "alarm": ("{y} in alarm", "{time}", "Time outside {alarm}."),
+}
+"""Title, unit and meaning of each KPI by its name."""
+
+
+def kpi_names(*, staged: bool, beside: bool, alarm: bool) -> tuple[str, ...]:
+    """Return the names of a loop's KPIs, in order.
+
+    Args:
+        staged: Whether the input has stages.
+        beside: Whether there is a state that the step should not move much.
+        alarm: Whether there is an alarm.
+    """
+    there = {"switches": staged, "input_noise": not staged, "side_effect": beside, "alarm": alarm}
+    return tuple(name for name in _TEXTS if there.get(name, True))
 
 
 def kpis_of(
+    names: Sequence[str],
     y: Channel,
     u: Channel,
     time_unit: str,
-    beside: Channel | None,
     *,
-    staged: bool,
+    beside: Channel | None = None,
     alarm: tuple[float, float] | None = None,
 ) -> tuple[KPI, ...]:
-    """Return the KPIs of a loop, all of them better if lower.
+    """Return the KPIs with these names, all of them better if lower.
 
     Args:
+        names: Names of the KPIs.
         y: Output whose reference steps.
         u: First input.
         time_unit: Unit of time.
         beside: State that the step should not move much; None if there is none.
-        staged: Whether the input has stages.
         alarm: Lowest and highest value of the output without an alarm; None if there is none.
     """
     words = {"y": y.name, "unit": y.unit, "time": time_unit, "u": u.name, "u_unit": u.unit}
-    missing = {"input_noise" if staged else "switches"}
-    if beside is None:
-        missing.add("side_effect")
-    else:
+    if beside is not None:
         words |= {"beside": beside.name, "beside_unit": beside.unit}
-    if alarm is None:
-        missing.add("alarm")
-    else:
+    if alarm is not None:
         words["alarm"] = f"{alarm[0]:.4g} to {alarm[1]:.4g} {y.unit}".rstrip()
     found = []
-    for name, *texts in _ROWS:
-        if name not in missing:
-            title, unit, about = (text.format(**words).strip() for text in texts)
-            resolution = 0.1 if name == "overshoot" else None
-            found.append(KPI(name, title, unit, better="lower", about=about, resolution=resolution))
+    for name in names:
+        title, unit, about = (text.format(**words).strip() for text in _TEXTS[name])
+        resolution = 0.1 if name == "overshoot" else None
+        found.append(KPI(name, title, unit, better="lower", about=about, resolution=resolution))
     return tuple(found)
 
 

@@ -19,9 +19,8 @@ from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from ._simulate import advance, simulate
 from .controllers import Gains, Tunable, Values
-from .kpis import compute_kpis, kpis_of, time_outside
+from .kpis import compute_kpis, kpi_names, kpis_of, time_outside
 from .plant import CompiledPlant
-from .right_hand_sides import packed
 from .wording import about_knob, brief_of
 
 
@@ -87,7 +86,11 @@ class Loop:
         """KPIs of an experiment."""
         beside = None if self.beside is None else self.plant.states[self.beside]
         first, u, unit = self.channels.y[0], self.plant.inputs[0], self.plant.time_unit
-        return kpis_of(first, u, unit, beside, staged=self.staged, alarm=self.alarm)
+        return kpis_of(self._kpi_names, first, u, unit, beside=beside, alarm=self.alarm)
+
+    @property
+    def _kpi_names(self) -> tuple[str, ...]:
+        return kpi_names(staged=self.staged, beside=self.beside is not None, alarm=self.alarm is not None)
 
     @property
     def target(self) -> StepSignal:
@@ -163,7 +166,7 @@ class Loop:
         """Return what a compiled law does that acts every `hold` steps."""
         plant, task, t = self.plant, self.task, self.t
         x, u, valid = simulate(
-            (*packed(plant.parameters), np.array(plant.measured, dtype=np.int64)),
+            (*plant.packed, np.array(plant.measured, dtype=np.int64)),
             (*gains, self._actuator_rows(), np.array(self.resolution, dtype=float)),
             (self.target.over(t), self.disturbance.over(t), self.noise(seed)),
             (plant.max_step, hold, self._delay),
@@ -190,7 +193,7 @@ class Loop:
         (low, high), measured = limits_of(plant.inputs).T, list(plant.measured)
         reference, disturbance = self.target.over(t), self.disturbance.over(t)
         x, u = np.zeros((len(t), len(plant.states))), np.zeros((len(t), len(plant.inputs)))
-        history = x, u, self.task.u0.copy(), disturbance
+        history, safe = (x, u, self.task.u0.copy(), disturbance), limits_of(plant.states)
         x[0], now, valid = self.task.x0, self.task.u0, 1
         steps: list[tuple[int, float, bool]] = []
         for k in range(0, len(t) - 1, hold):
@@ -205,14 +208,7 @@ class Loop:
             steps.append((move.iterations, took, usable))
             last = min(k + hold, len(t) - 1)
             u[k : last + 1] = now
-            valid, stopped = advance(
-                packed(plant.parameters),
-                plant.max_step,
-                self._delay,
-                (k, last),
-                history,
-                limits_of(plant.states),
-            )
+            valid, stopped = advance(plant.packed, plant.max_step, self._delay, (k, last), history, safe)
             if stopped:
                 break
         each = (np.array(column) for column in zip(*steps, strict=True))
@@ -278,7 +274,7 @@ class Loop:
         values = compute_kpis(bare, self.disturbed_at, self.task.u0[0], self.beside, pace)
         if self.alarm is not None:
             values["alarm"] = time_outside(bare, *self.alarm)
-        return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})
+        return replace(bare, kpis={name: values[name] for name in self._kpi_names})
 
     def end(self, x: Float[np.ndarray, "V n_x"]) -> End:
         """Return why an experiment with these states ended."""

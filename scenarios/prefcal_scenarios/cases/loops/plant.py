@@ -1,10 +1,12 @@
 """A plant of the loops: parameters with a compiled right-hand side, as a plant of `prefcal_env`."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numba
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.jit import inner
@@ -41,7 +43,7 @@ class CompiledPlant:
         """Name of the kind of plant."""
         return type(self.parameters).__name__
 
-    @property
+    @cached_property
     def outputs(self) -> tuple[Channel, ...]:
         """The measured states."""
         return tuple(Channel(self.states[i].name, self.states[i].unit) for i in self.measured)
@@ -54,14 +56,14 @@ class CompiledPlant:
     @property
     def equations(self) -> Equations:
         """Return the compiled equations, which are compiled the first time."""
-        kind, parameters = packed(self.parameters)
+        kind, parameters = self.packed
         channels = self.states, self.inputs, self.disturbances, self.measured
         head = np.array([kind, *map(len, channels), len(parameters)], dtype=float)
         return replace(compile_equations(), parameters=np.concatenate([head, self.measured, parameters]))
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative."""
-        return np.asarray(rhs(*packed(self.parameters), *_copies(x, u, d)))
+        return np.asarray(rhs(*self.packed, *_copies(x, u, d)))
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the measured states."""
@@ -69,16 +71,20 @@ class CompiledPlant:
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the derivatives of f, by central differences, and of g."""
-        A, B = slopes(*packed(self.parameters), *_copies(x, u, d))
+        A, B = slopes(*self.packed, *_copies(x, u, d))
         return Jacobians(A, B, self._C, np.zeros((len(self.measured), len(self.inputs))))
 
     def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times`, with the inputs held."""
-        at = np.array(times, dtype=float)
-        return np.asarray(hold(*packed(self.parameters), *_copies(x, u, d), at, self.max_step))
+        return np.asarray(hold(*self.packed, *_copies(x, u, d), times, self.max_step))
 
-    @property
-    def _C(self) -> Y:
+    @cached_property
+    def packed(self) -> tuple[int, Float[np.ndarray, " n_p"]]:
+        """Number of the kind of plant, and its parameters, shape (n_p,)."""
+        return packed(self.parameters)
+
+    @cached_property
+    def _C(self) -> Float[np.ndarray, "n_y n_x"]:
         return np.eye(len(self.states))[list(self.measured)]
 
 
@@ -87,9 +93,9 @@ def compile_equations() -> Equations:
     return compiled(_f, _g, _jacobians, np.zeros(0))
 
 
-def _copies(*arrays: Any) -> tuple[np.ndarray, ...]:
+def _copies(x: X, u: U, d: D) -> tuple[X, U, D]:
     """Return writable copies: numba compiles again for read-only arrays, another type."""
-    return tuple(np.array(each, dtype=float) for each in arrays)
+    return np.array(x, dtype=float), np.array(u, dtype=float), np.array(d, dtype=float)
 
 
 @inner()
