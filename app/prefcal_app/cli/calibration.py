@@ -17,7 +17,6 @@ from prefcal_app.session.memory import as_studied, is_simulating
 from prefcal_app.simulating import Kept, Simulator, key_of, twin_of
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import StudyError
-from prefcal_env.live import LiveRig
 from prefcal_env.study import study_path, to_text
 from prefcal_env.study.locations import simulated_beside
 from prefcal_scenarios.catalog import load
@@ -76,8 +75,7 @@ class Calibration:
     @property
     def left(self) -> str:
         """Return the old values that a live plant does not have again, as text; empty if none."""
-        run = self.interview.scenario.run
-        left = run.left if isinstance(run, LiveRig) else None
+        left = self.interview.scenario.source.left
         return ", ".join(f"{name} = {value:g}" for name, value in (left or {}).items())
 
     @property

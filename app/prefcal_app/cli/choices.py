@@ -17,9 +17,7 @@ from prefcal_app.simulating import twin_of
 from prefcal_app.terminal.lines import theta_of
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
-from prefcal_env.rig import Rig
 from prefcal_env.study import study_path
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.catalog import load
@@ -239,7 +237,7 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
         yield f"{agent} has no initial experiments: leave --n-init out"
     if options.twin is not None:
         twin_of(scenario, load(options.twin))
-    elif isinstance(scenario.run, Rig | LiveRig):
+    elif scenario.source.asks:
         yield (
             f"{name} is a rig, and nothing runs on it unseen: leave --simulate and {agent} out, "
             "or give a model of it with --twin"
@@ -288,7 +286,7 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
 def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
     """Return the error message for a calibrator that the scenario does not have."""
     name = f"scenario {scenario.name!r}"
-    if isinstance(scenario.run, Rig | LiveRig):
+    if scenario.source.asks:
         return f"{name} is a rig that only a person can run: its calibrator is human, got {calibrator!r}"
     if not known:
         kpi = next((kpi.name for kpi in scenario.kpis if kpi.goal is not None), "")

@@ -25,7 +25,6 @@ from prefcal_app.session.memory import (
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import KnobError, PrefcalError, SettingsError, StudyError
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.rig import Rig
 from prefcal_env.study import (
     Adjusted,
     Answered,
@@ -235,7 +234,7 @@ def worth_keeping(file: StudyFile, scenario: Scenario) -> bool:
     """
     if any(_by_a_person(recorded.event) for recorded in file.events()):
         return True
-    cheap = is_built_in(file.state.configuration["scenario"]) and not isinstance(scenario.run, Rig)
+    cheap = is_built_in(file.state.configuration["scenario"]) and not scenario.source.asks
     return bool(file.state.finished) and not cheap
 
 

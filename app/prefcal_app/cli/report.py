@@ -13,14 +13,11 @@ from prefcal_app.report.export import jsonable
 from prefcal_app.report.record import Record
 from prefcal_app.report.tables import gain_rows, result_columns, result_rows
 from prefcal_app.session import Interview
-from prefcal_app.session.kpi_index import trust_text
+from prefcal_app.session.memory import trust_text
 from prefcal_app.session.view import GOOD_ENOUGH
 from prefcal_app.summary.gain import Baseline
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.live import LiveRig
-from prefcal_env.rig import Rig
 from prefcal_env.study import State
-from prefcal_scenarios.isolated import IsolatedRun
 from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.presentation.wording import earlier_text, labeled, printable
 from prefcal_scenarios.scenario import Scenario
@@ -76,10 +73,9 @@ def _fingerprint(options: Options, state: State) -> str:
 def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
     """Run the reference θ; leave out those that fail, since the study itself is complete."""
     experiments: dict[str, Experiment] = {}
-    run = scenario.run
-    if isinstance(run, Rig | LiveRig):
+    if scenario.source.asks:
         return experiments
-    if isinstance(run, IsolatedRun) and run.worker.hangs and scenario.references:
+    if scenario.source.hangs and scenario.references:
         say("The references did not run: the last run had to be ended.")
         return experiments
     for name, theta in scenario.references.items():

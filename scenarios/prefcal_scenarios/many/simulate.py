@@ -109,7 +109,7 @@ def _results(
     scenario: Scenario, thetas: Iterable[Float[np.ndarray, " n"]], options: _Options, ahead: int
 ) -> Generator[Result, None, None]:
     """Yield the results of all `thetas` in order, of which `ahead` may wait for an earlier one."""
-    task = Task(scenario.run, int(options.seed), options.trajectories)
+    task = Task(scenario.source, int(options.seed), options.trajectories)
     total = len(thetas) if isinstance(thetas, Sized) else None
     jobs = options.jobs or usable_cores()
     jobs = jobs if total is None else min(jobs, max(total, 1))

@@ -163,7 +163,7 @@ def index(
     With it, an agent can run unattended:
     prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
     """
-    from prefcal_app.session.kpi_index import trust_text
+    from prefcal_app.session.memory import trust_text
 
     from .changes import export_index
 
