@@ -3,11 +3,12 @@
 import json
 import shlex
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +28,7 @@ from prefcal_env.sources import Run, Source
 from prefcal_env.study.codec import decode, encode
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.options import words_of
+from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, returned, theta_problems
 from prefcal_scenarios.own.tracking import tracking_rows
@@ -43,6 +45,11 @@ from prefcal_scenarios.presentation.wording import (
 from prefcal_scenarios.scenario import Scenario, with_found_kpis
 
 from .choices import start_of
+from .studies.files import as_text
+from .studies.sources import completed
+
+if TYPE_CHECKING:
+    from .commands import CheckOptions
 
 _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
 _FIRST = " (the very first run on a machine compiles for half a minute)"
@@ -251,39 +258,32 @@ class Checkup:
         yield Finding("study file", same, f"{len(content) / 1000:.0f} kB an experiment, unpacked")
 
 
-def run(
-    source: str,
-    isolated: Callable[[Scenario], Scenario],
-    *,
-    theta: str | None,
-    out: Path | None,
-    as_json: bool,
-) -> int:
+def run(given: Mapping[str, Any], options: "CheckOptions") -> int:
     """Check a scenario and print the findings; return 1 if anything is wrong, else 0.
 
     Args:
-        source: Source of the scenario.
-        isolated: Function that moves its runs into a separate process.
-        theta: θ of the trial run as text; None for the middle of the box.
-        out: File of the picture; None for the usual one.
-        as_json: Whether to print JSON.
+        given: Values of the options by name, None for those that were not typed.
+        options: The same with their defaults.
 
     Raises:
-        SettingsError: If θ or the file of the picture is invalid.
+        ScenarioError: If an option cannot be read.
+        SettingsError: If an option does not fit the scenario, or θ or the picture's file is invalid.
     """
-    try:
-        scenario = isolated(load(source))
-        middle = middle_of(scenario) if theta is None else None
-    except Exception as error:  # raised by the user's file: report it as a finding
-        return _end(source, None, [_failed("scenario", error)], None, as_json=as_json)
-    tried = start_of(theta or "", scenario) if middle is None else middle
-    checkup = Checkup(scenario, tried)
-    picture = picture_at(f"check-{scenario.name}.png" if out is None else out)
-    with Console(stderr=True, emoji=False).status("") as status:
-        checkup.check(status.update)
-        status.update("drawing …")
-        drawn = _draw(checkup, picture)
-    return _end(source, checkup, checkup.findings, drawn, as_json=as_json)
+    source = completed(given)["scenario"]
+    with isolation(source, options.run_timeout) as isolated:
+        try:
+            scenario = isolated(load(source))
+            middle = middle_of(scenario) if options.theta is None else None
+        except Exception as error:  # raised by the user's file: report it as a finding
+            return _end(source, None, [_failed("scenario", error)], None, as_json=options.json)
+        theta = start_of(options.theta or "", scenario) if middle is None else middle
+        checkup = Checkup(scenario, theta)
+        picture = picture_at(options.out or f"check-{scenario.name}.png")
+        with Console(stderr=True, emoji=False).status("") as status:
+            checkup.check(status.update)
+            status.update("drawing …")
+            drawn = _draw(checkup, picture)
+        return _end(source, checkup, checkup.findings, drawn, as_json=options.json)
 
 
 def _failed(what: str, error: Exception) -> Finding:
@@ -331,7 +331,7 @@ def _end(
             "checks": [asdict(finding) for finding in findings],
             "picture": None if picture is None else str(picture),
         }
-        print(json.dumps(content), flush=True)
+        print(as_text(content), flush=True)
         return int(bool(wrong))
     console = Console(emoji=False)
     if checkup is not None:

@@ -19,7 +19,7 @@ from prefcal_app.summary.gain import Baseline
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State
 from prefcal_scenarios.own.source import fingerprint
-from prefcal_scenarios.presentation.wording import earlier_text, labeled, printable
+from prefcal_scenarios.presentation.wording import labeled, printable
 from prefcal_scenarios.scenario import Scenario
 
 from .choices import follows_cost
@@ -33,8 +33,6 @@ def record_of(
     now = interview.now()
     state = now.state
     agent = state.configuration["agent"]
-    taken = state.configuration.get("earlier")
-    earlier = {} if taken is None else {"earlier study": earlier_text(taken)}
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
     times = [recorded.at for recorded in interview.study.events()]
@@ -46,7 +44,7 @@ def record_of(
         held=winners if now.incumbent is None else (*winners[:-1], now.incumbent),
         waiting={index: interview.experiment(index) for index in waiting},
         references=references,
-        settings=dict(options.settings()) | earlier,
+        settings=options.settings(),
         agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items()},
         n_init=options.n_init,
         n_max=interview.n_max,

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, cast
 
-from prefcal_agents import AgentState, Earlier, restore
+from prefcal_agents import AgentState, restore
 from prefcal_agents.history.lessons import Memory, judged
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Simulator, simulates
-from prefcal_env.errors import SettingsError, StudyError
+from prefcal_env.errors import StudyError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.study import State, space_of
@@ -127,19 +127,6 @@ def agent_state(state: State) -> AgentState:
     """Return the state of a study's agent. Raises SettingsError if it is invalid."""
     configured = AgentState.of(state.configuration["agent"], state.history)
     return replace(configured, n_max=state.n_max)
-
-
-def earlier_of(state: State) -> Earlier:
-    """Return the best of a study, for another study to start from.
-
-    Raises:
-        SettingsError: If it has no answered experiment.
-        StudyError: If its knobs cannot be read.
-    """
-    best = state.history.incumbent
-    if best is None:
-        raise SettingsError("the earlier study has no answered experiment yet")
-    return Earlier(space_of(state.configuration).knobs, state.history.samples[best].theta)
 
 
 def known_outcomes(state: State, store: ExperimentStore) -> History:

@@ -1,26 +1,99 @@
-"""Provide Bayesian optimization with preference exploration (BOPE) as an agent."""
+"""Provide BoTorch's preferential Bayesian optimization as agents: EUBO, and BOPE with KPIs."""
 
-from typing import Any, ClassVar, final
+from collections.abc import Callable
+from typing import Any, ClassVar, TypeVar, final
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of
+from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, rematch
 from prefcal_agents.support.extras import load
 from prefcal_env.preferences.history import History
 
-from .alone import torch_seeded
-from .botorch_agent import BoTorchAgent, attempted
-from .eubo import challengers
-from .kpi_table import KPITable
-from .utility import Utility, maxima, strict_pairs
+from .peer import Peer, torch_seeded
+from .utility import KPITable, Utility, maxima, strict_pairs
 
-_FIT: dict[str, Any] = {"options": {"maxiter": 50}}
+T = TypeVar("T")
+_KPI_FIT: dict[str, Any] = {"options": {"maxiter": 50}}
 _SEARCH: dict[str, Any] = {"num_restarts": 2, "raw_samples": 64, "options": {"maxiter": 30}}
 _RIVALS = 8
 """Number of runs, the best by expected utility, that a new one has to improve on."""
 _KPI_DRAWS, _UTILITY_DRAWS = 32, 16
+
+
+class BoTorchAgent(Peer):
+    """An agent that proposes the first of its candidates that did not run.
+
+    Without such a candidate, or if a fit fails, the sample is random.
+    """
+
+    _modules = ("botorch.models.pairwise_gp",)
+
+    def _candidates(self, history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
+        """Fit a model to the record; return points of the unit cube, the best first, if any."""
+        raise NotImplementedError
+
+    def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
+        with torch_seeded(self.setup.seed, history.answered) as seed:
+            points = attempted(lambda: self._candidates(history, seed))
+        return None if points is None else tried.first_new(np.clip(points, 0.0, 1.0))
+
+
+def attempted(compute: Callable[[], T]) -> T | None:
+    """Return what `compute` returns, or None if a model of BoTorch cannot be fitted or searched.
+
+    Errors of linear algebra in torch and gpytorch are RuntimeErrors; torch's distributions raise
+    ValueError for parameters that are NaN after a failed fit.
+    """
+    errors = load("botorch.exceptions.errors", "peers")
+    try:
+        return compute()
+    except (RuntimeError, ValueError, errors.BotorchError, errors.ModelFittingError):
+        return None
+
+
+@final
+class EUBO(BoTorchAgent):
+    """Propose the θ whose comparison with the best so far has the best expected winner.
+
+    The first `n_init` samples are a Latin hypercube. Then a Gaussian process of the utility of θ is
+    fitted to all answers (`PairwiseGP`), and the next sample maximizes the expected utility of the
+    best option, given the incumbent (EUBO). Ties and abstentions are ignored: the package knows
+    strict answers only.
+
+    Source: package `botorch`; Lin, Astudillo, Frazier, Bakshy 2022, with θ in the place of KPIs, as
+    in Astudillo et al. 2023.
+    Deviation: only the challenger is chosen, since every experiment is compared with the best so
+    far; while there is no strict answer, or if a fit fails, the next sample is random.
+
+    Args:
+        space: Knobs to tune; the model sees the unit cube, and integers are snapped afterwards.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
+
+    Raises:
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `peers` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+
+    def _candidates(self, history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
+        return challengers(history, seed)
+
+
+def challengers(history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
+    """Return the points of the cube with the highest EUBO against the incumbent, best first.
+
+    None while there is no strict answer. The search draws from torch's global generator.
+    """
+    pairs, incumbent = strict_pairs(history), history.incumbent
+    if not len(pairs) or incumbent is None:
+        return None
+    return Utility.of(cube_of(history), pairs).challengers(incumbent)
 
 
 @final
@@ -126,5 +199,5 @@ def _kpi_model(z: Float[np.ndarray, "K n"], shares: Float[np.ndarray, "K p"]) ->
     model = load("botorch.models", "peers").SingleTaskGP(tensor(z), tensor(shares))
     likelihood = load("gpytorch.mlls", "peers").ExactMarginalLogLikelihood
     fit = load("botorch.fit", "peers").fit_gpytorch_mll
-    fit(likelihood(model.likelihood, model), optimizer_kwargs=_FIT)
+    fit(likelihood(model.likelihood, model), optimizer_kwargs=_KPI_FIT)
     return model

@@ -1,7 +1,7 @@
 """Answer whole studies as people with just noticeable differences would, and check every page.
 
-    python benchmarks/campaigns/judged/replay.py      # 20 seeds of three loops and two people
-    python benchmarks/campaigns/judged/replay.py --seeds 2 --simulated 200
+    python benchmarks/campaigns/replay.py      # 20 seeds of three loops and two people
+    python benchmarks/campaigns/replay.py --seeds 2 --simulated 200
 
 Both people are of another form than what Screening learns with. Every sentence that the page says
 is compared with the table on the same page, pairs and follow-ups are counted, and so are the

@@ -5,10 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from prefcal_bench.people import USUAL, named, random_search_worth
-from prefcal_bench.people.eyes import draw
-from prefcal_bench.people.eyes.ideal import Ideal
-from prefcal_bench.people.eyes.order import Order
+from prefcal_bench.people import USUAL, draw, named
+from prefcal_bench.people.judgements import Order, Total
 from prefcal_bench.people.looks import LOOKS
 from prefcal_bench.people.sample import sample
 from prefcal_scenarios.catalog import load
@@ -56,23 +54,6 @@ def test_a_tenth_to_two_fifths_of_the_pairs_among_the_best_hundred_of_a_pool_are
     assert found.max() < 0.8
 
 
-@pytest.mark.parametrize("kind", EYES)
-def test_random_search_is_worth_about_what_it_is_to_people_who_see_everything(kind):
-    logs = []
-    for loop in LOOPS:
-        for seed in SEEDS:
-            found = random_search_worth(
-                person(loop, kind, seed),
-                sampled(loop, USUAL, 512),
-                experiments=50,
-                replays=60,
-                rng=np.random.default_rng(seed),
-                pool=sampled(loop, "pool", 8192),
-            )
-            logs.append(np.log(found))
-    assert 45 <= np.exp(np.mean(logs)) <= 180  # 90 if any two runs differ
-
-
 def test_an_order_has_limits_half_of_the_time_and_none_on_its_last_criterion():
     limited = []
     for seed in range(12):
@@ -89,15 +70,15 @@ def test_who_looks_at_the_curves_judges_by_nothing_that_is_a_kpi():
     for seed in range(8):
         by = draw.curves(sampled("servo", USUAL, 512), np.random.default_rng(seed)).by
         kinds.add(type(by))
-        names = [one.name for one in (by.criteria if isinstance(by, Order) else by.wishes)]
+        names = [one.name for one in (by.criteria if isinstance(by, Order) else by.parts)]
         assert 2 <= len(names) <= 4
         assert set(names) <= set(LOOKS)
-    assert kinds == {Order, Ideal}
+    assert kinds == {Order, Total}
 
 
 def test_without_curves_the_kpis_are_what_is_seen():
     by = draw.curves(runs([1.0, 2.0], [2.0, 1.0], [3.0, 3.0]), np.random.default_rng(0)).by
-    assert set(NAMES) >= {one.name for one in getattr(by, "criteria", ()) or by.wishes}
+    assert set(NAMES) >= {one.name for one in getattr(by, "criteria", ()) or by.parts}
 
 
 def test_majorities_are_of_three_or_five_and_no_one_has_two_votes():

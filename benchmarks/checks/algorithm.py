@@ -1,7 +1,6 @@
 """Draw how the two algorithms learn, for docs/how_it_works.md: from real studies, not by hand."""
 
 from collections.abc import Mapping
-from io import BytesIO
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +10,7 @@ from prefcal_agents import GLISp, Screening
 from prefcal_bench.people import USUAL, sample, taste
 from prefcal_env import Knob, KnobSpace, calibrate
 from prefcal_scenarios import load, outcome, screened
-from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, OTHERS, canvas, save, style
+from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, OTHERS, canvas, png, style
 
 GAIN = KnobSpace([Knob("gain", 0.0, 10.0)])
 MOMENTS = (4, 7, 10)
@@ -94,8 +93,6 @@ def algorithm() -> tuple[dict[str, bytes], Mapping[str, float]]:
     for file, draw in (("learning.png", learning), ("simulated.png", simulated)):
         with style():
             figure, told = draw()
-            buffer = BytesIO()
-            save(figure, buffer)
-        pictures[file] = buffer.getvalue()
+            pictures[file] = png(figure)
         story |= told
     return pictures, story
