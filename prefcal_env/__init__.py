@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .controllers.lqg import LQG as LQG
     from .controllers.lqr import LQR as LQR
     from .controllers.pid import PID as PID
+    from .controllers.pid import Decentralized as Decentralized
     from .envs import LTILoop as LTILoop
     from .envs import PlantEnv as PlantEnv
     from .envs import Task as Task

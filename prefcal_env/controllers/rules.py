@@ -11,7 +11,7 @@ from .pid_law import LinearPIDs, PIDLaw, Tuning
 
 
 @dataclass(frozen=True, slots=True)
-class Process:
+class ProcessModel:
     """What the rules need to know of a process of one input and one output.
 
     Args:
@@ -33,7 +33,7 @@ class Process:
     damping: float = 1.0
 
 
-def simc(process: Process, *, derivative: bool = True) -> Tuning | None:
+def simc(process: ProcessModel, *, derivative: bool = True) -> Tuning | None:
     """Return Skogestad's tuning with τ_c = θ; None where the rule does not apply.
 
     Source: Skogestad (2003), Simple analytic rules for model reduction and PID controller tuning,
@@ -41,7 +41,7 @@ def simc(process: Process, *, derivative: bool = True) -> Tuning | None:
     Deviation: zeros in the left half plane are left out.
 
     Args:
-        process: Process; not unstable, with a damping of at least 0.5.
+        process: Process model; not unstable, with a damping of at least 0.5.
         derivative: Whether the controller has a derivative part.
     """
     if process.unstable or process.integrators > 2 or process.damping < 0.5 or not process.gain:

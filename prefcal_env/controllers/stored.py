@@ -9,11 +9,10 @@ import numpy as np
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Controller
 
-from .decentralized import Decentralized
 from .linearized import Linearized
 from .lqg import LQG
 from .lqr import LQR
-from .pid import PID
+from .pid import PID, Decentralized
 
 
 def as_data(controller: Controller) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def _f(x, u, d, p, out):  # type: ignore[no-untyped-def]
 def _jacobians(x, u, d, p, out):  # type: ignore[no-untyped-def]
     """Write A, B, C = 1 and D = 0, row by row."""
     k = p[1] * math.exp(-p[3] / (p[6] * x[0])) if x[0] > 0 else 0.0
-    slope = k * x[1] * p[3] / (p[6] * x[0] ** 2)
+    slope = k * x[1] * p[3] / (p[6] * x[0] ** 2) if x[0] > 0 else 0.0
     heat, cooling = p[2] / p[4], p[5] / p[4]
     out[0], out[1] = -p[0] + heat * slope - cooling, heat * k
     out[2], out[3] = -slope, -p[0] - k

@@ -29,12 +29,39 @@ what was computed before; it moves an instant by less than a trillionth."""
 
 
 class LinearPlant:
-    """A `Plant` made of a linear system; `Plant.of` makes it, and says what each argument means.
+    """A `Plant` made of a linear system, continuous or discrete, with any number of signals.
 
     Between two instants its states follow from a matrix exponential, so they are exact. A discrete
-    plant keeps its states until its next sample. Dead time is not part of x: environments delay
-    the inputs by `input_delay`, the outputs by `output_delay`, and what each input adds to each
-    output (`entries`) by `entry_delay`.
+    plant keeps its states until its next sample. Dead time of any length is exact, too, but not
+    part of x: environments (`PlantEnv`, `LTILoop`) delay the inputs by `input_delay`, the outputs
+    by `output_delay`, and what each input adds to each output (`entries`) by `entry_delay`. A
+    controller that uses the plant as its model, such as `LinearMPC`, sees it without dead time.
+
+    All values are deviations from the operating point, unless the model says otherwise.
+
+    Args:
+        system: StateSpace or TransferFunction of python-control or scipy.signal (`lti`,
+            `dlti`), arrays (A, B, C, D) or (A, B, C, D, dt), polynomials (num, den), or a list
+            of rows of these. Improper transfer functions are refused.
+        states: Names or `Channel`s of the states, in their order.
+        inputs: Names or `Channel`s of the inputs; limits of a `Channel` are those of the
+            actuator. Without them, the names that python-control knows, else u or u1, u2, ...
+        outputs: Names or `Channel`s of the outputs, likewise.
+        disturbances: Names or `Channel`s of measured disturbances: the last inputs of `system`
+            are these instead of inputs.
+        delay: Dead time between input and plant, in `time_unit`: one number, one for each
+            input, or a matrix of shape (n_y, n_u) with that from each input to each output. If
+            the plant is discrete, multiples of its sample time. A matrix gives each input
+            states of its own.
+        output_delay: Dead time between plant and output, likewise.
+        x0: State at the start of experiments, shape (n_x,) or one number; by default 0. Where a
+            matrix of dead times copies states, one for each copy.
+        u0: Input before the start of experiments, shape (n_u,) or one number; by default 0.
+        name: Name of the plant, as shown to people.
+        time_unit: Unit of time of `system`.
+
+    Raises:
+        PlantError: If `system` is no such system or is improper, or an argument does not fit.
     """
 
     def __init__(

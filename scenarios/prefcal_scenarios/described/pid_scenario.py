@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.decentralized import Decentralized
-from prefcal_env.controllers.pid import PID
+from prefcal_env.controllers.pid import PID, Decentralized
 from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
 from prefcal_env.controllers.rules import robust, simc, ziegler_nichols
 from prefcal_env.controllers.sampled import sampled

@@ -3,7 +3,7 @@ import pytest
 
 from prefcal_env import PID, Channel, Measurement, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data, from_data
-from prefcal_env.controllers.decentralized import Decentralized
+from prefcal_env.controllers.pid import Decentralized
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
 

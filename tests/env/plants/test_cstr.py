@@ -111,3 +111,8 @@ def test_parameters_may_be_integers():
     states = [CSTR(params).hold(x, u, FEED, times) for params in (whole, real)]
     assert np.isfinite(states[0]).all()
     np.testing.assert_array_equal(*states)
+
+
+def test_there_are_derivatives_where_the_reaction_is_frozen():
+    J = CSTR().jacobians(np.zeros(2), np.array([298.0]), FEED)
+    assert J.A.tolist() == [[-1.3, 0.0], [0.0, -1.0]]  # flow and cooling alone

@@ -2,7 +2,6 @@
 
 from prefcal_scenarios.scenario import Scenario
 
-from . import compiled as compiled
 from .family import LOOPS as LOOPS
 from .family import loop as loop
 from .family import named as named

@@ -7,7 +7,7 @@ import numpy as np
 from prefcal_env.jit import inner, kernel
 
 from ._laws import MEMORY, decide, moved, rounded
-from .plants import derivative
+from .right_hand_sides import derivative
 
 
 @kernel()

@@ -1,26 +1,35 @@
-"""Controllers that people tune: from the values of the knobs to the gains of a compiled law."""
+"""Controllers that people tune: from the values of the knobs to a compiled law or a controller."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import expm, solve_discrete_are
+from scipy.linalg import solve_discrete_are
+
+from prefcal_env.envs.task import Task
+from prefcal_env.experiments.control import Controller
+from prefcal_env.plants.systems.matrices import held
 
 from . import _laws as laws
-from ._simulate import slopes
-from .course import Course, Trace, by_law
-from .plants import packed
+from .plant import CompiledPlant
 
 Values = Mapping[str, float]
+
+
+class Gains(NamedTuple):
+    """A compiled law and its gains: one row for each PID or input, with columns as in `_laws`."""
+
+    law: int
+    rows: Float[np.ndarray, "r c"]
 
 
 class Tunable(Protocol):
     """A kind of controller."""
 
-    def drive(self, values: Values, course: Course) -> Trace:
-        """Return what the controller does with these values of the knobs, by name.
+    def make(self, values: Values, plant: CompiledPlant, task: Task, T_s: float) -> Gains | Controller:
+        """Return the controller with these values of the knobs, by name, and sampling time.
 
         Raises:
             LinAlgError: If there is no controller for these values.
@@ -31,7 +40,7 @@ _DEFAULTS: Values = {"T_i": np.inf, "T_d": 0.0, "T_f": 0.0, "b": 1.0, "stages": 
 
 
 @dataclass(frozen=True, slots=True)
-class PID:
+class TunedPID:
     """One PID for each input: u = K (b r - y_f) + integral - K T_d dy_f/dt, limited; or a cascade.
 
     The knobs are K, T_i, T_d, T_f (filter of the measurement), b (set-point weight), T_t (of the
@@ -54,26 +63,22 @@ class PID:
     # None if there is no cascade
     inner: tuple[float, float, float] | None = None
 
-    def drive(self, values: Values, course: Course) -> Trace:
-        """Return what the controller does with these values of the knobs."""
-        law = laws.PID if self.inner is None else laws.CASCADE
-        return by_law(law, self.gains(values, course), course)
-
-    def gains(self, values: Values, course: Course) -> Float[np.ndarray, "r c"]:
-        """Return one row for each PID, the outer one first, in the order of the columns in `_laws`.
+    def make(self, values: Values, plant: CompiledPlant, task: Task, T_s: float) -> Gains:
+        """Return the law with these values of the knobs: a row for each PID, the outer one first.
 
         An output starts at its value in the loop at rest, and ends at the limits.
         """
         values, signs = {**self.fixed, **values}, self.signs or (1.0,) * len(self.suffixes)
-        outputs = [(u0, *limits) for u0, limits in zip(course.u0, course.limits, strict=True)]
+        outputs = [(u0, c.low, c.high) for u0, c in zip(task.u0, plant.inputs, strict=True)]
         if self.inner is not None:
             outputs = [self.inner, *outputs]
         each = zip(self.suffixes, signs, outputs, strict=True)
-        return np.array([_row(values, *one) for one in each])
+        rows = np.array([_row(values, *one) for one in each])
+        return Gains(laws.PID if self.inner is None else laws.CASCADE, rows)
 
 
 @dataclass(frozen=True, slots=True)
-class LQR:
+class TunedLQR:
     """Linear quadratic regulator with integral action, for one input and all states measured.
 
     It minimizes Σ x'Qx + q z² + R u² for the linearized plant with a zero-order hold, where z is
@@ -83,24 +88,19 @@ class LQR:
 
     fixed: Values = field(default_factory=dict)  # values that are not tuned
 
-    def drive(self, values: Values, course: Course) -> Trace:
-        """Return what the controller does with these values of the knobs."""
-        return by_law(laws.FEEDBACK, self.gains(values, course), course)
-
-    def gains(self, values: Values, course: Course) -> Float[np.ndarray, "r c"]:
+    def make(self, values: Values, plant: CompiledPlant, task: Task, T_s: float) -> Gains:
         """Return the row K, K_z, bias, low, high; K solves the discrete Riccati equation."""
-        values, T_s, u0 = {**self.fixed, **values}, course.T_s, course.u0
-        A, B = slopes(*packed(course.plant), course.x0.copy(), u0.copy(), course.disturbance[0])
-        n = len(A)
-        M = np.zeros((n + 2, n + 2))  # x, z and u, with ż = x_1 and u̇ = 0
-        M[:n, :n], M[:n, n + 1 :], M[n, 0] = A, B, 1.0
-        held = expm(M * T_s)
-        A_d, B_d = held[: n + 1, : n + 1], held[: n + 1, n + 1 :]
+        values, c = {**self.fixed, **values}, plant.inputs[0]
+        J = plant.jacobians(task.x0, task.u0, task.disturbance(0.0))
+        n = len(J.A)
+        A, B = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 1))  # of x and z, with ż = x_1
+        A[:n, :n], A[n, 0], B[:n] = J.A, 1.0, J.B
+        A_d, B_d = held(A, B, T_s)
         weights = [*(values.get(f"Q_{i}", 0.0) for i in range(1, n + 1)), values["Q_z"]]
         Q, R = np.diag(weights) * T_s, np.array([[values["R"] * T_s]])
         S = solve_discrete_are(A_d, B_d, Q, R)
         K = np.linalg.solve(R + B_d.T @ S @ B_d, B_d.T @ S @ A_d)
-        return np.hstack([K, [[u0[0], *course.limits[0]]]])
+        return Gains(laws.FEEDBACK, np.hstack([K, [[task.u0[0], c.low, c.high]]]))
 
 
 def _row(values: Values, suffix: str, sign: float, output: tuple[float, float, float]) -> list[float]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from prefcal_agents.registry import JUDGES
 from prefcal_env.arrays import integer
+from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
@@ -17,7 +18,8 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
 from .kinds import basic, motion, predictive, processes
-from .loop import Loop, Vary, nominal, random
+from .kinds.parts import Vary, nominal, random
+from .loop import Loop
 
 _MAKERS = (
     *(basic.lag, basic.integrating, basic.oscillatory, basic.unstable),
@@ -120,12 +122,11 @@ def judged(loop: Loop) -> Scenario:
 def varied(make: Callable[..., Loop], vary: Vary) -> Loop:
     """Return a loop with random parameters, disturbance and noise."""
     made = make(vary)
-    task = replace(
-        made.task,
-        disturbance=tuple((a, a + vary(1.0) * (b - a)) for a, b in made.task.disturbance),
-        noise=tuple(vary(each) for each in made.task.noise),
-    )
-    return replace(made, task=task)
+    (before,), ((time, (after,)),) = made.disturbance.start, made.disturbance.steps
+    d = StepSignal((before,), ((time, (before + vary(1.0) * (after - before),)),))
+    assert made.task.noise is not None
+    noise = np.array([vary(each) for each in made.task.noise.tolist()])
+    return replace(made, task=replace(made.task, d=d, noise=noise))
 
 
 def is_worth_tuning(loop: Loop) -> bool:

@@ -1,7 +1,10 @@
 """KPIs of a closed loop: a step of the reference, then a disturbance."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
+from prefcal_env.experiments.kpis import entered
 
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_scenarios.scenario import KPI
@@ -10,72 +13,82 @@ _BAND = 0.05
 """Band of the settling time, as a share of the step."""
 
 
-def kpis_of(
-    controlled: Channel,
-    u: Channel,
-    time_unit: str,
-    beside: Channel | None,
-    *,
-    staged: bool,
-    alarm: tuple[float, float] | None = None,
-) -> tuple[KPI, ...]:
-    """Return the KPIs of a loop, all of them better if lower.
+_TEXTS = {
+    "overshoot": ("overshoot of {y}", "%", "How far it goes beyond its target, as a share of the step."),
+    "settling_time": (
+        "settling time of {y} (within ±5 %)",
+        "{time}",
+        "Time after which it stays close to its target, until the disturbance.",
+    ),
+    "error": ("integrated error of {y}", "{unit} {time}", "Integral of the absolute error over the run."),
+    "disturbance_peak": (
+        "peak error of {y} after the disturbance",
+        "{unit}",
+        "Largest distance from the target after the disturbance.",
+    ),
+    "effort": (
+        "effort of {u}",
+        "{u_unit}",
+        "Root mean square distance of the input from its value at the start.",
+    ),
+    "switches": ("switches of {u}", "", "How often the input changes its stage."),
+    "input_noise": (
+        "noise in {u}",
+        "{u_unit}",
+        "How much the input moves in a sampling period of normal length.",
+    ),
+    "side_effect": (
+        "peak of {beside} after the step",
+        "{beside_unit}",
+        "Largest distance from its value at the start.",
+    ),
+    "alarm": ("{y} in alarm", "{time}", "Time outside {alarm}."),
+}
+"""Title, unit and meaning of each KPI by its name."""
+
+
+def kpi_names(*, staged: bool, beside: bool, alarm: bool) -> tuple[str, ...]:
+    """Return the names of a loop's KPIs, in order.
 
     Args:
-        controlled: Output whose reference steps.
+        staged: Whether the input has stages.
+        beside: Whether there is a state that the step should not move much.
+        alarm: Whether there is an alarm.
+    """
+    there = {"switches": staged, "input_noise": not staged, "side_effect": beside, "alarm": alarm}
+    return tuple(name for name in _TEXTS if there.get(name, True))
+
+
+def kpis_of(
+    names: Sequence[str],
+    y: Channel,
+    u: Channel,
+    time_unit: str,
+    *,
+    beside: Channel | None = None,
+    alarm: tuple[float, float] | None = None,
+) -> tuple[KPI, ...]:
+    """Return the KPIs with these names, all of them better if lower.
+
+    Args:
+        names: Names of the KPIs.
+        y: Output whose reference steps.
         u: First input.
         time_unit: Unit of time.
         beside: State that the step should not move much; None if there is none.
-        staged: Whether the input has stages.
         alarm: Lowest and highest value of the output without an alarm; None if there is none.
     """
-    y, unit = controlled.name, controlled.unit
-    rows = [
-        ("overshoot", f"overshoot of {y}", "%", "How far it goes beyond its target, as a share of the step."),
-        (
-            "settling_time",
-            f"settling time of {y} (within ±5 %)",
-            time_unit,
-            "Time after which it stays close to its target, until the disturbance.",
-        ),
-        (
-            "error",
-            f"integrated error of {y}",
-            f"{unit} {time_unit}".strip(),
-            "Integral of the absolute error over the run.",
-        ),
-        (
-            "disturbance_peak",
-            f"peak error of {y} after the disturbance",
-            unit,
-            "Largest distance from the target after the disturbance.",
-        ),
-        (
-            "effort",
-            f"effort of {u.name}",
-            u.unit,
-            "Root mean square distance of the input from its value at the start.",
-        ),
-        ("switches", f"switches of {u.name}", "", "How often the input changes its stage.")
-        if staged
-        else (
-            "input_noise",
-            f"noise in {u.name}",
-            u.unit,
-            "How much the input moves in a sampling period of normal length.",
-        ),
-    ]
+    words = {"y": y.name, "unit": y.unit, "time": time_unit, "u": u.name, "u_unit": u.unit}
     if beside is not None:
-        about = "Largest distance from its value at the start."
-        rows.append(("side_effect", f"peak of {beside.name} after the step", beside.unit, about))
+        words |= {"beside": beside.name, "beside_unit": beside.unit}
     if alarm is not None:
-        about = "Time outside {:.4g} to {:.4g} ".format(*alarm) + unit
-        rows.append(("alarm", f"{y} in alarm", time_unit, about.rstrip() + "."))
-    steps = {"overshoot": 0.1}
-    return tuple(
-        KPI(name, title, unit, better="lower", about=about, resolution=steps.get(name))
-        for name, title, unit, about in rows
-    )
+        words["alarm"] = f"{alarm[0]:.4g} to {alarm[1]:.4g} {y.unit}".rstrip()
+    found = []
+    for name in names:
+        title, unit, about = (text.format(**words).strip() for text in _TEXTS[name])
+        resolution = 0.1 if name == "overshoot" else None
+        found.append(KPI(name, title, unit, better="lower", about=about, resolution=resolution))
+    return tuple(found)
 
 
 def compute_kpis(
@@ -97,7 +110,7 @@ def compute_kpis(
     error, steps = _errors(experiment, disturbed_at)
     first = t < disturbed_at
     moves = np.abs(np.diff(u))
-    times = [_settling(t[part], error[part], step) for part, step in steps]
+    times = [entered(t[part] - t[part][0], error[part], _BAND * abs(step)) for part, step in steps]
     found = {
         "overshoot": max(_overshoot(error[part], step) for part, step in steps),
         "settling_time": sum(times, start=0.0) if t[-1] >= disturbed_at else np.inf,
@@ -144,10 +157,3 @@ def _errors(
 def _overshoot(error: Float[np.ndarray, " K"], step: float) -> float:
     """Return how far the output goes beyond its target, in % of the step."""
     return 100.0 * max(float((-error / step).max()), 0.0)
-
-
-def _settling(t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], step: float) -> float:
-    """Return the time from which on the error is small; infinite if it is not at the end."""
-    outside = np.flatnonzero(np.abs(error) > _BAND * abs(step))
-    last = int(outside[-1]) if len(outside) else -1
-    return float(t[last + 1] - t[0]) if last + 1 < len(t) else np.inf

@@ -1,75 +1,27 @@
 """A closed loop to tune: plant, controller and task as data, and how one experiment runs."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
+from prefcal_env.compiling import Kernel, compile_ahead
+from prefcal_env.envs.step_signal import StepSignal
+from prefcal_env.envs.task import Task
+from prefcal_env.experiments.control import Controller, Measurement
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
-from .controllers import Tunable
-from .course import Course, Trace
-from .kpis import compute_kpis, kpis_of, time_outside
-from .plants import Plant
+from ._simulate import advance, simulate
+from .controllers import Gains, Tunable, Values
+from .kpis import compute_kpis, kpi_names, kpis_of, time_outside
+from .plant import CompiledPlant
 from .wording import about_knob, brief_of
-
-Vary = Callable[[float], float]
-"""Function that returns the value to use in place of a positive nominal one."""
-_FACTOR = 1.5
-"""Random parameters lie between the nominal value divided and multiplied by this."""
-
-
-def nominal(value: float) -> float:
-    """Return `value` itself: so the named loops are made."""
-    return value
-
-
-def random(rng: np.random.Generator) -> Vary:
-    """Return a function that draws values around the nominal one, uniform in the logarithm."""
-
-    def vary(value: float) -> float:
-        return float(value * _FACTOR ** rng.uniform(-1.0, 1.0))
-
-    return vary
-
-
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """Times of a loop, all in `unit`."""
-
-    step: float  # step of the simulation
-    horizon: float  # length of an experiment
-    # Sampling time of the controller; a knob called T_s replaces it. It is rounded to a
-    # multiple of `step`
-    T_s: float
-    disturbed_at: float  # time at which the disturbance sets in
-    dead_time: float = 0.0  # dead time of the inputs
-    unit: str = "s"  # unit of time
-
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """What happens in an experiment. It starts in a steady state."""
-
-    x0: tuple[float, ...]  # state at the start
-    u0: tuple[float, ...]  # inputs at the start
-    target: tuple[float, ...]  # reference of each measured state from the start on
-    # Disturbance before and after it sets in, for each of its components
-    disturbance: tuple[tuple[float, float], ...]
-    noise: tuple[float, ...]  # standard deviation of the noise of each measured state
-    # Later set points of the first measured state, each with the time from which on it holds
-    program: tuple[tuple[float, float], ...] = ()
-
-    def reference(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_m"]:
-        """Return the references of the measured states at the times `t`."""
-        found = np.tile(np.array(self.target, dtype=float), (len(t), 1))
-        for start, value in self.program:
-            found[t >= start, 0] = value
-        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +33,19 @@ class Actuator:
     resolution: float = 0.0  # distance of the positions that it can have; 0 if it can have any
 
 
+class Response(NamedTuple):
+    """States and inputs of an experiment until it stopped, and the N steps of its controller."""
+
+    x: Float[np.ndarray, "V n_x"]  # states, shape (V, n_x), finite
+    u: Float[np.ndarray, "V n_u"]  # inputs, shape (V, n_u)
+    iterations: Int[np.ndarray, " N"]  # solver iterations of each step, shape (N,)
+    solve_time: Float[np.ndarray, " N"]  # duration of each step, s, shape (N,)
+    solved: Bool[np.ndarray, " N"]  # whether each step's problem was solved, shape (N,)
+
+
 @dataclass(frozen=True)
 class Loop:
-    """A closed loop whose controller is tuned.
+    """A closed loop whose controller is tuned: plant, controller and task.
 
     The limits of safe operation are the `low` and `high` of the states' channels: a run ends as
     unsafe at the first instant at which a state is outside them, and as failed if there is no
@@ -94,16 +56,11 @@ class Loop:
     name: str  # short name
     title: str  # title for headings
     brief: str  # what happens in an experiment, for the person who compares
-    plant: Plant  # plant with its parameters
+    plant: CompiledPlant  # plant with its parameters; the first output's reference steps
     controller: Tunable  # kind of controller
     space: KnobSpace  # knobs, named as in the controller
-    states: tuple[Channel, ...]  # channels of the states, with the limits of safe operation
-    inputs: tuple[Channel, ...]  # channels of the inputs, with the limits at which they saturate
-    task: Task  # what happens in an experiment
-    timing: Timing  # times
-    # Indices of the measured states; the first one's reference steps
-    measured: tuple[int, ...] = (0,)
-    controlled: int = 1  # number of measured states, from the first, with a reference for people
+    task: Task  # what happens in an experiment; its references and disturbances are `StepSignal`s
+    controlled: int = 1  # number of outputs, from the first, with a reference for people
     # Index of a state that the step should not move much; None if there is none
     beside: int | None = None
     staged: bool = False  # whether the input has stages
@@ -120,16 +77,49 @@ class Loop:
     @property
     def channels(self) -> Channels:
         """Channels of an experiment."""
-        outputs = zip(self.measured[: self.controlled], self.task.target, strict=False)
-        y = tuple(Channel(self.states[i].name, self.states[i].unit, target=target) for i, target in outputs)
-        return Channels(self.states, self.inputs, y, self.timing.unit)
+        outputs = zip(self.plant.outputs[: self.controlled], self.target.start, strict=False)
+        y = tuple(replace(channel, target=target) for channel, target in outputs)
+        return Channels(self.plant.states, self.plant.inputs, y, self.plant.time_unit)
 
     @property
     def kpis(self) -> tuple[KPI, ...]:
         """KPIs of an experiment."""
-        beside = None if self.beside is None else self.states[self.beside]
-        first, unit = self.channels.y[0], self.timing.unit
-        return kpis_of(first, self.inputs[0], unit, beside, staged=self.staged, alarm=self.alarm)
+        beside = None if self.beside is None else self.plant.states[self.beside]
+        first, u, unit = self.channels.y[0], self.plant.inputs[0], self.plant.time_unit
+        return kpis_of(self._kpi_names, first, u, unit, beside=beside, alarm=self.alarm)
+
+    @property
+    def _kpi_names(self) -> tuple[str, ...]:
+        return kpi_names(staged=self.staged, beside=self.beside is not None, alarm=self.alarm is not None)
+
+    @property
+    def target(self) -> StepSignal:
+        """References of the outputs."""
+        assert isinstance(self.task.y_ref, StepSignal)
+        return self.task.y_ref
+
+    @property
+    def disturbance(self) -> StepSignal:
+        """Disturbances, with one step."""
+        assert isinstance(self.task.d, StepSignal)
+        return self.task.d
+
+    @property
+    def disturbed_at(self) -> float:
+        """Time at which the disturbance sets in."""
+        return self.disturbance.steps[0][0]
+
+    @property
+    def t(self) -> Float[np.ndarray, " K"]:
+        """Instants of a whole experiment, shape (K,)."""
+        step = self.plant.max_step
+        return np.arange(round(self.task.horizon / step) + 1) * step
+
+    def noise(self, seed: int) -> Float[np.ndarray, "K n_y"]:
+        """Return the noise of the measured states at every instant, shape (K, n_y)."""
+        assert self.task.noise is not None
+        drawn = np.random.default_rng(seed).standard_normal((len(self.t), len(self.task.noise)))
+        return np.asarray(drawn * self.task.noise)
 
     def run(
         self, theta: Float[np.ndarray, " n"], seed: int = 0, space: KnobSpace | None = None
@@ -144,13 +134,13 @@ class Loop:
         theta = (space or self.space).check(theta)
         values = dict(zip(self.space.names, theta.tolist(), strict=True))
         # A knob called "every" is the number of sampling periods between two decisions.
-        T_s = values.get("T_s", self.timing.T_s) * values.get("every", 1.0)
-        hold = max(round(T_s / self.timing.step), 1)
+        T_s = values.get("T_s", self.task.T_s) * values.get("every", 1.0)
+        hold = max(round(T_s / self.plant.max_step), 1)
         try:
-            driven = self.controller.drive(values, self.course(hold, seed))
+            response = self._respond(values, hold, seed)
         except np.linalg.LinAlgError:
-            driven = Trace.nothing(len(self.states), len(self.inputs))
-        return self._experiment(theta, driven, hold)
+            response = self._nothing()
+        return self._experiment(theta, response, hold)
 
     def scenario(self) -> Scenario:
         """Return the loop as a scenario."""
@@ -160,10 +150,86 @@ class Loop:
             space=self.space.described({name: about_knob(name) for name in self.space.names}),
             run=self.run,
             kpis=self.kpis,
-            panels=(*self._state_panels(), *(Panel(c.name) for c in self.inputs)),
-            brief=brief_of(self.brief, self.states),
+            panels=(*self._state_panels(), *(Panel(c.name) for c in self.plant.inputs)),
+            brief=brief_of(self.brief, self.plant.states),
             simulated=True,
         )
+
+    def _respond(self, values: Values, hold: int, seed: int) -> Response:
+        """Return what the controller with these values of the knobs does."""
+        made = self.controller.make(values, self.plant, self.task, hold * self.plant.max_step)
+        if isinstance(made, Gains):
+            return self.by_law(made, hold, seed)
+        return self.by_controller(made, hold, seed)
+
+    def by_law(self, gains: Gains, hold: int, seed: int) -> Response:
+        """Return what a compiled law does that acts every `hold` steps."""
+        plant, task, t = self.plant, self.task, self.t
+        x, u, valid = simulate(
+            (*plant.packed, np.array(plant.measured, dtype=np.int64)),
+            (*gains, self._actuator_rows(), np.array(self.resolution, dtype=float)),
+            (self.target.over(t), self.disturbance.over(t), self.noise(seed)),
+            (plant.max_step, hold, self._delay),
+            (task.x0.copy(), task.u0.copy(), limits_of(plant.states)),
+        )
+        steps = len(range(0, max(valid - 1, 0), hold))  # the last instant decides none
+        none, all_ = np.zeros(steps), np.ones(steps, np.bool_)
+        return Response(x[:valid], u[:valid], none.astype(np.int64), none, all_)
+
+    def by_controller(
+        self, controller: Controller, hold: int, seed: int, clock: Callable[[], float] = time.perf_counter
+    ) -> Response:
+        """Return what `controller` does; where it does not solve its problem, the input is held.
+
+        Actuators and sensors are ideal.
+
+        Args:
+            controller: Controller whose sampling time is `hold` steps.
+            hold: Steps in a sampling period.
+            seed: Seed of the noise.
+            clock: Returns the time in seconds; only for the duration of the steps.
+        """
+        plant, t, noise = self.plant, self.t, self.noise(seed)
+        (low, high), measured = limits_of(plant.inputs).T, list(plant.measured)
+        reference, disturbance = self.target.over(t), self.disturbance.over(t)
+        x, u = np.zeros((len(t), len(plant.states))), np.zeros((len(t), len(plant.inputs)))
+        history, safe = (x, u, self.task.u0.copy(), disturbance), limits_of(plant.states)
+        x[0], now, valid = self.task.x0, self.task.u0, 1
+        steps: list[tuple[int, float, bool]] = []
+        for k in range(0, len(t) - 1, hold):
+            seen = self.task.x0.copy()  # states that are not measured have their first value
+            seen[measured] = x[k, measured] + noise[k]
+            start = clock()
+            move = controller.move(Measurement(t[k], seen, now, disturbance[0], reference[k]))
+            took = clock() - start
+            usable = move.solved and bool(np.isfinite(move.u).all())
+            if usable:
+                now = np.clip(move.u, low, high)
+            steps.append((move.iterations, took, usable))
+            last = min(k + hold, len(t) - 1)
+            u[k : last + 1] = now
+            valid, stopped = advance(plant.packed, plant.max_step, self._delay, (k, last), history, safe)
+            if stopped:
+                break
+        each = (np.array(column) for column in zip(*steps, strict=True))
+        return Response(x[:valid], u[:valid], *each)
+
+    @property
+    def _delay(self) -> int:
+        """Number of steps of dead time of the inputs."""
+        return round(self.plant.dead_time / self.plant.max_step)
+
+    def _actuator_rows(self) -> Float[np.ndarray, "m 4"]:
+        """Return stiction, backlash, resolution and lowest position of each input, shape (n_u, 4)."""
+        pairs = zip(self.actuators, self.plant.inputs, strict=False)
+        rows = [(a.stiction, a.backlash, a.resolution, c.low) for a, c in pairs]
+        return np.array(rows, dtype=float).reshape(-1, 4)
+
+    def _nothing(self) -> Response:
+        """Return no states and no steps: there was no controller."""
+        none, (n_x, n_u) = np.zeros(0), (len(self.plant.states), len(self.plant.inputs))
+        no_states, no_inputs = np.zeros((0, n_x)), np.zeros((0, n_u))
+        return Response(no_states, no_inputs, none.astype(np.int64), none, none.astype(np.bool_))
 
     def _state_panels(self) -> tuple[Panel, ...]:
         """Return the panels of the controlled states and of the one beside.
@@ -171,7 +237,8 @@ class Loop:
         A limit is drawn only if it is at most twice as far from the target as the start is: the
         others would leave the response hardly any room.
         """
-        first, target = self.measured[0], self.task.target[0]
+        measured, target = self.plant.measured, self.target.start[0]
+        first = measured[0]
         room = 2 * abs(target - self.task.x0[first])
 
         def near(i: int, limit: float, otherwise: float) -> float:
@@ -180,74 +247,54 @@ class Loop:
         beside = () if self.beside is None else (self.beside,)
         return tuple(
             Panel(c.name, low=near(i, c.low, -np.inf), high=near(i, c.high, np.inf))
-            for i, c in enumerate(self.states)
-            if i in (*self.measured[: self.controlled], *beside)
+            for i, c in enumerate(self.plant.states)
+            if i in (*measured[: self.controlled], *beside)
         )
 
-    def course(self, hold: int, seed: int) -> Course:
-        """Return what acts on the loop if the controller acts every `hold` steps.
-
-        The seed draws the noise of every instant.
-        """
-        timing, task = self.timing, self.task
-        noise = np.random.default_rng(seed).standard_normal((self._instants, len(task.noise)))
-        t = np.arange(self._instants) * timing.step
-        before, after = np.array(task.disturbance, dtype=float).T
-        limits = np.array([(c.low, c.high) for c in self.inputs], dtype=float)
-        rows = [
-            (a.stiction, a.backlash, a.resolution, low)
-            for a, (low, _) in zip(self.actuators, limits, strict=False)
-        ]
-        return Course(
-            plant=self.plant,
-            x0=np.array(task.x0, dtype=float),
-            u0=np.array(task.u0, dtype=float),
-            limits=limits,
-            safe=np.array([(c.low, c.high) for c in self.states], dtype=float),
-            measured=np.array(self.measured, dtype=np.int64),
-            reference=task.reference(t),
-            disturbance=np.where((t >= timing.disturbed_at)[:, None], after, before),
-            noise=noise * np.array(task.noise, dtype=float),
-            step=timing.step,
-            hold=hold,
-            delay=round(timing.dead_time / timing.step),
-            actuators=np.array(rows, dtype=float).reshape(-1, 4),
-            resolution=np.array(self.resolution, dtype=float),
-        )
-
-    @property
-    def _instants(self) -> int:
-        """Number of instants of a whole experiment."""
-        return round(self.timing.horizon / self.timing.step) + 1
-
-    def _experiment(self, theta: Float[np.ndarray, " n"], driven: Trace, hold: int) -> Experiment:
+    def _experiment(self, theta: Float[np.ndarray, " n"], response: Response, hold: int) -> Experiment:
         """Return the record with its KPIs; it is empty if there was no controller."""
-        timing, steps = self.timing, hold * np.arange(len(driven.solved))
+        plant, steps = self.plant, hold * np.arange(len(response.solved))
         bare = Experiment(
             theta=theta,
-            t=np.arange(len(driven.x)) * timing.step,
-            x=driven.x,
-            u=driven.u,
-            t_control=steps * timing.step,
-            u_control=driven.u[steps],
-            y_ref=self.task.reference(steps * timing.step)[:, : self.controlled],
-            iterations=driven.iterations,
-            solve_time=driven.solve_time,
-            solved=driven.solved,
+            t=self.t[: len(response.x)],
+            x=response.x,
+            u=response.u,
+            t_control=steps * plant.max_step,
+            u_control=response.u[steps],
+            y_ref=self.target.over(steps * plant.max_step)[:, : self.controlled],
+            iterations=response.iterations,
+            solve_time=response.solve_time,
+            solved=response.solved,
             channels=self.channels,
-            end=self.end(driven.x),
+            end=self.end(response.x),
         )
         if len(steps) == 0:
             return bare
-        pace = timing.T_s / (hold * timing.step)
-        values = compute_kpis(bare, timing.disturbed_at, self.task.u0[0], self.beside, pace)
+        pace = self.task.T_s / (hold * plant.max_step)
+        values = compute_kpis(bare, self.disturbed_at, self.task.u0[0], self.beside, pace)
         if self.alarm is not None:
             values["alarm"] = time_outside(bare, *self.alarm)
-        return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})
+        return replace(bare, kpis={name: values[name] for name in self._kpi_names})
 
     def end(self, x: Float[np.ndarray, "V n_x"]) -> End:
         """Return why an experiment with these states ended."""
         if not len(x):
             return End.FAILED
-        safe = all(c.low <= v <= c.high for c, v in zip(self.states, x[-1], strict=True))
-        return End.TIME_UP if safe and len(x) == self._instants else End.UNSAFE
+        safe = all(c.low <= v <= c.high for c, v in zip(self.plant.states, x[-1], strict=True))
+        return End.TIME_UP if safe and len(x) == len(self.t) else End.UNSAFE
+
+
+def limits_of(channels: Sequence[Channel]) -> Float[np.ndarray, "n 2"]:
+    """Return the lowest and the highest value of each channel, shape (n, 2)."""
+    return np.array([(c.low, c.high) for c in channels], dtype=float)
+
+
+def _kernels() -> Iterator[Kernel]:
+    vector, matrix = "f8[::1]", "f8[:,::1]"
+    control, start = f"Tuple((i8, {matrix}, {matrix}, {vector}))", f"Tuple(({vector}, {vector}, {matrix}))"
+    signals, timing = f"UniTuple({matrix}, 3)", "Tuple((f8, i8, i8))"
+    types = f"(Tuple((i8, {vector}, i8[::1])), {control}, {signals}, {timing}, {start})"
+    yield Kernel("closed loop", simulate, types)
+
+
+compile_ahead(__name__, _kernels)

@@ -1,73 +1,21 @@
-"""The MPC of the loops: the loop's plant as its model, and from the knobs to the controller."""
+"""The MPC of the loops: from the knobs to the controller, with the loop's plant as its model."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Channel
+from prefcal_env.compiling import Kernel, compile_ahead, of_the_filter
+from prefcal_env.envs.task import Task
 from prefcal_env.mpc import EstimatingMPC, EstimatorSettings, MPCSettings
-from prefcal_env.plants.equations import Equations
-from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 
-from ._simulate import hold, rhs, slopes
+from ._simulate import advance, hold
 from .controllers import Values
-from .course import Course, Trace, by_controller
-from .plants import packed
-
-
-class LoopModel:
-    """A `prefcal_env` plant: the loop's plant, undisturbed, with its measured states as outputs.
-
-    The disturbance stays at its value at the start, and the dead time is left out: what the
-    controller does not know, its estimator finds out.
-
-    Args:
-        course: Loop and its sampling; it determines plant, measured states and limits.
-    """
-
-    def __init__(self, course: Course) -> None:
-        self.name, self.time_unit = "model", ""
-        self.states = tuple(Channel(f"state {i}") for i in range(len(course.x0)))
-        self.inputs = tuple(
-            Channel(f"input {i}", low=low, high=high) for i, (low, high) in enumerate(course.limits)
-        )
-        self.outputs = tuple(self.states[i] for i in course.measured)
-        self.disturbances: tuple[Channel, ...] = ()
-        self._course, self._plant = course, packed(course.plant)
-        self._C = np.eye(len(course.x0))[course.measured]
-
-    @property
-    def equations(self) -> Equations:
-        """Return the compiled equations."""
-        from ._equations import equations_of  # compiles them, the first time
-
-        return equations_of(self._course)
-
-    def f(self, x: X, u: U, d: D) -> X:
-        """Return the state derivative."""
-        return np.asarray(rhs(*self._plant, *self._at(x, u)))
-
-    def g(self, x: X, u: U, d: D) -> Y:
-        """Return the measured states."""
-        return np.asarray(self._C @ x)
-
-    def jacobians(self, x: X, u: U, d: D) -> Jacobians:
-        """Return the derivatives of f, by central differences, and of g."""
-        A, B = slopes(*self._plant, *self._at(x, u))
-        return Jacobians(A, B, self._C, np.zeros((len(self.outputs), len(self.inputs))))
-
-    def hold(self, x: X, u: U, d: D, times: Times) -> States:
-        """Return the states at `times`, with the inputs held."""
-        return np.asarray(hold(*self._plant, *self._at(x, u), times, self._course.step))
-
-    def _at(self, x: X, u: U) -> tuple[X, U, Float[np.ndarray, " n"]]:
-        """Return copies, and d: numba compiles again for read-only arrays, another type."""
-        return np.array(x, dtype=float), np.array(u, dtype=float), self._course.disturbance[0]
+from .plant import CompiledPlant, compile_equations
 
 
 @dataclass(frozen=True, slots=True)
-class MPC:
+class TunedMPC:
     """The MPC of `prefcal_env.mpc`, with a Kalman filter that estimates lasting disturbances.
 
     It minimizes Σ q_i (y_i - r_i)² / s_i² + Q_Δu Δu_j² / m_j² for the model linearized at each
@@ -95,17 +43,17 @@ class MPC:
     on_inputs: tuple[int, ...] = ()
     fixed: Values = field(default_factory=dict)
 
-    def drive(self, values: Values, course: Course) -> Trace:
-        """Return what the controller does with these values of the knobs."""
-        return by_controller(self.controller(values, course), course)
+    def make(self, values: Values, plant: CompiledPlant, task: Task, T_s: float) -> EstimatingMPC:
+        """Return the controller, which has a memory: it serves one experiment.
 
-    def controller(self, values: Values, course: Course) -> EstimatingMPC:
-        """Return the controller, which has a memory: it serves one experiment."""
+        Its model is the plant without dead time, whose disturbance stays at its value at the start:
+        what the controller does not know, its estimator finds out.
+        """
         values = {**self.fixed, **values}
         weights = [values.get(f"Q_{i}", 0.0) for i in range(1, len(self.scales) + 1)]
         N_p = int(values["N_p"])
         settings = MPCSettings(
-            T_s=course.T_s,
+            T_s=T_s,
             N_p=N_p,
             N_u=min(int(values["N_u"]), N_p),
             Q_y=np.diag(np.array(weights) / np.square(self.scales)),
@@ -119,4 +67,16 @@ class MPC:
             on_outputs=self.on_outputs,
             on_inputs=self.on_inputs,
         )
-        return EstimatingMPC(LoopModel(course), settings, estimator)
+        return EstimatingMPC(plant, settings, estimator)
+
+
+def _kernels() -> Iterator[Kernel]:
+    vector, matrix = "f8[::1]", "f8[:,::1]"
+    history = f"Tuple(({matrix}, {matrix}, {vector}, {matrix}))"
+    yield Kernel("plant", advance, f"(Tuple((i8, {vector})), f8, i8, UniTuple(i8, 2), {history}, {matrix})")
+    yield Kernel("predicted states", hold, f"(i8, {', '.join([vector] * 5)}, f8)")
+    compile_equations()
+    yield from of_the_filter()
+
+
+compile_ahead(__name__, _kernels)

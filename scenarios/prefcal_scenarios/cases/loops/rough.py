@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
@@ -13,9 +14,10 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario
 
-from .controllers import PID
+from .controllers import TunedPID
 from .family import LOOPS, checked_seed, is_worth_tuning, judged, varied
-from .loop import Actuator, Loop, random
+from .kinds.parts import random
+from .loop import Actuator, Loop
 
 _TRIES = 30
 """How often a rough loop is drawn at most."""
@@ -98,8 +100,8 @@ def _runs(loop: Loop) -> list[Experiment]:
 
 def _targets(loop: Loop) -> tuple[float, float]:
     """Return the lowest and the highest value between start and targets."""
-    wanted = (loop.task.x0[loop.measured[0]], loop.task.target[0])
-    values = (*wanted, *(value for _, value in loop.task.program))
+    later = [values[0] for _, values in loop.target.steps]
+    values = (float(loop.task.x0[loop.plant.measured[0]]), loop.target.start[0], *later)
     return min(values), max(values)
 
 
@@ -107,18 +109,18 @@ def _beyond(loop: Loop, run: Experiment) -> float:
     """Return how far the output goes beyond its targets; infinite if the run was interrupted."""
     if run.end is not End.TIME_UP:
         return float("inf")
-    (low, high), y = _targets(loop), run.x[:, loop.measured[0]]
+    (low, high), y = _targets(loop), run.x[:, loop.plant.measured[0]]
     return float(max(low - y.min(), y.max() - high, 0.0))
 
 
 def _within(loop: Loop, room: float) -> Loop:
     """Return the loop in which the output must stay within `room` of its targets to be safe."""
-    (low, high), first = _targets(loop), loop.measured[0]
-    states = list(loop.states)
+    (low, high), first = _targets(loop), loop.plant.measured[0]
+    states = list(loop.plant.states)
     states[first] = replace(
         states[first], low=max(states[first].low, low - room), high=min(states[first].high, high + room)
     )
-    return replace(loop, states=tuple(states))
+    return replace(loop, plant=replace(loop.plant, states=tuple(states)))
 
 
 def roughened(loop: Loop, runs: list[Experiment], rng: np.random.Generator) -> Loop:
@@ -127,8 +129,8 @@ def roughened(loop: Loop, runs: list[Experiment], rng: np.random.Generator) -> L
     Sizes are shares of how much inputs and measured states usually move in `runs`.
     """
     inputs = np.median([run.u.std(axis=0) for run in runs], axis=0)
-    measured = np.median([np.ptp(run.x[:, list(loop.measured)], axis=0) for run in runs], axis=0)
-    single = isinstance(loop.controller, PID) and len(loop.controller.suffixes) == 1
+    measured = np.median([np.ptp(run.x[:, list(loop.plant.measured)], axis=0) for run in runs], axis=0)
+    single = isinstance(loop.controller, TunedPID) and len(loop.controller.suffixes) == 1
     staged = single and not loop.staged and rng.random() < _STAGED
     found = _stages(loop, rng) if staged else loop
     knobs = [*found.space.knobs]
@@ -139,13 +141,13 @@ def roughened(loop: Loop, runs: list[Experiment], rng: np.random.Generator) -> L
         space=KnobSpace(knobs),
         actuators=_actuators(found, np.maximum(inputs, 1e-9), rng),
         resolution=_resolution(np.maximum(measured, 1e-9), rng),
-        task=replace(found.task, program=_program(found, rng)),
+        task=replace(found.task, y_ref=_reference(found, rng)),
     )
 
 
 def _stages(loop: Loop, rng: np.random.Generator) -> Loop:
     """Return the loop with an input in stages, whose number is a knob."""
-    assert isinstance(loop.controller, PID)
+    assert isinstance(loop.controller, TunedPID)
     fixed = {**loop.controller.fixed, "hysteresis": float(rng.uniform(0.0, 0.4))}
     few = int(rng.integers(4, 9))
     return replace(
@@ -160,7 +162,7 @@ def _actuators(
     loop: Loop, usual: Float[np.ndarray, " n_u"], rng: np.random.Generator
 ) -> tuple[Actuator, ...]:
     found = []
-    for channel, size in zip(loop.inputs, usual, strict=True):
+    for channel, size in zip(loop.plant.inputs, usual, strict=True):
         stiction, backlash, step = (size * _draw(rng, share) for share in (_STICTION, _BACKLASH, _STEPS))
         whole = channel.high - channel.low
         steps = 0.0 if loop.staged else whole / max(round(whole / step), 2)
@@ -176,12 +178,13 @@ def _resolution(usual: Float[np.ndarray, " n_m"], rng: np.random.Generator) -> t
     return tuple(float(size * _draw(rng, _RESOLUTION)) for size in usual)
 
 
-def _program(loop: Loop, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
+def _reference(loop: Loop, rng: np.random.Generator) -> StepSignal:
     """Return a second set point half of the time or more, between the start and the first one."""
-    start, target = loop.task.x0[loop.measured[0]], loop.task.target[0]
-    time = loop.timing.disturbed_at * float(rng.uniform(0.5, 0.6))
+    start, (target, *others) = float(loop.task.x0[loop.plant.measured[0]]), loop.target.start
+    time = loop.disturbed_at * float(rng.uniform(0.5, 0.6))
     back = float(rng.uniform(*_BACK))
-    return ((time, target - back * (target - start)),) if rng.random() < _OFTEN else ()
+    second = (time, (target - back * (target - start), *others))
+    return replace(loop.target, steps=(second,) if rng.random() < _OFTEN else ())
 
 
 def _draw(rng: np.random.Generator, ends: tuple[float, float]) -> float:

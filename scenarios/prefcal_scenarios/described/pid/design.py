@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.controllers.pid_law import Tuning
-from prefcal_env.controllers.rules import Process
+from prefcal_env.controllers.rules import ProcessModel
 from prefcal_env.envs.dead_time import dead_times
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
@@ -54,7 +54,7 @@ class Single:
     channel: Channel
     start: float
     target: float
-    process: Process
+    process: ProcessModel
     load: float = 0.0
     phase: float = 0.0
     tunings: Mapping[str, Tuning] = field(default_factory=dict)
@@ -244,7 +244,7 @@ def _chosen(plant: Plant, reference: Mapping[str, float] | None) -> tuple[int, .
     return aimed or every
 
 
-def _sampling_time(plant: Plant, processes: list[Process]) -> float:
+def _sampling_time(plant: Plant, processes: list[ProcessModel]) -> float:
     scales = [scale for scale in map(_scale, processes) if scale > 0]
     dt = float(getattr(plant, "sample_time", 0.0))
     # Nothing limits a plant that only integrates: its unit of time is as good as any other.
@@ -257,7 +257,7 @@ def _allowed(plant: Plant, T_s: float) -> float:
     return max(round(T_s / dt), 1) * dt if dt else nice(T_s * 1.3)
 
 
-def _scale(process: Process) -> float:
+def _scale(process: ProcessModel) -> float:
     """Return the time that limits control: dead time and small lags, or a share of large ones."""
     lags = [np.inf] * process.integrators + list(process.lags)
     small = process.delay + sum(process.inverse) + sum(lags[3:]) + (lags[2] / 2 if lags[2:] else 0)
@@ -273,7 +273,7 @@ def _single(
     T_s: float,
     i: int,
     j: int,
-    process: Process,
+    process: ProcessModel,
     reference: Mapping[str, float],
 ) -> Single:
     """Return the loop from input j to output i: its target, and limits of its input.
@@ -311,7 +311,7 @@ def _target(y: Channel, start: float, size: float) -> float:
 
 
 def _default_step(
-    plant: Plant, point: OperatingPoint, i: int, j: int, process: Process, start: float
+    plant: Plant, point: OperatingPoint, i: int, j: int, process: ProcessModel, start: float
 ) -> float:
     output, channel = plant.outputs[i], plant.inputs[j]
     span = channel.high - channel.low

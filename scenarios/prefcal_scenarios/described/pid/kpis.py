@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from prefcal_env.experiments.kpis import entered
 
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_scenarios.scenario import KPI
@@ -68,9 +69,33 @@ def _until(
     """Return the time from `start` on until the error stays in the band; infinite for never."""
     if not part.any() or t[-1] < end * (1 - 1e-6) - 1e-9:
         return np.inf
-    instants, outside = t[part], np.flatnonzero(np.abs(error[part]) > _BAND)
-    last = int(outside[-1]) if len(outside) else -1
-    return float(instants[last + 1] - start) if last + 1 < len(instants) else np.inf
+    return entered(t[part], error[part], _BAND) - start
+
+
+_ROWS = (
+    (
+        "settling_time",
+        "settling time of {y} (within ±5 %)",
+        "{time}",
+        "Time after which it stays close to its reference.",
+    ),
+    ("overshoot", "overshoot of {y}", "%", "How far it goes beyond its reference, as a share of the step."),
+    (
+        "disturbance_peak",
+        "peak error of {y} under the load",
+        "{unit}",
+        "Largest distance from the reference after the load sets in.",
+    ),
+    (
+        "recovery",
+        "recovery time of {y} (within ±5 %)",
+        "{time}",
+        "Time from the load until it stays close to its reference again; never, if it was not close when "
+        "the load came.",
+    ),
+    ("total_move", "total move of {u}", "{u_unit}", "Sum of all changes of the input: wear of the actuator."),
+)
+"""Name, title, unit and meaning of the KPIs of each loop."""
 
 
 def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
@@ -84,41 +109,12 @@ def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: flo
     """
     found: list[KPI] = []
     for k, loop in enumerate(design.loops):
-        end, y, u = design.suffix(k), outputs[loop.output], loop.channel
-        found += [
-            _lower(
-                f"settling_time{end}",
-                f"settling time of {y.name} (within ±5 %)",
-                time,
-                "Time after which it stays close to its reference.",
-            ),
-            _lower(
-                f"overshoot{end}",
-                f"overshoot of {y.name}",
-                "%",
-                "How far it goes beyond its reference, as a share of the step.",
-                resolution=0.1,
-            ),
-            _lower(
-                f"disturbance_peak{end}",
-                f"peak error of {y.name} under the load",
-                y.unit,
-                "Largest distance from the reference after the load sets in.",
-            ),
-            _lower(
-                f"recovery{end}",
-                f"recovery time of {y.name} (within ±5 %)",
-                time,
-                "Time from the load until it stays close to its reference again; never, if it "
-                "was not close when the load came.",
-            ),
-            _lower(
-                f"total_move{end}",
-                f"total move of {u.name}",
-                u.unit,
-                "Sum of all changes of the input: wear of the actuator.",
-            ),
-        ]
+        y, u = outputs[loop.output], loop.channel
+        words = {"y": y.name, "unit": y.unit, "time": time, "u": u.name, "u_unit": u.unit}
+        for name, title, unit, about in _ROWS:
+            more = {"resolution": 0.1} if name == "overshoot" else {}
+            end = design.suffix(k)
+            found.append(_lower(f"{name}{end}", title.format(**words), unit.format(**words), about, **more))
     about = (
         "Largest amplification of disturbances at any frequency, by the linearized loop: 1.2 to 2 "
         "is usual, a large one is close to instability."

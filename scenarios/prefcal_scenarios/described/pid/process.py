@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Complex
 
-from prefcal_env.controllers.rules import Process
+from prefcal_env.controllers.rules import ProcessModel
 from prefcal_env.controllers.sampled import minimal
 from prefcal_env.plants.systems import LinearSystem
 from prefcal_env.plants.systems.matrices import rates_of
@@ -16,7 +16,7 @@ _AT_ZERO = 1e-3
 """Magnitude below which a discrete pole counts as one at 0."""
 
 
-def process_of(J: LinearSystem, delay: float = 0.0) -> Process:
+def process_of(J: LinearSystem, delay: float = 0.0) -> ProcessModel:
     """Return the process from one input to one output, by its linearization.
 
     The rules are for continuous processes: poles and zeros of a discrete one count as those with
@@ -34,7 +34,7 @@ def process_of(J: LinearSystem, delay: float = 0.0) -> Process:
     others = poles[integrators:]
     swinging = others[np.abs(others.imag) > 1e-6 * np.abs(others)]
     zeros = _zeros(M)
-    return Process(
+    return ProcessModel(
         gain=_gain(M, poles, integrators),
         integrators=integrators,
         lags=tuple(sorted((1 / np.abs(others)).tolist(), reverse=True)),

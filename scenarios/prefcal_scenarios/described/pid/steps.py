@@ -1,7 +1,8 @@
 """Make the scenario of a plant whose references step one after the other, then loads act."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from prefcal_env.controllers.stored import as_data
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv
+from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.envs.task import Task
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
@@ -93,58 +95,38 @@ def scenario_of_steps(
         kpis=kpis_of(found, plant.outputs, plant.time_unit, sensitivity(middle)),
         panels=_panels(plant, found),
         controller=make,
-        settings=StepSettings(make),
+        settings=partial(_data, make),
         simulated=True,
         **(said | {"brief": said["brief"] or _brief(plant, found)}),
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StepSettings:
-    """Function of θ that returns the controller as data, from which it can be made again."""
-
-    make: Make
-
-    def __call__(self, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
-        """Return the controller's data for a physical θ, shape (n,)."""
-        return as_data(self.make(theta))
+def _data(make: Make, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
+    """Return the controller of a physical θ, shape (n,), as data, from which it can be made again."""
+    return as_data(make(theta))
 
 
 def _task(plant: Plant, found: Design) -> Task:
-    """Return the task: one step for each loop, then the loads."""
-    schedule, n = Schedule(plant, found), len(found.loops)
+    """Return the task: loop k steps after k phases, then the loads act."""
+    n, phase, loads = len(found.loops), found.phase, np.zeros(len(plant.inputs))
+    y_ref = np.full((n, len(plant.outputs)), np.nan)
+    for k, loop in enumerate(found.loops):
+        y_ref[:k, loop.output], y_ref[k:, loop.output] = loop.start, loop.target
+        loads[loop.input] = loop.load
+    # A sampling instant may lie a rounding error before its time.
+    starts = [(k - 1e-9) * phase for k in range(1, n + 1)]
+    at_rest, loaded = (np.concatenate([found.point.d, part]) for part in (0 * loads, loads))
     return Task(
         x0=found.point.x,
         u0=found.point.u,
-        y_ref=schedule.reference if n > 1 else schedule.reference(0.0),
-        d=schedule.disturbance,
-        horizon=(n + 1) * found.phase,
+        y_ref=StepSignal(y_ref[0], tuple(zip(starts, y_ref[1:], strict=False))) if n > 1 else y_ref[0],
+        d=StepSignal(at_rest, ((starts[-1], loaded),)),
+        horizon=(n + 1) * phase,
         T_s=found.T_s,
         dense_step=found.T_s,
         unsafe=RunsAway(plant, found),
         tracked=tuple(loop.output for loop in found.loops),
     )
-
-
-class Schedule:
-    """References and disturbances over time: loop k steps after k phases, then the loads act."""
-
-    def __init__(self, plant: Plant, design: Design) -> None:
-        n, loads = len(design.loops), np.zeros(len(plant.inputs))
-        self._starts = [(k - 1e-9) * design.phase for k in range(1, n + 1)]
-        self._y_ref = np.full((n, len(plant.outputs)), np.nan)
-        for k, loop in enumerate(design.loops):
-            self._y_ref[:k, loop.output], self._y_ref[k:, loop.output] = loop.start, loop.target
-            loads[loop.input] = loop.load
-        self._d = [np.concatenate([design.point.d, part]) for part in (0 * loads, loads)]
-
-    def reference(self, t: float) -> Float[np.ndarray, " n_y"]:
-        """Return the references at time `t`."""
-        return np.asarray(self._y_ref[sum(t >= start for start in self._starts[:-1])])
-
-    def disturbance(self, t: float) -> Float[np.ndarray, " n_d"]:
-        """Return the measured disturbances, which rest, and the loads at time `t`."""
-        return self._d[t >= self._starts[-1]]
 
 
 class RunsAway:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_scenarios.cases.loops import LOOPS, family, loop
@@ -18,10 +19,10 @@ def test_every_named_loop_is_worth_tuning(name):
 
 def test_a_loop_that_never_settles_or_is_nearly_always_unsafe_is_not():
     lag = LOOPS["lag"]()
-    far = replace(lag.task, target=(lag.task.target[0] + 1000.0,))
+    far = replace(lag.task, y_ref=StepSignal((lag.target.start[0] + 1000.0,)))
     assert not is_worth_tuning(replace(lag, task=far))
-    tight = (Channel("temperature", "°C", 30, 41), *lag.states[1:])
-    assert not is_worth_tuning(replace(lag, states=tight))
+    tight = (Channel("temperature", "°C", 30, 41), *lag.plant.states[1:])
+    assert not is_worth_tuning(replace(lag, plant=replace(lag.plant, states=tight)))
 
 
 def test_a_kpi_that_hardly_differs_is_enough_to_reject():

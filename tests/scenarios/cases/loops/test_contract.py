@@ -1,5 +1,6 @@
 """What every closed loop promises to the person who compares and to the benchmark."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_a_run_is_deterministic_finite_and_ends_for_a_reason(name):
         assert run == scenario.run(theta, seed=1)
         assert np.isfinite(run.x).all()
         assert np.isfinite(run.u).all()
-        whole = run.duration == pytest.approx(EVERY[name]().timing.horizon)
+        whole = run.duration == pytest.approx(EVERY[name]().task.horizon)
         assert (run.end is End.TIME_UP) if whole else (run.end is End.UNSAFE)
         assert not any(np.isnan(v) for v in (*run.kpis.values(), *outcome(scenario, run).values()))
 
@@ -62,8 +63,8 @@ def test_a_run_is_deterministic_finite_and_ends_for_a_reason(name):
 @every
 def test_the_inputs_saturate_and_the_states_are_safe_until_the_end(name):
     made = EVERY[name]()
-    low, high = np.array([(c.low, c.high) for c in made.inputs]).T
-    floor, ceiling = np.array([(c.low, c.high) for c in made.states]).T
+    low, high = np.array([(c.low, c.high) for c in made.plant.inputs]).T
+    floor, ceiling = np.array([(c.low, c.high) for c in made.plant.states]).T
     for theta in drawn(made.space, 8, seed=1):
         run = made.run(theta)
         assert (run.u >= low).all()
@@ -80,7 +81,7 @@ def test_knobs_and_kpis_say_what_they_are(name):
     assert all(knob.about for knob in scenario.space)
     assert {kpi.better for kpi in scenario.kpis} == {"lower"}
     dimensionless = {kpi.name for kpi in scenario.kpis if not kpi.unit}
-    inputs = {c.unit for c in EVERY[name]().inputs}
+    inputs = {c.unit for c in EVERY[name]().plant.inputs}
     assert dimensionless <= ({"switches"} if "" not in inputs else {"effort", "input_noise"})
     run = scenario.run(drawn(scenario.space, 1)[0])
     assert list(run.kpis) == [kpi.name for kpi in scenario.kpis]
@@ -91,34 +92,30 @@ def test_the_panels_show_target_output_and_inputs(name):
     made = EVERY[name]()
     run = made.run(drawn(made.space, 1)[0])
     plots = panels_of(made.scenario(), run)
-    assert plots[0].channel.name == made.states[made.measured[0]].name
-    assert [p.channel.name for p in plots][-len(made.inputs) :] == [c.name for c in made.inputs]
-    assert made.channels.y[0].target == made.task.target[0]
+    assert plots[0].channel.name == made.plant.states[made.plant.measured[0]].name
+    assert [p.channel.name for p in plots][-len(made.plant.inputs) :] == [c.name for c in made.plant.inputs]
+    assert made.channels.y[0].target == made.target.start[0]
 
 
 @every
 def test_the_noise_does_not_depend_on_theta(name):
     made = EVERY[name]()
-    course, other = made.course(1, seed=3), made.course(2, seed=3)
-    assert (course.noise == other.noise).all()
-    assert (course.noise != made.course(1, seed=4).noise).all()
-    assert course.noise.std(axis=0) == pytest.approx(np.array(made.task.noise), rel=0.15)
+    noise = made.noise(seed=3)
+    assert (noise == made.noise(seed=3)).all()
+    assert (noise != made.noise(seed=4)).all()
+    assert noise.std(axis=0) == pytest.approx(made.task.noise, rel=0.15)
 
 
 @every
 def test_the_disturbance_acts_and_nothing_before_it_knows(name):
     made = EVERY[name]()
-    calm = made.__class__(**{**vars(made), "task": undisturbed(made.task)})
+    same = ((made.disturbed_at, made.disturbance.start),)
+    calm = replace(made, task=replace(made.task, d=replace(made.disturbance, steps=same)))
     theta = next(t for t in drawn(made.space, 20) if made.run(t).end is End.TIME_UP)
     a, b = made.run(theta), calm.run(theta)
-    before = a.t <= made.timing.disturbed_at
+    before = a.t <= made.disturbed_at
     assert (a.x[before] == b.x[before]).all()
     assert np.abs(a.x[len(before) - 1] - b.x[len(before) - 1]).max() > 0
-
-
-def undisturbed(task):
-    constant = tuple((before, before) for before, _ in task.disturbance)
-    return type(task)(task.x0, task.u0, task.target, constant, task.noise)
 
 
 @pytest.mark.parametrize("name", ["servo", "mpc-oscillatory"])

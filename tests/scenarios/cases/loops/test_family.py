@@ -6,9 +6,7 @@ import pytest
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.cases.loops import LOOPS, controllers, loop, named, rough_model
-from prefcal_scenarios.cases.loops._simulate import rhs
-from prefcal_scenarios.cases.loops.loop import nominal, random
-from prefcal_scenarios.cases.loops.plants import packed
+from prefcal_scenarios.cases.loops.kinds.parts import nominal, random
 from prefcal_scenarios.kpis import INTERRUPTED, outcome
 from prefcal_scenarios.scenario import with_ranges
 
@@ -20,11 +18,10 @@ def test_a_loop_starts_in_a_steady_state_that_its_inputs_can_hold(name):
     rng = np.random.default_rng(0)
     for vary in (nominal, *(random(rng) for _ in range(20))):
         made = LOOPS[name](vary)
-        course = made.course(1, seed=0)
-        dx = rhs(*packed(made.plant), course.x0, course.u0, course.disturbance[0])
-        assert dx == pytest.approx(np.zeros(len(course.x0)), abs=1e-9)
-        assert (course.limits[:, 0] <= course.u0).all()
-        assert (course.u0 <= course.limits[:, 1]).all()
+        x0, u0 = made.task.x0, made.task.u0
+        dx = made.plant.f(x0, u0, made.task.disturbance(0.0))
+        assert dx == pytest.approx(np.zeros(len(x0)), abs=1e-9)
+        assert all(c.low <= u <= c.high for c, u in zip(made.plant.inputs, u0, strict=True))
 
 
 @every

@@ -35,13 +35,13 @@ def test_there_are_integer_knobs_and_rough_actuators(seed):
     made = rough.accepted(seed)
     assert any(knob.integer for knob in made.space) or "T_s" in made.space.names
     assert all(one.stiction > 0 or one.backlash > 0 for one in made.actuators)
-    assert len(made.actuators) == len(made.inputs)
+    assert len(made.actuators) == len(made.plant.inputs)
     assert all(knob.about for knob in made.scenario().space)
 
 
 def test_all_kinds_of_roughness_occur():
     many = [rough.accepted(seed) for seed in range(12)]
-    assert {bool(one.task.program) for one in many} == {True, False}
+    assert {bool(one.target.steps) for one in many} == {True, False}
     assert {bool(one.resolution) for one in many} == {True, False}
     assert {"stages" in one.space.names for one in many} == {True, False}
     for part in ("stiction", "backlash", "resolution"):

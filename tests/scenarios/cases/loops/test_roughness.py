@@ -1,5 +1,7 @@
 """What makes a loop rough, one thing at a time: actuators, sensors, samples and set points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,9 +56,7 @@ def test_the_controller_acts_at_every_nth_sample():
 
 def test_a_second_set_point_is_followed_and_counts_in_overshoot_and_settling_time():
     made = lag()
-    task = type(made.task)(
-        **{f: getattr(made.task, f) for f in made.task.__slots__ if f != "program"}, program=((100.0, 43.0),)
-    )
+    task = replace(made.task, y_ref=replace(made.target, steps=((100.0, (43.0,)),)))
     one, two = made.run(THETA), lag(task=task).run(THETA)
     assert set(two.y_ref[:, 0]) == {50.0, 43.0}
     assert two.output(0)[-1] == pytest.approx(43.0, abs=2)

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from prefcal_env.knobs.knob import Knob
-from prefcal_scenarios.cases.loops.loop import Loop, Vary, nominal
+from prefcal_scenarios.cases.loops.loop import Loop
 
-from .basic import knobs, oscillatory, ratio
+from .basic import oscillatory
 from .motion import boost_converter
+from .parts import Vary, knobs, nominal
 from .processes import quadruple_tank
 
 _SAMPLE = 20
@@ -21,20 +22,23 @@ def _predictive(
     moves: tuple[float, ...],
     process: tuple[float, ...],
     disturbed: tuple[tuple[int, ...], tuple[int, ...]],
-    *tuned: Knob,
+    text: str,
+    sampling: Knob,
 ) -> Callable[..., Loop]:
-    """Return the maker of the loop that `make` makes, with an `MPC` in place of its controller.
+    """Return the maker of the loop that `make` makes, with an `TunedMPC` in place of its controller.
 
     `disturbed` holds the outputs and the inputs with a disturbance.
     """
 
     def maker(vary: Vary = nominal) -> Loop:
         # Here, since it loads the QP solver, which the other loops do without.
-        from prefcal_scenarios.cases.loops.mpc import MPC
+        from prefcal_scenarios.cases.loops.mpc import TunedMPC
 
         loop = make(vary)
-        mpc = MPC(scales, moves, loop.task.noise, process, *disturbed, fixed={"Q_1": 1.0})
-        name, space = f"mpc-{loop.name}", knobs(*tuned)
+        assert loop.task.noise is not None
+        noise = tuple(loop.task.noise.tolist())
+        mpc = TunedMPC(scales, moves, noise, process, *disturbed, fixed={"Q_1": 1.0})
+        name, space = f"mpc-{loop.name}", knobs(text, sampling)
         return replace(loop, name=name, title=title, controller=mpc, space=space, sample=_SAMPLE)
 
     return maker
@@ -48,10 +52,7 @@ PREDICTIVE = {
         (1.0,),
         (1e-3, 1e-2, 1e-3),
         ((), (0,)),
-        Knob("N_p", 4, 40, integer=True),
-        Knob("N_u", 1, 10, integer=True),
-        ratio("Q_du", 1e-4, 10.0),
-        ratio("drift", 0.003, 3.0),
+        "N_p=4:40:int, N_u=1:10:int, Q_du=0.0001:10:log, drift=0.003:3:log",
         Knob("T_s", 0.4, 1.2, "s", step=0.1),
     ),
     "mpc-quadruple-tank": _predictive(
@@ -61,11 +62,7 @@ PREDICTIVE = {
         (1.0, 1.0),
         (1e-4,) * 4,
         ((), (0, 1)),
-        Knob("N_p", 4, 40, integer=True),
-        Knob("N_u", 1, 8, integer=True),
-        ratio("Q_du", 1e-3, 100.0),
-        ratio("Q_2", 0.03, 30.0),
-        ratio("drift", 1e-4, 0.1),
+        "N_p=4:40:int, N_u=1:8:int, Q_du=0.001:100:log, Q_2=0.03:30:log, drift=0.0001:0.1:log",
         Knob("T_s", 9.0, 24.0, "s", step=3.0),
     ),
     "mpc-boost-converter": _predictive(
@@ -75,10 +72,7 @@ PREDICTIVE = {
         (0.1,),
         (0.02, 0.02),
         ((1,), (0,)),
-        Knob("N_p", 3, 30, integer=True),
-        Knob("N_u", 1, 6, integer=True),
-        ratio("Q_du", 1e-4, 10.0),
-        ratio("drift", 0.003, 3.0),
+        "N_p=3:30:int, N_u=1:6:int, Q_du=0.0001:10:log, drift=0.003:3:log",
         Knob("T_s", 0.2, 0.5, "ms", step=0.02),
     ),
 }

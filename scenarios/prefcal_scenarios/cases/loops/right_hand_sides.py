@@ -1,4 +1,4 @@
-"""The plants: of each kind its parameters, and its compiled right-hand side ẋ = f(x, u, d).
+"""Kinds of plants: of each its parameters, and its compiled right-hand side ẋ = f(x, u, d).
 
 A right-hand side reads the parameters by their position. The code loops over numbers and uses no
 slices, which take seconds to compile.
@@ -193,14 +193,14 @@ def _steering(p, x, u, d, dx):  # type: ignore[no-untyped-def]
     dx[2] = (u[0] - x[2]) / lag
 
 
-Plant = Linear | Tank | QuadrupleTank | Servo | CartPole | BoostConverter | Steering
+Parameters = Linear | Tank | QuadrupleTank | Servo | CartPole | BoostConverter | Steering
 _KINDS = (Linear, Tank, QuadrupleTank, Servo, CartPole, BoostConverter, Steering)
 
 
-def packed(plant: Plant) -> tuple[int, Float[np.ndarray, " n_p"]]:
-    """Return the number of the kind of `plant`, and its parameters, matrices row by row."""
-    parameters = [np.ravel(np.array(value, dtype=float)) for value in plant]
-    return _KINDS.index(type(plant)), np.concatenate(parameters)
+def packed(parameters: Parameters) -> tuple[int, Float[np.ndarray, " n_p"]]:
+    """Return the number of the kind, and the parameters, matrices row by row."""
+    numbers = [np.ravel(np.array(value, dtype=float)) for value in parameters]
+    return _KINDS.index(type(parameters)), np.concatenate(numbers)
 
 
 @inner()

@@ -1,58 +1,59 @@
-"""The MPC of the loops: the undisturbed plant as its model, no offset, horizons as tuned."""
+"""The plants of the loops, and the MPC that uses them as models: no offset, horizons as tuned."""
 
 import numpy as np
 import pytest
 
 from prefcal_env.plants.derivative import derivative
 from prefcal_scenarios.cases.loops import LOOPS
-from prefcal_scenarios.cases.loops.loop import random
-from prefcal_scenarios.cases.loops.mpc import LoopModel
+from prefcal_scenarios.cases.loops.kinds.parts import random
 from support.equations import evaluated
 
-NONE = np.zeros(0)
+
+def at_rest(name):
+    """The plant of a loop, and its state, inputs and disturbance at the start."""
+    made = LOOPS[name]()
+    return made.plant, made.task.x0, made.task.u0, made.task.disturbance(0.0)
 
 
 @pytest.mark.parametrize("name", LOOPS)
 def test_it_rests_where_the_loop_starts_and_holds_like_the_plant(name):
-    course = LOOPS[name]().course(1, 0)
-    model, x, u = LoopModel(course), course.x0, course.u0
-    assert model.f(x, u, NONE) == pytest.approx(np.zeros(len(x)), abs=1e-9)
-    assert (model.g(x, u, NONE) == x[course.measured]).all()
-    times = course.step * np.array([1.0, 2.5, 6.0])
-    resting = model.hold(x, u, NONE, times)
+    plant, x, u, d = at_rest(name)
+    assert plant.f(x, u, d) == pytest.approx(np.zeros(len(x)), abs=1e-9)
+    assert (plant.g(x, u, d) == x[list(plant.measured)]).all()
+    times = plant.max_step * np.array([1.0, 2.5, 6.0])
+    resting = plant.hold(x, u, d, times)
     assert resting == pytest.approx(np.tile(x, (3, 1)), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", LOOPS)
 def test_its_compiled_equations_are_its_own(name):
-    course = LOOPS[name]().course(1, 0)
-    model, x, u = LoopModel(course), course.x0 + 0.1, course.u0
-    J = model.jacobians(x, u, NONE)
+    plant, x0, u, d = at_rest(name)
+    x = x0 + 0.1
+    J = plant.jacobians(x, u, d)
     matrices = np.concatenate([m.ravel() for m in (J.A, J.B, J.C, J.D)])
-    for equation, values in (("f", model.f(x, u, NONE)), ("g", model.g(x, u, NONE)), ("jacobians", matrices)):
-        found = evaluated(model.equations, equation, len(values), x, u, NONE)
+    for equation, values in (("f", plant.f(x, u, d)), ("g", plant.g(x, u, d)), ("jacobians", matrices)):
+        found = evaluated(plant.equations, equation, len(values), x, u, d)
         np.testing.assert_array_equal(found, values)
 
 
 def test_its_jacobians_are_those_of_the_equations():
-    course = LOOPS["boost-converter"]().course(1, 0)
     L, C, R, supply, r = 0.2, 0.47, 12.0, 12.0, 0.15
     point = np.array([20.0, 3.0, 0.4])
 
     def f(p):
         return np.array([((1 - p[2]) * p[1] - p[0] / R) / C, (supply - r * p[1] - (1 - p[2]) * p[0]) / L])
 
-    J = LoopModel(course).jacobians(point[:2], point[2:], NONE)
+    J = LOOPS["boost-converter"]().plant.jacobians(point[:2], point[2:], np.zeros(1))
     exact = derivative(f, point)
     np.testing.assert_allclose(np.hstack([J.A, J.B]), exact, atol=1e-7)
 
 
 def test_a_read_only_state_is_not_changed():
-    course = LOOPS["tank"]().course(1, 0)
-    x = course.x0.copy()
+    plant, x0, u, d = at_rest("tank")
+    x = x0.copy()
     x.setflags(write=False)
-    LoopModel(course).jacobians(x, course.u0, NONE)
-    assert (x == course.x0).all()
+    plant.jacobians(x, u, d)
+    assert (x == x0).all()
 
 
 PREDICTIVE = [name for name in LOOPS if name.startswith("mpc-")]
@@ -70,10 +71,10 @@ def middle(made, **values):
 def test_neither_step_nor_disturbance_leaves_an_offset(name):
     made = LOOPS[name](random(np.random.default_rng(7)))
     run = made.run(middle(made))
-    step = made.task.target[0] - made.task.x0[made.measured[0]]
-    t, error = run.t, run.output(0) - made.task.target[0]
-    for until in (made.timing.disturbed_at, made.timing.horizon):
-        last = (t > until - 0.1 * made.timing.horizon) & (t < until)
+    step = made.target.start[0] - made.task.x0[made.plant.measured[0]]
+    t, error = run.t, run.output(0) - made.target.start[0]
+    for until in (made.disturbed_at, made.task.horizon):
+        last = (t > until - 0.1 * made.task.horizon) & (t < until)
         assert abs(error[last].mean()) < 0.05 * abs(step)
 
 
@@ -99,7 +100,7 @@ def test_the_control_horizon_is_cut_to_the_prediction_horizon(name):
     made = LOOPS[name]()
     N_p, N_u = (int(knob.low if knob.name == "N_p" else knob.high) for knob in made.space.knobs[:2])
     theta = dict(zip(made.space.names, middle(made, N_p=N_p, N_u=N_u), strict=True))
-    settings = made.controller.controller(theta, made.course(10, 0))._mpc.settings
+    settings = made.controller.make(theta, made.plant, made.task, 0.5)._mpc.settings
     assert (settings.N_p, settings.N_u) == (N_p, min(N_u, N_p))
 
 

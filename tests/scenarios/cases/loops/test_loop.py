@@ -8,7 +8,6 @@ import pytest
 from prefcal_env.experiments.control import Move
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.cases.loops import LOOPS
-from prefcal_scenarios.cases.loops.course import by_controller, by_law
 
 TANK = LOOPS["tank"]()
 
@@ -28,20 +27,18 @@ class Proportional:
 
 
 def test_it_does_what_the_compiled_law_does():
-    course = TANK.course(2, seed=1)
-    driven = by_controller(Proportional(200.0), course)
-    law = TANK.controller
+    driven = TANK.by_controller(Proportional(200.0), 2, seed=1)
     values = {"K": 200.0, "T_i": np.inf, "T_t": np.inf, "b": 1.0}
-    same = by_law(0, law.gains(values, course), course)
+    gains = TANK.controller.make(values, TANK.plant, TANK.task, 2.0)
+    same = TANK.by_law(gains, 2, seed=1)
     np.testing.assert_allclose(driven.x, same.x, rtol=1e-12)
     steps = 2 * np.arange(len(driven.solved))
     np.testing.assert_allclose(driven.u[steps], same.u[steps], rtol=1e-12)
 
 
 def test_steps_are_recorded_and_an_unsolved_one_holds_the_input():
-    course = TANK.course(2, seed=1)
     ticks = itertools.count(0.0, 0.5)
-    driven = by_controller(Proportional(50.0, fails=(4,)), course, lambda: next(ticks))
+    driven = TANK.by_controller(Proportional(50.0, fails=(4,)), 2, 1, lambda: next(ticks))
     assert len(driven.solved) == len(range(0, len(driven.x) - 1, 2)) == 300
     assert np.flatnonzero(~driven.solved).tolist() == [3]
     assert (driven.iterations == 3).all()
@@ -50,19 +47,18 @@ def test_steps_are_recorded_and_an_unsolved_one_holds_the_input():
 
 
 def test_it_sees_noisy_measurements_and_no_other_state():
-    course = TANK.course(2, seed=1)
     controller = Proportional(50.0)
-    driven = by_controller(controller, course)
+    driven = TANK.by_controller(controller, 2, seed=1)
     seen = np.array([m.x for m in controller.seen])
     steps = 2 * np.arange(len(seen))
-    assert (seen[:, 0] == driven.x[steps, 0] + course.noise[steps, 0]).all()
+    assert (seen[:, 0] == driven.x[steps, 0] + TANK.noise(1)[steps, 0]).all()
     assert (seen[:, 1] == TANK.task.x0[1]).all()
     assert [m.u[0] for m in controller.seen[1:]] == driven.u[steps[:-1], 0].tolist()
 
 
 @pytest.mark.parametrize("hold", [2, 7, 1000])
 def test_it_stops_where_a_state_is_unsafe_or_time_is_up(hold):
-    high = by_controller(Proportional(2000.0), TANK.course(hold, seed=1))
+    high = TANK.by_controller(Proportional(2000.0), hold, seed=1)
     assert (high.x[:-1, 0] <= 1.0).all()
     assert len(high.x) == len(high.u)
     assert len(high.solved) == len(range(0, len(high.x) - 1, hold))
