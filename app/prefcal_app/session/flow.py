@@ -71,8 +71,6 @@ class Flow:
     """Comment of the answer that was undone last, until another answer is given."""
     basis: Basis | None = None
     """What the latest question was chosen from, by simulations."""
-    knows: tuple[Agent, History] | None = None
-    """The agent and the record for which it knows its next query."""
     thinking: tuple[Agent, History] | None = None
     """The agent and the record whose next query is being chosen in the background."""
 
@@ -117,10 +115,7 @@ class Flow:
     @property
     def must_think(self) -> bool:
         """Return whether choosing the next query may take simulations, so no lock may be held."""
-        agent, history = self.agent, self.agent.history
-        if self.simulator is None or history.pending is not None:
-            return False
-        return self.knows is None or self.knows[0] is not agent or self.knows[1] != history
+        return self.simulator is not None and not self.agent.knows(self.agent.history)
 
     @property
     def grounds(self) -> Basis | None:
@@ -134,7 +129,6 @@ class Flow:
     def adopt(self, prepared: Prepared) -> None:
         """Continue with an agent that knows its next query."""
         self.agent = prepared.agent
-        self.knows = (prepared.agent, prepared.agent.history)
         self.basis = prepared.basis or self.basis
 
     def move(self, phase: Phase, problem: Exception | None = None) -> None:
