@@ -257,7 +257,8 @@ class Agent(Strategy):
     @property
     def best_index(self) -> int | None:
         """Return the index of the best sample; None before any answer. It may take simulations."""
-        return self._turn(self.history).history.incumbent
+        self.history = self._turn(self.history).history  # which says so
+        return self.history.incumbent
 
     @property
     def samples(self) -> Float[np.ndarray, "N n"]:

@@ -86,7 +86,8 @@ class PPOBandit(_Learner):
     Deviation: rewards are ranks (see `rewards`); settings other than the library's, which are
     for thousands of times as many steps.
 
-    Arguments and errors are those of `Agent`; `n_init` has no effect. Without the extra `rl`, MissingExtraError is raised.
+    Arguments and errors are those of `Agent`; `n_init` has no effect. Without the extra
+    `rl`, MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1
