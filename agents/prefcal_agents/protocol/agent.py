@@ -257,8 +257,7 @@ class Agent(Strategy):
     @property
     def best_index(self) -> int | None:
         """Return the index of the best sample; None before any answer. It may take simulations."""
-        self.history = self._turn(self.history).history  # which says so
-        return self.history.incumbent
+        return self._turn(self.history).history.incumbent
 
     @property
     def samples(self) -> Float[np.ndarray, "N n"]:
@@ -356,6 +355,11 @@ class Agent(Strategy):
         z = self.space.encode(theta)
         sample = Sample(tuple(map(float, z)), tuple(map(float, theta)))
         self.history = self.history.with_pending(sample)
+
+    def recorded(self, history: History) -> History:
+        """Return what the agent goes by in the record of a study file."""
+        bare = history.bare()
+        return (bare.scores_alone() if self.by_value else bare).sharing(self.history)
 
     # Saved states and copies.
 

@@ -104,7 +104,7 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
         return _described(settings, path)
     scenario = _scenario(content["scenario"], Path(path).parent)
     if scenario.controller is None:  # the run of an own scenario knows how
-        make = getattr(scenario.run, "controller", None)
+        make = scenario.source.controller
         scenario = replace(scenario, controller=make)
     if scenario.controller is None:
         raise ScenarioError(f"scenario {scenario.name!r} does not say how to build a controller")
