@@ -130,18 +130,25 @@ def test_a_state_that_does_not_fit_is_refused(make_agent):
     with pytest.raises(SettingsError, match="sample 0"):
         type(agent).restore(SMALL, agent.state)
     good = agent.state.to_dict()
+    first, (alone, answer, _) = good["history"]["samples"][0], good["history"]["comparisons"]
     for bad in (
         {},
         {**good, "agent": "Nobody"},
-        {**good, "samples": good["samples"][:1]},
-        {**good, "answers": [{**good["answers"][1], "incumbent": 2}] * 2},
-        {**good, "answers": [{**good["answers"][1], "preference": 7}]},
         {**good, "n_max": 2},
         {**good, "seed": -1},
-        {**good, "samples": [{**good["samples"][0], "z": [0.5, 0.5, 1.5]}] * 4},
-        {**good, "samples": [{**good["samples"][0], "z": [0.1, 0.9, 0.1]}] * 4},
-        {**good, "samples": [{**good["samples"][0], "theta": [0.5, 0.5, "x"]}] * 4},
-        {**good, "samples": [[0.5, 0.5, 0.5]] * 4},
+        *(
+            {**good, "history": {**good["history"], **change}}
+            for change in (
+                {"samples": [first]},
+                {"comparisons": [alone, {**answer, "incumbent": 2}]},
+                {"comparisons": [alone, {**answer, "challenger": 2}]},
+                {"comparisons": [alone, {**answer, "answer": {**answer["answer"], "preference": 7}}]},
+                {"samples": [{**first, "z": [0.5, 0.5, 1.5]}] * 4},
+                {"samples": [{**first, "z": [0.1, 0.9, 0.1]}] * 4},
+                {"samples": [{**first, "theta": [0.5, 0.5, "x"]}] * 4},
+                {"samples": [[0.5, 0.5, 0.5]] * 4},
+            )
+        ),
     ):
         with pytest.raises(SettingsError):
             type(agent).restore(MIXED, AgentState.from_dict(bad))

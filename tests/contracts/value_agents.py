@@ -138,9 +138,11 @@ def test_a_state_that_does_not_fit_is_refused(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     run(agent, [1.0, 2.0, 3.0])
     good = agent.state.to_dict()
+    alone, answer, *_ = good["history"]["comparisons"]
+    wrong = {**alone, "answer": {**alone["answer"], "value": "low"}}
     for bad in (
-        {**good, "answers": [{**good["answers"][1], "incumbent": 0}] * 2},
-        {**good, "answers": [{**good["answers"][1], "value": "low"}]},
+        {**good, "history": {**good["history"], "comparisons": [alone, {**answer, "incumbent": 0}]}},
+        {**good, "history": {**good["history"], "comparisons": [wrong]}},
         {**good, "n_max": 2},
     ):
         with pytest.raises(SettingsError):

@@ -1,19 +1,17 @@
 """Save the whole state of an agent as plain data that JSON keeps exactly."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from prefcal_agents.space.setup import Setup
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.history import Comparison, History, Lead, Sample
+from prefcal_env.plain import from_plain, to_plain
+from prefcal_env.preferences.history import History, Sample
 
-_UNREADABLE = (KeyError, TypeError, AttributeError, ValueError, msgspec.MsgspecError)
 _SAME_PLACE = 1e-6
 """Maximum difference of θ and the θ of z in a saved sample, as a share of a knob's range."""
 
@@ -50,17 +48,7 @@ class AgentState:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON, which restores every float exactly."""
-        history = self.history
-        return {
-            **self.configuration(),
-            "samples": [asdict(sample) for sample in history.samples],
-            "answers": [_comparison_to_dict(c) for c in history.comparisons],
-            "follow_ups": [
-                {"challenger": c.challenger, "after": c.after, **_comparison_to_dict(c)}
-                for c in history.follow_ups
-            ],
-            "leads": [asdict(lead) for lead in history.leads],
-        }
+        return {**self.configuration(), "history": to_plain(self.history)}
 
     def configuration(self) -> dict[str, Any]:
         """Return the parts that do not change with samples and answers, as plain data for JSON."""
@@ -78,18 +66,7 @@ class AgentState:
         Raises:
             SettingsError: If something is missing or malformed.
         """
-        try:
-            history = History(
-                msgspec.convert(data["samples"], tuple[Sample, ...]),
-                tuple(_comparison_from_dict(h, c) for h, c in enumerate(data["answers"])),
-                tuple(
-                    replace(_comparison_from_dict(c["challenger"], c), after=c["after"])
-                    for c in data["follow_ups"]
-                ),
-                leads=msgspec.convert(data["leads"], tuple[Lead, ...]),
-            )
-        except _UNREADABLE as error:
-            raise _unreadable(error) from error
+        history = from_plain(data.get("history"), History, SettingsError, "the state of an agent")
         return cls.of(data, history)
 
     @classmethod
@@ -110,8 +87,9 @@ class AgentState:
                 settings=tuple((k, _frozen(v)) for k, v in configuration["settings"].items()),
                 start=tuple(tuple(map(float, z)) for z in configuration.get("start", ())),
             )
-        except _UNREADABLE as error:
-            raise _unreadable(error) from error
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            words = f"{type(error).__name__} {error}"
+            raise SettingsError(f"the state of an agent cannot be read: {words}") from error
 
 
 def check_record(history: History, space: KnobSpace, most: int, *, by_value: bool) -> None:
@@ -119,6 +97,8 @@ def check_record(history: History, space: KnobSpace, most: int, *, by_value: boo
     answered, stored = history.answered, len(history.samples)
     for h, c in enumerate(history.comparisons):
         alone = h == 0 or by_value
+        if c.challenger != h:
+            raise SettingsError(f"answer {h} of a state cannot be about sample {c.challenger}")
         if (c.incumbent is None) != alone or not -1 < (c.incumbent or 0) < max(h, 1):
             raise SettingsError(f"answer {h} of a state cannot be against sample {c.incumbent}")
     for c in history.follow_ups:
@@ -155,20 +135,3 @@ def _plain(value: Any) -> Any:
 
 def _frozen(value: Any) -> Any:
     return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
-
-
-def _unreadable(error: Exception) -> SettingsError:
-    return SettingsError(f"the state of an agent cannot be read: {type(error).__name__} {error}")
-
-
-def _comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
-    return {
-        "incumbent": comparison.incumbent,
-        **comparison.answer.to_dict(),
-        "retracted": comparison.retracted,
-    }
-
-
-def _comparison_from_dict(challenger: int, data: Mapping[str, Any]) -> Comparison:
-    answer = Answer.from_dict(data)
-    return Comparison(challenger, data["incumbent"], answer, retracted=data["retracted"])

@@ -5,9 +5,11 @@ in units of σ the margin is 1 and λ becomes λσ. The solution stays the same,
 near 1e-6.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import starmap
 from threading import local
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -139,11 +141,17 @@ def fits_without(
 def _fits(systems: Sequence[Constraints], learning: Learning) -> list[Float[np.ndarray, " N"]]:
     if not hasattr(_SOLVERS, "qp"):
         _SOLVERS.qp = PIQPSolver()
-    return [_fit(system, learning) for system in systems]
+    duals = [_dual(system, learning) for system in systems]
+    solutions = list(starmap(_SOLVERS.qp.solve_box, [box for box, _ in duals]))
+    return [beta(z) for (_, beta), z in zip(duals, solutions, strict=True)]
 
 
-def _fit(system: Constraints, learning: Learning) -> Float[np.ndarray, " N"]:
-    """Return β at a solution of min ½|rowsᵀα|² - margins·α subject to 0 <= α <= ceiling.
+def _dual(
+    system: Constraints, learning: Learning
+) -> tuple[tuple[Any, ...], Callable[[Float[np.ndarray, " R"] | None], Float[np.ndarray, " N"]]]:
+    """Return min ½|rowsᵀα|² - margins·α subject to 0 <= α <= ceiling, and β at a solution of it.
+
+    The problem is (P, q, upper): min ½zᵀPz + q·z subject to 0 <= z <= upper.
 
     Rows of close samples are short and their multipliers huge; unit rows even that out, so the
     variables are z = α · length / scale. Without a solution, β is zero.
@@ -156,8 +164,11 @@ def _fit(system: Constraints, learning: Learning) -> Float[np.ndarray, " N"]:
     symmetric = 0.5 * (gram + gram.T)
     symmetric.flat[:: len(gram) + 1] += _RIDGE
     q, upper = -system.margins / (length * scale), ceiling * length / scale
-    z = _SOLVERS.qp.solve_box(symmetric, q, upper)
-    if z is None:
-        return np.zeros(rows.shape[1])
-    alpha = np.clip(z * scale / length, 0.0, ceiling)
-    return np.asarray(learning.sigma * (alpha @ rows))
+
+    def beta(z: Float[np.ndarray, " R"] | None) -> Float[np.ndarray, " N"]:
+        if z is None:
+            return np.zeros(rows.shape[1])
+        alpha = np.clip(z * scale / length, 0.0, ceiling)
+        return np.asarray(learning.sigma * (alpha @ rows))
+
+    return (symmetric, q, upper), beta

@@ -38,35 +38,15 @@ class Turn(NamedTuple):
     pair: Pair | None
 
 
-class Agent:
-    """An agent: a function of a record that says what is asked next, and the record of a study.
+class Strategy:
+    """What is asked after a record: a function of space, settings, seed and the record alone.
 
-    A subclass defines `propose`, a function of the record and of `setup` (space, seed, settings),
-    so nothing else has to be saved; linear algebra runs on one thread there. It may define more
-    functions of the record: `question`, about two known samples, and `_leader`, the best one. What
-    they return is remembered by the record, and copies share it: memory only saves time.
+    A kind of agent defines `propose`, a function of the record and of `setup` (space, seed,
+    settings), so nothing else has to be saved; linear algebra runs on one thread there. It may
+    define more functions of the record: `question`, about two known samples, and `_leader`, the
+    best one. What they return is remembered by the record: memory only saves time.
 
-    Only `history` changes. Sample h is proposed when it is first needed, from the record after
-    answer h - 1. From then on it is stored and stays, even if an earlier answer is retracted, since
-    its experiment may have run already. Only the incumbent that it is compared with may then
-    change. `undo` reopens the last closed query and drops the sample proposed after it.
-
-    Several experiments can be pending, see `ask`. Each is proposed as if nobody could tell how good
-    the ones before it are; that they were tried keeps them apart. They can be answered in any
-    order, which is the order of their numbers in the record.
-
-    Args:
-        space: Knobs to tune.
-        n_init: Number of samples of the space-filling start, 1 or more.
-        n_max: Number of experiments asked for, not below `n_init`.
-        seed: Seed of all randomness, 0 or more.
-        start: Physical θ to start from, such as the current tuning, shape (n,), or several. They
-            replace the first proposed samples.
-        settings: All other settings, of the class `options`; None for its defaults.
-
-    Raises:
-        SettingsError: If a value is not valid, or a θ is in `start` twice.
-        KnobError: If a θ of `start` is outside the space.
+    Arguments and errors are those of `Agent`.
     """
 
     version: ClassVar[int]
@@ -90,11 +70,11 @@ class Agent:
         if not isinstance(given, self.options):
             raise SettingsError(f"settings must be {self.options.__name__}, got {settings!r}")
         setup = Setup(space, n_init, seed, given, n_max)
-        self._begin(replace(setup, start=start_points(space, start, setup.n_max)), History())
+        self._begin(replace(setup, start=start_points(space, start, setup.n_max)))
 
-    def _begin(self, setup: Setup[Any], history: History) -> None:
-        """Take over a setup and a record; all else follows from them."""
-        self.setup, self.history = setup, history
+    def _begin(self, setup: Setup[Any]) -> None:
+        """Take over a setup; all else follows from it."""
+        self.setup = setup
         self._capacity = capacity(setup.space)
         self._forget()
         self._prepare()
@@ -158,11 +138,6 @@ class Agent:
             rng = np.random.default_rng([self.setup.seed, past.answered])
             return Sample.of(space, space.snap(tried.fresh(z, rng)))
 
-    def recorded(self, history: History) -> History:
-        """Return what the agent goes by in the record of a study file."""
-        bare = history.bare()
-        return (bare.scores_alone() if self.by_value else bare).sharing(self.history)
-
     def knows(self, history: History) -> bool:
         """Return whether it is remembered what is asked after `history`, so that it takes no time."""
         turn = self._turn.get(history)
@@ -212,12 +187,55 @@ class Agent:
             return f"every one of the {most} θ of the space has been tried"
         return f"all {most} experiments are answered"
 
-    # What people and programs use: the record, and changes of it.
-
     @property
     def space(self) -> KnobSpace:
         """Return the knobs to tune."""
         return self.setup.space
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Return the settings as plain data, without what was learned; it proposes nothing."""
+        return self._state(History()).configuration()
+
+    def _state(self, history: History) -> AgentState:
+        return AgentState.of_setup(type(self).__name__, self.version, self.setup, history)
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "_propose" in vars(cls):
+            raise SettingsError(
+                f"{cls.__name__}: rename _propose to propose, and write self.setup.seed for self._seed"
+            )
+
+
+class Agent(Strategy):
+    """A strategy with the record of a study, which is all that changes; the same for all agents.
+
+    Sample h is proposed when it is first needed, from the record after answer h - 1. From then on
+    it is stored and stays, even if an earlier answer is retracted, since its experiment may have
+    run already. Only the incumbent that it is compared with may then change. `undo` reopens the
+    last closed query and drops the sample proposed after it.
+
+    Several experiments can be pending, see `ask`. Each is proposed as if nobody could tell how good
+    the ones before it are; that they were tried keeps them apart. They can be answered in any
+    order, which is the order of their numbers in the record.
+
+    Args:
+        space: Knobs to tune.
+        n_init: Number of samples of the space-filling start, 1 or more.
+        n_max: Number of experiments asked for, not below `n_init`.
+        seed: Seed of all randomness, 0 or more.
+        start: Physical θ to start from, such as the current tuning, shape (n,), or several. They
+            replace the first proposed samples.
+        settings: All other settings, of the class `options`; None for its defaults.
+
+    Raises:
+        SettingsError: If a value is not valid, or a θ is in `start` twice.
+        KnobError: If a θ of `start` is outside the space.
+    """
+
+    history = History()
+    """Samples and answers; a change replaces it by another one."""
 
     @property
     def n_max(self) -> int:
@@ -339,18 +357,18 @@ class Agent:
         sample = Sample(tuple(map(float, z)), tuple(map(float, theta)))
         self.history = self.history.with_pending(sample)
 
+    def recorded(self, history: History) -> History:
+        """Return what the agent goes by in the record of a study file."""
+        bare = history.bare()
+        return (bare.scores_alone() if self.by_value else bare).sharing(self.history)
+
     # Saved states and copies.
 
     @property
     def state(self) -> AgentState:
         """Return everything that has to be saved, including the sample of the open query."""
         self.history = self._settled()
-        return AgentState.of_setup(type(self).__name__, self.version, self.setup, self.history)
-
-    @property
-    def configuration(self) -> dict[str, Any]:
-        """Return the settings as plain data, without what was learned; it proposes nothing."""
-        return AgentState.of_setup(type(self).__name__, self.version, self.setup, History()).configuration()
+        return self._state(self.history)
 
     def _settled(self) -> History:
         """Return the record with what is decided after it, so that it no longer changes."""
@@ -376,10 +394,8 @@ class Agent:
             raise SettingsError(f"the start of a state: {error}") from error
         history = state.history.bare()
         agent = object.__new__(cls)
-        agent._begin(
-            replace(setup, start=start_points(space, thetas, setup.n_max)),
-            history.scores_alone() if cls.by_value else history,
-        )
+        agent._begin(replace(setup, start=start_points(space, thetas, setup.n_max)))
+        agent.history = history.scores_alone() if cls.by_value else history
         check_record(agent.history, space, agent.n_max, by_value=cls.by_value)
         return agent
 
@@ -400,14 +416,7 @@ class Agent:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._begin(self.setup, self.history)
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        if "_propose" in vars(cls):
-            raise SettingsError(
-                f"{cls.__name__}: rename _propose to propose, and write self.setup.seed for self._seed"
-            )
+        self._begin(self.setup)
 
 
 def _suggestion(history: History, index: int) -> Suggestion:

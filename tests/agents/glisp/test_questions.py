@@ -254,9 +254,10 @@ def test_what_a_state_says_of_further_answers_is_checked():
     agent = asking(3)
     run(agent, stop=9)
     plain = agent.state.to_dict()
-    assert plain["follow_ups"]
+    past = plain["history"]
+    assert past["follow_ups"]
     for change in ({"after": 99}, {"challenger": 50}, {"incumbent": None}):
-        broken = {**plain, "follow_ups": [{**plain["follow_ups"][0], **change}]}
+        broken = {**plain, "history": {**past, "follow_ups": [{**past["follow_ups"][0], **change}]}}
         with pytest.raises(SettingsError, match="follow-up answer"):
             GLISp.restore(SQUARE, AgentState.from_dict(broken))
 
