@@ -128,7 +128,7 @@ def test_verdicts_add_up(interview):
 
 def said(interview):
     console = Console(record=True, width=200, file=io.StringIO())
-    show_status(interview, console)
+    show_status(now_view(interview), status_view(interview), console)
     return console.export_text()
 
 

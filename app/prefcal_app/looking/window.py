@@ -19,7 +19,8 @@ from prefcal_app.web.server.files import Assets
 from prefcal_app.web.server.hosts import Hosts
 from prefcal_app.web.server.site import Site
 
-from .pair import Run, paired
+from .look import SideBySide
+from .pair import NamedRun
 
 _KEPT = 8
 """Number of pairs whose views are kept: each can take megabytes."""
@@ -30,7 +31,7 @@ class LookWindow(Site):
 
     Args:
         runs: At least two runs.
-        align: Whether both runs of a pair start at 0; see `paired`.
+        align: Whether both runs of a pair start at 0; see `aligned`.
         host: Name or address to listen on; keep the loopback address unless others need access.
         port: Port to listen on; 0 takes a free one.
 
@@ -39,7 +40,7 @@ class LookWindow(Site):
     """
 
     def __init__(
-        self, runs: Sequence[Run], *, align: bool | None = None, host: str = "127.0.0.1", port: int = 0
+        self, runs: Sequence[NamedRun], *, align: bool | None = None, host: str = "127.0.0.1", port: int = 0
     ) -> None:
         def make(*, token: str, port: int, hosts: Hosts) -> Starlette:
             pages = Pages(Assets(), Reports(), token, port, "look.html")
@@ -48,10 +49,10 @@ class LookWindow(Site):
         super().__init__(make, host=host, port=port)
 
 
-def _routes(runs: Sequence[Run], align: bool | None) -> list[Route]:
+def _routes(runs: Sequence[NamedRun], align: bool | None) -> list[Route]:
     @lru_cache(_KEPT)
     def pair(left: int, right: int) -> bytes:
-        return encoded(paired(runs[left], runs[right], align=align).view())
+        return encoded(SideBySide.of(runs[left], runs[right], align=align).view())
 
     def listed(query: bytes) -> bytes:
         return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})

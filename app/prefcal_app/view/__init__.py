@@ -1,12 +1,13 @@
 """Turn an interview into plain data for the page, which computes nothing itself."""
 
 from .brief import brief_view as brief_view
+from .brief import scenario_view as scenario_view
 from .history import asked_view as asked_view
 from .history import history_view as history_view
 from .now import now_view as now_view
 from .preview import preview_view as preview_view
 from .seen import Seen as Seen
-from .sides import comparison_view as comparison_view
+from .sides import question_view as question_view
 from .simulated import look_view as look_view
 from .simulated import map_view as map_view
 from .simulated import why_view as why_view

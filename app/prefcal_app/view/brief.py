@@ -14,26 +14,28 @@ _SECONDS = 15
 
 
 def brief_view(interview: Interview) -> dict[str, Any]:
-    """Return BRIEF for page and terminal."""
-    scenario = interview.scenario
+    """Return the task, what the person is asked to do, and how a tuning in use is compared."""
+    return {**scenario_view(interview.scenario), "how": _how(interview), "start": _current_tuning(interview)}
+
+
+def scenario_view(scenario: Scenario) -> dict[str, Any]:
+    """Return the task, the knobs and the KPIs of a scenario in words."""
     return {
         "title": scenario.title,
         "text": scenario.brief,
-        "how": how(interview),
-        "start": current_tuning(interview),
-        "knobs": [knob_view(knob) for knob in scenario.space],
-        "kpis": [kpi_view(kpi) for kpi in scenario.shown_kpis],
+        "knobs": [_knob_view(knob) for knob in scenario.space],
+        "kpis": [_kpi_view(kpi) for kpi in scenario.shown_kpis],
         "panels": [panel.title or panel.name for panel in scenario.panels],
     }
 
 
-def knob_view(knob: Knob) -> dict[str, str]:
+def _knob_view(knob: Knob) -> dict[str, str]:
     """Return a knob in words."""
     between = f"{number(knob.low)} to {number(knob.high)}"
     return {"name": knob.name, "unit": knob.unit, "about": knob.about, "range": between}
 
 
-def how(interview: Interview) -> str:
+def _how(interview: Interview) -> str:
     """Return what the person is asked to do, and how long it takes."""
     planned = interview.planned
     asked = (
@@ -50,7 +52,7 @@ def how(interview: Interview) -> str:
     )
 
 
-def current_tuning(interview: Interview) -> str:
+def _current_tuning(interview: Interview) -> str:
     """Return how to compare with the tuning in use; empty if the study starts from a given one."""
     if interview.study.state.configuration["options"].get("start"):
         return ""
@@ -66,7 +68,7 @@ def _by_hand(scenario: Scenario) -> bool:
     return isinstance(scenario.run, Rig | LiveRig)
 
 
-def kpi_view(kpi: KPI) -> dict[str, str]:
+def _kpi_view(kpi: KPI) -> dict[str, str]:
     """Return a KPI in words, with its objective."""
     direction = "" if kpi.goal is None else f"{kpi.goal} is better"
     wanted = limits_text(kpi) or direction

@@ -132,8 +132,8 @@ def test_every_view_says_so_and_why():
     for name in ("left", "right"):
         assert view[name]["counts_as_unsafe"] == getattr(question, name).counts_as_unsafe
     console = Console(file=io.StringIO(), width=200, record=True)
-    show_history(interview, console)
-    show_question(interview, interview.now(), console, blind=False)
+    show_history(history_view(interview)["answers"], console)
+    show_question(now_view(interview), console)
     out = console.export_text()
     assert f"first: {WORDS}" in out
     assert out.split("History")[1].count(f"· {WORDS}") == sum(
