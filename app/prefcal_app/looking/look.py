@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_app.summary.compare import Spread, compared
-from prefcal_app.view.seen import Seen
-from prefcal_app.view.sides import pair_view
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
@@ -84,17 +82,6 @@ class SideBySide:
     def kpis(self) -> list[dict[str, Any]]:
         """Return the KPIs of both runs with their differences, the largest first."""
         return compared(self.left.experiment, self.right.experiment, self.known, Spread())
-
-    def view(self) -> dict[str, Any]:
-        """Return what the page shows: what `question_view` returns, without a study."""
-        both = self.left.experiment, self.right.experiment
-        view = pair_view(*both, lambda *_: self.panels, self.known, Seen())
-        for side, run in (("left", self.left), ("right", self.right)):
-            nothing = {"number": None, "role": None, "marks": None, "counts_as_unsafe": False, "theta": []}
-            view[side] |= {"name": run.name, "about": run.about, **nothing}
-        view["id"] = f"{self.left.name}\n{self.right.name}"
-        view["time_unit"] = self.left.experiment.channels.time_unit
-        return {**view, "notes": list(self.notes)}
 
     def png(self) -> bytes:
         """Return the picture of both runs over each other; references are dotted."""

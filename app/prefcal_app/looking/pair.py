@@ -1,12 +1,14 @@
 """Bring two runs from anywhere to the same panels, time axis and KPIs."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_app.view.seen import Seen
+from prefcal_app.view.sides import pair_view
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver, combined
 from prefcal_env.experiments.panels import Plot, plots_of
@@ -62,6 +64,18 @@ def aligned(left: NamedRun, right: NamedRun, *, align: bool | None = None) -> Al
     panels = _panels([left.experiment, right.experiment])
     left, right = (run.changed(lambda each: _drawn(each, panels)) for run in (left, right))
     return left, right, tuple(panels.values()), tuple(kpis.values()), notes
+
+
+def aligned_view(
+    left: NamedRun, right: NamedRun, panels: Sequence[Plot], kpis: Sequence[KPI], notes: Sequence[str]
+) -> dict[str, Any]:
+    """Return what the page shows of two aligned runs: what `question_view` returns, without a study."""
+    view = pair_view(left.experiment, right.experiment, lambda *_: panels, kpis, Seen())
+    nothing = {"number": None, "role": None, "marks": None, "counts_as_unsafe": False, "theta": []}
+    for side, run in (("left", left), ("right", right)):
+        view[side] |= {"name": run.name, "about": run.about, **nothing}
+    unit = left.experiment.channels.time_unit
+    return {**view, "id": f"{left.name}\n{right.name}", "time_unit": unit, "notes": list(notes)}
 
 
 def _each(experiment: Experiment, change: Callable[[Experiment], Experiment]) -> Experiment:

@@ -19,8 +19,7 @@ from prefcal_app.web.server.files import Assets
 from prefcal_app.web.server.hosts import Hosts
 from prefcal_app.web.server.site import Site
 
-from .look import SideBySide
-from .pair import NamedRun
+from .pair import NamedRun, aligned, aligned_view
 
 _KEPT = 8
 """Number of pairs whose views are kept: each can take megabytes."""
@@ -52,7 +51,7 @@ class LookWindow(Site):
 def _routes(runs: Sequence[NamedRun], align: bool | None) -> list[Route]:
     @lru_cache(_KEPT)
     def pair(left: int, right: int) -> bytes:
-        return encoded(SideBySide.of(runs[left], runs[right], align=align).view())
+        return encoded(aligned_view(*aligned(runs[left], runs[right], align=align)))
 
     def listed(query: bytes) -> bytes:
         return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})

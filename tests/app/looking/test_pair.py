@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_app import look
-from prefcal_app.looking.pair import NamedRun, in_time_unit
+from prefcal_app.looking.pair import NamedRun, aligned_view, in_time_unit
 from prefcal_app.report.trajectories import Curve, overlaid
 from prefcal_env import combined, recorded
 from prefcal_env.errors import ExperimentError
@@ -34,7 +34,7 @@ def titles(found):
 def test_curves_share_a_panel_by_name_and_unit_whatever_their_instants():
     found = look(run(), run(0.1, n=77))
     assert titles(found) == [("level", "m"), ("valve", "")]
-    view = found.view()
+    view = aligned_view(found.left, found.right, found.panels, found.known, found.notes)
     assert [len(view[side]["curves"][0][0]["t"]) for side in ("left", "right")] == [101, 77]
 
 
@@ -48,7 +48,7 @@ def test_another_unit_gets_a_panel_and_kpis_of_its_own():
 
 def test_a_curve_of_one_run_only_is_drawn_there():
     found = look(run(), run(flow=np.ones(101)))
-    view = found.view()
+    view = aligned_view(found.left, found.right, found.panels, found.known, found.notes)
     assert titles(found) == [("level", "m"), ("flow", ""), ("valve", "")]
     assert view["left"]["curves"][1] == []
     assert len(view["right"]["curves"][1]) == 1
@@ -132,7 +132,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
     found = look(maneuvers(0.2), maneuvers(0.1))
     groups = dict.fromkeys(row["group"] for row in found.kpis())
     assert list(groups) == ["worst", "mean", "step", "load"]
-    view = found.view()
+    view = aligned_view(found.left, found.right, found.panels, found.known, found.notes)
     assert [part["maneuver"] for part in (view, *view["others"])] == ["step", "load"]
     # The target of the first maneuver must not be drawn in the second one.
     assert view["panels"][0]["target"] is None
