@@ -27,6 +27,10 @@ def run(speed=0.2, n=101, unit="m", start=0.0, time_unit="s", **more):
     )
 
 
+def shown(found):
+    return aligned_view(found.left, found.right, found.panels, found.known, found.notes)
+
+
 def titles(found):
     return [(p.channel.name, p.channel.unit) for p in found.panels]
 
@@ -34,7 +38,7 @@ def titles(found):
 def test_curves_share_a_panel_by_name_and_unit_whatever_their_instants():
     found = look(run(), run(0.1, n=77))
     assert titles(found) == [("level", "m"), ("valve", "")]
-    view = aligned_view(found.left, found.right, found.panels, found.known, found.notes)
+    view = shown(found)
     assert [len(view[side]["curves"][0][0]["t"]) for side in ("left", "right")] == [101, 77]
 
 
@@ -48,7 +52,7 @@ def test_another_unit_gets_a_panel_and_kpis_of_its_own():
 
 def test_a_curve_of_one_run_only_is_drawn_there():
     found = look(run(), run(flow=np.ones(101)))
-    view = aligned_view(found.left, found.right, found.panels, found.known, found.notes)
+    view = shown(found)
     assert titles(found) == [("level", "m"), ("flow", ""), ("valve", "")]
     assert view["left"]["curves"][1] == []
     assert len(view["right"]["curves"][1]) == 1
@@ -80,7 +84,7 @@ def test_different_constant_references_are_both_drawn():
     other = recorded(
         [0.0], np.arange(3.0), {"level": np.ones(3)}, reference={"level": 1.0}, units={"level": "m"}
     )
-    view = look(run(), other).view()
+    view = shown(look(run(), other))
     assert view["panels"][0]["target"] is None
     assert [view[s]["references"][0]["y"][0] for s in ("left", "right")] == [2, 1]
 
@@ -132,7 +136,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
     found = look(maneuvers(0.2), maneuvers(0.1))
     groups = dict.fromkeys(row["group"] for row in found.kpis())
     assert list(groups) == ["worst", "mean", "step", "load"]
-    view = aligned_view(found.left, found.right, found.panels, found.known, found.notes)
+    view = shown(found)
     assert [part["maneuver"] for part in (view, *view["others"])] == ["step", "load"]
     # The target of the first maneuver must not be drawn in the second one.
     assert view["panels"][0]["target"] is None
@@ -140,7 +144,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
 
 
 def test_a_run_without_maneuvers_stands_beside_each_of_the_other():
-    view = look(run(0.3), maneuvers(0.1)).view()
+    view = shown(look(run(0.3), maneuvers(0.1)))
     parts = (view, *view["others"])
     assert [part["maneuver"] for part in parts] == ["step", "load"]
     assert all(not part["left"]["empty"] for part in parts)
