@@ -71,7 +71,13 @@ def aligned_view(
 ) -> dict[str, Any]:
     """Return what the page shows of two aligned runs: what `question_view` returns, without a study."""
     view = pair_view(left.experiment, right.experiment, lambda *_: panels, kpis, Seen())
-    nothing = {"number": None, "role": None, "marks": None, "counts_as_unsafe": False, "theta": []}
+    nothing: dict[str, Any] = {
+        "number": None,
+        "role": None,
+        "marks": None,
+        "counts_as_unsafe": False,
+        "theta": [],
+    }
     for side, run in (("left", left), ("right", right)):
         view[side] |= {"name": run.name, "about": run.about, **nothing}
     unit = left.experiment.channels.time_unit

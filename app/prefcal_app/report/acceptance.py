@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from prefcal_app.summary.gain import FIRST
+from prefcal_app.view.tables import cell, row, table
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import knob_number, number, with_unit
@@ -15,7 +16,7 @@ from prefcal_scenarios.presentation.wording import knob_number, number, with_uni
 from .export import versions
 from .html import data_uri, environment
 from .record import Record
-from .tables import Column, Row, Table, Value, foremost, gain_rows, pid_forms_of
+from .tables import foremost, gain_rows, pid_forms_of
 from .trajectories import best_against
 
 FILE = "acceptance.html"
@@ -40,8 +41,8 @@ def sheet(record: Record) -> str:
     """
     content = sheet_of(record)
     rows = [
-        (row.name, row.values[0].text, row.values[2].text)
-        for row in (*content["knobs"].rows, *content["kpis"].rows[:-1])
+        (each["name"], each["cells"][0]["text"], each["cells"][2]["text"])
+        for each in (*content["knobs"]["rows"], *content["kpis"]["rows"][:-1])
     ]
     lines = sum(1 + max(len(text) // room for text, room in zip(row, _LINE, strict=True)) for row in rows)
     picture = _curves(record, height=min(5.0, max(2.0, 2.4 + _HIGH * (2 * _MOST - lines))))
@@ -63,7 +64,7 @@ def sheet_of(record: Record) -> dict[str, Any]:
     knobs, kpis = list(_knobs(record)), list(_kpis(record))
     limits = list(limits_kept(before.experiment, after.experiment))[: _MOST - _LEAST]
     room = _MOST - len(limits)
-    shown = foremost(kpis, room, lambda row: row.values[0].text != "–")
+    shown = foremost(kpis, room, lambda kpi: kpi["cells"][0]["text"] != "–")
     ends = _row("run ended", "", before.experiment.end.value, after.experiment.end.value)
     heads = [record.baseline.name, f"experiment {after.number}", "unit"]
     rows, columns = [*shown, *limits, ends], ["KPI", "required", *heads, "met"]
@@ -71,22 +72,20 @@ def sheet_of(record: Record) -> dict[str, Any]:
     return {
         "facts": list(_facts(record)),
         "of": f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' if when else ''}",
-        "knobs": _table("Controller parameters", ["parameter", "range", *heads], knobs[:_MOST]),
-        "kpis": _table("Key performance indicators", columns, rows),
+        "knobs": table("Controller parameters", ["parameter", "range", *heads], knobs[:_MOST], kind="sheet"),
+        "kpis": table("Key performance indicators", columns, rows, kind="sheet"),
         "more_knobs": len(knobs[_MOST:]),
         "more_kpis": max(len(kpis) - room, 0),
     }
 
 
-def _table(label: str, headings: list[str], rows: list[Row]) -> Table:
-    return Table(label, "", [Column(name) for name in headings], rows, look="sheet")
-
-
-def _row(name: str, limits: str, before: str, after: str, unit: str = "", met: bool | None = None) -> Row:
+def _row(
+    name: str, limits: str, before: str, after: str, unit: str = "", met: bool | None = None
+) -> dict[str, Any]:
     """Return a line of the table of KPIs."""
     verdict, kind = {True: ("yes", "yes"), False: ("NO", "no"), None: ("–", "")}[met]
-    new = Value(after, kind="best")
-    return Row(name, (Value(limits or "–"), Value(before), new, Value(unit), Value(verdict, kind=kind)))
+    new = cell(after, kind="best")
+    return row(name, [cell(limits or "–"), cell(before), new, cell(unit), cell(verdict, kind=kind)])
 
 
 def _facts(record: Record) -> Iterator[str]:
@@ -111,7 +110,7 @@ def _facts(record: Record) -> Iterator[str]:
         yield f"{words} To go back, set the parameters of the column “{name}”."
 
 
-def _knobs(record: Record) -> Iterator[Row]:
+def _knobs(record: Record) -> Iterator[dict[str, Any]]:
     """Yield a line for each knob, then the gains of a PID in its parallel form."""
     assert record.best is not None
     before, after = record.before.experiment, record.best.experiment
@@ -126,16 +125,15 @@ def _knobs(record: Record) -> Iterator[Row]:
     ]
     lines += [(p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived]
     for name, limits, old, new, unit in lines:
-        yield Row(name, (Value(limits), Value(old), Value(new, kind="best"), Value(unit)))
+        yield row(name, [cell(limits), cell(old), cell(new, kind="best"), cell(unit)])
 
 
-def _kpis(record: Record) -> Iterator[Row]:
-    for row in gain_rows(record):
-        values = (row["before"], row["after"], row["unit"], row["met"])
-        yield _row(row["title"], row["objective"], *values)
+def _kpis(record: Record) -> Iterator[dict[str, Any]]:
+    for kpi in gain_rows(record):
+        yield _row(*(kpi[name] for name in ("title", "objective", "before", "after", "unit", "met")))
 
 
-def limits_kept(before: Experiment, after: Experiment) -> Iterator[Row]:
+def limits_kept(before: Experiment, after: Experiment) -> Iterator[dict[str, Any]]:
     """Yield a line for each input and output with limits: how long it was at or beyond one.
 
     An input saturates at a limit. An output is outside beyond one. Both are shares of the time;

@@ -15,7 +15,7 @@ from prefcal_scenarios.presentation.wording import with_subscripts
 from .export import REBUILD, versions
 from .pictures import Drawn
 from .record import Record
-from .tables import comparison_table, experiment_table, gain_table, pid_table, result_table
+from .tables import comparison_table, experiment_table, gain_of, pid_table, result_table
 
 
 @cache
@@ -46,7 +46,7 @@ def page(record: Record, drawn: Sequence[Drawn]) -> str:
     if record.best is not None:
         theta = theta_view(record.scenario.space, record.best.experiment)
         view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}
-        view |= {"gain": gain_table(record), "result": result_table(record)}
+        view |= {"gain": gain_of(record), "result": result_table(record)}
     if record.asked and not record.scored:
         view["comparisons"] = comparison_table(record)
     template = environment().get_template("report/report.html.j2")

@@ -1,11 +1,13 @@
 """Show the end: what was gained, the report, and what to do next."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from prefcal_app.session import Interview, Now, Outlook
 from prefcal_app.summary.gain import Baseline, gained
 
+from . import tables
 from .seen import Seen
 
 
@@ -16,24 +18,52 @@ def over_view(
     return {
         "reason": now.state.ended,
         "best": best,
-        "gain": None if now.incumbent is None else gain_view(interview, now.incumbent, now, seen),
+        "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen),
         "report": report_view(report),
         "command": command,
         "next": next_view(interview, now, report),
     }
 
 
-def gain_view(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
-    """Return the KPIs of the baseline next to those of the best experiment."""
+def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
     baseline = Baseline.of(now.state)
-    before, after = interview.experiment(baseline.index), interview.experiment(best)
-    kpis = interview.scenario.shown_kpis
+    both = interview.experiment(baseline.index), interview.experiment(best)
+    rows = gained(*both, interview.scenario.shown_kpis, seen.look(interview).spread)
+    return gain_view(baseline, best, rows)
+
+
+def gain_view(baseline: Baseline, best: int, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the KPIs of the baseline next to those of the best experiment.
+
+    Args:
+        baseline: Experiment that the result is compared with.
+        best: Index of the best experiment.
+        rows: What `gained` returns of both.
+    """
+    kinds = {"better": "words yes", "worse": "words no", "": ""}
+    lines = [
+        tables.row(
+            row["title"],
+            [
+                tables.cell(row["before"]),
+                tables.cell(row["after"], row["met"], "best"),
+                tables.cell(row["change"]),
+                tables.cell(row["verdict"], kind=kinds[row["verdict"]]),
+            ],
+            unit=row["unit"],
+            aim=row["objective"],
+            about=row["about"],
+        )
+        for row in rows
+    ]
+    heads = ("", f"{baseline.name} ({baseline.index + 1})", f"best ({best + 1})", "change", "")
+    caption = "Largest change first. ✓ meets the objective, ✗ does not."
     return {
-        "before": baseline.name,
-        "number": baseline.index + 1,
-        "after": best + 1,
+        "title": f"What was gained over the {baseline.name}",
+        "none": f"No experiment was better than the {baseline.name}: "
+        f"experiment {best + 1} is still the best.",
         "same": best == baseline.index,
-        "kpis": gained(before, after, kpis, seen.look(interview).spread),
+        "table": tables.table("What was gained", heads, lines, caption),
     }
 
 

@@ -80,7 +80,7 @@ def test_a_kpi_with_an_objective_stays_on_a_sheet_without_room_for_all():
     for trial in record.trials:
         object.__setattr__(trial, "experiment", replace(trial.experiment, kpis=changed))
     content = sheet_of(record)
-    met = {row.name: row.values[-1].text for row in content["kpis"].rows}
+    met = {row["name"]: row["cells"][-1]["text"] for row in content["kpis"]["rows"]}
     assert met["sensitivity peak M_s"] == "NO"
     assert content["more_kpis"] > 0
 
@@ -91,8 +91,8 @@ def test_the_sheet_says_how_long_an_input_was_at_its_limit(low, high, words):
     channel = replace(e.channels.u[0], low=low, high=high)
     e = replace(e, channels=replace(e.channels, u=(channel,)))
     row = next(iter(limits_kept(e, e)))
-    limits, before, after, *_ = (value.text for value in row.values)
-    assert (row.name, limits) == ("valve saturated", f"0 to {high:g} %")
+    limits, before, after, *_ = (cell["text"] for cell in row["cells"])
+    assert (row["name"], limits) == ("valve saturated", f"0 to {high:g} %")
     assert before == after == words
 
 
