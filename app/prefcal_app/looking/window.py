@@ -12,8 +12,7 @@ from starlette.routing import Route
 
 from prefcal_app.web.answers import as_json, encoded, error_response, refused
 from prefcal_app.web.bodies import digits, read_query
-from prefcal_app.web.pages import Pages
-from prefcal_app.web.reports import Reports
+from prefcal_app.web.pages import Pages, Reports
 from prefcal_app.web.server.app import guarded
 from prefcal_app.web.server.files import Assets
 from prefcal_app.web.server.hosts import Hosts

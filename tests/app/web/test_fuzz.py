@@ -183,7 +183,7 @@ def test_malformed_requests_change_nothing_and_break_nothing(room, tmp_path, exa
     (tmp_path / "secret.json").write_bytes(SECRET)
     folder = tmp_path / "report"
     folder.mkdir()
-    room.reports.put(folder)
+    room.reports.folder = folder
     before = (room.interview.now().version, room.events)
     statuses = {}
 

@@ -8,9 +8,9 @@ from starlette.middleware import Middleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import Route
 
-from prefcal_app.web.actions import ACTIONS
 from prefcal_app.web.answers import http_error
 from prefcal_app.web.api import PLAIN, Api
+from prefcal_app.web.bodies import ACTIONS
 from prefcal_app.web.pages import Pages
 
 from .files import Assets
