@@ -8,8 +8,7 @@ from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import measured, number, theta_text
 from prefcal_scenarios.scenario import Picture
 
-from .course import INDEX, course, drawn_kpis
-from .knobs import knobs
+from .course import INDEX, course, drawn_kpis, knobs
 from .record import Record
 from .trajectories import best_against, curves_of
 

@@ -1,5 +1,7 @@
-"""List the tables of the report: the result, every experiment, and every comparison."""
+"""List the tables of the report: the result, every experiment, and every comparison, also as CSV."""
 
+import csv
+import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -17,7 +19,14 @@ from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.kpis import WORST, grouped
 from prefcal_scenarios.presentation.pid_forms import Parameter, pid_forms
-from prefcal_scenarios.presentation.wording import ended_text, knob_number, marks_text, number, objective
+from prefcal_scenarios.presentation.wording import (
+    ended_text,
+    knob_number,
+    labeled,
+    marks_text,
+    number,
+    objective,
+)
 from prefcal_scenarios.scenario import KPI
 
 from .record import Record
@@ -180,3 +189,47 @@ def _answered(comparison: Comparison) -> Iterator[dict[str, Any]]:
 def shown_values(record: Record) -> list[KPI]:
     """Return the KPIs that tell experiments apart, as many as fit into a table."""
     return foremost_kpis(record, _MOST)
+
+
+def comparisons_as_csv(record: Record) -> str:
+    """Return the text of comparisons.csv."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_headings(record))
+    for k, comparison in enumerate(record.asked, start=1):
+        writer.writerow([k, *_cells(record, comparison)])
+    return text.getvalue()
+
+
+def _headings(record: Record) -> Iterator[str]:
+    yield from ("comparison", "verdict", "preference", "strength", "marks", "automatic marks")
+    scenario = record.scenario
+    for side in ("challenger", "incumbent"):
+        yield f"{side} experiment"
+        yield from (f"{side} {labeled(k.name, k.unit)}" for k in scenario.space)
+        yield from (f"{side} {labeled(k.title, k.unit)}" for k in record.kpis)
+        yield from (f"{side} cost", f"{side} ended")
+
+
+def _cells(record: Record, comparison: Comparison) -> Iterator[object]:
+    answer, query = comparison.answer, comparison.query
+    yield VERDICTS[answer.preference]
+    yield "" if answer.preference is None else int(answer.preference)
+    yield answer.strength
+    yield ", ".join(mark.value for mark in answer.marks)
+    yield ", ".join(mark.value for mark in answer.automatic)
+    assert query.incumbent is not None
+    assert comparison.incumbent is not None
+    yield query.challenger.index + 1
+    yield from _side(record, comparison.challenger)
+    yield query.incumbent.index + 1
+    yield from _side(record, comparison.incumbent)
+
+
+def _side(record: Record, experiment: Experiment) -> Iterator[object]:
+    scenario = record.scenario
+    yield from scenario.space.named(experiment.theta).values()
+    yield from (experiment.kpis.get(k.name, "") for k in record.kpis)
+    cost = record.cost(experiment)
+    yield "" if cost is None else cost
+    yield ended_text(experiment)

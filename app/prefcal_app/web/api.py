@@ -44,10 +44,10 @@ from .bodies import (
 )
 from .pages import Reports
 
-PLAIN: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
-    {"brief": brief_view, "history": history_view, "status": status_view}
+VIEWS: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
+    {"brief": brief_view, "history": history_view, "status": status_view, "simulated": map_view}
 )
-"""Views that follow from the interview alone: what a study is about, and where it is."""
+"""Branches of the view that follow from the interview alone."""
 _TABS = 100
 """Number of pages that wait for a change at the same time; more take turns."""
 _SLICE, _PAUSE = 0.2, 0.01
@@ -138,22 +138,16 @@ class Api:
             raise HTTPException(404) from error
 
     async def show(self, request: Request, name: str) -> Response:
-        """Return one of the views `PLAIN`."""
+        """Return one of `VIEWS`; it is made once per version."""
         _query(request, _BLIND)
-        return as_json(await run_in_threadpool(lambda: encoded(PLAIN[name](self.interview))))
-
-    async def simulated(self, request: Request) -> Response:
-        """Return the simulated θ; null until the agent knows them."""
-        _query(request, _BLIND)
-        return as_json(await run_in_threadpool(self._simulated))
+        return as_json(await run_in_threadpool(self._view, name))
 
     async def look(self, request: Request) -> Response:
         """Simulate a θ and return it beside the best so far; nothing is recorded."""
         query = _query(request, {"theta": numbers, **_BLIND})
         if "theta" not in query:
             raise MalformedError("The request does not say which θ to look at.")
-        look = partial(look_view, self.interview, query["theta"])
-        return as_json(await run_in_threadpool(lambda: encoded(look())))
+        return as_json(await run_in_threadpool(lambda: encoded(look_view(self.interview, query["theta"]))))
 
     async def act(self, request: Request, name: str) -> Response:
         """Do the action `name`, whose fields are the JSON body."""
@@ -212,10 +206,9 @@ class Api:
         with self._lock:
             return self._once(blind, (self.interview.now().version, report), view)
 
-    def _simulated(self) -> bytes:
+    def _view(self, name: str) -> bytes:
         with self._drawing:
-            version = self.interview.now().version
-            return self._once("simulated", version, partial(map_view, self.interview))
+            return self._once(name, self.interview.now().version, partial(VIEWS[name], self.interview))
 
     def _asked(self, answer: int, blind: bool) -> bytes:
         with self._lock:  # all threads share `_seen`

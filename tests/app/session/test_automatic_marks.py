@@ -10,8 +10,8 @@ from rich.console import Console
 
 from prefcal_agents.history.lessons import Marks
 from prefcal_app.report import Record
-from prefcal_app.report.comparisons import comparisons_as_csv
 from prefcal_app.report.html import page
+from prefcal_app.report.tables import comparisons_as_csv
 from prefcal_app.session import Choice, Phase, flow
 from prefcal_app.session import view as moment
 from prefcal_app.terminal.showing import show_history, show_question
