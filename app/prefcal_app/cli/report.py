@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.report.export import jsonable
-from prefcal_app.report.record import Record
+from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.kpi_index import trust_text
@@ -32,7 +32,7 @@ from .options import Options
 
 def record_of(
     interview: Interview, options: Options, references: Mapping[str, Experiment], name: str | None = None
-) -> Record:
+) -> StudyRecord:
     """Return the record of the study as it stands, for reports."""
     now = interview.now()
     state = now.state
@@ -42,7 +42,7 @@ def record_of(
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
     times = [recorded.at for recorded in interview.study.events()]
-    return Record(
+    return StudyRecord(
         scenario=interview.scenario,
         source=options.scenario,
         comparisons=interview.comparisons(),
@@ -92,7 +92,7 @@ def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dic
 
 
 def as_json(
-    record: Record, options: Options, report: Path | None, study: str | None, simulated: int | None = 0
+    record: StudyRecord, options: Options, report: Path | None, study: str | None, simulated: int | None = 0
 ) -> str:
     """Return the result as strict, indented JSON, with null for missing numbers or no report."""
     best = record.best
@@ -122,7 +122,7 @@ _STYLES = {"yes": "green", "no": "red"}
 """Style of a cell by its last class."""
 
 
-def show(record: Record, report: Path, console: Console) -> None:
+def show(record: StudyRecord, report: Path, console: Console) -> None:
     """Print what was gained, the best θ next to the references, and the path of the report."""
     if record.best is not None:
         gain, result = gain_of(record), result_table(record)

@@ -86,12 +86,12 @@ class SideBySide:
     def png(self) -> bytes:
         """Return the picture of both runs over each other; references are dotted."""
         # Imported here: plotting takes half a second to import.
-        from prefcal_app.report.trajectories import Curve, overlaid
+        from prefcal_app.report.trajectories import DrawnRun, overlaid
         from prefcal_scenarios.presentation.style import BEST, OTHERS, save, style
 
         looks = ((BEST, "-"), (OTHERS[0], (0, (5, 1.6))))
         curves = [
-            Curve(run.experiment, printable(run.name).replace("$", r"\$"), color, 1.7, dashes)
+            DrawnRun(run.experiment, printable(run.name).replace("$", r"\$"), color, 1.7, dashes)
             for run, (color, dashes) in zip((self.left, self.right), looks, strict=True)
         ]
         buffer = BytesIO()

@@ -15,7 +15,7 @@ from prefcal_scenarios.presentation.wording import knob_number, number, with_uni
 
 from .export import versions
 from .html import data_uri, environment
-from .record import Record
+from .record import StudyRecord
 from .tables import foremost, gain_rows, pid_forms_of
 from .trajectories import best_against
 
@@ -33,7 +33,7 @@ _NEAR = 1e-6
 """Share of its size by which a value may miss a limit and still count as being at it."""
 
 
-def sheet(record: Record) -> str:
+def sheet(record: StudyRecord) -> str:
     """Return the text of the sheet, a self-contained page that prints on one A4 or Letter page.
 
     Raises:
@@ -50,7 +50,7 @@ def sheet(record: Record) -> str:
     return template.render(record=record, sheet=content, curves=picture and data_uri(picture))
 
 
-def sheet_of(record: Record) -> dict[str, Any]:
+def sheet_of(record: StudyRecord) -> dict[str, Any]:
     """Return the content of the sheet of a study with a completed experiment.
 
     Returns:
@@ -88,7 +88,7 @@ def _row(
     return row(name, [cell(limits or "–"), cell(before), new, cell(unit), cell(verdict, kind=kind)])
 
 
-def _facts(record: Record) -> Iterator[str]:
+def _facts(record: StudyRecord) -> Iterator[str]:
     """Yield how much was tried, who answered, and how to get back, a paragraph each."""
     assert record.best is not None
     before, after = record.before.number, record.best.number
@@ -110,7 +110,7 @@ def _facts(record: Record) -> Iterator[str]:
         yield f"{words} To go back, set the parameters of the column “{name}”."
 
 
-def _knobs(record: Record) -> Iterator[dict[str, Any]]:
+def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
     """Yield a line for each knob, then the gains of a PID in its parallel form."""
     assert record.best is not None
     before, after = record.before.experiment, record.best.experiment
@@ -128,7 +128,7 @@ def _knobs(record: Record) -> Iterator[dict[str, Any]]:
         yield row(name, [cell(limits), cell(old), cell(new, kind="best"), cell(unit)])
 
 
-def _kpis(record: Record) -> Iterator[dict[str, Any]]:
+def _kpis(record: StudyRecord) -> Iterator[dict[str, Any]]:
     for kpi in gain_rows(record):
         yield _row(*(kpi[name] for name in ("title", "objective", "before", "after", "unit", "met")))
 
@@ -186,7 +186,7 @@ def _is_there(values: Float[np.ndarray, " K"], channel: Channel, *, output: bool
     return outside
 
 
-def _curves(record: Record, *, height: float) -> bytes:
+def _curves(record: StudyRecord, *, height: float) -> bytes:
     """Return a PNG of the curves before and after; empty if neither run has a record.
 
     Args:

@@ -14,7 +14,7 @@ from prefcal_scenarios.presentation.style import BEST, FAINT, GOOD, LIMIT, canva
 from prefcal_scenarios.presentation.wording import knob_axis, knob_number, labeled, mathtext
 from prefcal_scenarios.scenario import KPI
 
-from .record import Record
+from .record import StudyRecord
 from .tables import foremost_kpis
 
 INDEX = KPI("performance index", "performance index (lower is better)", better="lower")
@@ -29,7 +29,7 @@ _INNER = (0.05, 0.9)
 """Quantiles of the experiments that are always within the scale."""
 
 
-def course(record: Record) -> Figure:
+def course(record: StudyRecord) -> Figure:
     """Draw each KPI in a row, with a dot per experiment and steps for the best.
 
     The performance index comes first if the answers follow it.
@@ -46,26 +46,26 @@ def course(record: Record) -> Figure:
     return figure
 
 
-def drawn_kpis(record: Record) -> list[KPI]:
+def drawn_kpis(record: StudyRecord) -> list[KPI]:
     """Return the KPIs that tell experiments apart, as many as fit, largest change first."""
     index = [INDEX] if record.shows_cost else []
     return index + foremost_kpis(record, _ROWS - len(index))
 
 
-def _values(record: Record, kpi: KPI) -> Float[np.ndarray, " N"]:
+def _values(record: StudyRecord, kpi: KPI) -> Float[np.ndarray, " N"]:
     """Return the KPI of every trial as read, or its cost; NaN if unknown."""
     if kpi is INDEX:
         return np.array([np.nan if t.cost is None else t.cost for t in record.trials])
     return record.read(kpi)
 
 
-def _held(record: Record, values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " H"]:
+def _held(record: StudyRecord, values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " H"]:
     """Return the value of the best so far after each comparison."""
     by_index = dict(zip((t.index for t in record.trials), values, strict=True))
     return np.array([by_index[t.index] for t in record.incumbents])
 
 
-def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
+def _kpi(axes: Axes, record: StudyRecord, kpi: KPI) -> None:
     numbers = np.array([t.number for t in record.trials])
     answered = np.array([c.query.challenger.index + 1 for c in record.comparisons])
     values = _values(record, kpi)
@@ -99,7 +99,7 @@ def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
     axes.set_title(labeled(mathtext(kpi.title), kpi.unit))
 
 
-def _scale(record: Record, kpi: KPI) -> tuple[float, float]:
+def _scale(record: StudyRecord, kpi: KPI) -> tuple[float, float]:
     """Return axis limits that include most experiments and every best one, but no outliers.
 
     Costs of the first experiments can be a hundred times the best one: the index has the scale of
@@ -131,7 +131,7 @@ def _widened(low: float, high: float, kpi: KPI) -> tuple[float, float]:
     return low - down, high + lacking - down
 
 
-def knobs(record: Record) -> Figure:
+def knobs(record: StudyRecord) -> Figure:
     """Draw each experiment along each knob, at its learned cost or else at its number."""
     assert record.best is not None
     space, best = record.scenario.space, record.best

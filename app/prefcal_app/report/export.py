@@ -18,7 +18,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
-from .record import Record
+from .record import StudyRecord
 
 FORMAT = 1
 """Format of best.json; raised when older versions of prefcal could not read a newer file."""
@@ -43,7 +43,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def best_as_json(record: Record) -> str:
+def best_as_json(record: StudyRecord) -> str:
     """Return the text of best.json: θ by knob name, the controller's settings, and their origin."""
     best, scenario = record.best, record.scenario
     if best is None:
@@ -71,7 +71,7 @@ def best_as_json(record: Record) -> str:
     return json.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _before(record: Record) -> dict[str, Any]:
+def _before(record: StudyRecord) -> dict[str, Any]:
     """Return the tuning that the result was compared with: the way back."""
     theta, scenario = record.before.experiment.theta, record.scenario
     return {

@@ -14,7 +14,7 @@ from prefcal_scenarios.presentation.wording import with_subscripts
 
 from .export import REBUILD, versions
 from .pictures import Drawn
-from .record import Record
+from .record import StudyRecord
 from .tables import comparison_table, experiment_table, gain_of, pid_table, result_table
 
 
@@ -40,7 +40,7 @@ def environment(*packages: str) -> Environment:
     return made
 
 
-def page(record: Record, drawn: Sequence[Drawn]) -> str:
+def page(record: StudyRecord, drawn: Sequence[Drawn]) -> str:
     """Return the text of report.html."""
     view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD}
     if record.best is not None:
@@ -58,7 +58,7 @@ def data_uri(content: bytes) -> str:
     return f"data:image/png;base64,{b64encode(content).decode('ascii')}"
 
 
-def lead(record: Record) -> str:
+def lead(record: StudyRecord) -> str:
     """Return what the study consists of, as a sentence without its period."""
     tried = f"{len(record.trials)} experiments"
     if record.scored:

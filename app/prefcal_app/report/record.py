@@ -36,7 +36,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Record:
+class StudyRecord:
     """Study, complete or not, ready to be shown.
 
     Args:
@@ -96,7 +96,7 @@ class Record:
             experiments.setdefault(c.query.challenger.index, c.challenger)
         return tuple(Trial(i, e, self.cost(e)) for i, e in sorted(experiments.items()))
 
-    def costed(self) -> tuple["Record", str]:
+    def costed(self) -> tuple["StudyRecord", str]:
         """Return this record, without costs if the scenario's fails, and then how it failed."""
         try:
             self.trials, self.reference_costs  # noqa: B018  # both compute all costs

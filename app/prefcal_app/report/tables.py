@@ -29,21 +29,21 @@ from prefcal_scenarios.presentation.wording import (
 )
 from prefcal_scenarios.scenario import KPI
 
-from .record import Record
+from .record import StudyRecord
 
 _T = TypeVar("_T")
 _MOST = 3
 """Number of KPIs that the table of experiments shows."""
 
 
-def gain_rows(record: Record) -> list[dict[str, Any]]:
+def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:
     """Return what was gained, a row for each KPI, as the page shows it."""
     assert record.best is not None
     spread = Spread(trial.experiment.kpis for trial in record.trials)
     return gained(record.before.experiment, record.best.experiment, record.kpis, spread)
 
 
-def gain_of(record: Record) -> dict[str, Any]:
+def gain_of(record: StudyRecord) -> dict[str, Any]:
     """Return what was gained over the baseline, as the page shows it."""
     assert record.best is not None
     return gain_view(record.baseline, record.best.index, gain_rows(record))
@@ -55,7 +55,7 @@ def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -
     return [ranked[i] for i in sorted(order[:room])]
 
 
-def foremost_kpis(record: Record, room: int) -> list[KPI]:
+def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
     """Return the KPIs that tell experiments apart, in the order of what was gained.
 
     Values that read the same are no difference. A KPI that is the same in all experiments tells
@@ -66,13 +66,13 @@ def foremost_kpis(record: Record, room: int) -> list[KPI]:
     return foremost([k for k in ranked if _tells(record, k)], room, lambda k: bool(objective(k)))
 
 
-def _tells(record: Record, kpi: KPI) -> bool:
+def _tells(record: StudyRecord, kpi: KPI) -> bool:
     values = np.unique(record.read(kpi))
     known = values[~np.isnan(values)]
     return len(known) > 1 or any(kpi.met(value) is False for value in known)
 
 
-def pid_forms_of(record: Record) -> list[tuple[Parameter, str, str]]:
+def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:
     """Return each parameter of a tuned PID in both forms, with its best value and that before.
 
     Empty for other controllers.
@@ -93,7 +93,7 @@ def pid_forms_of(record: Record) -> list[tuple[Parameter, str, str]]:
     return [(new, text(new), text(old)) for new, old in zip(best, before, strict=True)]
 
 
-def pid_table(record: Record) -> dict[str, Any] | None:
+def pid_table(record: StudyRecord) -> dict[str, Any] | None:
     """Return the tuned PID in the ISA and the parallel form; None for other controllers."""
     before = record.baseline.name
     rows = [
@@ -107,13 +107,13 @@ def pid_table(record: Record) -> dict[str, Any] | None:
     return table("The PID in both forms", ("", "form", "best", before), rows, caption) if rows else None
 
 
-def result_columns(record: Record) -> dict[str, Experiment]:
+def result_columns(record: StudyRecord) -> dict[str, Experiment]:
     """Return the experiments of the result table by heading: best, baseline, references."""
     assert record.best is not None
     return {"best": record.best.experiment, **record.compared_with}
 
 
-def result_rows(record: Record, experiments: Iterable[Experiment]) -> Iterator[dict[str, Any]]:
+def result_rows(record: StudyRecord, experiments: Iterable[Experiment]) -> Iterator[dict[str, Any]]:
     """Yield a row for each knob, the cost, each KPI, and how these experiments ended."""
     shown = list(experiments)
     for i, knob in enumerate(record.scenario.space):
@@ -133,7 +133,7 @@ def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple
     return grouped(kpis, *shown)
 
 
-def result_table(record: Record) -> dict[str, Any]:
+def result_table(record: StudyRecord) -> dict[str, Any]:
     """Return the best experiment beside the baseline and the references."""
     columns = result_columns(record)
     rows = list(result_rows(record, columns.values()))
@@ -142,7 +142,7 @@ def result_table(record: Record) -> dict[str, Any]:
     return table("Result table", ("", *columns), rows, "✓ meets the objective, ✗ does not.")
 
 
-def experiment_table(record: Record) -> dict[str, Any]:
+def experiment_table(record: StudyRecord) -> dict[str, Any]:
     """Return every experiment with θ and the main KPIs, in the order of their numbers."""
     assert record.best is not None
     kpis = shown_values(record)
@@ -165,7 +165,7 @@ def experiment_table(record: Record) -> dict[str, Any]:
     return table("Experiments", columns, rows, caption, "tight")
 
 
-def comparison_table(record: Record) -> dict[str, Any]:
+def comparison_table(record: StudyRecord) -> dict[str, Any]:
     """Return every question with its answer, in the order of the answers."""
     rows = [row(str(k), list(_answered(comparison))) for k, comparison in enumerate(record.asked, start=1)]
     words = [column(name, kind="words") for name in ("verdict", "marks")]
@@ -186,12 +186,12 @@ def _answered(comparison: Comparison) -> Iterator[dict[str, Any]]:
         yield cell(str(sample.index + 1), kind="best" if answer.preference is wins else "")
 
 
-def shown_values(record: Record) -> list[KPI]:
+def shown_values(record: StudyRecord) -> list[KPI]:
     """Return the KPIs that tell experiments apart, as many as fit into a table."""
     return foremost_kpis(record, _MOST)
 
 
-def comparisons_as_csv(record: Record) -> str:
+def comparisons_as_csv(record: StudyRecord) -> str:
     """Return the text of comparisons.csv."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -201,7 +201,7 @@ def comparisons_as_csv(record: Record) -> str:
     return text.getvalue()
 
 
-def _headings(record: Record) -> Iterator[str]:
+def _headings(record: StudyRecord) -> Iterator[str]:
     yield from ("comparison", "verdict", "preference", "strength", "marks", "automatic marks")
     scenario = record.scenario
     for side in ("challenger", "incumbent"):
@@ -211,7 +211,7 @@ def _headings(record: Record) -> Iterator[str]:
         yield from (f"{side} cost", f"{side} ended")
 
 
-def _cells(record: Record, comparison: Comparison) -> Iterator[object]:
+def _cells(record: StudyRecord, comparison: Comparison) -> Iterator[object]:
     answer, query = comparison.answer, comparison.query
     yield VERDICTS[answer.preference]
     yield "" if answer.preference is None else int(answer.preference)
@@ -226,7 +226,7 @@ def _cells(record: Record, comparison: Comparison) -> Iterator[object]:
     yield from _side(record, comparison.incumbent)
 
 
-def _side(record: Record, experiment: Experiment) -> Iterator[object]:
+def _side(record: StudyRecord, experiment: Experiment) -> Iterator[object]:
     scenario = record.scenario
     yield from scenario.space.named(experiment.theta).values()
     yield from (experiment.kpis.get(k.name, "") for k in record.kpis)

@@ -28,7 +28,7 @@ from prefcal_scenarios.presentation.style import (
 from prefcal_scenarios.presentation.wording import knob_number, mathtext, number
 from prefcal_scenarios.scenario import Scenario, panels_of
 
-from .record import Record
+from .record import StudyRecord
 
 _ACROSS = 3
 """Largest number of maneuvers next to each other; more would be too narrow to read."""
@@ -37,7 +37,7 @@ _LINE = 76
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class DrawnRun:
     """A run to draw."""
 
     experiment: Experiment
@@ -48,7 +48,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class _DrawnPanel:
     """A panel, or a zoom on the range around its target."""
 
     panel: Plot
@@ -60,26 +60,26 @@ class _Block:
     """Panels below each other with the same curves, and a heading above them."""
 
     heading: str
-    rows: Sequence[_Row]
-    curves: Sequence[Curve]
+    rows: Sequence[_DrawnPanel]
+    curves: Sequence[DrawnRun]
 
 
-def curves_of(record: Record, *, references: bool = True) -> list[Curve]:
+def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]:
     """Return the baseline, the references and the best run, except runs without a record."""
     assert record.best is not None
     first, best = record.before, record.best
     alone = {record.baseline.name: first.experiment}
     (name, _), *others = (record.compared_with if references else alone).items()
-    curves = [Curve(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
+    curves = [DrawnRun(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
     for i, (name, experiment) in enumerate(others):
         color, dashes = look(i)
-        curves.append(Curve(experiment, name, color, 1.5, dashes))
-    curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
+        curves.append(DrawnRun(experiment, name, color, 1.5, dashes))
+    curves.append(DrawnRun(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
     return [curve for curve in curves if _has_record(curve.experiment)]
 
 
 def best_against(
-    record: Record, *, references: bool = True, panels: int | None = None, most: float = np.inf
+    record: StudyRecord, *, references: bool = True, panels: int | None = None, most: float = np.inf
 ) -> Figure | None:
     """Draw the best trajectory with what it is compared with; None without any record.
 
@@ -107,11 +107,11 @@ def figure(
         right: Right experiment.
         labels: Labels of the left and the right experiment.
     """
-    pair = (Curve(left, labels[0], BEST, 1.9), Curve(right, labels[1], OTHERS[0], 1.9))
+    pair = (DrawnRun(left, labels[0], BEST, 1.9), DrawnRun(right, labels[1], OTHERS[0], 1.9))
     parts = maneuvers_of(left, right)
     blocks = []
     for part, runs in parts.items():
-        rows = [_Row(panel) for panel in panels_of(scenario, *runs)]
+        rows = [_DrawnPanel(panel) for panel in panels_of(scenario, *runs)]
         for curve, run in zip(pair, runs, strict=True):
             heading = part if curve is pair[0] else ""
             blocks.append(_Block(heading, rows, [replace(curve, experiment=run)]))
@@ -135,11 +135,11 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
     """
     theta = "\n".join(_theta_lines(scenario, experiment.theta))
     with style():
-        curve = Curve(experiment, theta, BEST, 1.9)
+        curve = DrawnRun(experiment, theta, BEST, 1.9)
         return _together(partial(panels_of, scenario), [curve], zooms=True)
 
 
-def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
+def overlaid(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Figure:
     """Draw experiments over each other, a panel per signal, with the references that change.
 
     Several maneuvers are drawn next to each other.
@@ -153,7 +153,7 @@ def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
 
 def _together(
     panels: Callable[..., Sequence[Plot]],
-    curves: Sequence[Curve],
+    curves: Sequence[DrawnRun],
     *,
     zooms: bool = False,
     most: float = np.inf,
@@ -177,7 +177,7 @@ def _together(
         if found:
             drawn = panels(*(c.experiment for c in found))
             zoomed = zooms and len(parts) == 1
-            rows = list(_zoomed(drawn, found)) if zoomed else [_Row(panel) for panel in drawn]
+            rows = list(_zoomed(drawn, found)) if zoomed else [_DrawnPanel(panel) for panel in drawn]
             blocks.append(_Block(part, rows, found))
     across = min(len(blocks), _ACROSS)
     count = max(len(block.rows) for block in blocks) * -(-len(blocks) // across)
@@ -248,15 +248,15 @@ def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
     axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
-def _zoomed(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
+def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_DrawnPanel]:
     """Yield every panel, followed by a zoom if its accepted band would look like a line."""
     for panel in panels:
-        yield _Row(panel)
+        yield _DrawnPanel(panel)
         every = np.concatenate([panel.values(c.experiment) for c in curves])
         spread = np.ptp(every[np.isfinite(every)]) if np.isfinite(every).any() else 0.0
         band = panel.channel.band
         if panel.channel.target is not None and band is not None and 2 * band < 0.15 * spread:
-            yield _Row(panel, zoomed=True)
+            yield _DrawnPanel(panel, zoomed=True)
 
 
 def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
@@ -289,7 +289,7 @@ def _reference(axes: Axes, panel: Plot, experiment: Experiment) -> None:
         )
 
 
-def _draw(axes: Axes, panel: Plot, curve: Curve) -> None:
+def _draw(axes: Axes, panel: Plot, curve: DrawnRun) -> None:
     t, values = curve.experiment.t, panel.values(curve.experiment)
     if not np.isfinite(values).any():
         return

@@ -10,11 +10,11 @@ from .acceptance import FILE, sheet
 from .export import best_as_json
 from .html import page
 from .pictures import PICTURES, draw
-from .record import Record
+from .record import StudyRecord
 from .tables import comparisons_as_csv
 
 
-def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) -> Path:
+def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = ()) -> Path:
     """Write the report's files into `folder`; return the path of report.html.
 
     Equal studies give equal bytes. Files of an earlier report in `folder` are replaced.

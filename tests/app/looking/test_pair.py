@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_app import look
 from prefcal_app.looking.pair import NamedRun, aligned_view, in_time_unit
-from prefcal_app.report.trajectories import Curve, overlaid
+from prefcal_app.report.trajectories import DrawnRun, overlaid
 from prefcal_env import combined, recorded
 from prefcal_env.errors import ExperimentError
 from prefcal_scenarios import KPI
@@ -161,6 +161,6 @@ def test_what_has_no_direction_has_no_worst_maneuver():
 
 def test_the_picture_draws_every_maneuver():
     pair = look(maneuvers(0.2), maneuvers(0.1))
-    drawn = overlaid(pair.panels, [Curve(pair.left.experiment, "a", "k")])
+    drawn = overlaid(pair.panels, [DrawnRun(pair.left.experiment, "a", "k")])
     places = [axes for axes in drawn.axes if axes.get_visible()]
     assert len(places) == 2 * len(pair.panels)

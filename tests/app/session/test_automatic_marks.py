@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from prefcal_agents.history.lessons import Marks
-from prefcal_app.report import Record
+from prefcal_app.report import StudyRecord
 from prefcal_app.report.html import page
 from prefcal_app.report.tables import comparisons_as_csv
 from prefcal_app.session import Choice, Phase, flow
@@ -144,7 +144,7 @@ def test_every_view_says_so_and_why():
 def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):
     interview = studied()
     held = interview.now().state.history.incumbents()
-    record = Record(touchy, "toy", interview.comparisons(), held)
+    record = StudyRecord(touchy, "toy", interview.comparisons(), held)
     assert f"first: {WORDS}" in page(record, [])
     rows = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
     told = [c.answer for c in interview.comparisons()[1:]]

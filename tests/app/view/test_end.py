@@ -96,7 +96,12 @@ def test_the_result_is_compared_with_the_tuning_that_the_person_gave(start, name
 def test_the_report_opens_and_the_controller_can_be_downloaded(tmp_path):
     (tmp_path / "best.json").write_text("{}")
     _, _, view = over(tmp_path)
-    assert view["report"]["link"] == "/report/report.html"
+    assert view["report"] == {
+        "place": str(tmp_path / "report.html"),
+        "link": "/report/report.html",
+        "acceptance": "/report/acceptance.html",
+    }
+    assert over()[2]["report"] is None
     assert view["next"]["download"] == "/report/best.json"
     assert str(tmp_path / "best.json") in view["next"]["python"]
     _, _, without = over(tmp_path / "nowhere")
