@@ -29,6 +29,8 @@ _HIGH, _LINE = 0.2, (50, 20, 16)
 and a value that stay on a line."""
 _PANELS = 3
 """Largest number of panels for which one page has room."""
+_KPI = ("title", "objective", "before", "after", "unit", "met")
+"""What the sheet says of a KPI."""
 _NEAR = 1e-6
 """Share of its size by which a value may miss a limit and still count as being at it."""
 
@@ -61,7 +63,7 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     """
     assert record.best is not None
     before, after = record.before, record.best
-    knobs, kpis = list(_knobs(record)), list(_kpis(record))
+    knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gain_rows(record)]
     limits = list(limits_kept(before.experiment, after.experiment))[: _MOST - _LEAST]
     room = _MOST - len(limits)
     shown = foremost(kpis, room, lambda kpi: kpi["cells"][0]["text"] != "–")
@@ -126,11 +128,6 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
     lines += [(p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived]
     for name, limits, old, new, unit in lines:
         yield row(name, [cell(limits), cell(old), cell(new, kind="best"), cell(unit)])
-
-
-def _kpis(record: StudyRecord) -> Iterator[dict[str, Any]]:
-    for kpi in gain_rows(record):
-        yield _row(*(kpi[name] for name in ("title", "objective", "before", "after", "unit", "met")))
 
 
 def limits_kept(before: Experiment, after: Experiment) -> Iterator[dict[str, Any]]:

@@ -101,7 +101,10 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     content = _read(Path(path))
     settings = content["settings"]
     if isinstance(settings, Mapping) and settings.get("controller") in KINDS:
-        return _described(settings, path)
+        try:
+            return from_data(settings)
+        except SettingsError as error:
+            raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
     scenario = _scenario(content["scenario"], Path(path).parent)
     if scenario.controller is None:  # the run of an own scenario knows how
         make = getattr(scenario.run, "controller", None)
@@ -122,14 +125,6 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
         _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
     assert scenario.controller is not None
     return scenario.controller(values)
-
-
-def _described(settings: Mapping[str, Any], path: str | Path) -> Controller:
-    """Return the controller that the settings describe."""
-    try:
-        return from_data(settings)
-    except SettingsError as error:
-        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
 
 
 def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:

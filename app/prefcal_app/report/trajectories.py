@@ -47,12 +47,8 @@ class DrawnRun:
     dashes: Any = "-"
 
 
-@dataclass(frozen=True, slots=True)
-class _DrawnPanel:
-    """A panel, or a zoom on the range around its target."""
-
-    panel: Plot
-    zoomed: bool = False
+_Row = tuple[Plot, bool]
+"""A panel, and whether it is a zoom on the range around its target."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +56,7 @@ class _Block:
     """Panels below each other with the same curves, and a heading above them."""
 
     heading: str
-    rows: Sequence[_DrawnPanel]
+    rows: Sequence[_Row]
     curves: Sequence[DrawnRun]
 
 
@@ -111,7 +107,7 @@ def figure(
     parts = maneuvers_of(left, right)
     blocks = []
     for part, runs in parts.items():
-        rows = [_DrawnPanel(panel) for panel in panels_of(scenario, *runs)]
+        rows = [(panel, False) for panel in panels_of(scenario, *runs)]
         for curve, run in zip(pair, runs, strict=True):
             heading = part if curve is pair[0] else ""
             blocks.append(_Block(heading, rows, [replace(curve, experiment=run)]))
@@ -177,7 +173,7 @@ def _together(
         if found:
             drawn = panels(*(c.experiment for c in found))
             zoomed = zooms and len(parts) == 1
-            rows = list(_zoomed(drawn, found)) if zoomed else [_DrawnPanel(panel) for panel in drawn]
+            rows = list(_zoomed(drawn, found)) if zoomed else [(panel, False) for panel in drawn]
             blocks.append(_Block(part, rows, found))
     across = min(len(blocks), _ACROSS)
     count = max(len(block.rows) for block in blocks) * -(-len(blocks) // across)
@@ -248,28 +244,28 @@ def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
     axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
-def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_DrawnPanel]:
+def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_Row]:
     """Yield every panel, followed by a zoom if its accepted band would look like a line."""
     for panel in panels:
-        yield _DrawnPanel(panel)
+        yield panel, False
         every = np.concatenate([panel.values(c.experiment) for c in curves])
         spread = np.ptp(every[np.isfinite(every)]) if np.isfinite(every).any() else 0.0
         band = panel.channel.band
         if panel.channel.target is not None and band is not None and 2 * band < 0.15 * spread:
-            yield _DrawnPanel(panel, zoomed=True)
+            yield panel, True
 
 
 def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
     """Draw the curves of a block; `short` titles name only the signal and its unit."""
-    for place, row in zip(axes, block.rows, strict=True):
-        channel = row.panel.channel
+    for place, (panel, zoomed) in zip(axes, block.rows, strict=True):
+        channel = panel.channel
         _limits(place, channel)
         for curve in block.curves:
-            _reference(place, row.panel, curve.experiment)
-            _draw(place, row.panel, curve)
+            _reference(place, panel, curve.experiment)
+            _draw(place, panel, curve)
         named = replace(channel, target=None, band=None, low=-np.inf, high=np.inf)
-        place.set_title(panel_title(named if short else channel, zoomed=row.zoomed))
-        if row.zoomed and channel.target is not None and channel.band is not None:
+        place.set_title(panel_title(named if short else channel, zoomed=zoomed))
+        if zoomed and channel.target is not None and channel.band is not None:
             place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
         place.margins(x=0.01)
     axes[-1].set_xlabel(f"time [{block.curves[0].experiment.channels.time_unit}]")

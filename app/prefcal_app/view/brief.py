@@ -3,11 +3,12 @@
 from typing import Any
 
 from prefcal_app.session import Interview
-from prefcal_env.knobs.knob import Knob
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
-from prefcal_scenarios.presentation.wording import limits_text, number
+from prefcal_scenarios.presentation.wording import limits_text
 from prefcal_scenarios.scenario import KPI, Scenario
+
+from .sides import knob_view
 
 _SECONDS = 15
 """Seconds for one comparison at a calm pace."""
@@ -23,16 +24,10 @@ def scenario_view(scenario: Scenario) -> dict[str, Any]:
     return {
         "title": scenario.title,
         "text": scenario.brief,
-        "knobs": [_knob_view(knob) for knob in scenario.space],
+        "knobs": [knob_view(knob) for knob in scenario.space],
         "kpis": [_kpi_view(kpi) for kpi in scenario.shown_kpis],
         "panels": [panel.title or panel.name for panel in scenario.panels],
     }
-
-
-def _knob_view(knob: Knob) -> dict[str, str]:
-    """Return a knob in words."""
-    between = f"{number(knob.low)} to {number(knob.high)}"
-    return {"name": knob.name, "unit": knob.unit, "about": knob.about, "range": between}
 
 
 def _how(interview: Interview) -> str:

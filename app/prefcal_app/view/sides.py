@@ -9,8 +9,9 @@ from prefcal_app.summary.compare import compared, words_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_env.experiments.panels import Plot
+from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.presentation.wording import ended_text, knob_number, measured, objective
+from prefcal_scenarios.presentation.wording import ended_text, knob_number, measured, number, objective
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 
 from .maneuvers import eventful, largest_difference
@@ -103,6 +104,16 @@ def numbers_view(experiment: Experiment, kpis: Sequence[KPI]) -> dict[str, Any]:
             {**words_of(kpi), "text": measured(kpi, experiment), "met": kpi.met_by(experiment)}
             for kpi in shown
         ],
+    }
+
+
+def knob_view(knob: Knob) -> dict[str, Any]:
+    """Return what a knob is, with its range as numbers and in words."""
+    return {
+        **{name: getattr(knob, name) for name in ("name", "unit", "about", "scale", "integer")},
+        "low": float(knob.low),
+        "high": float(knob.high),
+        "range": f"{number(knob.low)} to {number(knob.high)}",
     }
 
 
