@@ -14,7 +14,7 @@ from prefcal_app.cli.studies.files import summary
 from prefcal_app.report.export import best_as_json
 from prefcal_app.report.html import page
 from prefcal_app.report.tables import comparisons_as_csv
-from prefcal_app.session import Choice, Counts
+from prefcal_app.session import Choice
 from prefcal_app.terminal.showing import show_status
 from prefcal_app.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
@@ -119,11 +119,6 @@ def record_of_now(interview, now):
             return now
 
     return record_of(Fixed(), OPTIONS, {})
-
-
-def test_verdicts_add_up(interview):
-    counts = Counts.of(interview.now().state)
-    assert sum(counts.verdicts.values()) == counts.comparisons
 
 
 def said(interview):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_app.summary.gain import FIRST
+from prefcal_app.view.end import FIRST
 from prefcal_app.view.tables import cell, row, table
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_scenarios.presentation.style import save, style

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_app.summary.counts import VERDICTS as VERDICTS
-from prefcal_app.summary.gain import Baseline
 from prefcal_app.summary.outlook import Outlook
+from prefcal_app.view.end import Baseline
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.own_line import in_words, located
 from prefcal_env.preferences.loop import Comparison

@@ -9,8 +9,7 @@ import numpy as np
 
 from prefcal_app.summary.compare import Spread
 from prefcal_app.summary.counts import VERDICTS
-from prefcal_app.summary.gain import gained
-from prefcal_app.view.end import gain_view
+from prefcal_app.view.end import gain_view, gained
 from prefcal_app.view.sides import theta_texts
 from prefcal_app.view.tables import cell, column, judged, row, table
 from prefcal_env.experiments.experiment import Experiment

@@ -1,4 +1,10 @@
-"""Turn an interview into plain data for the page, which computes nothing itself."""
+"""One tree of plain data (dicts that JSON holds) that page, terminal, notebook, look and report draw.
+
+Its branches: `brief` the task, its knobs and KPIs; `now` the phase, the progress, the open question
+with both sides, and at the end what was gained; `history` every answer; `status` the best so far,
+what was tried and learned, and whether to continue; `simulated` what was simulated unseen. Two
+experiments beside each other are put together in `sides`, and tables in `tables`, and nowhere else.
+"""
 
 from .brief import brief_view as brief_view
 from .brief import scenario_view as scenario_view

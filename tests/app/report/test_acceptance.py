@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from prefcal_app.report.acceptance import limits_kept, sheet, sheet_of
-from prefcal_app.summary.gain import CURRENT, Baseline
+from prefcal_app.view.end import CURRENT, Baseline
 from prefcal_scenarios import KPI
 from support.browser import CHROMIUM, FLAGS
 from toy_study import toy_record

@@ -7,8 +7,8 @@ import pytest
 
 from prefcal_app.session import Choice
 from prefcal_app.summary.compare import Spread
-from prefcal_app.summary.gain import Baseline, gained
 from prefcal_app.view import now_view
+from prefcal_app.view.end import Baseline, gained
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked
 
