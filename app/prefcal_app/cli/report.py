@@ -16,7 +16,7 @@ from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.kpi_index import trust_text
 from prefcal_app.session.view import GOOD_ENOUGH
-from prefcal_app.view.end import Baseline
+from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
@@ -62,7 +62,7 @@ def record_of(
         judged=follows_cost(options, interview.scenario),
         study=name or "",
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
-        baseline=Baseline.of(state),
+        baseline=baseline_of(state),
         fingerprint=_fingerprint(options, state),
     )
 

@@ -68,7 +68,7 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     room = _MOST - len(limits)
     shown = foremost(kpis, room, lambda kpi: kpi["cells"][0]["text"] != "–")
     ends = _row("run ended", "", before.experiment.end.value, after.experiment.end.value)
-    heads = [record.baseline.name, f"experiment {after.number}", "unit"]
+    heads = [record.baseline, f"experiment {after.number}", "unit"]
     rows, columns = [*shown, *limits, ends], ["KPI", "required", *heads, "met"]
     when = record.origin.get("when (UTC)")
     return {
@@ -101,7 +101,7 @@ def _facts(record: StudyRecord) -> Iterator[str]:
     digits = record.origin.get("fingerprint of the scenario")
     made = f", fingerprint of the scenario {digits}" if digits else ""
     yield f"{counted}, prefcal {versions()['prefcal']}{made}{state}."
-    name = record.baseline.name
+    name = record.baseline
     words = f"Before: {name} (experiment {before}). After: experiment {after}."
     if before == after:
         none = f"No experiment was better than the {name}."

@@ -75,7 +75,7 @@ def _before(record: StudyRecord) -> dict[str, Any]:
     """Return the tuning that the result was compared with: the way back."""
     theta, scenario = record.before.experiment.theta, record.scenario
     return {
-        "what": record.baseline.name,
+        "what": record.baseline,
         "experiment": record.before.number,
         "theta": scenario.space.named(theta),
         "settings": {} if scenario.settings is None else scenario.settings(theta),

@@ -70,7 +70,7 @@ def _course_alt(record: StudyRecord) -> str:
             texts = [measured(kpi, trial.experiment) for trial in sides]
         kpis.append(f"{kpi.title} {' to '.join(texts)} {kpi.unit}".rstrip())
     return (
-        f"Plots of the KPIs of {len(record.trials)} experiments. From the {record.baseline.name} "
+        f"Plots of the KPIs of {len(record.trials)} experiments. From the {record.baseline} "
         f"to the best: {', '.join(kpis)}."
     )
 

@@ -94,7 +94,7 @@ def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:
 
 def pid_table(record: StudyRecord) -> dict[str, Any] | None:
     """Return the tuned PID in the ISA and the parallel form; None for other controllers."""
-    before = record.baseline.name
+    before = record.baseline
     rows = [
         row(p.name, (cell(p.form, kind="words"), cell(new, kind="best"), cell(old)), unit=p.unit)
         for p, new, old in pid_forms_of(record)

@@ -64,7 +64,7 @@ def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]
     """Return the baseline, the references and the best run, except runs without a record."""
     assert record.best is not None
     first, best = record.before, record.best
-    alone = {record.baseline.name: first.experiment}
+    alone = {record.baseline: first.experiment}
     (name, _), *others = (record.compared_with if references else alone).items()
     curves = [DrawnRun(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
     for i, (name, experiment) in enumerate(others):

@@ -1,7 +1,6 @@
 """Show the end: what was gained over the experiment to beat, the report, and what to do next."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,37 +16,22 @@ from . import tables
 from .seen import Seen
 
 FIRST, CURRENT = "first experiment", "current tuning"
-"""Names of the experiment before: without and with a tuning that the person gave."""
+"""Names of the first experiment: without and with a tuning that the person gave."""
 
 _SLIGHT = 0.05
 """Share of a usual difference in the study below which a change is neither better nor worse."""
 
 
-@dataclass(frozen=True, slots=True)
-class Baseline:
-    """The experiment that the result is compared with.
+def baseline_of(state: State) -> str:
+    """Return what the first experiment is, with which the result is compared.
 
-    Args:
-        index: Its index, from 0.
-        name: "current tuning" if the person gave its values, the name of a reference of the
-            scenario if the study started with that, or "first experiment".
+    That is "current tuning" if the person gave its values, the name of a reference of the scenario
+    if the study started with that, or "first experiment".
     """
-
-    index: int = 0
-    name: str = FIRST
-
-    @classmethod
-    def of(cls, state: State) -> "Baseline":
-        """Return the baseline of a study."""
-        start = state.configuration["options"].get("start") or ()
-        if not start:
-            return cls()
-        return cls(0, CURRENT if "=" in start[0] else str(start[0]))
-
-    @property
-    def label(self) -> str:
-        """Return its name with its number."""
-        return self.name if self.name == FIRST else f"{self.name} (experiment {self.index + 1})"
+    start = state.configuration["options"].get("start") or ()
+    if not start:
+        return FIRST
+    return CURRENT if "=" in start[0] else str(start[0])
 
 
 def over_view(
@@ -65,17 +49,16 @@ def over_view(
 
 
 def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
-    baseline = Baseline.of(now.state)
-    both = interview.experiment(baseline.index), interview.experiment(best)
+    both = interview.experiment(0), interview.experiment(best)
     rows = gained(*both, interview.scenario.shown_kpis, seen.look(interview).spread)
-    return gain_view(baseline, best, rows)
+    return gain_view(baseline_of(now.state), best, rows)
 
 
-def gain_view(baseline: Baseline, best: int, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def gain_view(baseline: str, best: int, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the KPIs of the baseline next to those of the best experiment.
 
     Args:
-        baseline: Experiment that the result is compared with.
+        baseline: What the first experiment is; see `baseline_of`.
         best: Index of the best experiment.
         rows: What `gained` returns of both.
     """
@@ -95,13 +78,12 @@ def gain_view(baseline: Baseline, best: int, rows: Sequence[Mapping[str, Any]]) 
         )
         for row in rows
     ]
-    heads = ("", f"{baseline.name} ({baseline.index + 1})", f"best ({best + 1})", "change", "")
+    heads = ("", f"{baseline} (1)", f"best ({best + 1})", "change", "")
     caption = "Largest change first. ✓ meets the objective, ✗ does not."
     return {
-        "title": f"What was gained over the {baseline.name}",
-        "none": f"No experiment was better than the {baseline.name}: "
-        f"experiment {best + 1} is still the best.",
-        "same": best == baseline.index,
+        "title": f"What was gained over the {baseline}",
+        "none": f"No experiment was better than the {baseline}: experiment {best + 1} is still the best.",
+        "same": best == 0,
         "table": tables.table("What was gained", heads, lines, caption),
     }
 

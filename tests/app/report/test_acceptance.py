@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from prefcal_app.report.acceptance import limits_kept, sheet, sheet_of
-from prefcal_app.view.end import CURRENT, Baseline
+from prefcal_app.view.end import CURRENT
 from prefcal_scenarios import KPI
 from support.browser import CHROMIUM, FLAGS
 from toy_study import toy_record
@@ -64,7 +64,7 @@ def test_the_sheet_names_study_version_values_and_dates():
     assert text.count('<th scope="row">') == rows + 2  # how the run ended, and the valve's limits
     assert "valve saturated" in text
     assert "the tuning in use was not given" in text
-    tuned = replace(record, baseline=Baseline(0, CURRENT), fingerprint="0123456789abcdef")
+    tuned = replace(record, baseline=CURRENT, fingerprint="0123456789abcdef")
     text = sheet(tuned)
     assert f'<th scope="col">{CURRENT}</th><th scope="col">experiment' in text
     assert "To go back, set the parameters" in text

@@ -8,7 +8,7 @@ import pytest
 from prefcal_app.session import Choice
 from prefcal_app.summary.compare import Spread
 from prefcal_app.view import now_view
-from prefcal_app.view.end import Baseline, gained
+from prefcal_app.view.end import baseline_of, gained
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked
 
@@ -90,7 +90,7 @@ def test_the_result_is_compared_with_the_tuning_that_the_person_gave(start, name
     _, now = asked()
     options = {**now.state.configuration["options"], "start": start}
     state = replace(now.state, configuration={**now.state.configuration, "options": options})
-    assert Baseline.of(state) == Baseline(0, name)
+    assert baseline_of(state) == name
 
 
 def test_the_report_opens_and_the_controller_can_be_downloaded(tmp_path):
