@@ -2,34 +2,28 @@
 
 import numpy as np
 
-from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents import Agent
 
 
-class StepSearch(PreferenceBased):
+class StepSearch(Agent):
     """Evolution strategy with one parent; steps grow after a success and shrink after a failure.
 
     The base class does the bookkeeping: the open question, the incumbent, undo, retraction, saving.
-    What is left is one function, from what was tried and answered to the next point of the unit
-    cube.
+    What is left is one pure function, from what was tried and answered to the next point of the
+    unit cube. If its θ ran already, a random one takes its place.
     """
 
     version = 1  # raise it when the same answers would lead to another next sample
 
-    def _propose(self, history):
-        rng = np.random.default_rng([self._seed, history.answered])  # nothing else to remember
-        n = len(self.space)
-        if history.answered < self.n_init:
-            z = rng.random(n)
-        else:
-            lessons = Preferences.of(history)
-            won = np.sum(lessons.b[self.n_init - 1 :] == -1)
-            lost = np.sum(lessons.b[self.n_init - 1 :] == 1)
-            step = min(0.2 * 1.5**won * 0.9**lost, 0.5)
-            parent = np.array(history.samples[history.incumbent].z)
-            z = np.clip(parent + step * rng.standard_normal(n), 0.0, 1.0)
-        return Tried(self.space, history).fresh(z, rng)  # nothing is tried twice
+    def propose(self, history):
+        n, n_init = len(self.space), self.setup.n_init
+        rng = np.random.default_rng([self.setup.seed, history.answered])  # nothing else to remember
+        if history.answered < n_init:
+            return rng.random(n)
+        answers = [c.answer.preference for c in history.lessons()[n_init - 1 :]]  # -1: it won
+        step = min(0.2 * 1.5 ** answers.count(-1) * 0.9 ** answers.count(1), 0.5)
+        parent = np.array(history.samples[history.incumbent].z)
+        return np.clip(parent + step * rng.standard_normal(n), 0.0, 1.0)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,6 @@ if _TYPE_CHECKING:
     from .experiments.experiment import End as End
     from .experiments.experiment import Experiment as Experiment
     from .experiments.kpis import tracking_kpis as tracking_kpis
-    from .experiments.maneuvers import Maneuvers as Maneuvers
     from .experiments.maneuvers import combined as combined
     from .experiments.panels import Panel as Panel
     from .experiments.recorded import recorded as recorded
@@ -65,7 +64,10 @@ if _TYPE_CHECKING:
     from .preferences.loop import ask_and_tell as ask_and_tell
     from .preferences.loop import calibrate as calibrate
     from .preferences.loop import completed as completed
-    from .rig import Rig as Rig
+    from .sources import Maneuvers as Maneuvers
+    from .sources import Rig as Rig
+    from .sources import Run as Run
+    from .sources import Source as Source
     from .tables import TableColumns as TableColumns
     from .tables import from_frame as from_frame
 
@@ -86,7 +88,7 @@ _HOMES = {
         "experiments.control": "Controller Measurement Move",
         "experiments.experiment": "Channel Channels End Experiment",
         "experiments.kpis": "tracking_kpis",
-        "experiments.maneuvers": "Maneuvers combined",
+        "experiments.maneuvers": "combined",
         "experiments.panels": "Panel",
         "experiments.recorded": "recorded",
         "experiments.rollout": "rollout",
@@ -99,7 +101,7 @@ _HOMES = {
         "preferences.answer": "Agent Answer Calibrator Mark Preference Query Suggestion",
         "preferences.kpis": "Outcome",
         "preferences.loop": "Comparison ask_and_tell calibrate completed",
-        "rig": "Rig",
+        "sources": "Maneuvers Rig Run Source",
         "tables": "TableColumns from_frame",
     }.items()
     for name in names.split()

@@ -117,7 +117,6 @@ def _of_the_mpc() -> Iterator[Kernel]:
     yield _kernel("triangular factors", riccati.triangularize, "matrix, i8, i8, i8")
     yield _kernel("inputs", rows.inputs, "cube, vector, vector, UniTuple(vector, 4)")
     yield _kernel("active limits", _active_set.nearest, "matrix, vector, vector, f8, f8, i8")
-    # Not `in_inputs`, which is as large and hardly ever needed.
     yield _kernel(
         "control step",
         step.decide,
@@ -148,16 +147,16 @@ def _of_the_reactor() -> Iterator[Kernel]:
 
 
 def _of_the_road() -> Iterator[Kernel]:
-    from prefcal_env.envs.overtake import _kernels
+    from prefcal_env.envs.overtake import geometry
     from prefcal_env.plants.bicycle import compiled_hold
 
     yield from _of_the_solver()
     yield _kernel("car", compiled_hold(), "f8, f8, f8, f8, f8, f8, vector")
-    yield _kernel("edge of the road", _kernels.kept, "matrix, UniTuple(f8, 2), f8")
-    yield _kernel("contacts", _kernels.surely_apart, "matrix, cube, f8, f8")
-    yield _kernel("separation", _kernels.separation, "matrix, matrix")
-    yield _kernel("distance", _kernels.distance, "matrix, matrix")
-    yield _kernel("distance off the road", _kernels.outside, "matrix, UniTuple(f8, 2)")
+    yield _kernel("edge of the road", geometry.kept, "matrix, UniTuple(f8, 2), f8")
+    yield _kernel("contacts", geometry.surely_apart, "matrix, cube")
+    yield _kernel("separation", geometry.separations, "matrix, matrix")
+    yield _kernel("distance", geometry.distances, "matrix, matrix")
+    yield _kernel("distance off the road", geometry.outsides, "matrix, UniTuple(f8, 2)")
 
 
 _KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {

@@ -26,8 +26,8 @@ LAYERS = {
         {"arrays", "errors", "jit", "own_line", "wording"},
         {"knobs", "experiments", "qp", "plain", "described", "parquet", "workers"},
         {"preferences", "plants", "tables"},
-        {"mpc", "envs", "rig", "live", "calibrators", "study", "fmu"},
-        {"compiling", "controllers"},
+        {"mpc", "envs", "sources", "calibrators", "study", "fmu"},
+        {"compiling", "controllers", "live"},
     ),
     "prefcal_agents": (
         {"history", "space", "support"},

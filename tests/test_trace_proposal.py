@@ -2,6 +2,7 @@
 
 import os
 import sys
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 import prefcal_agents
 import prefcal_env
-from prefcal_agents import GLISp
+from prefcal_agents import GLISp, Screening
 from prefcal_scenarios.cases.functions import FUNCTIONS
 
 HOMES = tuple(f"{Path(p.__file__).parent}{os.sep}" for p in (prefcal_env, prefcal_agents))
@@ -32,10 +33,24 @@ def path(work):
     return entered
 
 
-@pytest.mark.parametrize("experiment", [30, 31])  # an own kind of proposal each
-def test_a_proposal_enters_few_files(experiment):
+def simulated(theta):
+    """Simple KPIs of a θ."""
+    far = (theta - 0.4) ** 2
+    return {"first": float(far[0]), "others": float(far[1:].sum()), "size": float(abs(theta[0]))}
+
+
+@pytest.mark.parametrize(
+    ("make", "experiment"),
+    [
+        (partial(GLISp, n_init=6, n_max=50), 30),  # each a kind of proposal of its own
+        (partial(GLISp, n_init=6, n_max=50), 31),
+        (partial(Screening, simulate=simulated), 4),
+        (partial(Screening, simulate=simulated), 8),
+    ],
+)
+def test_a_proposal_enters_few_files(make, experiment):
     function = FUNCTIONS["hartman3"]
-    agent = GLISp(function.space, n_init=6, n_max=50, seed=0)
+    agent = make(function.space, seed=0)
 
     def ask_and_tell():
         query = agent.ask()

@@ -23,6 +23,7 @@ if _TYPE_CHECKING:
     from .history.agent_state import AgentState as AgentState
     from .minimize import Minimum as Minimum
     from .minimize import minimize_by_preference as minimize_by_preference
+    from .protocol.agent import Agent as Agent
     from .respacing import respaced as respaced
     from .rl import PPOBandit as PPOBandit
     from .rl import SACBandit as SACBandit
@@ -33,6 +34,7 @@ if _TYPE_CHECKING:
     from .utility.bank import Bank as Bank
 
 _HOMES = {
+    "Agent": "protocol.agent",
     "AgentState": "history.agent_state",
     "Bank": "utility.bank",
     "Earlier": "transfer",

@@ -16,6 +16,7 @@ from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.mpc.kernels import step
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.cstr import FEED
+from prefcal_env.qp import QP, PIQPSolver
 from prefcal_scenarios.cases.cstr import controller as cstr_tuning
 from prefcal_scenarios.cases.cstr.kpis import compute_kpis as cstr_kpis
 from prefcal_scenarios.cases.cstr.kpis import performance_index
@@ -77,16 +78,13 @@ def first_unlimited(mpc: LinearMPC, m: Measurement) -> Move:
 
     In place of `LinearMPC.move`.
     """
-    n_u, data = len(m.u), mpc._data(m)
-    how, _, _, *arrays = step.decide(*data, *mpc._problem, mpc._solver)
-    for U, qp in mpc._both(how, arrays, data):
-        low, high = qp.lower.copy(), qp.upper.copy()
-        low[:n_u], high[:n_u] = -np.inf, np.inf
-        solution = mpc._backend.solve(replace(qp, lower=low, upper=high))
-        if solution.solved:
-            v = solution.z[: U.shape[2] - 1]
-            return Move(m.u + U[0] @ np.append(v, 1.0), solution.iterations)
-    return Move(m.u, solved=False)
+    n_u = len(m.u)
+    _, _, _, U, G, low, high = step.decide(*mpc._data(m), *mpc._problem, mpc._solver)
+    low[:n_u], high[:n_u] = -np.inf, np.inf
+    n = G.shape[1]
+    solution = PIQPSolver(mpc.settings.tolerances).solve(QP(np.eye(n), np.zeros(n), G, low, high))
+    v = solution.z[: U.shape[2] - 1]
+    return Move(m.u + U[0] @ np.append(v, 1.0), solution.iterations, solution.solved)
 
 
 def heat() -> list[float]:

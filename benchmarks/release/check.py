@@ -87,7 +87,6 @@ RUNS: Mapping[str, Sequence[str]] = {
         "studies export s.prefcal --format csv",
         "studies export s.prefcal --format parquet --out columns",
     ),
-    "studies index": ("studies index servo.prefcal",),
     "studies import": ("studies import s.json --study ./second.prefcal",),
     "studies verify": ("studies verify ./second.prefcal",),
     "studies respace": ("studies respace ./second.prefcal --knob T_s=0.2:0.6",),

@@ -62,7 +62,7 @@ def compare(theta: tuple[float, int, float], rounds: int, label: str) -> np.ndar
     """Return µs of a step with each backend and of the bare solver, one row a round."""
     measured = closed_loop(controller(*theta, "piqp"))
     mpcs = [controller(*theta, backend) for backend in BACKENDS]
-    qps = [next(mpcs[0].problems(m)) for m in measured]
+    qps = [mpcs[0].problem(m) for m in measured]
     arrays = [(q.P, q.q, None, None, np.asfortranarray(q.G), q.lower, q.upper) for q in qps]
     solver = piqp.DenseSolver()
 

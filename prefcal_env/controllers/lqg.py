@@ -35,7 +35,7 @@ class LQG:
 
     def __init__(self, lqr: LQR, noise: Sequence[float], process: Sequence[float]) -> None:
         # Here, since the filter loads a compiler.
-        from prefcal_env.mpc.estimator import Estimate, ExtendedKalmanFilter
+        from prefcal_env.mpc.estimator import ExtendedKalmanFilter, StateEstimate
 
         self.lqr, m = lqr, lqr.model
         self.noise = vector("noise", noise, len(m.y0), "above 0")
@@ -43,8 +43,8 @@ class LQG:
         Q, R = np.diag(self.process**2) * lqr.T_s, np.diag(self.noise**2)
         plant = Plant.of((m.A, m.B, m.C, m.D))  # deviations from the steady state
         self._filter = ExtendedKalmanFilter(plant, lqr.T_s, Q=Q, R=R)
-        self._start = Estimate(np.zeros(len(m.x0)), _lasting(m, lqr.T_s, Q, R))
-        self._estimate: Estimate | None = None
+        self._start = StateEstimate(np.zeros(len(m.x0)), _lasting(m, lqr.T_s, Q, R))
+        self._estimate: StateEstimate | None = None
 
     @property
     def T_s(self) -> float:

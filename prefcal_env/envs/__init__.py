@@ -4,5 +4,5 @@ from prefcal_env.experiments.trajectory import Record as Record
 
 from .lti_loop import LTILoop as LTILoop
 from .plant_env import PlantEnv as PlantEnv
-from .task import Step as Step
+from .task import Period as Period
 from .task import Task as Task

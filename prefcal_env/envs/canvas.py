@@ -1,20 +1,22 @@
-"""Pictures of trajectories for `render`, on one figure that is created lazily and reused."""
+"""Pictures for `render`, on one figure that is created lazily and reused, and render modes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channel
 
+Make = TypeVar("Make", bound=Callable[..., Any])
 _INCHES, _DPI = (7.2, 2.4), 100
 _CURVE, _LIMIT, _TARGET, _BAND = "#0b62c4", "#b3261e", "#2b2b2b", "#2e7d32"
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class DrawnCurve:
     """A curve in its own panel."""
 
     channel: Channel  # name, unit, limits, target and band
@@ -37,7 +39,7 @@ class Canvas:
         self._drawn: tuple[Any, ...] = ()
         self._lines: list[Any] = []
 
-    def frame(self, traces: Sequence[Trace], note: str = "") -> UInt8[np.ndarray, "h w 3"]:
+    def frame(self, traces: Sequence[DrawnCurve], note: str = "") -> UInt8[np.ndarray, "h w 3"]:
         """Return the picture, shape (height, width, 3); all pictures have the same size."""
         layout = tuple((trace.channel, trace.held, trace.span) for trace in traces)
         if self._figure is None or layout != self._drawn:
@@ -50,10 +52,8 @@ class Canvas:
                 end = float(trace.t[-1]) if len(trace.t) else 0.0
                 line.axes.set_xlim(0.0, max(end, 1e-9))
         heading = f"{self.title}   {note}".strip()
-        self._figure.texts[0].set_text(heading)
-        self._figure.texts[0].set_fontsize(
-            min(11.0, 770.0 / max(len(heading), 1))
-        )  # shortened to fit the width
+        size = min(11.0, 770.0 / max(len(heading), 1))  # a long one is smaller, to fit the width
+        self._figure.texts[0].set(text=heading, fontsize=size)
         self._figure.canvas.draw()
         return np.array(self._figure.canvas.buffer_rgba())[:, :, :3].copy()
 
@@ -67,7 +67,7 @@ class Canvas:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)  # type: ignore[misc]
 
-    def _lay_out(self, traces: Sequence[Trace]) -> None:
+    def _lay_out(self, traces: Sequence[DrawnCurve]) -> None:
         # Imported here so that programs that do not render never load matplotlib.
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -82,15 +82,13 @@ class Canvas:
         )
         self._figure.suptitle(" ", fontsize=11, x=0.01, ha="left")
         self._lines = []
-        if not traces:
-            return
-        axes = self._figure.subplots(len(traces), 1, sharex=True, squeeze=False)[:, 0]
-        for ax, trace in zip(axes, traces, strict=True):
-            self._lines.append(_panel(ax, trace))
-        axes[-1].set_xlabel(self.time_label)
+        if traces:
+            axes = self._figure.subplots(len(traces), 1, sharex=True, squeeze=False)[:, 0]
+            self._lines = [_panel(ax, trace) for ax, trace in zip(axes, traces, strict=True)]
+            axes[-1].set_xlabel(self.time_label)
 
 
-def _panel(ax: Any, trace: Trace) -> Any:
+def _panel(ax: Any, trace: DrawnCurve) -> Any:
     """Draw title, limits, target and band, which do not change; return the empty curve."""
     c = trace.channel
     title = f"${c.symbol}$  {c.label}" if c.symbol else c.label
@@ -110,7 +108,7 @@ def _panel(ax: Any, trace: Trace) -> Any:
     return ax.plot([], [], color=_CURVE, linewidth=1.8, drawstyle=style)[0]
 
 
-def _vertical(trace: Trace) -> tuple[float, float]:
+def _vertical(trace: DrawnCurve) -> tuple[float, float]:
     c = trace.channel
     finite = trace.values[np.isfinite(trace.values)]
     wanted = [float(finite.min()), float(finite.max())] if len(finite) else []
@@ -120,3 +118,29 @@ def _vertical(trace: Trace) -> tuple[float, float]:
     low, high = min(wanted, default=0.0), max(wanted, default=1.0)
     margin = 0.06 * (high - low) or 0.5
     return low - margin, high + margin
+
+
+def check_render_mode(mode: Any, metadata: Mapping[str, Any]) -> None:
+    """Raise SettingsError for an unknown render mode.
+
+    `gymnasium.make` derives "human" and "rgb_array_list" from "rgb_array".
+    """
+    known = (None, *metadata["render_modes"])
+    if mode not in known:
+        raise SettingsError(
+            f"render_mode must be one of {known}, got {mode!r} (gymnasium.make knows more of them)"
+        )
+
+
+def makes(environment: type) -> Callable[[Make], Make]:
+    """Return a decorator that marks an entry point as one that makes `environment`.
+
+    `gymnasium.make` reads the render modes of an entry point; if they lack "human" and
+    "rgb_array_list", it wraps the environment.
+    """
+
+    def mark(make: Make) -> Make:
+        vars(make)["metadata"] = vars(environment)["metadata"]
+        return make
+
+    return mark

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.arrays import numbers as numbers
+from prefcal_env.arrays import numbers
 from prefcal_env.errors import PlantError, SettingsError
 
 
@@ -47,15 +47,3 @@ def known_options(given: Mapping[str, Any] | None, known: Sequence[str]) -> dict
     if unknown:
         raise SettingsError(f"reset options must be among {tuple(known)}, got {unknown}")
     return options
-
-
-def check_render_mode(mode: Any, metadata: Mapping[str, Any]) -> None:
-    """Raise SettingsError for an unknown render mode.
-
-    `gymnasium.make` derives "human" and "rgb_array_list" from "rgb_array".
-    """
-    known = (None, *metadata["render_modes"])
-    if mode not in known:
-        raise SettingsError(
-            f"render_mode must be one of {known}, got {mode!r} (gymnasium.make knows more of them)"
-        )

@@ -10,10 +10,10 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.cstr import CSTR, FEED
 
+from .canvas import makes
 from .checks import vector
 from .plant_env import PlantEnv
-from .rendering import makes
-from .task import Step, Task
+from .task import Period, Task
 
 START = 8.56
 """C_A of the steady state at which every experiment starts, kgmol/m³."""
@@ -36,7 +36,7 @@ def unsafe(x: Float[np.ndarray, "2 ..."]) -> Any:
     return x[0] > UNSAFE_TEMPERATURE
 
 
-def settled(step: Step) -> bool:
+def settled(step: Period) -> bool:
     """Return whether C_A is inside the band and nothing changes between the last two samples.
 
     Source: "the steady-state condition is reached", section IV-A, which gives no rule.
@@ -51,7 +51,7 @@ def settled(step: Step) -> bool:
     return all(abs(c) / step.T_s < rate for c, rate in zip(changes, SETTLED_RATES, strict=True))
 
 
-def stage_cost(step: Step) -> float:
+def stage_cost(step: Period) -> float:
     """Return the cost rate of tracking and moves, 1/h.
 
     It is ((C_A - 2)/6.56)², averaged over the step, + 0.1 |ΔT_c|/(10 K T_s). The first term is 1

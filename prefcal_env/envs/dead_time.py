@@ -111,8 +111,6 @@ class DeadTime:
                     break
                 if t > first:
                     found.append(t)
-        if not found:
-            return found
         merged: list[float] = []
         for t in sorted(found):
             if not merged or t - merged[-1] > self._tolerance:

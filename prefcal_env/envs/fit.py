@@ -85,7 +85,12 @@ def check_fit(plant: Plant, task: Task) -> None:
             raise SettingsError(
                 f"task: {name} must have shape {shape} for plant {plant.name!r}, got {value.shape}"
             )
-    _check_measuring(task, n_y)
+    if task.noise is not None and (task.noise.shape != (n_y,) or np.any(task.noise < 0)):
+        raise SettingsError(f"task: noise must be {n_y} standard deviations of 0 or more, got {task.noise}")
+    if np.shape(task.measurement_delay) not in ((), (n_y,)):
+        raise SettingsError(
+            f"task: measurement_delay must be one number or {n_y}, got {task.measurement_delay}"
+        )
     if any(not 0 <= i < n_y or np.isnan(task.reference(0.0)[i]) for i in tracked):
         raise SettingsError(
             f"task: tracked must be outputs 0 to {n_y - 1} that have a reference, got {tracked}"
@@ -120,12 +125,3 @@ def check_rate(plant: Plant, x: X, u: U, d: Float[np.ndarray, "*n_d"]) -> None:
         f"plant {plant.name!r}: f must be finite at the start of an experiment, got NaN for "
         f"{which} at x = {x.tolist()}{at}"
     )
-
-
-def _check_measuring(task: Task, n_y: int) -> None:
-    if task.noise is not None and (task.noise.shape != (n_y,) or np.any(task.noise < 0)):
-        raise SettingsError(f"task: noise must be {n_y} standard deviations of 0 or more, got {task.noise}")
-    if np.shape(task.measurement_delay) not in ((), (n_y,)):
-        raise SettingsError(
-            f"task: measurement_delay must be one number or {n_y}, got {task.measurement_delay}"
-        )

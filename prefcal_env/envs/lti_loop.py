@@ -92,8 +92,7 @@ class LTILoop:
         if T_s is not None and not (isinstance(T_s, Real) and 0 < T_s < np.inf):
             raise SettingsError(f"T_s must be above 0 {self.plant.time_unit}, got {T_s!r}")
         self.kpis, self._controller, self._T_s = kpis, controller, T_s
-        task = self._task(horizon, reference, d, noise, bands, runaway)
-        self._env = PlantEnv(self.plant, task)
+        self._env = PlantEnv(self.plant, self._task(horizon, reference, d, noise, bands, runaway))
         named = getattr(self.plant, "has_named_states", True)
         states = self._env.channels.x if named else ()
         self.channels: Channels = replace(self._env.channels, x=states)
@@ -129,11 +128,10 @@ class LTILoop:
         runaway: float,
     ) -> Task:
         plant, n_y = self.plant, len(self.plant.outputs)
-        start = getattr(plant, "x0", None), getattr(plant, "u0", None)
-        x0 = np.zeros(len(plant.states)) if start[0] is None else np.asarray(start[0])
-        u0 = np.zeros(len(plant.inputs)) if start[1] is None else np.asarray(start[1])
-        n_d = len(plant.disturbances)
-        load = d if callable(d) else _numbers("d", 0.0 if d is None else d, n_d)
+        x0, u0 = getattr(plant, "x0", None), getattr(plant, "u0", None)
+        x0 = np.zeros(len(plant.states)) if x0 is None else np.asarray(x0)
+        u0 = np.zeros(len(plant.inputs)) if u0 is None else np.asarray(u0)
+        load = d if callable(d) else _numbers("d", 0.0 if d is None else d, len(plant.disturbances))
         y_ref = self._reference(reference)
         d0 = np.asarray(load(0.0) if callable(load) else load, dtype=float)
         times = np.linspace(0.0, horizon, _INSTANTS).tolist()
@@ -179,10 +177,8 @@ class LTILoop:
         return names.index(name)
 
     def _sampling_time(self) -> float:
-        if self._T_s is not None:
-            return self._T_s
-        horizon = self._env.task.horizon
-        return float(getattr(self.plant, "sample_time", 0.0)) or horizon / _SAMPLES
+        own = self._T_s or float(getattr(self.plant, "sample_time", 0.0))
+        return own or self._env.task.horizon / _SAMPLES
 
     def _is_exact(self, law: Law) -> bool:
         plant = self.plant

@@ -14,11 +14,11 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.trajectory import Record, Trajectory, instants
 from prefcal_env.plants.plant import Plant
 
-from .canvas import Canvas, Trace
-from .checks import check_render_mode, known_options, vector
+from .canvas import Canvas, DrawnCurve, check_render_mode
+from .checks import known_options, vector
 from .dead_time import DeadTime, dead_times, delays_of
 from .fit import channels_of, check_fit, check_limits, check_rate, observed_of, tracked_of
-from .task import Step, Task
+from .task import Period, Task
 
 Array = np.ndarray[Any, Any]
 _RESET_OPTIONS = ("T_s", "x0")
@@ -151,7 +151,7 @@ class PlantEnv(gym.Env[Array, Array]):
         a = vector(action, len(self._low), "action")
         return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
 
-    def apply(self, u: Float[np.ndarray, " n_u"]) -> Step:
+    def apply(self, u: Float[np.ndarray, " n_u"]) -> Period:
         """Hold the inputs `u`, shape (n_u,), in the plant's units, for one sampling period.
 
         They saturate at the plant's limits (and at the task's largest move, if it has one).
@@ -168,17 +168,17 @@ class PlantEnv(gym.Env[Array, Array]):
         self._steps += 1
         t = instants(self._t, self._steps * self._T_s, self.task.dense_step)
         if self._dead_time is None:
-            states = self.plant.hold(self._x, u, d, t[1:] - self._t)
+            later = self.plant.hold(self._x, u, d, t[1:] - self._t)
         else:
-            states = self._dead_time.hold(self._x, u, d, t)
-        x = np.concatenate([self._x[None], states])
+            later = self._dead_time.hold(self._x, u, d, t)
+        x = np.concatenate([self._x[None], later])
         kept, stopped = self._survived(x)
         if stopped:
             if kept == self._steps == 1:
                 check_rate(self.plant, self._x, u, d)
             t, x = t[:kept], x[:kept]
         self._episode.add(t[1:], x[1:], u, y_ref)
-        step = Step(t, x, u_before=self._u, u=u, y_ref=y_ref, T_s=self._T_s)
+        step = Period(t, x, u_before=self._u, u=u, y_ref=y_ref, T_s=self._T_s)
         self._t, self._x, self._u = float(t[-1]), x[-1], u
         self._draw_noise()
         if stopped:
@@ -236,7 +236,7 @@ class PlantEnv(gym.Env[Array, Array]):
             return None
         state = "" if self._end is None else f", {self._end.value}"
         note = f"{self._t:.4g} {self.plant.time_unit}{state}"
-        return self._canvas.frame(self._traces(), note)
+        return self._canvas.frame(self._curves(), note)
 
     def close(self) -> None:
         """Release the figure."""
@@ -267,10 +267,9 @@ class PlantEnv(gym.Env[Array, Array]):
         return found
 
     def _saturated(self, u: Array) -> Array:
-        low, high = self._low, self._high
-        if self.task.max_move is not None:
-            low = np.maximum(low, self._u - self.task.max_move)
-            high = np.minimum(high, self._u + self.task.max_move)
+        low, high, move = self._low, self._high, self.task.max_move
+        if move is not None:
+            low, high = np.maximum(low, self._u - move), np.minimum(high, self._u + move)
         return np.asarray(np.minimum(np.maximum(u, low), high))  # faster than `clip`
 
     def _survived(self, x: Float[np.ndarray, "M n_x"]) -> tuple[int, bool]:
@@ -287,14 +286,11 @@ class PlantEnv(gym.Env[Array, Array]):
         info: dict[str, Any] = {"t": self._t, "x": self._x.copy(), "u": self._u.copy()}
         return info if self._end is None else info | {"end": self._end.value}
 
-    def _traces(self) -> list[Trace]:
+    def _curves(self) -> list[DrawnCurve]:
         if self._episode is None:
             return []
-        record = self.record()
-        y, span = self._outputs(record), (0.0, self.task.horizon)
-        outputs = [Trace(record.channels.y[i], record.t, y[:, i], span=span) for i in self._tracked]
-        inputs = [
-            Trace(channel, record.t, record.u[:, i], held=True, span=span)
-            for i, channel in enumerate(record.channels.u)
-        ]
-        return outputs + inputs
+        record, span = self.record(), (0.0, self.task.horizon)
+        assert record.y is not None
+        shown = [(self.channels.y[i], record.y[:, i], False) for i in self._tracked]
+        shown += [(channel, u, True) for channel, u in zip(self.channels.u, record.u.T, strict=True)]
+        return [DrawnCurve(channel, record.t, values, held, span) for channel, values, held in shown]

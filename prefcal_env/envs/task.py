@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Real
 
+from prefcal_env.arrays import numbers
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import is_number
-
-from .checks import numbers
 
 Vector = Float[np.ndarray, " _"]
 Signal = Vector | Callable[[float], Vector]
@@ -18,7 +17,7 @@ Signal = Vector | Callable[[float], Vector]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class Period:
     """One sampling period, as seen by the rules of a task: M dense instants, with both ends.
 
     Args:
@@ -48,7 +47,7 @@ def never(_: Any) -> bool:
     return False
 
 
-def free(_: Step) -> float:
+def free(_: Period) -> float:
     """Return 0: a stage cost that charges nothing."""
     return 0.0
 
@@ -118,8 +117,8 @@ class Task:
     tracked: tuple[int, ...] | None = None
     bands: Mapping[int, float] | None = None
     unsafe: Callable[[Vector], Any] = never
-    settled: Callable[[Step], bool] = never
-    stage_cost: Callable[[Step], float] = free
+    settled: Callable[[Period], bool] = never
+    stage_cost: Callable[[Period], float] = free
     unsafe_cost: float = 0.0
     max_move: Float[np.ndarray, " n_u"] | None = None
     noise: Float[np.ndarray, " n_y"] | None = None
@@ -141,7 +140,14 @@ class Task:
             object.__setattr__(self, name, array)
         if not is_number(self.horizon):
             raise SettingsError(f"task: horizon must be a number, got {self.horizon!r}")
-        self._derive()
+        # Missing times are shares of the horizon.
+        if self.T_s_range is None:
+            object.__setattr__(self, "T_s_range", (1e-6 * self.horizon, self.horizon))
+        if self.T_s is None:
+            low, high = self.T_s_range
+            object.__setattr__(self, "T_s", min(max(self.horizon / 200, low), high))
+        if self.dense_step is None:
+            object.__setattr__(self, "dense_step", self.horizon / 500)
         for name in ("horizon", "dense_step"):
             if not 0 < getattr(self, name) < np.inf:
                 raise SettingsError(f"task: {name} must be positive and finite, got {getattr(self, name)}")
@@ -154,16 +160,6 @@ class Task:
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
         self.sampling_time(self.T_s)
-
-    def _derive(self) -> None:
-        """Fill in missing times as shares of the horizon."""
-        if self.T_s_range is None:
-            object.__setattr__(self, "T_s_range", (1e-6 * self.horizon, self.horizon))
-        if self.T_s is None:
-            low, high = self.T_s_range
-            object.__setattr__(self, "T_s", min(max(self.horizon / 200, low), high))
-        if self.dense_step is None:
-            object.__setattr__(self, "dense_step", self.horizon / 500)
 
     def sampling_time(self, T_s: Any) -> float:
         """Return `T_s` as a number. Raises SettingsError if it is no number or out of range."""

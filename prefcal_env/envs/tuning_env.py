@@ -1,28 +1,22 @@
 """Tuning as an environment: each step is a complete closed-loop experiment."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from functools import partial
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import numbers
 from prefcal_env.errors import ExperimentError, KnobError, ProtocolError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.knobs.space import KnobSpace
 
-from .canvas import Canvas, Trace
-from .checks import check_render_mode, numbers
+from .canvas import Canvas, DrawnCurve, check_render_mode
 
 Array = np.ndarray[Any, Any]
-
-
-class Run(Protocol):
-    """One closed-loop experiment."""
-
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int) -> Experiment:
-        """Run a physical θ, shape (n,)."""
 
 
 class TuningEnv(gym.Env[Array, Array]):
@@ -42,8 +36,8 @@ class TuningEnv(gym.Env[Array, Array]):
 
     Args:
         space: Space of the knobs.
-        run: Function that runs one experiment of a physical θ, such as a `ClosedLoop` of your own
-            plant and controller.
+        run: Function that runs one experiment of a physical θ, shape (n,), and a `seed`, such as a
+            `ClosedLoop` of your own plant and controller.
         score: Function that rates an experiment; lower is better.
         panels: Curves to draw; None draws all states, inputs and outputs.
         title: Title of the pictures.
@@ -59,7 +53,7 @@ class TuningEnv(gym.Env[Array, Array]):
     def __init__(
         self,
         space: KnobSpace,
-        run: Run,
+        run: Callable[..., Experiment],
         *,
         score: Callable[[Experiment], float] | None = None,
         panels: Sequence[Panel] | None = None,
@@ -99,8 +93,8 @@ class TuningEnv(gym.Env[Array, Array]):
         if not self._open:
             raise ProtocolError("an episode is one experiment: call reset() before each")
         theta = self.theta(action)
-        experiment = self.run(theta)
-        self._experiment, self._open = experiment, False
+        self._experiment = experiment = self.run(theta)
+        self._open = False
         score = 0.0 if self._score is None else float(self._score(experiment))
         if not np.isfinite(score):
             raise ExperimentError(f"a score must be finite, got {score} at θ = {theta}")
@@ -143,7 +137,7 @@ class TuningEnv(gym.Env[Array, Array]):
         named = self.space.named(self._experiment.theta)
         note = ", ".join(f"{name} = {value:.4g}" for name, value in named.items())
         self._canvas.time_label = f"time [{self._experiment.channels.time_unit}]"
-        return self._canvas.frame(_traces(self._experiment, self._panels), note)
+        return self._canvas.frame(_curves(self._experiment, self._panels), note)
 
     def close(self) -> None:
         """Release the figure."""
@@ -159,16 +153,13 @@ def sampled_at(space: KnobSpace, T_s: float | None) -> KnobSpace:
     return space if T_s is None else space.narrowed({"T_s": (T_s, T_s)})
 
 
-def _traces(experiment: Experiment, panels: Sequence[Panel] | None) -> list[Trace]:
+def _curves(experiment: Experiment, panels: Sequence[Panel] | None) -> list[DrawnCurve]:
     e, t = experiment, experiment.t
-    if panels is None:
-        plots = plots_of(e.channels)
-    else:
-        plots = tuple(p.plot(e) if len(t) else p.absent() for p in panels)
-    return [Trace(p.channel, t, p.values(e), held=p.held) for p in plots]
+    plots = plots_of(e.channels) if panels is None else [p.plot(e) if len(t) else p.absent() for p in panels]
+    return [DrawnCurve(p.channel, t, p.values(e), held=p.held) for p in plots]
 
 
-def same_step_vector(env_id: str, num_envs: int, **kwargs: Any) -> gym.vector.SyncVectorEnv:
+def same_step_vector(env_id: str, num_envs: int = 1, **kwargs: Any) -> gym.vector.SyncVectorEnv:
     """Return `num_envs` one-step environments that reset in the same step that ends an episode.
 
     Gymnasium's default resets in the following step, which would waste every second step of such
@@ -180,6 +171,5 @@ def same_step_vector(env_id: str, num_envs: int, **kwargs: Any) -> gym.vector.Sy
     )
 
 
-def experiment_vector(num_envs: int = 1, **kwargs: Any) -> gym.vector.SyncVectorEnv:
-    """Make several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""
-    return same_step_vector("prefcal/Experiment-v0", num_envs, **kwargs)
+experiment_vector = partial(same_step_vector, "prefcal/Experiment-v0")
+"""Make several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""

@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from prefcal_env.errors import ExperimentError
 
@@ -16,13 +15,6 @@ MEAN = "mean"
 """What the mean over all maneuvers is called: "NAME (mean)". No maneuver can have this name."""
 
 _ARRAYS = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
-
-
-class Run(Protocol):
-    """A closed-loop run of one θ."""
-
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Run a physical θ, shape (n,)."""
 
 
 def combined(
@@ -111,90 +103,11 @@ def named(kpi: str, part: str) -> str:
     return f"{kpi} ({part})"
 
 
-class Maneuvers:
-    """A run that lets the same θ perform several maneuvers, and combines them.
-
-    Args:
-        runs: Maps the name of each maneuver to its run: a function `run(theta, seed=0)` that
-            returns an `Experiment`, such as a `ClosedLoop` with another `Task`.
-        higher_is_better: Names of the KPIs whose smallest value is the worst.
-        targets: Names of the KPIs whose worst value is the one farthest from a target, and that
-            target in the KPI's unit.
-
-    Raises:
-        ExperimentError: If there is no run, a name is empty or "mean", something is not a
-            function, or the runs declare channels with different names.
-    """
-
-    def __init__(
-        self,
-        runs: Mapping[str, Run],
-        *,
-        higher_is_better: Collection[str] = (),
-        targets: Mapping[str, float] | None = None,
-    ) -> None:
-        if not isinstance(runs, Mapping) or not runs:
-            raise ExperimentError(
-                f'maneuvers must map names to runs, such as {{"step": run_1, "load": run_2}}, got {runs!r}'
-            )
-        for name, run in runs.items():
-            _check_name(name)
-            if not callable(run):
-                raise ExperimentError(f"maneuver {name!r} must be a function of θ, got {run!r}")
-        if isinstance(higher_is_better, str):
-            raise ExperimentError(f"higher_is_better must hold names of KPIs; write ({higher_is_better!r},)")
-        self.runs = dict(runs)
-        self.higher_is_better = tuple(higher_is_better)
-        self.targets = dict(targets or {})
-        declared = {name: getattr(run, "channels", None) for name, run in runs.items()}
-        _check_channels({k: c for k, c in declared.items() if isinstance(c, Channels)})
-
-    @property
-    def channels(self) -> Channels | None:
-        """Channels of the first maneuver; None if its run does not declare them."""
-        found = getattr(next(iter(self.runs.values())), "channels", None)
-        return found if isinstance(found, Channels) else None
-
-    @property
-    def signals(self) -> tuple[str, ...] | None:
-        """Keys of the signals that all maneuvers have; None if a run does not declare them."""
-        found = [getattr(run, "signals", None) for run in self.runs.values()]
-        declared = [tuple(signals) for signals in found if signals is not None]
-        if len(declared) < len(found):
-            return None
-        return tuple(key for key in declared[0] if all(key in signals for signals in declared))
-
-    def each(self, change: Callable[[Run], Run]) -> "Maneuvers":
-        """Return the same maneuvers with `change` applied to each run."""
-        runs = {name: change(run) for name, run in self.runs.items()}
-        return Maneuvers(runs, higher_is_better=self.higher_is_better, targets=self.targets)
-
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Run all maneuvers of a physical θ, shape (n,), each with the same seed.
-
-        Raises:
-            ExperimentError: If a run returns something else than an experiment, or the
-                experiments cannot be combined.
-        """
-        done = [_run(name, run, theta, seed) for name, run in self.runs.items()]
-        return combined(done, higher_is_better=self.higher_is_better, targets=self.targets)
-
-
-def _run(name: str, run: Run, theta: Float[np.ndarray, " n"], seed: int) -> Experiment:
-    found: object = run(theta, seed=seed)
-    if not isinstance(found, Experiment):
-        forgotten = ": is a return missing?" if found is None else ""
-        raise ExperimentError(
-            f"maneuver {name!r} must return an Experiment, got {type(found).__name__}{forgotten}"
-        )
-    return replace(found, maneuver=name)
-
-
 def _check(runs: Sequence[Experiment]) -> None:
     if not runs:
         raise ExperimentError("there must be one or more maneuvers, got none")
     for k, run in enumerate(runs):
-        _check_name(run.maneuver)
+        check_name(run.maneuver)
         if run.maneuver in [other.maneuver for other in runs[:k]]:
             raise ExperimentError(f"two maneuvers are called {run.maneuver!r}: rename one of them")
         if run.runs:
@@ -206,17 +119,18 @@ def _check(runs: Sequence[Experiment]) -> None:
                 f"maneuvers must run the same θ, got {runs[0].theta} in {runs[0].maneuver!r} and "
                 f"{run.theta} in {run.maneuver!r}"
             )
-    _check_channels({run.maneuver: run.channels for run in runs})
+    check_channels({run.maneuver: run.channels for run in runs})
 
 
-def _check_name(name: object) -> None:
+def check_name(name: object) -> None:
+    """Raise ExperimentError unless a maneuver may be called `name`."""
     if not isinstance(name, str) or not name.strip() or not name.isprintable() or name == MEAN:
         raise ExperimentError(
             f"a maneuver needs a name of its own other than {MEAN!r}, such as 'step', got {name!r}"
         )
 
 
-def _check_channels(declared: Mapping[str, Channels]) -> None:
+def check_channels(declared: Mapping[str, Channels]) -> None:
     """Raise ExperimentError if maneuvers differ in the names or units of their channels."""
     for what, part in _ALIKE.items():
         found = {name: part(channels) for name, channels in declared.items()}

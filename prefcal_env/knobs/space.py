@@ -149,6 +149,33 @@ class KnobSpace:
             rounded = theta
         return self.encode(rounded)
 
+    def proposals(
+        self, z: Float[np.ndarray, "m n"]
+    ) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "m n"]]:
+        """Return many points as `snap` gives each, and their θ as `decode` does, both (m, n).
+
+        They are the same to the last bit, since each value is computed by itself; those of
+        `snap_all` and `decode_all` are not.
+        """
+        thetas = self._decoded(z)
+        rounded = thetas.copy()
+        for k, (knob, part) in enumerate(zip(self.knobs, self.within, strict=True)):
+            near = np.clip(list(map(knob.round, thetas[:, k])), *part)
+            rounded[:, k] = np.where(np.isin(thetas[:, k], part), thetas[:, k], near)
+        if self.constraints:
+            stay = ~np.atleast_1d(self.allows(rounded)) & self.allows(thetas)
+            rounded[stay] = thetas[stay]
+        columns = [list(map(k.encode, values)) for k, values in zip(self.knobs, rounded.T, strict=True)]
+        snapped = np.array(columns).T.reshape(z.shape)
+        return snapped, self._decoded(snapped)
+
+    def _decoded(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
+        """Return θ of many points of the cube, each value as `decode` computes it, shape (m, n)."""
+        thetas = np.empty(z.shape)
+        for k, (knob, part) in enumerate(zip(self.knobs, self.within, strict=True)):
+            thetas[:, k] = [_exact(knob, value, part) for value in list(map(knob.decode, z[:, k]))]
+        return thetas
+
     def scaled(self, w: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
         """Return points `w` of a unit cube, shape (m, n), scaled to the searched part."""
         lower, upper = self.corners

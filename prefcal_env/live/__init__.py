@@ -7,8 +7,5 @@ from .parts import LiveKnob as LiveKnob
 from .parts import LiveStart as LiveStart
 from .parts import Tag as Tag
 from .plant import LivePlant as LivePlant
-from .progress import Change as Change
 from .progress import Driven as Driven
-from .progress import Progress as Progress
-from .progress import Stage as Stage
 from .rig import LiveRig as LiveRig

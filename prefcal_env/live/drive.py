@@ -10,12 +10,13 @@ import numpy as np
 
 from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.experiments.end import End
+from prefcal_env.sources.run import Change, Progress, Stage
 
 from .journal import Journal
 from .outcome import Row, experiment_of, never_good
 from .parts import all_within, within
 from .plant import TypedPlant
-from .progress import Change, Confirm, Driven, Progress, Stage, Tell
+from .progress import Confirm, Driven, Tell
 from .writer import SLACK, Way, Writer
 
 if TYPE_CHECKING:
@@ -114,13 +115,13 @@ class Drive:
                     f"{written.high:g}] {written.unit}: set it there, or widen the range"
                 )
         self._check_types()
-        changes = tuple(Change(written, values[name], new[name]) for name, written in self.written.items())
+        changes = tuple(w.changed(values[name], new[name]) for name, w in self.written.items())
         for change in changes:
-            name = change.part.name
+            name = change.name
             if name in self.start and change.seconds >= self.rig.duration:
                 raise LiveError(
                     f"{name} takes {change.seconds:g} s from {change.old:g} to {change.new:g} "
-                    f"{change.part.unit}, as long as the run or longer: the duration "
+                    f"{change.unit}, as long as the run or longer: the duration "
                     f"must be above that, got {self.rig.duration:g} s"
                 )
         return changes
@@ -218,7 +219,7 @@ class Drive:
         # Again, since the person may have taken minutes, and on the disk before the first write.
         if [c.old for c in self.look()] != [c.old for c in changes]:
             raise LiveError("the plant's values changed before they were confirmed: look again")
-        old = {change.part.name: change.old for change in changes}
+        old = {change.name: change.old for change in changes}
         self.journal.save(old)
         self.old = old
         self._next = self.hands.clock()

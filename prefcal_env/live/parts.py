@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob
+from prefcal_env.sources.run import Change
 
 Role = Literal["output", "input", "reference"]
 _CLOSE = 1e-5
@@ -51,6 +52,10 @@ class Written:
                 f"{self.name!r}: rate must be above 0 {self.unit or '1'} per second and finite, "
                 f"got {self.rate}"
             )
+
+    def changed(self, old: float, new: float) -> Change:
+        """Return what writing `new` in place of `old` changes, in `unit`."""
+        return Change(self.name, new, old, self.unit, self.low, self.high, self.rate)
 
     def same(self, one: float, other: float) -> bool:
         """Return whether two values are equal up to single precision."""

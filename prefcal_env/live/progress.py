@@ -1,62 +1,10 @@
 """Tell what happens during a run on a live plant, as frozen data."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from enum import Enum
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from prefcal_env.experiments.experiment import Experiment
-
-from .parts import Written
-
-
-class Stage(Enum):
-    """What a run on a live plant is doing."""
-
-    CONNECTING = "connecting"
-    WRITING = "writing the new values"
-    WAITING = "waiting for the start condition"
-    RECORDING = "recording"
-    RESTORING = "restoring the old values"
-    LOST = "connection lost: waiting to restore the old values"
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """A value that is to be written.
-
-    Args:
-        part: Knob or start value, with its limits, rate and unit.
-        old: Value on the plant now.
-        new: Value to write.
-    """
-
-    part: Written
-    old: float
-    new: float
-
-    @property
-    def seconds(self) -> float:
-        """Shortest duration of the change, in seconds."""
-        return abs(self.new - self.old) / self.part.rate
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """How far a run is.
-
-    Args:
-        stage: What it is doing.
-        elapsed: Recorded time so far, in seconds.
-        duration: Longest time that is recorded, in seconds.
-        values: Latest value of each tag by its key, "role name"; NaN for bad quality.
-        problem: What went wrong so far, as a sentence; empty if nothing did.
-    """
-
-    stage: Stage
-    elapsed: float
-    duration: float
-    values: Mapping[str, float] = field(default_factory=dict)
-    problem: str = ""
+from prefcal_env.sources.run import Change, Progress
 
 
 @dataclass(frozen=True, slots=True)

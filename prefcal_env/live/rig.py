@@ -9,22 +9,25 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import LiveError, ScenarioError, SettingsError
+from prefcal_env.errors import LiveError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.sources.run import Change
+from prefcal_env.sources.source import Source
 
 from .drive import Drive, Hands
 from .journal import Journal
 from .parts import LiveKnob, LiveStart, Tag
 from .plant import LivePlant
-from .progress import Change, Confirm, Driven, Tell
+from .progress import Confirm, Driven, Tell
+from .run import LiveRun, Recovery
 
 Limits = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class LiveRig:
+class LiveRig(Source):
     """The `run` of a scenario whose experiments prefcal does on a live plant.
 
     A run writes θ at limited rates and reads it back, waits for the start condition, writes the
@@ -57,7 +60,7 @@ class LiveRig:
     plant: LivePlant
     knobs: tuple[LiveKnob, ...]
     tags: tuple[Tag, ...]
-    duration: float
+    duration: float = field()
     period: float = 1.0
     start: tuple[LiveStart, ...] = ()
     ready: Limits = field(default_factory=dict)
@@ -69,6 +72,11 @@ class LiveRig:
     journal: Journal | None = None
     instructions: str = ""
     kpis: Callable[[Experiment], Mapping[str, float]] = tracking_kpis
+
+    asks = "confirm"
+    recovers = True
+    channels: Channels = field(init=False, repr=False, compare=False)
+    """Channels of its experiments; those in `y` are the outputs with a recorded reference."""
 
     def __post_init__(self) -> None:
         for name in ("knobs", "tags", "start"):
@@ -87,6 +95,9 @@ class LiveRig:
         if self.after not in ("restore", "keep"):
             raise SettingsError(f"after must be restore or keep, got {self.after!r}")
         self.keyed(self.ready), self.keyed(self.done)
+        object.__setattr__(self, "channels", self._channels())
+        kept = "the old values are restored" if self.after == "restore" else "the new θ stays"
+        object.__setattr__(self, "afterward", kept)
 
     def _check_names(self) -> None:
         written = [*(knob.written for knob in self.knobs), *self.start]
@@ -111,9 +122,8 @@ class LiveRig:
         """Space of the knobs."""
         return KnobSpace([live.knob for live in self.knobs])
 
-    @property
-    def channels(self) -> Channels:
-        """Channels of its experiments; those in `y` are the outputs with a recorded reference."""
+    def _channels(self) -> Channels:
+        """Return the channels; those in `y` are the outputs with a recorded reference."""
         by_role = {
             role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
             for role in ("output", "input")
@@ -122,15 +132,17 @@ class LiveRig:
         y = tuple(channel for channel in by_role["output"] if channel.name in aimed)
         return Channels((), by_role["input"], y)
 
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Refuse to run, because a person must confirm what is written.
+    def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> LiveRun:
+        """Return a run of θ, physical, shape (n,), that asks for a confirmation before it writes."""
+        return LiveRun(self, theta)
 
-        Raises:
-            ScenarioError: Always.
-        """
-        raise ScenarioError(
-            "this is a live plant, where a person confirms each run: calibrate it with the calibrator human"
-        )
+    def recovery(self) -> Recovery:
+        """Return the run that restores what an interrupted one left."""
+        return Recovery(self)
+
+    def close(self) -> None:
+        """Close the connection to the plant."""
+        self.plant.close()
 
     def look(
         self, theta: Float[np.ndarray, " n"], *, clock: Callable[[], float] = time.monotonic

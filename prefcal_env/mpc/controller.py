@@ -1,7 +1,5 @@
 """The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints."""
 
-from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,7 @@ from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.equations import equations_of
 from prefcal_env.plants.plant import Plant
-from prefcal_env.qp import QP, make_backend
+from prefcal_env.qp import QP, PIQPSolver
 
 from .kernels import model, rows, step
 from .settings import ACTIVE_SET, MPCSettings
@@ -61,7 +59,7 @@ class LinearMPC:
 
     def _prepare(self, *roots: Float[np.ndarray, "_ _"]) -> None:
         """Arrange what does not change from step to step for the compiled functions."""
-        s, n_u = self.settings, self._sizes[1]
+        s = self.settings
         hard, (y_min, y_max, give) = _limits(self.plant, s)
         soft = bool(np.isfinite(y_min).any() or np.isfinite(y_max).any())
         self._equations = equations_of(self.plant)
@@ -75,10 +73,7 @@ class LinearMPC:
             float(s.tolerances.relative),
             s.tolerances.max_iterations,
         )
-        # What the compiled method does not solve, PIQP may.
-        self._backend = make_backend(s.tolerances)
-        n = s.N_u * n_u + (1 if soft else 0)
-        self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
+        self._piqp = PIQPSolver(s.tolerances)
 
     @property
     def T_s(self) -> float:
@@ -92,56 +87,36 @@ class LinearMPC:
     def move(self, measurement: Measurement) -> Move:
         """Decide the next input; hold the last one if the QP is not solved.
 
-        Deviations v are the right variables as long as the limits leave room to control the
-        growing modes of the model. If they do not, no plan stabilizes the model and v is as large
-        as its growth; then the first problem is not solved, and the second one is tried, with the
-        inputs themselves as variables.
+        What the chosen solver does not solve, the other one may: PIQP fails where the limits leave
+        so little room that no plan stabilizes the model, since the deviations v are then as large as
+        its growth.
 
         Raises:
             PlantError: If a measurement has the wrong shape or is not finite.
         """
         self._check(measurement)
         data = self._data(measurement)
-        how, iterations, plan, *first = step.decide(*data, *self._problem, self._solver)
+        how, iterations, plan, U, *rows_of_qp = step.decide(*data, *self._problem, self._solver)
         self._equations.check()
-        if how == step.DECIDED:
-            self._plan = plan
-            return Move(plan[0], iterations)
         if how == step.NOT_FINITE:
             raise _not_finite(measurement)
-        for U, qp in self._both(how, first, data):
-            solution = self._backend.solve(qp)
+        if how == step.OPEN:
+            solution = self._piqp.solve(_nearest(*rows_of_qp))
             iterations += solution.iterations
             if solution.solved:
-                self._plan = rows.inputs(U, solution.z, data[1][1], self._problem[2])
-                return Move(self._plan[0], iterations)
-        self._plan = None
-        return Move(measurement.u, iterations, solved=False)
+                how, plan = step.DECIDED, rows.inputs(U, solution.z, data[1][1], self._problem[2])
+            elif self.settings.backend != ACTIVE_SET:
+                how, more, plan, *_ = step.decide(*data, *self._problem, (True, *self._solver[1:]))
+                iterations += more
+        solved = how == step.DECIDED
+        self._plan = plan if solved else None
+        return Move(plan[0] if solved else measurement.u, iterations, solved=solved)
 
-    def problems(self, measurement: Measurement) -> Iterator[QP]:
-        """Yield the QP of one step, first in deviations and then in inputs, the slack last.
-
-        Yields nothing if limited outputs grow beyond what can be trusted.
-        """
-        data = self._data(measurement)
-        how, _, _, *first = step.decide(*data, *self._problem, self._solver)
+    def problem(self, measurement: Measurement) -> QP:
+        """Return the QP of one step, in deviations v from the optimal feedback, the slack last."""
+        _, _, _, _, *rows_of_qp = step.decide(*self._data(measurement), *self._problem, self._solver)
         self._equations.check()
-        for _, qp in self._both(how, first, data):
-            yield qp
-
-    def _both(
-        self, how: int, first: list[np.ndarray], data: tuple[Any, ...]
-    ) -> Iterator[tuple[Float[np.ndarray, "N_u n_u n_v1"], QP]]:
-        """Yield U and the QP in deviations, whose arrays are `first`, then those in inputs."""
-        if how != step.NOT_TRUSTED:
-            G, lower, upper = first[1:]
-            yield first[0], replace(self._cost, G=G, lower=lower, upper=upper)
-        trusted, U, *rows, T = step.in_inputs(*data, *self._problem)
-        if trusted:
-            P, q = self._cost.P.copy(), self._cost.q.copy()
-            n_v = len(T)
-            P[:n_v, :n_v], q[:n_v] = T[:, :-1].T @ T[:, :-1], T[:, :-1].T @ T[:, -1]
-            yield U, QP(P, q, *rows)
+        return _nearest(*rows_of_qp)
 
     def _check(self, m: Measurement) -> None:
         """Raise PlantError if something has a wrong shape."""
@@ -194,6 +169,12 @@ class LinearMPC:
             following = self.plant.hold(X[k], V[k], d[min(k, len(d) - 1)], period)[0]
             X[k + 1] = following if np.isfinite(following).all() else X[k]
         return X, V
+
+
+def _nearest(G: Float[np.ndarray, "m n"], low: np.ndarray, high: np.ndarray) -> QP:
+    """Return the QP of the point nearest to the origin with low <= G z <= high."""
+    n = G.shape[1]
+    return QP(np.eye(n), np.zeros(n), G, low, high)
 
 
 def _own(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

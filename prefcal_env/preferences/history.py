@@ -429,6 +429,19 @@ class History:
 
         return History(self.samples, each(self.comparisons), each(self.follow_ups), leads=self.leads)
 
+    def sharing(self, other: "History") -> "History":
+        """Return the same record, made of the answers of `other` where they are equal.
+
+        Records that share their parts are compared at once.
+        """
+
+        def each(mine: tuple[Comparison, ...], theirs: tuple[Comparison, ...]) -> tuple[Comparison, ...]:
+            shared = (b if a == b else a for a, b in zip(mine, theirs, strict=False))
+            return (*shared, *mine[len(theirs) :])
+
+        comparisons = each(self.comparisons, other.comparisons)
+        return replace(self, comparisons=comparisons, follow_ups=each(self.follow_ups, other.follow_ups))
+
     def scores_alone(self) -> "History":
         """Return the record for an agent that learns from scores: nothing is compared.
 

@@ -21,15 +21,7 @@ class Outcome(Mapping[str, float]):
     """
 
     def __init__(self, kpis: Mapping[str, float]) -> None:
-        if not isinstance(kpis, Mapping):
-            raise PreferenceError(f"an outcome must map names to numbers, got {kpis!r}")
-        for name, value in kpis.items():
-            numeric = isinstance(value, (int, float, np.integer, np.floating))
-            if not isinstance(name, str) or not numeric:
-                raise PreferenceError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
-        values = {name: _float(name, value) for name, value in kpis.items()}
-        known = {name: value for name, value in values.items() if not np.isnan(value)}
-        self._kpis = dict(sorted(known.items()))
+        self._kpis = numbers(kpis)
 
     def __getitem__(self, name: str) -> float:
         return self._kpis[name]
@@ -57,6 +49,22 @@ class Outcome(Mapping[str, float]):
             raise PreferenceError(f"an outcome must map names to numbers, got {data!r}")
         words: dict[str, Any] = {k: _NUMBERS.get(v, v) if isinstance(v, str) else v for k, v in data.items()}
         return cls(words)
+
+
+def numbers(kpis: Mapping[str, float]) -> dict[str, float]:
+    """Return the KPIs of an `Outcome` as plain numbers, in the order of their names.
+
+    Raises:
+        PreferenceError: As `Outcome` does.
+    """
+    if not isinstance(kpis, Mapping):
+        raise PreferenceError(f"an outcome must map names to numbers, got {kpis!r}")
+    for name, value in kpis.items():
+        numeric = isinstance(value, (int, float, np.integer, np.floating))
+        if not isinstance(name, str) or not numeric:
+            raise PreferenceError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
+    values = {name: _float(name, value) for name, value in kpis.items()}
+    return dict(sorted((name, value) for name, value in values.items() if not np.isnan(value)))
 
 
 def _float(name: str, value: Any) -> float:

@@ -1,8 +1,6 @@
-"""Dense quadratic programs, their solutions, and the protocol of a solver."""
+"""Dense quadratic programs and their solutions."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -91,35 +89,3 @@ class Solution:
     def none(cls, qp: QP, iterations: int) -> "Solution":
         """Return that there is none."""
         return cls(np.full(len(qp.q), np.nan), np.full(len(qp.lower), np.nan), iterations, False)
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """The problem min ½ zᵀP z + qᵀz subject to 0 <= z <= upper, with a P that is known to be fine.
-
-    Args:
-        P: Symmetric positive definite matrix of the cost, shape (n, n).
-        q: Linear term of the cost, shape (n,).
-        upper: Upper bounds, 0 or more, shape (n,).
-    """
-
-    P: Float[np.ndarray, "n n"]
-    q: Float[np.ndarray, " n"]
-    upper: Float[np.ndarray, " n"]
-
-
-class Backend(Protocol):
-    """A QP solver. It never raises for an unsolvable QP: read `Solution.solved`."""
-
-    def solve(self, qp: QP) -> Solution:
-        """Solve once, check the residuals, and return copies that later solves do not change."""
-
-    def solve_boxes(self, boxes: Sequence[Box]) -> list[Float[np.ndarray, " n"] | None]:
-        """Solve many small problems over boxes; None for each one that is not solved.
-
-        For callers that know P to be positive definite: neither that nor the residuals are
-        checked.
-
-        Raises:
-            QPError: If data is NaN or infinite.
-        """

@@ -182,7 +182,7 @@ class StudyFile:
             raise StudyError(
                 f"event {seq} of {self.path}: {error}. The file is damaged there. Use an earlier "
                 "copy, or start a new study with the best θ of this one: `prefcal calibrate ... "
-                f"--from {self.path}`; `prefcal studies verify` shows what is damaged"
+                f"--start {self.path}:best`; `prefcal studies verify` shows what is damaged"
             ) from error
 
     def end(self, seq: int) -> End:

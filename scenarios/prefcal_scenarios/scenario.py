@@ -2,35 +2,25 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
-from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.maneuvers import Maneuvers
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.preferences.reading import as_read
-from prefcal_env.rig import Rig
+from prefcal_env.sources import Source, source_of, with_space
 from prefcal_scenarios.own.checks import check_parts
-from prefcal_scenarios.own.tracking import Tracked, TrackedRecord, found_rows
-from prefcal_scenarios.own.tracking import within as _within
+from prefcal_scenarios.own.tracking import found_rows, promised
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-class Run(Protocol):
-    """One closed-loop experiment."""
-
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Run θ, in physical units, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +162,7 @@ class Scenario:
         name: Short name, as in `prefcal calibrate NAME`.
         title: Title for headings.
         space: Knobs to calibrate.
-        run: Function that runs one experiment for a physical θ.
+        run: Function that runs one experiment for a physical θ, or any other `Source`.
         cost: Latent cost of an experiment, lower is better; None if there is no single score.
         kpis: KPIs of an experiment, in order of importance. If left out, tracking KPIs are found
             (see `prefcal_env.tracking_kpis`): at once if `run` declares channels with targets,
@@ -202,7 +192,7 @@ class Scenario:
     name: str
     title: str
     space: KnobSpace
-    run: Run
+    run: Callable[..., Experiment]
     cost: Callable[[Experiment], float] | None = None
     kpis: tuple[KPI, ...] = UNSTATED
     panels: tuple[Panel, ...] = ()
@@ -216,41 +206,26 @@ class Scenario:
     simulated: bool = False
 
     def __post_init__(self) -> None:
+        if not callable(self.run):
+            raise ScenarioError(f"scenario {self.name!r}: run must be a function of θ, got {self.run!r}")
         if isinstance(self.kpis, _Unstated):
-            channels = getattr(self.run, "channels", None)
-            rows = found_rows(channels) if isinstance(channels, Channels) else []
+            channels = self.source.channels
+            rows = [] if channels is None else found_rows(channels)
             if rows:
                 object.__setattr__(self, "kpis", tuple(KPI(**row) for row in rows))
-            object.__setattr__(self, "run", _tracked(self.run, [row["name"] for row in rows]))
+            names = [row["name"] for row in rows]
+            object.__setattr__(self, "run", self.source.tracked(lambda there: promised(there, names)))
         check_parts(self, KPI)
+
+    @property
+    def source(self) -> Source:
+        """Return `run` as a source: what turns θ into an experiment."""
+        return source_of(self.run)
 
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:
         """Return the KPIs to show to people: all except the index, which no person chose."""
         return tuple(k for k in self.kpis if self.cost is None or k.name != "index")
-
-
-def _tracked(run: Any, names: Sequence[str]) -> Any:
-    """Return `run` so that its experiments have tracking KPIs, those in `names` among them."""
-    if isinstance(run, Rig):
-        return replace(run, kpis=TrackedRecord(run.kpis, tuple(names)))
-    # A live rig measures them itself; a run in another process got them there.
-    if isinstance(run, LiveRig):
-        return run
-    if isinstance(run, Maneuvers):
-        return run.each(lambda part: _tracked(part, _allowed(part, names)))
-    if isinstance(run, Tracked) or hasattr(run, "worker") or not callable(run):
-        return run
-    return Tracked(run, tuple(names))
-
-
-def _allowed(run: Any, names: Sequence[str]) -> list[str]:
-    """Return those of `names` that the channels of a maneuver allow: others lack a target."""
-    channels = getattr(run, "channels", None)
-    if not isinstance(channels, Channels):
-        return list(names)
-    there = {row["name"] for row in found_rows(channels)}
-    return [name for name in names if name in there]
 
 
 def finds_kpis(scenario: Scenario) -> bool:
@@ -310,7 +285,7 @@ def with_ranges(scenario: Scenario, space: KnobSpace) -> Scenario:
     return replace(
         scenario,
         space=space,
-        run=_within(scenario.run, space),
-        controller=_within(scenario.controller, space),
-        settings=_within(scenario.settings, space),
+        run=scenario.source.within(space),
+        controller=with_space(scenario.controller, space),
+        settings=with_space(scenario.settings, space),
     )

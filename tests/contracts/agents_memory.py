@@ -12,7 +12,7 @@ import pytest
 
 from contracts.agents import HALF, MIXED, SMALL, run
 from contracts.memory import *  # noqa: F403
-from prefcal_agents import AgentState
+from prefcal_agents import AgentState, Screening
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Sample
@@ -30,8 +30,8 @@ def test_after_undo_another_answer_may_be_given(make_agent):
 def assert_winner(agent, query, index):
     """The query's incumbent has won, unless the agent takes one of the answers for a mistake."""
     assert agent.history.by_answers == index
-    assert query.incumbent.index == agent.incumbent
-    assert agent.incumbent == index or (agent.history.leads and not agent.asks_further)
+    assert query.incumbent.index == agent.history.incumbent
+    assert agent.history.incumbent == index or (agent.history.leads and isinstance(agent, Screening))
 
 
 def test_retracting_keeps_all_samples_and_recomputes_the_incumbent(make_agent):

@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_agents import LatinHypercube
 from prefcal_agents.models.learned_cost import CostTerm, LearnedCost
-from prefcal_app.session.kpi_index import trust_text
+from prefcal_app.session.memory import trust_text
 from prefcal_env import End
 from prefcal_env.errors import ScenarioError
 from prefcal_scenarios import KPI, load, outcome, screened, simulate_many, simulator

@@ -12,7 +12,7 @@ class DAQPBackend:
     """Dense DAQP. If P is only semidefinite, DAQP's proximal iterations solve the problem."""
 
     def solve(self, qp: QP) -> Solution:
-        """Solve a QP once; see `Backend`."""
+        """Solve a QP once; see `PIQPSolver`."""
         tolerances = Tolerances()
         z, _, exit_flag, info = daqp.solve(
             np.ascontiguousarray(qp.P),

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.envs.overtake.signals import signals_of
-from prefcal_env.envs.overtake.traffic import Obstacle
+from prefcal_env.envs.overtake.traffic import Obstacle, signals_of
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_env.plants.bicycle import KMH, Bicycle
 

@@ -7,7 +7,6 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History, Sample
-from prefcal_env.preferences.kpis import Outcome
 from support.histories import in_cube
 
 SQUARE = KnobSpace([Knob("x", 0.0, 1.0), Knob("y", 0.0, 1.0)])
@@ -17,7 +16,7 @@ SQUARE = KnobSpace([Knob("x", 0.0, 1.0), Knob("y", 0.0, 1.0)])
 def bank_of(kpis, names="abcdefg"):
     """A bank with these KPIs, shape (m, k), of random points of `SQUARE`."""
     thetas = np.random.default_rng(5).random((len(kpis), 2))
-    return Bank.of(thetas, thetas, [Outcome(dict(zip(names, row, strict=False))) for row in kpis])
+    return Bank.of(thetas, thetas, dict(zip(names, np.transpose(kpis), strict=False)))
 
 
 def random_bank(count=120, k=3, seed=0):

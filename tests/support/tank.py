@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.envs import PlantEnv, Step, Task
+from prefcal_env.envs import Period, PlantEnv, Task
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants import FunctionPlant
@@ -25,11 +25,11 @@ def overflow(x: Any) -> bool:
     return bool(x[0] > 6.0)
 
 
-def still(step: Step) -> bool:
+def still(step: Period) -> bool:
     return bool(abs(step.x[-1, 0] - 2.0) < 0.01 and abs(step.x[-1, 0] - step.x[0, 0]) < 1e-3)
 
 
-def error(step: Step) -> float:
+def error(step: Period) -> float:
     return abs(float(step.x[-1, 0]) - 2.0)
 
 

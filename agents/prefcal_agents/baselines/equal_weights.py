@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.screening.simulations import Simulating
 from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.utility.bank import Bank, runnable
+from prefcal_agents.utility.bank import Bank, columns_of
 from prefcal_env.preferences.history import History
 
 
@@ -26,15 +26,17 @@ class EqualWeights(Simulating):
     @property
     def bank(self) -> Bank:
         """Return the simulated θ; it simulates them if needed."""
-        simulations, design = (self.simulations, latin_hypercube(self.space, self.n_simulated, self._seed))
-        z, thetas = runnable(self.space, design)
-        return Bank.of(z, thetas, simulations(thetas))
+        simulations = self.simulations
+        design = latin_hypercube(self.space, self.n_simulated, self.setup.seed)
+        z, thetas = self.space.proposals(design)
+        return Bank.of(z, thetas, columns_of(simulations(thetas)))
 
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+    def propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return the simulated point of the lowest mean rank that did not run."""
         bank = self.bank
         ranked = bank.z[by_mean_rank(bank.kpis)]
         z = Tried(self.space, history).first_new(ranked)
-        return self._fresh(history, ranked[0]) if z is None else z
+        return np.asarray(ranked[0] if z is None else z)
 
 
 def by_mean_rank(kpis: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " m"]:

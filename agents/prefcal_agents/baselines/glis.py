@@ -10,7 +10,7 @@ from prefcal_agents.acquisition.value_acquisition import ValueAcquisition
 from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.models.interpolant import POSITIVE_DEFINITE, Interpolant, best_interpolant, normalized
 from prefcal_agents.optimize.search import Tried, new_minimum
-from prefcal_agents.protocol.agent import ValueBased
+from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import random_points
 from prefcal_agents.support.checks import Settings, choice, number
@@ -59,7 +59,7 @@ class GLISSettings(Settings):
 
 
 @final
-class GLIS(ValueBased):
+class GLIS(Agent):
     """Optimize a score that is known after every experiment; a baseline for preferences.
 
     The first `n_init` samples are a Latin hypercube. Then the scores are interpolated, and the
@@ -73,13 +73,15 @@ class GLIS(ValueBased):
 
     version: ClassVar[int] = 1
     options = GLISSettings
+    by_value = True
 
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+    def propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return the next point: of the start, or a minimum of the acquisition."""
         index, space, settings = history.answered, self.space, self.settings
-        rng = np.random.default_rng([self._seed, index])
+        rng = np.random.default_rng([self.setup.seed, index])
         tried = Tried(space, history)
-        if index < self.n_init:
-            return tried.fresh(latin_hypercube(space, self.n_init, self._seed)[index], rng)
+        if index < self.setup.n_init:
+            return tried.fresh(latin_hypercube(space, self.setup.n_init, self.setup.seed)[index], rng)
         if not len(scores_of(history)[0]):
             return tried.fresh(random_points(space, 1, rng)[0], rng)
         interpolant, values = self._interpolant(history)
@@ -95,7 +97,7 @@ class GLIS(ValueBased):
     @property
     def settings(self) -> GLISSettings:
         """Return all settings."""
-        settings: GLISSettings = self._options
+        settings: GLISSettings = self.setup.settings
         return settings
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:

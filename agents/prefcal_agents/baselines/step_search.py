@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents.protocol.agent import Agent
 from prefcal_env.preferences.history import History
 
 _FIRST, _WIDEST = 0.2, 0.5
@@ -17,7 +17,7 @@ _GROWTH, _DECAY = 1.5, 0.9
 
 
 @final
-class StepSearch(PreferenceBased):
+class StepSearch(Agent):
     """Evolution strategy with one parent, as in docs/own_agent.py, which explains it.
 
     After `n_init` uniform samples each one is a normal step away from the best so far. Steps grow
@@ -28,12 +28,13 @@ class StepSearch(PreferenceBased):
 
     version: ClassVar[int] = 1
 
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        rng, n = np.random.default_rng([self._seed, history.answered]), len(self.space)
-        if history.answered < self.n_init:
+    def propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return a step from the best so far, or a random point of the start."""
+        rng, n = np.random.default_rng([self.setup.seed, history.answered]), len(self.space)
+        if history.answered < self.setup.n_init:
             z = rng.random(n)
         else:
-            b = Preferences.of(history).b[self.n_init - 1 :]
+            b = Preferences.of(history).b[self.setup.n_init - 1 :]
             step = _FIRST * _GROWTH ** np.sum(b == -1) * _DECAY ** np.sum(b == 1)
             parent = np.array(history.samples[history.incumbent or 0].z)
             z = parent + min(step, _WIDEST) * rng.standard_normal(n)

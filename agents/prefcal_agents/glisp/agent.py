@@ -8,19 +8,19 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences, judged
 from prefcal_agents.models.learned_cost import LearnedCost
-from prefcal_agents.protocol.agent import Pair, PreferenceBased, one_thread
+from prefcal_agents.protocol.agent import Agent, Pair, one_thread, rematch
 from prefcal_agents.space.start import Start
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .questions import final_question, follow_up
 from .selection import ModelSelection, train
-from .settings import GLISpSettings, Setup
+from .settings import GLISpSettings
 from .strategy import propose, propose_start
 
 
 @final
-class GLISp(PreferenceBased):
+class GLISp(Agent):
     """Learn from preferences which experiment to run next.
 
     The first `n_init` samples are a Latin hypercube. Then Ĵ is trained on all preferences
@@ -54,18 +54,23 @@ class GLISp(PreferenceBased):
         if delta is not None:
             settings = replace(settings or GLISpSettings(), delta=delta, kpis=False)
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start, settings=settings)
-        self._setup = Setup(space, self.n_init, self._seed, self.settings)
-        self._models = ModelSelection(self._setup)
 
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        if history.answered < self.n_init:
-            return propose_start(self._setup, history)
-        return propose(self._setup, self._models.fit(history))
+    def _prepare(self) -> None:
+        self._models = ModelSelection(self.setup)
 
-    def _follow_up(self, history: History) -> Pair | None:
-        return follow_up(history, self._models, self.settings)
+    def propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return the next point: of the start, or a minimum of an acquisition (eq. xNp1)."""
+        if history.answered < self.setup.n_init:
+            return propose_start(self.setup, history)
+        return propose(self.setup, self._models.fit(history))
 
-    def _final(self, history: History) -> Pair | None:
+    def question(self, history: History) -> Pair | None:
+        """Return two samples to compare: the unbeaten ones, or those about which answers may err."""
+        pair = rematch(history)
+        if pair is not None:
+            return pair
+        if history.answered < self._most(history):
+            return follow_up(history, self._models, self.settings)
         # With error rate 0 every answer counts as right, as in the paper.
         return final_question(history) if self.settings.error_rate else None
 
@@ -91,14 +96,15 @@ class GLISp(PreferenceBased):
             SettingsError: If `most` is not an integer of 1 or more.
         """
         twin = self.copy()
-        twin._options = replace(self.settings, questions_per_experiment=most)
-        twin._thought = None
+        settings = replace(self.settings, questions_per_experiment=most)
+        twin.setup = replace(self.setup, settings=settings)
+        twin._forget()
         return twin
 
     @property
     def settings(self) -> GLISpSettings:
         """Return all settings."""
-        settings: GLISpSettings = self._options
+        settings: GLISpSettings = self.setup.settings
         return settings
 
     @property
@@ -114,7 +120,7 @@ class GLISp(PreferenceBased):
         None if the answers came without KPIs, or nothing can be learned from the KPIs.
         """
         with one_thread():
-            return LearnedCost.of(judged(self.history), self._seed)
+            return LearnedCost.of(judged(self.history), self.setup.seed)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return how good physical `thetas` are expected to be, shape (m, n), for plotting.
@@ -134,6 +140,6 @@ class GLISp(PreferenceBased):
                 learned = train(fit.data, fit.selection, self.settings)
                 values, on_samples = learned(z), learned(learned.centers)
             else:
-                values, on_samples = (fit.kpis.beaten_by(x, self._seed) for x in (z, fit.kpis.bank.z))
+                values, on_samples = (fit.kpis.beaten_by(x, self.setup.seed) for x in (z, fit.kpis.bank.z))
         spread = float(np.ptp(on_samples))
         return np.asarray((values - on_samples.min()) / (spread if spread > 0 else 1.0))

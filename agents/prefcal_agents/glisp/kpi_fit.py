@@ -19,7 +19,6 @@ from prefcal_agents.utility.posterior import AFTER, DRAWS, Lessons, explains, up
 from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
-from prefcal_env.preferences.kpis import Outcome
 
 _JUDGES = 256
 """Number of draws that judge θ: in each, KPIs have their own values where no experiment ran."""
@@ -131,7 +130,7 @@ def kpi_fits(seed: int) -> Stages[KPIFit]:
 
 
 def _first(seed: int) -> KPIFit:
-    bank = Bank.of(np.zeros((0, 0)), np.zeros((0, 0)), [])
+    bank = Bank.of(np.zeros((0, 0)), np.zeros((0, 0)), {})
     scale = Scale.of(bank, np.arange(0))
     return KPIFit(bank, np.arange(0), scale, Utilities.drawn(scale, DRAWS, _rng(seed, History())))
 
@@ -153,8 +152,7 @@ def _experiments(history: History) -> Bank:
     """Return the KPIs of all experiments; see `filled_kpis`."""
     z, columns = cube_of(history), filled_kpis(history)
     thetas = np.array([s.theta for s in history.samples[: history.answered]], dtype=float)
-    rows = [Outcome({name: float(v[i]) for name, v in columns.items()}) for i in range(len(z))]
-    return Bank.of(z, thetas.reshape(z.shape), rows)
+    return Bank.of(z, thetas.reshape(z.shape), columns)
 
 
 def _rng(seed: int, past: History) -> np.random.Generator:

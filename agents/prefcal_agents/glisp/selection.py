@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from prefcal_agents.history.lessons import MOST, Memory, Preferences, judged, kpis_of
-from prefcal_agents.history.stages import Stages
+from prefcal_agents.history.stages import Remembered, Stages
 from prefcal_agents.models.cross_validation import FOLDS, Validation, choose_epsilon, nearest, rescale_knob
 from prefcal_agents.models.gaussian_process import ExpectationPropagation
 from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
@@ -19,7 +19,7 @@ from prefcal_env.preferences.history import History
 
 from .kpi_fit import KPIFit, kpi_fits
 from .noise_test import MANY, WINDOW, NoiseTest, evidence_of_mistakes, rows_of, suited_shape
-from .settings import EPSILONS, EVERY_STEP, GLISpSettings, Setup
+from .settings import EPSILONS, EVERY_STEP, GLISpSettings, GLISpSetup
 
 FEW = 20
 """Number of experiments before the process takes turns."""
@@ -115,7 +115,7 @@ class ModelSelection:
     They follow from the history alone, and copies of an agent share them: memory only saves time.
     """
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: GLISpSetup) -> None:
         self.setup, settings, alike = setup, setup.settings, (1.0,) * len(setup.space)
         self._settings, self._n_init, self._seed = settings, setup.n_init, setup.seed
         self._learning = Learning(margin_power=settings.margin_power)
@@ -123,17 +123,11 @@ class ModelSelection:
         first = _Stage(Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf))
         self._stages = Stages(lambda: first, self._following, whole=True)
         self._kpi_fits = kpi_fits(setup.seed) if settings.kpis else None
-        # What was asked for last, with the history that it follows from.
-        self._data = Dataset.of(History())
-        self._explained = (History(), True)
-        self._selected = (History(), Selection(first.shape, None, is_noisy=False))
-
-    def dataset(self, history: History) -> Dataset:
-        """Return the training data in `history`."""
-        data = self._data
-        if data.history != history:
-            self._data = data = Dataset.of(history)
-        return data
+        self.dataset = Remembered(Dataset.of)
+        """Training data in a history."""
+        self.after = Remembered(self._selection)
+        """What is selected after a history."""
+        self._explained = Remembered(self._explains)
 
     def fit(self, history: History) -> Fit:
         """Return what is learned from `history`."""
@@ -147,17 +141,12 @@ class ModelSelection:
         fit = self._kpi_fits.after(history)
         if not fit.teaches or not history.lessons():
             return None
-        then, known = history.until(history.answered - history.answered % _TESTED), self._explained
-        if known[0] != then:
-            self._explained = known = (then, self._kpi_fits.after(then).explains(then))
-        return fit if known[1] else None
+        then = history.until(history.answered - history.answered % _TESTED)
+        return fit if self._explained(then) else None
 
-    def after(self, history: History) -> Selection:
-        """Return what is selected after `history`."""
-        known = self._selected
-        if known[0] != history:
-            self._selected = known = (history, self._selection(history))
-        return known[1]
+    def _explains(self, history: History) -> bool:
+        """Return whether KPIs explain the answers of `history`."""
+        return self._kpi_fits is None or self._kpi_fits.after(history).explains(history)
 
     def _selection(self, history: History) -> Selection:
         stage = self._stages.after(history)

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS
+from prefcal_agents.space.setup import Setup
 from prefcal_agents.support.checks import Settings, choice, integer, number
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.space import KnobSpace
 
 EVERY_STEP: Literal["every step"] = "every step"
 EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
@@ -103,21 +103,8 @@ class GLISpSettings(Settings):
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Setup:
-    """Everything that stays the same during a study.
-
-    Args:
-        space: The knobs.
-        n_init: Number of samples of the Latin hypercube.
-        seed: Seed of all randomness; sample i draws from `(seed, i)`.
-        settings: Settings of GLISp.
-    """
-
-    space: KnobSpace
-    n_init: int
-    seed: int
-    settings: GLISpSettings
+GLISpSetup = Setup[GLISpSettings]
+"""Everything that stays the same during a study of GLISp."""
 
 
 def _flag(name: str, value: Any) -> None:

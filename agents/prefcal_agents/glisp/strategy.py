@@ -18,7 +18,7 @@ from prefcal_env.preferences.history import History
 from .kpi_fit import most_promising
 from .noise_test import ALMOST_SURE
 from .selection import Fit, is_process_turn, train
-from .settings import Setup
+from .settings import GLISpSetup
 
 
 class StrategyRow(NamedTuple):
@@ -29,16 +29,16 @@ class StrategyRow(NamedTuple):
         objective: Function that trains a model, and returns what the next sample minimizes of it.
     """
 
-    holds: Callable[[Setup, Fit], bool]
-    objective: Callable[[Setup, Fit], Objective]
+    holds: Callable[[GLISpSetup, Fit], bool]
+    objective: Callable[[GLISpSetup, Fit], Objective]
 
 
-def _every_second_time(setup: Setup, fit: Fit) -> bool:
+def _every_second_time(setup: GLISpSetup, fit: Fit) -> bool:
     turn = is_process_turn(fit.data.history.answered, setup.n_init)
     return setup.settings.process and fit.data.is_strict and turn
 
 
-def _mean(setup: Setup, fit: Fit) -> Objective:
+def _mean(setup: GLISpSetup, fit: Fit) -> Objective:
     """Return the mean of a Gaussian process trained on comparisons only."""
     # With one comparison per sample, answers cannot contradict each other; with more they can.
     trusted = ALMOST_SURE if fit.data.history.follow_ups else 0.0
@@ -46,7 +46,7 @@ def _mean(setup: Setup, fit: Fit) -> Objective:
     return Acquisition.of(PreferenceGP.of(fit.data.preferences, error_rate), 0.0)
 
 
-def _exploration(setup: Setup, fit: Fit) -> Objective:
+def _exploration(setup: GLISpSetup, fit: Fit) -> Objective:
     """Return eq. acquisition on Ĵ."""
     surrogate = train(fit.data, fit.selection, setup.settings)
     return Acquisition.of(surrogate, setup.settings.delta, cube_of(fit.data.history))
@@ -59,7 +59,7 @@ Deviation: the paper has the last row only.
 """
 
 
-def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
+def propose(setup: GLISpSetup, fit: Fit) -> Float[np.ndarray, " n"]:
     """Return the cube point of the next sample, shape (n,): a minimum of an acquisition.
 
     Source: eq. xNp1.
@@ -78,7 +78,7 @@ def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
     return new_minimum(objective, setup.space, history, rng)
 
 
-def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
+def propose_start(setup: GLISpSetup, history: History) -> Float[np.ndarray, " n"]:
     """Return the cube point of a sample of the start, shape (n,), from a Latin hypercube.
 
     Deviation: another point takes its place if it is likely unsafe according to the marks.
@@ -94,7 +94,7 @@ def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
     return Tried(setup.space, history).fresh(z, rng)
 
 
-def _penalty(setup: Setup, history: History) -> Penalty | None:
+def _penalty(setup: GLISpSetup, history: History) -> Penalty | None:
     if not history.unsafe():
         return None
     return unsafe_penalty(history, setup.settings.unsafe_weight, setup.settings.least_safe)

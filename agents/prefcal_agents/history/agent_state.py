@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from prefcal_agents.space.setup import Setup
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
@@ -40,6 +41,12 @@ class AgentState:
     history: History
     settings: tuple[tuple[str, Any], ...] = ()
     start: tuple[tuple[float, ...], ...] = ()
+
+    @classmethod
+    def of_setup(cls, agent: str, version: int, setup: Setup[Any], history: History) -> "AgentState":
+        """Return the state of an agent with this setup after `history`."""
+        counts = setup.n_init, setup.n_max, setup.seed
+        return cls(agent, version, *counts, history, setup.settings.pairs(), setup.start)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON, which restores every float exactly."""

@@ -11,8 +11,37 @@ _REMEMBERED = 40
 """Number of stages in memory, up to about a megabyte each."""
 _SELDOM = 10
 """Number of answers of a long step."""
+_LATEST = 16
+"""Number of results in memory: those of the likely answers to a question and of an undo."""
 
 Known = TypeVar("Known")
+
+
+@final
+class Remembered(Generic[Known]):
+    """A function of a record that remembers what it returned for the latest ones.
+
+    Records are compared, not hashed: those of a study share their parts, so that takes no time.
+
+    Args:
+        function: Function of a record that returns something else than None.
+    """
+
+    def __init__(self, function: Callable[[History], Known]) -> None:
+        self._function = function
+        self._latest: tuple[tuple[History, Known], ...] = ()  # frozen, since threads share it
+
+    def __call__(self, history: History) -> Known:
+        """Return what the function returns for `history`."""
+        known = self.get(history)
+        if known is None:
+            known = self._function(history)
+            self._latest = ((history, known), *self._latest[: _LATEST - 1])
+        return known
+
+    def get(self, history: History) -> Known | None:
+        """Return it if it is remembered; None otherwise."""
+        return next((known for past, known in self._latest if past == history), None)
 
 
 @final

@@ -5,7 +5,7 @@ in units of σ the margin is 1 and λ becomes λσ. The solution stays the same,
 near 1e-6.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import local
 
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.history.lessons import Preferences
-from prefcal_env.qp import Box, make_backend
+from prefcal_env.qp import PIQPSolver
 
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long
 _FAR = 0.3  # root mean square distance per knob from which on the margin is σ in full
@@ -137,17 +137,13 @@ def fits_without(
 
 
 def _fits(systems: Sequence[Constraints], learning: Learning) -> list[Float[np.ndarray, " N"]]:
-    if not hasattr(_SOLVERS, "backend"):
-        _SOLVERS.backend = make_backend()
-    duals = [_dual(system, learning) for system in systems]
-    solutions = _SOLVERS.backend.solve_boxes([box for box, _ in duals])
-    return [beta(z) for (_, beta), z in zip(duals, solutions, strict=True)]
+    if not hasattr(_SOLVERS, "qp"):
+        _SOLVERS.qp = PIQPSolver()
+    return [_fit(system, learning) for system in systems]
 
 
-def _dual(
-    system: Constraints, learning: Learning
-) -> tuple[Box, Callable[[Float[np.ndarray, " R"] | None], Float[np.ndarray, " N"]]]:
-    """Return min ½|rowsᵀα|² - margins·α subject to 0 <= α <= ceiling, and β at a solution of it.
+def _fit(system: Constraints, learning: Learning) -> Float[np.ndarray, " N"]:
+    """Return β at a solution of min ½|rowsᵀα|² - margins·α subject to 0 <= α <= ceiling.
 
     Rows of close samples are short and their multipliers huge; unit rows even that out, so the
     variables are z = α · length / scale. Without a solution, β is zero.
@@ -159,12 +155,9 @@ def _dual(
     scale = 1 / float(length.min(initial=np.inf))
     symmetric = 0.5 * (gram + gram.T)
     symmetric.flat[:: len(gram) + 1] += _RIDGE
-
-    def beta(z: Float[np.ndarray, " R"] | None) -> Float[np.ndarray, " N"]:
-        if z is None:
-            return np.zeros(rows.shape[1])
-        alpha = np.clip(z * scale / length, 0.0, ceiling)
-        return np.asarray(learning.sigma * (alpha @ rows))
-
     q, upper = -system.margins / (length * scale), ceiling * length / scale
-    return Box(P=symmetric, q=q, upper=upper), beta
+    z = _SOLVERS.qp.solve_box(symmetric, q, upper)
+    if z is None:
+        return np.zeros(rows.shape[1])
+    alpha = np.clip(z * scale / length, 0.0, ceiling)
+    return np.asarray(learning.sigma * (alpha @ rows))

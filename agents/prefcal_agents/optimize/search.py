@@ -168,10 +168,13 @@ class Tried:
         tried = [sample.theta for sample in history.samples[: history.answered]]
         self._thetas = np.array(tried, dtype=float).reshape(-1, len(space))
 
-    def may_run(self, z: Float[np.ndarray, " n"]) -> bool:
-        """Return whether the θ of `z`, shape (n,), is a new one that the constraints allow."""
-        theta = self._space.decode(self._space.snap(z))
+    def is_free(self, theta: Float[np.ndarray, " n"]) -> bool:
+        """Return whether physical θ, shape (n,), is a new one that the constraints allow."""
         return bool(self._space.allows(theta)) and not self._space.close(theta, self._thetas).any()
+
+    def may_run(self, z: Float[np.ndarray, " n"]) -> bool:
+        """Return whether the θ that `z`, shape (n,), is rounded to may run."""
+        return self.is_free(self._space.decode(self._space.snap(z)))
 
     def first_new(self, points: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"] | None:
         """Return the first row of `points` that may run, shape (n,); None if there is none."""

@@ -1,15 +1,18 @@
-"""The ask/tell protocol of every agent: its record, and the open query, made on demand."""
+"""What every agent shares: the record, and what is asked after it."""
 
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import cache
-from typing import Any, ClassVar, Self, overload
+from typing import Any, ClassVar, NamedTuple, Self, overload
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.agent_state import AgentState, check_record
+from prefcal_agents.history.stages import Remembered
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.space.capacity import capacity
+from prefcal_agents.space.setup import Setup
 from prefcal_agents.space.start import Start, start_points
 from prefcal_agents.support.checks import Settings, integer
 from prefcal_env.errors import KnobError, ProtocolError, SettingsError
@@ -22,16 +25,30 @@ Pair = tuple[int, int]
 """Two known samples to compare: the later one, which is the challenger, and the earlier one."""
 
 
+class Turn(NamedTuple):
+    """What is decided after a record, before anything new is proposed.
+
+    Args:
+        history: The record with the sample that the agent holds for the best.
+        pair: Known samples to compare now; None if there are none.
+    """
+
+    history: History
+    pair: Pair | None
+
+
 class Agent:
-    """An agent with its record of samples and answers, and the open query.
+    """An agent: a function of a record that says what is asked next, and the record of a study.
 
-    A subclass defines what to try next in `_propose`, a function of the record (its seed and
-    settings are fixed), so nothing else has to be saved. Linear algebra runs on one thread there.
+    A subclass defines `propose`, a function of the record and of `setup` (space, seed, settings),
+    so nothing else has to be saved; linear algebra runs on one thread there. It may define more
+    functions of the record: `question`, about two known samples, and `_leader`, the best one. What
+    they return is remembered by the record, and copies share it: memory only saves time.
 
-    Sample h is proposed when it is first needed, from the record after answer h - 1. From then
-    on it is stored and stays, even if an earlier answer is retracted, since its experiment may
-    have run already. Only the incumbent that it is compared with may then change. `undo` reopens
-    the last closed query and drops the sample proposed after it.
+    Only `history` changes. Sample h is proposed when it is first needed, from the record after
+    answer h - 1. From then on it is stored and stays, even if an earlier answer is retracted, since
+    its experiment may have run already. Only the incumbent that it is compared with may then
+    change. `undo` reopens the last closed query and drops the sample proposed after it.
 
     Several experiments can be pending, see `ask`. Each is proposed as if nobody could tell how good
     the ones before it are; that they were tried keeps them apart. They can be answered in any
@@ -55,12 +72,8 @@ class Agent:
     """Version of the algorithm, raised when the same answers lead to another next sample."""
     options: ClassVar[type[Settings]] = Settings
     """Class of its further settings."""
-    pickled: ClassVar[tuple[str, ...]] = ("_given", "history")
-    """Names of what is pickled, besides the settings."""
-    by_value = False
+    by_value: ClassVar[bool] = False
     """Whether the agent learns from scores, not preferences; then no query has an incumbent."""
-    asks_further: ClassVar[bool] = True
-    """Whether it asks questions about two known samples."""
 
     def __init__(
         self,
@@ -72,86 +85,161 @@ class Agent:
         start: Start | None = None,
         settings: Any = None,
     ) -> None:
-        if not isinstance(space, KnobSpace):
-            raise SettingsError(f"space must be a KnobSpace, got {space!r}")
-        self._options: Any = self.options() if settings is None else settings
-        if not isinstance(self._options, self.options):
+        given = self.options() if settings is None else settings
+        if not isinstance(given, self.options):
             raise SettingsError(f"settings must be {self.options.__name__}, got {settings!r}")
-        integer("n_init", n_init, low=1)
-        integer("n_max", n_max, low=2)
-        integer("seed", seed, low=0)
-        if n_max < n_init:
-            raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")
-        self.space, self.n_init, self._seed = space, int(n_init), int(seed)
-        self._asked_for, self._capacity = int(n_max), capacity(space)
-        self._given = start_points(space, start, self._asked_for)
-        self._known_best: tuple[History, int | None] | None = None
-        self._judged: History | None = None
-        self._thought: tuple[History, Pair | None] | None = None
-        self.history = History()
+        setup = Setup(space, n_init, seed, given, n_max)
+        self._begin(replace(setup, start=start_points(space, start, setup.n_max)), History())
 
-    # What a subclass defines.
+    def _begin(self, setup: Setup[Any], history: History) -> None:
+        """Take over a setup and a record; all else follows from them."""
+        self.setup, self.history = setup, history
+        self._capacity = capacity(setup.space)
+        self._forget()
+        self._prepare()
 
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        """Return the next sample, a point of the unit cube, shape (n,)."""
+    def _forget(self) -> None:
+        """Forget what followed from records, since it would be something else now."""
+        self._turn = Remembered(self._decide)
+        self._next = Remembered(self._new_sample)
+        self._queries = Remembered(self._compared)
+
+    # What an agent defines: functions of a record.
+
+    def propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return the next sample, a point of the unit cube, shape (n,).
+
+        It is rounded to what can be dialed in. If its θ ran already or is not allowed, a random one
+        takes its place.
+        """
         raise NotImplementedError
+
+    def question(self, history: History) -> Pair | None:
+        """Return known samples to compare before anything new is proposed; None if none."""
+        return rematch(history)
 
     def _leader(self, history: History) -> int | None:
         """Return the sample to hold for the best; None if the answers alone say which it is."""
         return None
 
-    def _follow_up(self, history: History) -> Pair | None:
-        """Return known samples to compare before the next one is proposed; None if none."""
-        return None
+    def _prepare(self) -> None:
+        """Load what proposals need, and make what remembers them."""
 
-    def _final(self, history: History) -> Pair | None:
-        """Return known samples to compare after the last experiment; None if none."""
-        return None
+    # What is open after a record: pure functions, remembered.
 
-    # What people and programs use.
+    def _decide(self, history: History) -> Turn:
+        """Say which sample is the best, and which known ones to compare.
+
+        Once the next sample is proposed, its rival stays and nothing else is asked: it may be on
+        show, and simulating for it would make a person wait.
+        """
+        if self.by_value or not history.answered or history.waits:
+            return Turn(history, None)
+        with one_thread():
+            leader = self._leader(history)
+            history = history if leader is None else history.with_best(leader)
+            pair = self.question(history)
+        if pair is not None and history.cut_short() & {*pair}:
+            pair = None  # half a run cannot be compared with a whole one
+        return Turn(history, pair)
+
+    def _new_sample(self, history: History) -> Sample:
+        """Return a given θ unchanged, a proposed one rounded to values that can be dialed in."""
+        space, count = self.setup.space, len(history.samples)
+        if count < len(self.setup.start):
+            return Sample.of(space, np.array(self.setup.start[count]))
+        past = supposed(history)
+        with one_thread():
+            z, tried = self.propose(past), Tried(space, past)
+            sample = Sample.of(space, space.snap(z))
+            if tried.is_free(np.array(sample.theta)):
+                return sample
+            rng = np.random.default_rng([self.setup.seed, past.answered])
+            return Sample.of(space, space.snap(tried.fresh(z, rng)))
+
+    def recorded(self, history: History) -> History:
+        """Return what the agent goes by in the record of a study file."""
+        bare = history.bare()
+        return (bare.scores_alone() if self.by_value else bare).sharing(self.history)
+
+    def knows(self, history: History) -> bool:
+        """Return whether it is remembered what is asked after `history`, so that it takes no time."""
+        turn = self._turn.get(history)
+        if turn is None or history.pending is not None:
+            return history.pending is not None
+        ended = history.answered >= self._most(history)
+        return ended or turn.pair is not None or self._next.get(turn.history) is not None
+
+    def open(self, history: History, n: int = 1) -> tuple[History, list[Query]]:
+        """Return what is asked after `history`: the record with all it is asked about, and queries.
+
+        The same record gives the same, whatever was asked before. See `ask`.
+
+        Raises:
+            ProtocolError: If all experiments are answered.
+        """
+        history, pair = self._turn(history)
+        if pair is None and history.answered >= self._most(history):
+            raise ProtocolError(f"there is no open query: {self._over(history)}")
+        if pair is not None:
+            new, old = (_suggestion(history, index) for index in pair)
+            return history, [Query(new, old, further=True), *self._queries(history)]
+        most = min(history.answered + n, self._most(history))
+        while len(history.samples) < most:
+            history = history.with_another(self._next(history))
+        return history, list(self._queries(history))
+
+    def _compared(self, history: History) -> tuple[Query, ...]:
+        """Return the queries that compare each pending sample with the best one."""
+        rival = None if self.by_value else history.incumbent
+        best = None if rival is None else _suggestion(history, rival)
+        waiting = range(history.answered, len(history.samples))
+        return tuple(Query(_suggestion(history, index), best) for index in waiting)
+
+    def _most(self, history: History) -> int:
+        """Return the number of experiments; fewer than asked for if the space holds fewer θ."""
+        most, asked_for = self._capacity, self.setup.n_max
+        if most >= asked_for:
+            return asked_for
+        # θ that ran count even if they are no longer searched.
+        most += sum(not self.space.searches(np.array(s.theta)) for s in history.samples)
+        return int(min(asked_for, most))
+
+    def _over(self, history: History) -> str:
+        most = self._most(history)
+        if most < self.setup.n_max:
+            return f"every one of the {most} θ of the space has been tried"
+        return f"all {most} experiments are answered"
+
+    # What people and programs use: the record, and changes of it.
+
+    @property
+    def space(self) -> KnobSpace:
+        """Return the knobs to tune."""
+        return self.setup.space
 
     @property
     def n_max(self) -> int:
         """Return the number of experiments; fewer than asked for if the space holds fewer θ."""
         return self._most(self.history)
 
-    def _most(self, history: History) -> int:
-        most = self._capacity
-        if most >= self._asked_for:
-            return self._asked_for
-        # θ that ran count even if they are no longer searched.
-        most += sum(not self.space.searches(np.array(s.theta)) for s in history.samples)
-        return int(min(self._asked_for, most))
-
     @property
     def done(self) -> bool:
         """Return whether all experiments are answered and it is clear which one is the best."""
-        return self._all_answered and self._known_pair() is None
-
-    @property
-    def _all_answered(self) -> bool:
-        return self.history.answered >= self.n_max
+        return self.history.answered >= self.n_max and self._turn(self.history).pair is None
 
     @property
     def best(self) -> Float[np.ndarray, " n"]:
         """Return θ of the best sample, physical, shape (n,). Raises ProtocolError without one."""
-        if self.best_index is None:
+        index = self.best_index
+        if index is None:
             raise ProtocolError("there is no best θ before the first answer")
-        return self._theta_of(self.best_index)
+        return np.array(self.history.samples[index].theta)
 
     @property
     def best_index(self) -> int | None:
         """Return the index of the best sample; None before any answer. It may take simulations."""
-        self._judge()
-        return self.incumbent
-
-    @property
-    def incumbent(self) -> int | None:
-        """Return the index of the best sample as far as it is known without simulations."""
-        history = self.history
-        if self._known_best is None or self._known_best[0] != history:
-            self._known_best = (history, history.incumbent)
-        return self._known_best[1]
+        return self._turn(self.history).history.incumbent
 
     @property
     def samples(self) -> Float[np.ndarray, "N n"]:
@@ -178,26 +266,10 @@ class Agent:
             ProtocolError: When done.
             SettingsError: If `n` is not valid.
         """
-        if n is None:
-            return self._open(1)[0]
-        integer("n", n, low=1)
-        return self._open(int(n))
-
-    def _open(self, n: int) -> list[Query]:
-        """Return all open queries, with `n` experiments pending if a new one may be proposed."""
-        if self.done:
-            why = f"all {self.n_max} experiments are answered"
-            if self.n_max < self._asked_for:
-                why = f"every one of the {self.n_max} θ of the space has been tried"
-            raise ProtocolError(f"there is no open query: {why}")
-        pair, queries = self._known_pair(), []
-        if pair is None:
-            self._store(n)
-        else:
-            queries = [Query(self._suggestion(pair[0]), self._suggestion(pair[1]), further=True)]
-        rival = None if self._rival is None else self._suggestion(self._rival)
-        waiting = range(self.history.answered, len(self.history.samples))
-        return [*queries, *(Query(self._suggestion(index), rival) for index in waiting)]
+        if n is not None:
+            integer("n", n, low=1)
+        self.history, queries = self.open(self.history, 1 if n is None else int(n))
+        return queries[0] if n is None else queries
 
     def tell(self, query: Query, answer: Any, /) -> None:
         """Close `query`.
@@ -213,27 +285,19 @@ class Agent:
             PreferenceError: If the answer is not valid.
         """
         given = Answer.scored(answer) if self.by_value else Answer.of(answer)
-        if self.done:
-            raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered")
-        queries = self._open(1)
+        try:
+            history, queries = self.open(self.history)
+        except ProtocolError as over:
+            raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered") from over
         if query not in queries:
             others = f", or one of {len(queries) - 1} others" if queries[1:] else ""
             raise ProtocolError(f"told {query}, but the open query is {queries[0]}{others}")
         new, old = query.challenger.index, query.incumbent
-        if query.further:
-            assert old is not None
-            self.history = self.history.with_follow_up(given, new, old.index)
+        if query.further and old is not None:
+            self.history = history.with_follow_up(given, new, old.index)
         else:
-            self.take(new)
-            self.history = self.history.with_answer(given, self._rival)
-
-    def take(self, index: int) -> None:
-        """Make pending sample `index` the next one; see `History.taken`.
-
-        Raises:
-            ProtocolError: If it is not pending.
-        """
-        self.history = self.history.arranged(self.history.taken(index))
+            history = history.arranged(history.taken(new))
+            self.history = history.with_answer(given, None if old is None else old.index)
 
     def undo(self) -> None:
         """Take the last answer back and open its query again. Raises ProtocolError if none."""
@@ -247,10 +311,9 @@ class Agent:
         Raises:
             ProtocolError: If there is no such answer, or it is already retracted.
         """
-        changed = self.history.retracted(index, follow_up=further)
-        if not self._all_answered:
-            self.settle()
-            changed = self.history.retracted(index, follow_up=further)
+        changed = self.history.retracted(index, follow_up=further)  # before anything is proposed
+        if self.history.answered < self.n_max:
+            changed = self._settled().retracted(index, follow_up=further)
         self.history = changed
 
     def replace_pending(self, theta: Float[np.ndarray, " n"]) -> None:
@@ -263,7 +326,7 @@ class Agent:
             KnobError: If the space does not hold it, or a constraint forbids it.
         """
         theta, answered = self.space.check_allowed(theta), self.history.answered
-        if self._all_answered:
+        if answered >= self.n_max:
             raise ProtocolError(f"nothing can be tried: all {self.n_max} experiments are answered")
         same = np.flatnonzero(self.space.close(theta, self.samples))
         if len(same):
@@ -280,13 +343,20 @@ class Agent:
     @property
     def state(self) -> AgentState:
         """Return everything that has to be saved, including the sample of the open query."""
-        self.settle()
-        return self._snapshot()
+        self.history = self._settled()
+        return AgentState.of_setup(type(self).__name__, self.version, self.setup, self.history)
 
     @property
     def configuration(self) -> dict[str, Any]:
         """Return the settings as plain data, without what was learned; it proposes nothing."""
-        return self._snapshot().configuration()
+        return AgentState.of_setup(type(self).__name__, self.version, self.setup, History()).configuration()
+
+    def _settled(self) -> History:
+        """Return the record with what is decided after it, so that it no longer changes."""
+        history, pair = self._turn(self.history)
+        if pair is not None or history.answered >= self._most(history):
+            return history
+        return self.open(history)[0]
 
     @classmethod
     def restore(cls, space: KnobSpace, state: AgentState) -> Self:
@@ -296,155 +366,63 @@ class Agent:
             SettingsError: If it is the state of another agent, does not fit the space, or holds
                 settings that the agent does not have.
         """
-        agent = cls._made(space, state)
-        history = state.history.bare()
-        history = history.scores_alone() if agent.by_value else history
-        check_record(history, space, agent._most(history), by_value=agent.by_value)
+        if state.agent != cls.__name__:
+            raise SettingsError(f"expected the state of {cls.__name__}, got that of {state.agent!r}")
+        setup = Setup(space, state.n_init, state.seed, cls.options.of(dict(state.settings)), state.n_max)
         try:
             thetas = [space.decode(np.array(z)) for z in state.start]
         except KnobError as error:
             raise SettingsError(f"the start of a state: {error}") from error
-        agent._given = start_points(space, thetas, agent._asked_for)
-        agent.history = history
+        history = state.history.bare()
+        agent = object.__new__(cls)
+        agent._begin(
+            replace(setup, start=start_points(space, thetas, setup.n_max)),
+            history.scores_alone() if cls.by_value else history,
+        )
+        check_record(agent.history, space, agent.n_max, by_value=cls.by_value)
         return agent
 
     def copy(self) -> Self:
         """Return an independent copy, used to prepare the next sample for each likely answer.
 
-        Both share all that they hold: records are frozen, and the rest follows from a record.
+        Both share all that they hold, also what one of them works out later: records are frozen, and
+        the rest follows from a record.
         """
         twin = object.__new__(type(self))
         vars(twin).update(vars(self))
         return twin
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle settings, samples and answers: all else follows, solvers of others included."""
-        kept = {name: getattr(self, name) for name in self.pickled}
-        return type(self)._made, (self.space, self._snapshot()), kept
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle setup, record and simulations: all else follows, solvers of others included."""
+        kept = ("setup", "history", "_simulations")
+        return {name: vars(self)[name] for name in kept if name in vars(self)}
 
-    def _settings(self) -> dict[str, Any]:
-        """Return name and value of each further setting, plain data."""
-        return dict(self._options.pairs())
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._begin(self.setup, self.history)
 
-    @classmethod
-    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
-        """Return the constructor's arguments for what `_settings` returned."""
-        settings = cls.options.of(saved)
-        return {"settings": settings} if settings.pairs() else {}
-
-    @classmethod
-    def _made(cls, space: KnobSpace, state: AgentState) -> Self:
-        """Return an agent with the settings of `state`, without its samples and answers."""
-        if state.agent != cls.__name__:
-            wanted = f"expected the state of {cls.__name__}"
-            raise SettingsError(f"{wanted}, got that of {state.agent!r}")
-        given = cls._arguments(dict(state.settings))
-        return cls(space, n_init=state.n_init, n_max=state.n_max, seed=state.seed, **given)
-
-    def _snapshot(self) -> AgentState:
-        return AgentState(
-            agent=type(self).__name__,
-            version=self.version,
-            n_init=self.n_init,
-            n_max=self._asked_for,
-            seed=self._seed,
-            history=self.history,
-            settings=tuple(self._settings().items()),
-            start=self._given,
-        )
-
-    # How queries are made.
-
-    def settle(self) -> None:
-        """Find the best sample, and store that of the open query, unless none is needed now."""
-        self._judge()
-        # Asked first, since finding a pair may take simulations.
-        if not self._all_answered and self._known_pair() is None:
-            self._store()
-
-    def _judge(self) -> None:
-        """Let the agent say which sample it holds for the best, once after each answer.
-
-        Once the next sample is proposed, its rival stays: it may be on show, and simulating for it
-        would make a person wait.
-        """
-        history = self.history
-        settled = history.waits or self._judged == history
-        if self.by_value or not history.answered or settled:
-            return
-        with one_thread():
-            leader = self._leader(history)
-        if leader is not None:
-            self.history = history.with_best(leader)
-        self._judged = self.history
-
-    def _store(self, n: int = 1) -> None:
-        while len(self.history.samples) < min(self.history.answered + n, self.n_max):
-            self.history = self.history.with_another(Sample.of(self.space, self._next()))
-
-    def _known_pair(self) -> Pair | None:
-        """Return the known samples to compare now; None once a new one is proposed.
-
-        Open questions about the best sample come first, also after the last experiment.
-        """
-        self._judge()
-        history = self.history
-        known = history.answered and not history.waits
-        if self.by_value or not self.asks_further or not known:
-            return None
-        if self._thought is None or self._thought[0] != history:
-            with one_thread():
-                pair = rematch(history)
-                if pair is None:
-                    ask = self._final if self._all_answered else self._follow_up
-                    pair = ask(history)
-            if pair is not None and history.cut_short() & {*pair}:
-                pair = None  # half a run cannot be compared with a whole one
-            self._thought = (history, pair)
-        return self._thought[1]
-
-    @property
-    def _rival(self) -> int | None:
-        return None if self.by_value else self.incumbent
-
-    def _next(self) -> Float[np.ndarray, " n"]:
-        """Return a given θ unchanged, a proposed one rounded to values that can be dialed in."""
-        if len(self.history.samples) < len(self._given):
-            return np.array(self._given[len(self.history.samples)])
-        with one_thread():
-            return self.space.snap(self._propose(self._supposed()))
-
-    def _supposed(self) -> History:
-        """Return the record as if nobody could tell how good pending experiments are.
-
-        It is the record itself if none is pending. Other suppositions, such as the constant liar of
-        Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/archive.md.
-        """
-        history, best = self.history, self.incumbent
-        while history.pending is not None:
-            history = history.with_answer(Answer(None), None)  # nobody looked at it
-        return history if best is None else history.with_best(best)
-
-    def _fresh(self, history: History, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return `z`, shape (n,), or a random point if its θ ran already or is not allowed."""
-        rng = np.random.default_rng([self._seed, history.answered])
-        return Tried(self.space, history).fresh(z, rng)
-
-    def _suggestion(self, index: int) -> Suggestion:
-        return Suggestion(index, self._theta_of(index))
-
-    def _theta_of(self, index: int) -> Float[np.ndarray, " n"]:
-        return np.array(self.history.samples[index].theta)
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "_propose" in vars(cls):
+            raise SettingsError(
+                f"{cls.__name__}: rename _propose to propose, and write self.setup.seed for self._seed"
+            )
 
 
-class PreferenceBased(Agent):
-    """An agent that learns from preferences."""
+def _suggestion(history: History, index: int) -> Suggestion:
+    return Suggestion(index, np.array(history.samples[index].theta))
 
 
-class ValueBased(Agent):
-    """An agent that sees the score of every experiment: its queries have no incumbent."""
+def supposed(history: History) -> History:
+    """Return the record as if nobody could tell how good pending experiments are.
 
-    by_value = True
+    It is the record itself if none is pending. Other suppositions, such as the constant liar of
+    Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/archive.md.
+    """
+    best = history.incumbent
+    while history.pending is not None:
+        history = history.with_answer(Answer(None), None)  # nobody looked at it
+    return history if best is None else history.with_best(best)
 
 
 def rematch(history: History) -> Pair | None:
@@ -480,3 +458,12 @@ def one_thread() -> AbstractContextManager[Any]:
     """
     limit: AbstractContextManager[Any] = _threads().limit(limits=1, user_api="blas")
     return limit
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("PreferenceBased", "ValueBased"):
+        also = ", with `by_value = True`" if name == "ValueBased" else ""
+        raise ImportError(
+            f"{name} is now Agent: write `from prefcal_agents import Agent`{also}, and `propose`"
+        )
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,12 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of, scores_of
-from prefcal_agents.protocol.agent import ValueBased
+from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 PPO_STEPS = 5
@@ -34,33 +33,35 @@ class _Bandit(gym.Env[Array, Array]):
         self.action_space = gym.spaces.Box(-1.0, 1.0, (n,), np.float32)
 
 
-class _Learner(ValueBased):
+class _Learner(Agent):
     """An agent whose samples a model of stable-baselines3 proposes.
 
     Instead of the library's own loop, which would run the experiments, its buffer is filled from
     the history with the θ that ran.
     """
 
-    def __init__(self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0) -> None:
-        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
+    by_value = True
+
+    def _prepare(self) -> None:
         self._library = load("stable_baselines3", "rl")
         self._replay = Replay(self._start, self._feed)
 
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+    def propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return the next point: of the start, or an action of the policy."""
         z = self._planned(history.answered)
-        if z is None:
-            model = self._replay.at(history)
-            with _torch_seeded(self._seed, history.answered, 1):
-                action, _ = model.policy.predict(_OBSERVATION[0], deterministic=False)
-            z = np.clip((np.asarray(action, dtype=float) + 1) / 2, 0.0, 1.0)
-        return self._fresh(history, z)
+        if z is not None:
+            return z
+        model = self._replay.at(history)
+        with _torch_seeded(self.setup.seed, history.answered, 1):
+            action, _ = model.policy.predict(_OBSERVATION[0], deterministic=False)
+        return np.clip((np.asarray(action, dtype=float) + 1) / 2, 0.0, 1.0)
 
     def _planned(self, index: int) -> Float[np.ndarray, " n"] | None:
         """Return the sample of the start with this index; None after the start."""
         return None
 
     def _start(self) -> Any:
-        with _torch_seeded(self._seed, 0, 0):
+        with _torch_seeded(self.setup.seed, 0, 0):
             model = self._model(_Bandit(len(self.space)))
         logger = load("stable_baselines3.common.logger", "rl")
         model.set_logger(logger.Logger(None, []))  # one that keeps no log
@@ -109,7 +110,7 @@ class PPOBandit(_Learner):
         if history.comparisons[-1].value is None or len(scored) % PPO_STEPS:
             return
         batch = slice(-PPO_STEPS, None)
-        with _torch_seeded(self._seed, history.answered, 2):
+        with _torch_seeded(self.setup.seed, history.answered, 2):
             _fill(model, _actions(cube_of(history)[scored][batch]), rewards(values)[batch])
             model.train()
 
@@ -132,16 +133,16 @@ class SACBandit(_Learner):
     version: ClassVar[int] = 1
 
     def _planned(self, index: int) -> Float[np.ndarray, " n"] | None:
-        if index >= self.n_init:
+        if index >= self.setup.n_init:
             return None
-        return np.asarray(latin_hypercube(self.space, self.n_init, self._seed)[index])
+        return np.asarray(latin_hypercube(self.space, self.setup.n_init, self.setup.seed)[index])
 
     def _model(self, env: gym.Env[Array, Array]) -> Any:
         return self._library.SAC(
             "MlpPolicy",
             env,
             learning_rate=0.01,
-            buffer_size=self.n_max,
+            buffer_size=self.setup.n_max,
             batch_size=32,
             ent_coef=0.01,  # relative to rewards in [-1, 1]
             policy_kwargs={"net_arch": [64, 64]},
@@ -154,8 +155,8 @@ class SACBandit(_Learner):
             taken, end = _actions(cube_of(history)[scored[-1:]]), np.ones(1)
             model.replay_buffer.add(_OBSERVATION, _OBSERVATION, taken, np.zeros(1), end, [{}])
             model.replay_buffer.rewards[: len(scored), 0] = rewards(values)
-        if history.answered >= self.n_init and len(scored):
-            with _torch_seeded(self._seed, history.answered, 2):
+        if history.answered >= self.setup.n_init and len(scored):
+            with _torch_seeded(self.setup.seed, history.answered, 2):
                 model.train(SAC_STEPS, model.batch_size)
 
 

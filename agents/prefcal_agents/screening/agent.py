@@ -6,10 +6,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.glisp.selection import ModelSelection
-from prefcal_agents.glisp.settings import GLISpSettings, Setup
+from prefcal_agents.glisp.settings import GLISpSettings
 from prefcal_agents.glisp.strategy import propose
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import one_thread
+from prefcal_agents.protocol.agent import Pair, one_thread
+from prefcal_agents.space.setup import Setup
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
 from prefcal_agents.utility.posterior import AFTER, explains
@@ -46,11 +47,10 @@ class Screening(Simulating):
     """
 
     version: ClassVar[int] = 5
-    asks_further: ClassVar[bool] = False
 
     @property
     def _growth(self) -> Growth:
-        return self.simulations.learned(Growth, self.space, self.n_simulated, self._seed)
+        return self.simulations.learned(Growth, self.space, self.n_simulated, self.setup.seed)
 
     @property
     def _stage(self) -> Stage:
@@ -129,12 +129,17 @@ class Screening(Simulating):
         value = np.where(better > _DOUBT, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
         return int(np.argmax(value))
 
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+    def question(self, history: History) -> Pair | None:
+        """Return None: nothing is asked twice."""
+        return None
+
+    def propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return the simulated point that the answers leave most undecided, or one beyond KPIs."""
         stage, best = self._growth.stage(history), history.incumbent
-        rng = np.random.default_rng([self._seed, history.answered])
+        rng = np.random.default_rng([self.setup.seed, history.answered])
         tried = Tried(self.space, history)
         if without_kpis(history, stage):
-            others = self.simulations.learned(BeyondKPIs, self.space, self._seed)
+            others = self.simulations.learned(BeyondKPIs, self.space, self.setup.seed)
             beyond = tried.fresh(others.propose(history, stage), rng)
             if self._growth.works(beyond):
                 return beyond

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from prefcal_agents.history.stages import Stages
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import Region
-from prefcal_agents.utility.bank import Bank, runnable
+from prefcal_agents.utility.bank import Bank, columns_of
 from prefcal_agents.utility.correction import Measured, corrected
 from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
@@ -96,12 +96,12 @@ class Growth:
 
     def works(self, z: Float[np.ndarray, " n"]) -> bool:
         """Simulate the θ of a point of the cube, shape (n,); return whether it has a finite KPI."""
-        return not self._simulated(*runnable(self._space, z[None])).hopeless[0]
+        return not self._simulated(*self._space.proposals(z[None])).hopeless[0]
 
     def _first(self) -> Stage:
         """Return the stage before the first answer: leaders by what anybody may want."""
         wide, near = self._plan[0]
-        bank = self._simulated(*runnable(self._space, self._design[:wide]))
+        bank = self._simulated(*self._space.proposals(self._design[:wide]))
         spread = np.arange(len(bank))
         scale = Scale.of(bank, spread, self.simulations.reading.limits)
         stage = self._stage(History(), bank, spread, scale, self._drawn(scale))
@@ -165,7 +165,7 @@ class Growth:
     ) -> tuple[Bank, Int[np.ndarray, " r"]]:
         """Return the bank with the next `wide` θ of the design and all shown, and its design."""
         start = sum(count for count, _ in self._plan[:turn])
-        z, thetas = runnable(self._space, self._design[start : start + wide])
+        z, thetas = self._space.proposals(self._design[start : start + wide])
         bank, old = self._extended(stage.bank, z, thetas), len(stage.bank)
         spread = np.append(stage.spread, np.arange(old, len(bank)))
         shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
@@ -189,7 +189,7 @@ class Growth:
         for number, part in enumerate(np.array_split(np.arange(count), rounds)):
             rng = self._rng(past, _LEARN + 1 + number)
             points = near_leaders(self._space, stage.bank.z, stage.costs, len(part), rng)
-            z, thetas = runnable(self._space, points)
+            z, thetas = self._space.proposals(points)
             kept = np.atleast_1d(self._space.allows(thetas))  # rounding may cross an edge
             bank = self._extended(stage.bank, z[kept], thetas[kept])
             judges = _GUIDES if number < rounds - 1 else _JUDGES
@@ -201,7 +201,7 @@ class Growth:
 
     def _simulated(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
         """Return the bank of these θ, with their KPIs as people read them."""
-        bank, reading = Bank.of(z, thetas, self.simulations(thetas)), self.simulations.reading
+        bank, reading = Bank.of(z, thetas, columns_of(self.simulations(thetas))), self.simulations.reading
         return replace(bank, kpis=reading.table(bank.names, bank.kpis))
 
     def _rng(self, past: History, stream: int) -> np.random.Generator:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.utility.posterior import noticed
+from prefcal_agents.utility.utilities import noticed
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 

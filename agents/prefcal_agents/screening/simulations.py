@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any, Protocol, Self, TypeVar
@@ -9,13 +10,13 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import Settings, integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
-from prefcal_env.knobs.key import theta_key
+from prefcal_env.knobs.key import theta_keys
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.kpis import Outcome
+from prefcal_env.preferences.kpis import numbers
 from prefcal_env.preferences.reading import Reading
 
 Theta = Float[np.ndarray, " n"]
@@ -68,7 +69,7 @@ class Simulations:
         self.simulate = simulate
         self.reading: Reading = getattr(simulate, "reading", None) or Reading()
         self._many: Callable[[Sequence[Theta]], Iterable[Any]] | None = many
-        self._known: dict[bytes, Outcome] = {}
+        self._known: dict[bytes, dict[str, float]] = {}
         self._error: Exception | None = None
         self._learned: dict[Callable[..., Any], Any] = {}
         self._one_at_a_time = Lock()
@@ -95,49 +96,79 @@ class Simulations:
         """Return the number of simulations that failed."""
         return sum(not outcome for outcome in list(self._known.values()))
 
-    def __call__(self, thetas: Float[np.ndarray, "m n"]) -> list[Outcome]:
+    def __call__(self, thetas: Float[np.ndarray, "m n"]) -> list[dict[str, float]]:
         """Return the KPIs of each row of `thetas`; none for a simulation that failed.
 
         Raises:
             SimulationError: If no simulation has worked so far, or `simulate` does not return what
                 it should: KPIs by name, the same names for every θ.
         """
-        keys = [theta_key(theta) for theta in thetas]
-        new = {k: t for k, t in zip(keys, thetas, strict=True) if k not in self._known}
-        if new:
-            run = self._one_by_one if self._many is None else self._all_at_once
-            run(new)
+        keys = theta_keys(thetas)
+        if any(key not in self._known for key in keys):
+            self._run(dict(zip(keys, thetas, strict=True)))
             self._check_names()
         if keys:
             self._check_any()
         return [self._known[key] for key in keys]
 
-    def _one_by_one(self, new: Mapping[bytes, Theta]) -> None:
-        for key, theta in new.items():
-            with self._one_at_a_time:
-                if key not in self._known:  # another thread may have been faster
-                    self._known[key] = self._one(theta)
+    def _run(self, wanted: Mapping[bytes, Theta]) -> None:
+        """Simulate those of `wanted` that are not known; a function of one θ by one thread."""
+        with nullcontext() if self._many else self._one_at_a_time:
+            new = {key: theta for key, theta in wanted.items() if key not in self._known}
+            if self._many is None:
+                self._one_by_one(new)
+            else:
+                self._keep(new, self._all_at_once(self._many, list(new.values())))
 
-    def _one(self, theta: Theta) -> Outcome:
+    def _one_by_one(self, new: Mapping[bytes, Theta]) -> None:
+        found: list[Any] = []
         try:
-            found = self.simulate(theta.copy())  # it may write into θ
+            for theta in new.values():
+                found.append(self._one(theta))
+        finally:  # the person may have stopped it
+            self._keep(new, found)
+
+    def _one(self, theta: Theta) -> Any:
+        try:
+            return self.simulate(theta.copy())  # it may write into θ
         except Exception as error:  # people's code may raise anything
             self._error = error
-            return Outcome({})
-        return _outcome(found, theta)
+            return None
 
-    def _all_at_once(self, new: Mapping[bytes, Theta]) -> None:
-        assert self._many is not None
-        found = self._many([theta.copy() for theta in new.values()])
+    @staticmethod
+    def _all_at_once(many: Callable[[Sequence[Theta]], Iterable[Any]], thetas: Sequence[Theta]) -> list[Any]:
+        found = many([theta.copy() for theta in thetas])
         if not isinstance(found, Iterable):
             raise SimulationError(f"simulate.many must return the KPIs of each θ, got {found!r}")
         found = list(found)
-        if len(found) != len(new):
+        if len(found) != len(thetas):
             raise SimulationError(
-                f"simulate.many must return the KPIs of all {len(new)} θ in order, got {len(found)} results"
+                f"simulate.many must return the KPIs of all {len(thetas)} θ in order, "
+                f"got {len(found)} results"
             )
-        outcomes = [_outcome(f, t) for f, t in zip(found, new.values(), strict=True)]
-        self._known.update(zip(new, outcomes, strict=True))
+        return found
+
+    def _keep(self, new: Mapping[bytes, Theta], results: Sequence[Any]) -> None:
+        """Keep the KPIs that the first of `new` returned; none where a simulation failed."""
+        found = [{} if result is None else result for result in results]
+        try:
+            kpis = list(map(numbers, found))
+        except PreferenceError:
+            self._refuse(found, list(new.values()))
+            raise
+        self._known.update(zip(new, kpis, strict=False))
+
+    @staticmethod
+    def _refuse(found: Sequence[Any], thetas: Sequence[Theta]) -> None:
+        """Raise SimulationError about the first of `found` that is no KPIs."""
+        for each, theta in zip(found, thetas, strict=False):
+            try:
+                numbers(each)
+            except PreferenceError as error:
+                raise SimulationError(
+                    f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
+                    f"got {each!r} at θ = {theta}"
+                ) from error
 
     def _check_any(self) -> None:
         """Raise SimulationError if all failed: then the function is wrong, not some θ."""
@@ -162,17 +193,6 @@ class Simulations:
             )
 
 
-def _outcome(found: Any, theta: Theta) -> Outcome:
-    """Return the KPIs that a simulation returned; none if it failed."""
-    try:
-        return Outcome({} if found is None else found)
-    except PreferenceError as error:
-        raise SimulationError(
-            f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
-            f"got {found!r} at θ = {theta}"
-        ) from error
-
-
 @dataclass(frozen=True, slots=True)
 class Budget(Settings):
     """Number of θ that an agent may simulate, 1 or more."""
@@ -183,7 +203,7 @@ class Budget(Settings):
         integer("n_simulated", self.n_simulated, low=1)
 
 
-class Simulating(PreferenceBased):
+class Simulating(Agent):
     """An agent that is given a simulation, and shows only some of what it simulates.
 
     Copies share the simulations. A restored agent has none until `with_simulations`. Arguments and
@@ -196,7 +216,7 @@ class Simulating(PreferenceBased):
     """
 
     options = Budget
-    pickled = (*PreferenceBased.pickled, "_simulations")
+    _simulations: Simulations | None = None
 
     def __init__(
         self,
@@ -216,13 +236,14 @@ class Simulating(PreferenceBased):
     def with_simulations(self, simulate: Simulate) -> Self:
         """Return a copy that simulates by `simulate`, for example one restored from a file."""
         twin = self.copy()
-        twin._simulations, twin._judged = Simulations(simulate), None
+        twin._simulations = Simulations(simulate)
+        twin._forget()
         return twin
 
     @property
     def n_simulated(self) -> int:
         """Return the number of θ that the agent may simulate."""
-        return int(self._options.n_simulated)
+        return int(self.setup.settings.n_simulated)
 
     @property
     def simulate(self) -> Simulate | None:
@@ -240,7 +261,3 @@ class Simulating(PreferenceBased):
             name = type(self).__name__
             raise SettingsError(f"{name} needs simulate, a function of θ that returns KPIs")
         return self._simulations
-
-    @classmethod
-    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
-        return dict(Budget.of(saved).pairs())

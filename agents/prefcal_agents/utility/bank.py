@@ -1,13 +1,10 @@
 """θ whose KPIs are known: simulated ones that Screening chooses from, or experiments."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.kpis import Outcome
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -37,20 +34,30 @@ class Bank:
 
     @classmethod
     def of(
-        cls, z: Float[np.ndarray, "m n"], thetas: Float[np.ndarray, "m n"], outcomes: Sequence[Outcome]
+        cls,
+        z: Float[np.ndarray, "m n"],
+        thetas: Float[np.ndarray, "m n"],
+        columns: Mapping[str, Float[np.ndarray, " m"]],
     ) -> "Bank":
         """Return the bank of m simulated θ; a KPI that an experiment lacks is infinite.
 
         Of rows with the same θ, which rounding of knobs gives, only the first is kept.
+
+        Args:
+            z: Points of the unit cube, shape (m, n).
+            thetas: θ, physical, shape (m, n).
+            columns: Values of each KPI by name, shape (m,), NaN where it is not known.
         """
         _, first = np.unique(thetas + 0.0, axis=0, return_index=True)  # -0.0 is 0.0
         first.sort()
-        z, thetas, outcomes = z[first], thetas[first], [outcomes[k] for k in first]
-        names = tuple(sorted({name for outcome in outcomes for name in outcome}))
-        kpis = [[outcome.get(name, np.inf) for name in names] for outcome in outcomes]
-        failed = np.array([not outcome for outcome in outcomes], dtype=np.bool_)
-        values = np.array(kpis, dtype=float).reshape(len(z), len(names))
-        return cls(z, thetas, names, values, failed)
+        table = {name: values[first] for name, values in sorted(columns.items())}
+        names = tuple(name for name, values in table.items() if not np.isnan(values).all())
+        kpis = np.empty((len(first), len(names)))
+        for column, name in enumerate(names):
+            kpis[:, column] = table[name]
+        unknown = np.isnan(kpis)
+        failed = np.asarray(unknown.all(axis=1))
+        return cls(z[first], thetas[first], names, np.where(unknown, np.inf, kpis), failed)
 
     @property
     def hopeless(self) -> Bool[np.ndarray, " m"]:
@@ -65,13 +72,7 @@ class Bank:
         return int(rows[0])
 
 
-def runnable(
-    space: KnobSpace, z: Float[np.ndarray, "m n"]
-) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "m n"]]:
-    """Return points of the cube and their physical θ exactly as an agent would show them.
-
-    So a θ that is shown is one that was simulated, to the last bit, and rounding leaves neither the
-    searched range nor the constraints. Both have shape (m, n).
-    """
-    snapped = np.array([space.snap(point) for point in z]).reshape(z.shape)
-    return snapped, np.array([space.decode(point) for point in snapped]).reshape(z.shape)
+def columns_of(outcomes: Sequence[Mapping[str, float]]) -> dict[str, Float[np.ndarray, " m"]]:
+    """Return the values of each KPI of m experiments, shape (m,), by name; NaN where one lacks it."""
+    names = {name for outcome in outcomes for name in outcome}
+    return {name: np.array([outcome.get(name, np.nan) for outcome in outcomes]) for name in names}

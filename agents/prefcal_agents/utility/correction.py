@@ -59,8 +59,7 @@ class Measured:
         told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis and i not in cut}
         rows = [bank.find(history.samples[index].theta) for index in told]
         found = cls(np.array(rows, dtype=np.int64), tuple(told.values()), reading)
-        kpis = found.on(bank).kpis
-        same = np.isclose(kpis, bank.kpis, rtol=_SAME, atol=0.0)
+        same = np.isclose(found.on(bank).kpis, bank.kpis, rtol=_SAME, atol=0.0)
         return cls(np.array([], dtype=np.int64), (), reading) if same.all() else found
 
     def __len__(self) -> int:
@@ -68,6 +67,8 @@ class Measured:
 
     def on(self, bank: Bank) -> Bank:
         """Return the bank with what was measured in place of what was simulated."""
+        if not self.outcomes:
+            return bank
         kpis = bank.kpis.copy()
         for row, outcome in zip(self.rows, self.outcomes, strict=True):
             kpis[row] = [outcome.get(n, k) for n, k in zip(bank.names, kpis[row], strict=True)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import logsumexp, ndtr
+from scipy.special import logsumexp
 
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.gaussian_process import predicted
@@ -16,14 +16,12 @@ from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .bank import Bank
-from .utilities import Scale, Utilities
+from .utilities import Scale, Utilities, noticed
 
 DRAWS = 1024
 """Number of draws that stand for what is known."""
 _STEPS = 24
 """Metropolis steps of each draw after an answer."""
-_SHARP = 3.0
-"""How fast noticing becomes certain, in inverse just noticeable differences."""
 AFTER = 10
 """Number of answers before KPIs can be left; fewer say too little."""
 _MARGIN = 2.0
@@ -93,11 +91,6 @@ class Lessons:
         explained = np.where(self.tie, 1.0 - won - lost, won)
         error = utilities.errors[:, None]
         return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
-
-
-def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Return how probably a difference of costs is noticed."""
-    return np.asarray(ndtr(_SHARP * (gain - 1.0)))
 
 
 def updated(

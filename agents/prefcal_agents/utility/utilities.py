@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import expit
+from scipy.special import expit, ndtr
 
 from .bank import Bank
 
@@ -42,6 +42,8 @@ _LEVELS, _MOST = 512, 5
 """Number of levels of a KPI in an order, and of KPIs in it: sums of them are exact integers."""
 _FIRST, _BEYOND = 2.0**20, 255
 """Weight of a step beyond a stated limit in a trade-off, and the most steps that count."""
+_SHARP = 3.0
+"""How fast noticing becomes certain, in inverse just noticeable differences."""
 _FAR, _ROUNDED = 1e9, 1e-9
 """Largest number of steps, and what rounding may add to a value at its limit."""
 _HUGE = 1e100
@@ -297,3 +299,8 @@ class Utilities:
             name: np.where(mask, getattr(other, name), getattr(self, name)) for name, mask in masks.items()
         }
         return replace(self, normals=np.where(weight, step, self.normals), **taken)
+
+
+def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Return how probably a difference of costs is noticed."""
+    return np.asarray(ndtr(_SHARP * (gain - 1.0)))

@@ -1,93 +1,12 @@
 """Run the command line `prefcal`; agents, plants and plots are imported only when needed."""
 
 import logging
-import os
 import re
 import sys
-from typing import Annotated
 
 import typer
 
-from .calibrate import EPILOG, calibrate
-from .check import EPILOG as CHECK_EPILOG
-from .check import check
-from .look import EPILOG as LOOK_EPILOG
-from .look import look
-from .starters.new import EPILOG as NEW_EPILOG
-from .starters.new import new
-from .studies.commands import REPORT_EPILOG, report
-from .studies.commands import app as studies
-
-app = typer.Typer(
-    name="prefcal",
-    help="Tune a controller by comparing experiments: you say which one went better.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-)
-app.command(epilog=EPILOG)(calibrate)
-app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
-app.command(no_args_is_help=True, epilog=CHECK_EPILOG)(check)
-app.command(no_args_is_help=True, epilog=LOOK_EPILOG)(look)
-app.command(epilog=REPORT_EPILOG)(report)
-app.add_typer(studies)
-
-
-def _version(asked: bool) -> None:
-    if asked:
-        from prefcal_app.report.export import versions
-
-        typer.echo(f"prefcal {versions()['prefcal']}")
-        raise typer.Exit
-
-
-@app.callback()
-def _common(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    """Tune a controller by comparing experiments: you say which one went better."""
-    _one_thread()  # before any command imports numpy, which reads the environment once
-
-
-def _one_thread() -> None:
-    """Limit linear algebra to one thread unless the user has set another number.
-
-    The matrices are small: with more threads the work takes twice as much processor time, most
-    of it spent waiting.
-    """
-    for library in ("OPENBLAS", "OMP", "MKL"):
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-
-
-@app.command()
-def scenarios(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[SCENARIO]", help="Scenario to describe: task, knobs and KPIs.")
-    ] = None,
-) -> None:
-    """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
-    from prefcal_scenarios.catalog import load
-    from prefcal_scenarios.names import BUILT_IN, CLOSED_LOOPS
-
-    if name is not None:
-        from rich.console import Console
-
-        from prefcal_app.terminal.showing import show_brief
-        from prefcal_app.view.brief import scenario_view
-
-        show_brief(scenario_view(load(name)), Console(emoji=False))
-        return
-    cases = [known for known in BUILT_IN if known not in CLOSED_LOOPS]
-    width = max(map(len, cases)) + 2
-    for known in cases:
-        scenario = load(known)
-        typer.echo(f"{known:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
-    typer.echo(f"Closed loops: {', '.join(CLOSED_LOOPS)} (`prefcal scenarios servo` describes one)")
-    typer.echo("Random closed loops: loop-1, loop-2, ... (any seed)")
-    typer.echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")
+from .commands import app as app
 
 
 def main() -> None:
@@ -144,7 +63,6 @@ _MISSING = {
     "OLD": "name the study to rename and its new name: `prefcal studies list` shows yours",
     "NEW": "give the new name, too",
     "FILE": "name the exported file",
-    "KIND": "name a kind of starter: function, pid, controller, mpc, fmu or rig",
     "RUN RUN ...": "name two runs or more: CSV or Parquet files, or STUDY:3",
     "AGENT": "name an agent, or your own as path/to/own.py:Agent",
 }
@@ -154,6 +72,11 @@ _PLAINER = (
     (r"input should be a (valid )?(\w+), unable to parse.*", r"expected an \2"),
     (r"expected an number", "expected a number"),
     (r"^no such option: (\S+) \(possible options: ([^,)]+).*\)", r"no such option: \1. Did you mean \2?"),
+    (r"^no such option: --from\b.*", "--from STUDY is gone: write --start STUDY:best"),
+    (
+        r"^no such command 'index'.*",
+        "`studies index` is gone: `agent.index.to_python()` writes such a sum in Python",
+    ),
     (r"^got unexpected extra arguments? \((.*)\)", r"too many arguments: \1"),
     (r"^got unexpected extra argument\(s\) \((.*)\)", r"too many arguments: \1"),
     (r"^option '(.+?)' requires an argument", r"\1 needs a value"),

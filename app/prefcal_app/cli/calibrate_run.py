@@ -18,14 +18,15 @@ from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RunError, SimulationError, StudyError
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
-from prefcal_scenarios.presentation.wording import earlier_text, printable, theta_text
+from prefcal_scenarios.presentation.wording import printable, theta_text
 from prefcal_scenarios.scenario import Scenario
 
 from .calibration import Calibration, calibration, default_folder
-from .choices import completed, make_calibrator, with_cost
+from .choices import make_calibrator, with_cost
 from .interrupt import INTERRUPTED, Interruption, interruption
 from .opening import Opened, kept_if_worth_it, open_study
 from .options import Options
+from .studies.sources import completed
 
 RUN_FAILED = 1
 """Exit code if the user's own scenario code ended an unattended study."""
@@ -86,16 +87,13 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
 
 
 def _introduce(work: Calibration) -> None:
-    """Print the report's folder and the origin of the first θ if they may be unexpected."""
+    """Print the report's folder if it may be unexpected, and what a run left on the plant."""
     folder, opened = work.claim.folder, work.opened
     default = default_folder(opened, work.interview.scenario.name)
     if folder.name != default.name and work.options.out is None:
         work.say(f"{default} holds another study's report: this one goes to {folder}.")
     if work.left:
         work.say(f"A run was interrupted: the plant's old values are restored now ({work.left}).")
-    taken = opened.file.state.configuration.get("earlier")
-    if taken and not opened.resumed:
-        work.say(f"From {earlier_text(taken)}.")
 
 
 def _say_stopping(work: Calibration) -> None:

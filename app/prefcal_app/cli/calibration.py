@@ -1,11 +1,12 @@
 """An open study with all that works on it: its interview, its simulator and its report."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -17,7 +18,6 @@ from prefcal_app.session.memory import as_studied, is_simulating
 from prefcal_app.simulating import Kept, Simulator, key_of, twin_of
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import StudyError
-from prefcal_env.live import LiveRig
 from prefcal_env.study import study_path, to_text
 from prefcal_env.study.locations import simulated_beside
 from prefcal_scenarios.catalog import load
@@ -26,11 +26,12 @@ from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.names import is_own
 from prefcal_scenarios.scenario import Scenario
 
-from .choices import kept_cost, with_cost
+from .choices import with_cost
 from .opening import IN_MEMORY, Opened, by_now, worth_keeping
 from .options import Options
 from .report import as_json, record_of, references, show
-from .studies.files import existing, open_described, trusted_source
+from .studies.files import existing, open_described
+from .studies.sources import completed
 
 _KNOWN = 2.0
 """Longest wait, in seconds, for what a screening agent expects of its simulations in the end."""
@@ -76,8 +77,7 @@ class Calibration:
     @property
     def left(self) -> str:
         """Return the old values that a live plant does not have again, as text; empty if none."""
-        run = self.interview.scenario.run
-        left = run.left if isinstance(run, LiveRig) else None
+        left = self.interview.scenario.source.left
         return ", ".join(f"{name} = {value:g}" for name, value in (left or {}).items())
 
     @property
@@ -240,34 +240,28 @@ def _identity(opened: Opened) -> str:
     return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
 
 
-def report_of(name: str, source: str | None, cost: str | None, *, out: Path | None, json: bool) -> None:
-    """Write the report of the study called `name`.
+def report_of(given: Mapping[str, Any]) -> None:
+    """Write the report of a study.
 
     Args:
-        name: Name of the study.
-        source: Scenario program that the user trusts; None if not given.
-        cost: Cost that the user gives, perhaps a program that they trust; None if not given.
-        out: Folder of the report; None for the default.
-        json: Whether to print the result as JSON.
+        given: Values of the options of `prefcal report`, None for those that were not typed.
 
     Raises:
         StudyError: If there is no such study, or its scenario must be given.
         SettingsError: If its cost is a program and must be given.
     """
-    with open_described(existing(name)) as file, ExitStack() as stack:
-        stored = by_now(file.state)
-        cost = kept_cost(stored) if cost is None else cost
-        source = trusted_source(name, file.state, source)
-        isolated = stack.enter_context(isolation(source, early=False))
+    given = completed(given)
+    name, source, cost = given["study"], given["scenario"], given["cost"]
+    with open_described(existing(name)) as file, isolation(source, early=False) as isolated:
         scenario = isolated(with_cost(load(source), cost))
+        stored = by_now(file.state)
         if cost is not None and stored.get("cost") is not None:
-            stored = {**stored, "cost": cost}  # the file may have moved
+            stored["cost"] = cost  # the file may have moved
         # A report simulates nothing, so its twin is taken as it is.
-        given = {"scenario": source, "cost": cost, "twin": stored.get("twin"), "out": out, "json": json}
-        opened = Opened(file, Options.resumed(stored, given), name, resumed=True)
+        options = Options.resumed(stored, {**given, "twin": stored.get("twin")})
         if not file.state.history.answered:
             raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")
         # A page may have the study open: writing an event here would make its next answer fail.
-        messages = Console(stderr=True, emoji=False)
-        work = stack.enter_context(calibration(opened, scenario, messages, asks=False))
-        work.tell(work.write())
+        opened, messages = Opened(file, options, name, resumed=True), Console(stderr=True, emoji=False)
+        with calibration(opened, scenario, messages, asks=False) as work:
+            work.tell(work.write())

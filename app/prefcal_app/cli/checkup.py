@@ -3,11 +3,12 @@
 import json
 import shlex
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,17 +18,17 @@ from rich.text import Text
 
 from prefcal_app.report.export import jsonable
 from prefcal_app.terminal.showing import say
-from prefcal_env.errors import ConnectionLostError, LiveError, RecordError, ScenarioError
+from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import KINDS
-from prefcal_env.live import LiveRig
 from prefcal_env.own_line import as_exception, in_words, located
 from prefcal_env.preferences.answer import Answer, Calibrator
-from prefcal_env.rig import Rig
+from prefcal_env.sources import Run, Source
 from prefcal_env.study.codec import decode, encode
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.options import words_of
+from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, returned, theta_problems
 from prefcal_scenarios.own.tracking import tracking_rows
@@ -44,6 +45,11 @@ from prefcal_scenarios.presentation.wording import (
 from prefcal_scenarios.scenario import Scenario, with_found_kpis
 
 from .choices import start_of
+from .studies.files import as_text
+from .studies.sources import completed
+
+if TYPE_CHECKING:
+    from .commands import CheckOptions
 
 _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
 _FIRST = " (the very first run on a machine compiles for half a minute)"
@@ -79,11 +85,6 @@ class Checkup:
     theta: Float[np.ndarray, " n"]
     experiment: Experiment | None = None
     findings: list[Finding] = field(default_factory=list)
-
-    @property
-    def is_rig(self) -> bool:
-        """Return whether only a person can run the scenario; its record is then made up."""
-        return isinstance(self.scenario.run, Rig)
 
     def check(self, tell: Callable[[str], None]) -> None:
         """Take all steps, each of which adds its findings; `tell` is told what is being done."""
@@ -128,15 +129,17 @@ class Checkup:
             yield Finding("constraints", False, f"θ = {space.named(self.theta)} is not allowed")
 
     def _run(self) -> Iterator[Finding]:
-        start = time.perf_counter()
-        if isinstance(self.scenario.run, Rig):
-            self.experiment = _made_up(self.scenario.run, self.theta)
-            yield Finding("run", None, "only you can run this rig: a made-up record is checked")
+        start, source = time.perf_counter(), self.scenario.source
+        run = source.begin(self.theta.copy(), seed=0)
+        result: object = None if run.waits else run.advance()
+        if run.waits:
+            self.experiment = source.example(self.theta)
+            if self.experiment is None:
+                yield from _asked(source, run)
+                source.close()
+            else:
+                yield Finding("run", None, "only you can run this rig: a made-up record is checked")
             return
-        if isinstance(self.scenario.run, LiveRig):
-            yield from _live(self.scenario.run, self.theta)
-            return
-        result: object = self.scenario.run(self.theta.copy(), seed=0)
         took = time.perf_counter() - start
         experiment = self.experiment = returned(result)
         self.scenario = with_found_kpis(self.scenario, experiment)
@@ -210,7 +213,7 @@ class Checkup:
         return f"the same experiment twice: {'abstains' if given is None else given.name.lower()}"
 
     def _again(self) -> Iterator[Finding]:
-        if self.is_rig:
+        if self.scenario.source.asks:
             return
         first, second = self._ran(), self.scenario.run(self.theta.copy(), seed=0)
         if first == second:
@@ -229,7 +232,7 @@ class Checkup:
     def _references(self) -> Iterator[Finding]:
         for name, theta in self.scenario.references.items():
             what = f"reference {name!r}"
-            if self.is_rig:
+            if self.scenario.source.asks:
                 yield Finding(what, None, "not run: this is a rig")
             else:
                 yield _tried(what, partial(self._reference, np.array(theta, dtype=float)))
@@ -255,39 +258,32 @@ class Checkup:
         yield Finding("study file", same, f"{len(content) / 1000:.0f} kB an experiment, unpacked")
 
 
-def run(
-    source: str,
-    isolated: Callable[[Scenario], Scenario],
-    *,
-    theta: str | None,
-    out: Path | None,
-    as_json: bool,
-) -> int:
+def run(given: Mapping[str, Any], options: "CheckOptions") -> int:
     """Check a scenario and print the findings; return 1 if anything is wrong, else 0.
 
     Args:
-        source: Source of the scenario.
-        isolated: Function that moves its runs into a separate process.
-        theta: θ of the trial run as text; None for the middle of the box.
-        out: File of the picture; None for the usual one.
-        as_json: Whether to print JSON.
+        given: Values of the options by name, None for those that were not typed.
+        options: The same with their defaults.
 
     Raises:
-        SettingsError: If θ or the file of the picture is invalid.
+        ScenarioError: If an option cannot be read.
+        SettingsError: If an option does not fit the scenario, or θ or the picture's file is invalid.
     """
-    try:
-        scenario = isolated(load(source))
-        middle = middle_of(scenario) if theta is None else None
-    except Exception as error:  # raised by the user's file: report it as a finding
-        return _end(source, None, [_failed("scenario", error)], None, as_json=as_json)
-    tried = start_of(theta or "", scenario) if middle is None else middle
-    checkup = Checkup(scenario, tried)
-    picture = picture_at(f"check-{scenario.name}.png" if out is None else out)
-    with Console(stderr=True, emoji=False).status("") as status:
-        checkup.check(status.update)
-        status.update("drawing …")
-        drawn = _draw(checkup, picture)
-    return _end(source, checkup, checkup.findings, drawn, as_json=as_json)
+    source = completed(given)["scenario"]
+    with isolation(source, options.run_timeout) as isolated:
+        try:
+            scenario = isolated(load(source))
+            middle = middle_of(scenario) if options.theta is None else None
+        except Exception as error:  # raised by the user's file: report it as a finding
+            return _end(source, None, [_failed("scenario", error)], None, as_json=options.json)
+        theta = start_of(options.theta or "", scenario) if middle is None else middle
+        checkup = Checkup(scenario, theta)
+        picture = picture_at(options.out or f"check-{scenario.name}.png")
+        with Console(stderr=True, emoji=False).status("") as status:
+            checkup.check(status.update)
+            status.update("drawing …")
+            drawn = _draw(checkup, picture)
+        return _end(source, checkup, checkup.findings, drawn, as_json=options.json)
 
 
 def _failed(what: str, error: Exception) -> Finding:
@@ -306,7 +302,7 @@ def _tried(what: str, check: Callable[[], str]) -> Finding:
 def _draw(checkup: Checkup, path: Path) -> Path | None:
     """Draw the panels of the trial run; return the picture, if there is one."""
     experiment = checkup.experiment
-    if experiment is None or not len(experiment.t) or checkup.is_rig:
+    if experiment is None or not len(experiment.t) or checkup.scenario.source.asks:
         return None
     # Imported here: plotting takes half a second to import.
     from prefcal_app.report.trajectories import alone
@@ -335,7 +331,7 @@ def _end(
             "checks": [asdict(finding) for finding in findings],
             "picture": None if picture is None else str(picture),
         }
-        print(json.dumps(content), flush=True)
+        print(as_text(content), flush=True)
         return int(bool(wrong))
     console = Console(emoji=False)
     if checkup is not None:
@@ -345,7 +341,7 @@ def _end(
     if picture is not None:
         say(console, f"Picture: {picture}")
     ran = checkup is not None and (
-        checkup.experiment is not None or isinstance(checkup.scenario.run, LiveRig)
+        checkup.experiment is not None or checkup.scenario.source.asks == "confirm"
     )
     if wrong and not ran:
         say(console, "Nothing else can be checked without a run: fix this and check again.")
@@ -389,21 +385,16 @@ def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
     raise ScenarioError(f"the constraints ({names}) allow none of {_DRAWS} random θ")
 
 
-def _live(rig: LiveRig, theta: Float[np.ndarray, " n"]) -> Iterator[Finding]:
-    """Read a live plant, and yield whether a run could begin; nothing is written."""
-    try:
-        changes, left = rig.look(theta), rig.left
-    except ConnectionLostError as error:
-        yield Finding("plant", False, f"the server is not reachable: {error}")
+def _asked(source: Source, run: Run) -> Iterator[Finding]:
+    """Yield whether a run on a plant could begin; nothing is written."""
+    if run.changes is None:
+        yield Finding("plant", False, run.problem)
         return
-    except LiveError as error:
-        yield Finding("plant", False, str(error))
-        return
-    finally:
-        rig.plant.close()
-    shown = (f"{c.part.name} = {quantity(c.old, c.part.unit)}" for c in changes)
-    yield Finding("plant", True, f"it is reachable and has {', '.join(shown)}")
-    if left:
+    known = [c for c in run.changes if not np.isnan(c.old)]
+    shown = (f"{each.name} = {quantity(each.old, each.unit)}" for each in known)
+    has = f"it is reachable and has {', '.join(shown)}" if known else "it does not say what it has now"
+    yield Finding("plant", True, has)
+    if left := source.left:
         values = ", ".join(f"{name} = {value:g}" for name, value in left.items())
         yield Finding("old values", None, f"the next start restores those of a run: {values}")
     yield Finding("run", None, "this is a live plant: nothing is written to it by a check")
@@ -416,20 +407,6 @@ def _channels(channels: Channels) -> Iterator[Finding]:
         units = [c.label for c in getattr(channels, kind)]
         words = f"{twice} more than once: give them different names" if twice else ", ".join(units)
         yield Finding(KINDS[kind], not twice, words or "none")
-
-
-def _made_up(rig: Rig, theta: Float[np.ndarray, " n"]) -> Experiment:
-    """Return an experiment of a rig made from an invented record with constant channels."""
-    values = []
-    for channel in rig.recorded:
-        limits = rig.ranges.get(channel.name, (channel.low, channel.high))
-        finite = [float(v) for v in limits if np.isfinite(v)]
-        values.append(sum(finite) / len(finite) if finite else 1.0)
-    rows = [",".join([f"{t:g}", *map(repr, values)]) for t in range(60)]
-    try:
-        return rig.read(rig.template() + "\n".join(rows) + "\n", theta)
-    except RecordError as error:
-        raise ScenarioError(f"a made-up record is refused: {error}") from error
 
 
 def _same(a: object, b: object) -> bool:

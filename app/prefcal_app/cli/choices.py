@@ -1,7 +1,7 @@
 """Turn command-line values into scenarios, costs, agents, calibrators and θ."""
 
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf, isfinite
@@ -12,100 +12,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents import Earlier
 from prefcal_agents.registry import WORDS
 from prefcal_app.simulating import twin_of
 from prefcal_app.terminal.lines import theta_of
-from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.live import LiveRig
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
-from prefcal_env.rig import Rig
-from prefcal_env.study import study_path
+from prefcal_env.study import space_of
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.options import FLAGS
-from prefcal_scenarios.described.resuming import resumed_source
-from prefcal_scenarios.described.words import knob_of, listed, named_numbers
 from prefcal_scenarios.kpis import outcome
-from prefcal_scenarios.names import CONTROLLERS, is_described, is_own
 from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.own.source import joined_source, split_source, with_config_of
 from prefcal_scenarios.scenario import Scenario, finds_kpis
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
-from .studies.files import open_described
+from .studies.files import EXPERIMENT, existing, numbered, open_described
 
 if TYPE_CHECKING:
     from prefcal_agents.protocol.agent import Agent
 
 Thetas = Sequence[Float[np.ndarray, " n"]]
-
-
-def completed(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `given` with the source of the scenario that the options describe, and the cost.
-
-    A study that is resumed keeps what is not given, except programs: a study from another person
-    must not decide which program runs here.
-
-    Args:
-        given: Values of the fields of a command's options, None for options that were not typed.
-
-    Raises:
-        ScenarioError: If an option cannot be read.
-        SettingsError: If an option does not fit the scenario, or differs from the study's.
-    """
-    source, words = with_config_of(given["scenario"], given.get("config")), _described(given)
-    if is_described(source):
-        name, config = split_source(source)
-        wanted = {**(config or {}), **words}
-        source = joined_source(name, wanted) if wanted else name
-    elif words:
-        raise SettingsError(
-            f"{FLAGS[next(iter(words))]} describes an FMU, a TOML file or a standard controller "
-            f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
-        )
-    configuration, cost = _resumed(given.get("study")), given.get("cost")
-    if configuration is not None:
-        kept = str(configuration["scenario"])
-        if is_described(source) and is_described(kept):  # another one is refused on opening
-            source = resumed_source(kept, source)
-        cost = kept_cost(configuration["options"]) if cost is None else cost
-    return {**given, "scenario": source, "cost": cost}
-
-
-def _described(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the typed options as keys of a description."""
-    found = {key: given[key] for key in ("plant", "stop_time") if given.get(key) is not None}
-    if given.get("knob"):
-        names = [knob_of(text).name for text in given["knob"]]
-        texts = [text.partition("=")[2].strip() for text in given["knob"]]
-        twice = [name for name in names if names.count(name) > 1]
-        if twice:
-            raise SettingsError(f"--knob gives {twice[0]!r} twice")
-        found["knobs"] = dict(zip(names, texts, strict=True))
-    if given.get("show"):
-        found["show"] = listed(given["show"])
-    if given.get("reference"):
-        found["reference"] = named_numbers(given["reference"], "--reference")
-    return found
-
-
-def _resumed(study: str | None) -> Mapping[str, Any] | None:
-    """Return what an existing study was started with; None if there is none to resume."""
-    if study is None or not study_path(study).is_file():
-        return None
-    with open_described(study_path(study)) as file:
-        return file.state.configuration
-
-
-def kept_cost(stored: Mapping[str, Any]) -> str | None:
-    """Return the cost to use again from the options that a study keeps; None for a program.
-
-    A study from another person must not decide which program runs here; a KPI's name is none.
-    """
-    cost = stored.get("cost")
-    return None if cost is None or is_own(str(cost)) else str(cost)
 
 
 def with_cost(scenario: Scenario, source: str | None) -> Scenario:
@@ -239,7 +168,7 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
         yield f"{agent} has no initial experiments: leave --n-init out"
     if options.twin is not None:
         twin_of(scenario, load(options.twin))
-    elif isinstance(scenario.run, Rig | LiveRig):
+    elif scenario.source.asks:
         yield (
             f"{name} is a rig, and nothing runs on it unseen: leave --simulate and {agent} out, "
             "or give a model of it with --twin"
@@ -288,7 +217,7 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
 def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
     """Return the error message for a calibrator that the scenario does not have."""
     name = f"scenario {scenario.name!r}"
-    if isinstance(scenario.run, Rig | LiveRig):
+    if scenario.source.asks:
         return f"{name} is a rig that only a person can run: its calibrator is human, got {calibrator!r}"
     if not known:
         kpi = next((kpi.name for kpi in scenario.kpis if kpi.goal is not None), "")
@@ -324,20 +253,38 @@ def follows_cost(options: Options, scenario: Scenario) -> bool:
 def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
     """Return the physical θ that `text` describes, shape (n,).
 
-    The text is either `knob=value, ...` for every knob in any order, or the name of one of the
-    scenario's references.
+    The text is `knob=value, ...` for every knob in any order, the name of one of the scenario's
+    references, or an experiment of a study, as MINE:3 or MINE:best.
 
     Raises:
-        SettingsError: If a reference or knob is unknown, a knob is missing, or a value is not a
-            number.
-        KnobError: If a value is outside its knob's range.
+        SettingsError: If a reference, knob or experiment is unknown, a knob is missing, a value is
+            not a number, or the constraints refuse the θ of a study.
+        KnobError: If a value is outside its knob's range, or the study has other knobs.
+        StudyError: If there is no such study.
     """
     if "=" in text:
         return theta_of(text, scenario.space)
+    if text not in scenario.references and (study := EXPERIMENT.fullmatch(text)) is not None:
+        return _theta_of_study(study[1], study[2], scenario.space)
     if text not in scenario.references:
         known = sorted(scenario.references)
         raise SettingsError(
-            f"--start must be KNOB=VALUE, ... or one of the references {known} of scenario "
-            f"{scenario.name!r}, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
+            f"--start must be KNOB=VALUE, ..., one of the references {known} of scenario "
+            f"{scenario.name!r}, or STUDY:best, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
         )
     return np.array(scenario.references[text], dtype=float)
+
+
+def _theta_of_study(name: str, which: str, space: KnobSpace) -> Float[np.ndarray, " n"]:
+    """Return the θ of an experiment of another study in `space`, shape (n,); see `Earlier`."""
+    with open_described(existing(name)) as file:
+        state = file.state
+    theta = state.history.samples[numbered(name, which, state)].theta
+    earlier = Earlier(space_of(state.configuration).knobs, theta)
+    missing = earlier.missing(space, {})
+    if missing:
+        raise KnobError(f"study {name!r} has no knobs {missing}: give every knob, as KNOB=VALUE, ...")
+    start = earlier.start(space)
+    if start is None:
+        raise SettingsError(f"the constraints refuse the θ of {name}:{which}: give one as KNOB=VALUE, ...")
+    return np.array(start)

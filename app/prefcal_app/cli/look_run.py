@@ -1,13 +1,10 @@
 """Run `prefcal look`: read the runs, then show the page, a picture or the KPIs."""
 
-import json
-import re
 import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,17 +16,17 @@ from prefcal_app.looking.table import run_from
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
+from prefcal_scenarios.described.words import listed
 from prefcal_scenarios.presentation.wording import printable
 from prefcal_scenarios.scenario import KPI
 
 from .interrupt import interruption
-from .studies.files import existing, open_described
+from .studies.files import EXPERIMENT, as_text, existing, numbered, open_described
 
 if TYPE_CHECKING:
-    from .look import LookOptions
+    from .commands import LookOptions
 
 _SQLITE = b"SQLite format 3\0"
-_STUDY = re.compile(r"(.+):(\d+|best)")
 
 
 def run(options: "LookOptions") -> int:
@@ -45,8 +42,8 @@ def run(options: "LookOptions") -> int:
     about = TableColumns(
         time=options.time,
         time_format=options.time_format,
-        outputs=_listed(options.outputs),
-        inputs=_listed(options.inputs),
+        outputs=tuple(listed([options.outputs])),
+        inputs=tuple(listed([options.inputs])),
         reference=_mapped("--reference", options.reference, "level=2"),
         units=_mapped("--unit", options.unit, "level=m"),
         columns=_mapped("--columns", options.columns, "level=TI-101.PV"),
@@ -56,7 +53,7 @@ def run(options: "LookOptions") -> int:
     picture = None if options.out is None else look.save(options.out)
     if options.json:
         written = {} if picture is None else {"picture": str(picture)}
-        print(json.dumps(_as_dict(runs, look) | written), flush=True)
+        print(as_text(_as_dict(runs, look) | written), flush=True)
         return 0
     for line in (*(f"{each.name}: {each.about}" for each in runs), *look.notes):
         print(printable(line), flush=True)
@@ -72,10 +69,6 @@ def run(options: "LookOptions") -> int:
     return 0
 
 
-def _listed(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
 def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
     found = {}
     for text in given:
@@ -88,7 +81,7 @@ def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
 
 def _run(words: str, about: TableColumns) -> NamedRun:
     """Return the run that a word names: a file, or an experiment of a study."""
-    path, study = Path(words).expanduser(), _STUDY.fullmatch(words)
+    path, study = Path(words).expanduser(), EXPERIMENT.fullmatch(words)
     if study is not None and not path.is_file():
         return _of_study(study[1], study[2])
     if path.is_file() and path.suffix == ".json":
@@ -111,10 +104,7 @@ def _is_study(path: Path) -> bool:
 def _of_study(name: str, which: str) -> NamedRun:
     with open_described(existing(name)) as file:
         state = file.state
-        index = state.history.incumbent if which == "best" else int(which) - 1
-        if index is None or index not in state.finished:
-            there = ", ".join(str(k + 1) for k in sorted(state.finished)) or "none"
-            raise SettingsError(f"study {name!r} has no experiment {which}; there are {there}")
+        index = numbered(name, which, state)
         experiment = file.experiment(state.finished[index])
         kpis = tuple(KPI(**row) for row in state.configuration.get("kpis", ()))
     known = tuple(kpi for kpi in kpis if kpi.name in experiment.kpis)
@@ -141,19 +131,15 @@ def _as_dict(runs: Sequence[NamedRun], look: SideBySide) -> dict[str, Any]:
                 "rows": len(run.experiment.t),
                 "duration": run.experiment.duration,
                 "time_unit": run.experiment.channels.time_unit,
-                "kpis": [{"name": k.name, "unit": k.unit, "value": _finite(run, k)} for k in run.kpis],
+                "kpis": [
+                    {"name": k.name, "unit": k.unit, "value": run.experiment.kpis[k.name]} for k in run.kpis
+                ],
             }
             for run in runs
         ],
         "comparison": look.kpis(),
         "notes": list(look.notes),
     }
-
-
-def _finite(run: NamedRun, kpi: KPI) -> float | None:
-    """Return a KPI's value; None if it is not finite, which JSON cannot hold."""
-    value = float(run.experiment.kpis[kpi.name])
-    return value if isfinite(value) else None
 
 
 def _serve(runs: Sequence[NamedRun], options: "LookOptions") -> None:

@@ -8,24 +8,19 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
 from rich.console import Console
 
-from prefcal_app.cli.studies.files import existing, open_described, wall_clock
+from prefcal_app.cli.studies.files import open_described, wall_clock
 from prefcal_app.report.export import jsonable, versions
 from prefcal_app.session.memory import (
     QUESTIONS,
     agent_as_dict,
     constraint_names,
-    earlier_of,
     knobs_as_dicts,
     questions_of,
 )
 from prefcal_app.terminal.showing import say
-from prefcal_env.errors import KnobError, PrefcalError, SettingsError, StudyError
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.rig import Rig
+from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.study import (
     Adjusted,
     Answered,
@@ -48,11 +43,10 @@ from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.scenario import Scenario
 
-from .choices import Thetas, check_agent_takes, make_agent, make_calibrator, start_of
+from .choices import check_agent_takes, make_agent, make_calibrator, start_of
 from .options import Options
 
 IN_MEMORY = ":memory:"
-_SAME = 1e-9  # tolerance per knob, in the unit cube, for θ that differ only by rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,11 +117,7 @@ def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile
 
 
 def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
-    mine = [start_of(text, scenario) for text in options.start]
-    taken: dict[str, Any] | None = None
-    theirs: list[Float[np.ndarray, " n"]] = []
-    if options.earlier is not None:
-        taken, theirs = _taken_from(options.earlier, options.n_max, scenario.space, mine)
+    start = [start_of(text, scenario) for text in options.start]
     names = constraint_names(scenario.space)
     configuration = {
         "scenario": options.scenario,
@@ -137,8 +127,7 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
         # Absent without constraints, so that configurations without them stay the same.
         **({"constraints": names} if names else {}),
         "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
-        "agent": agent_as_dict(make_agent(options, scenario, [*mine, *theirs])),
-        **({} if taken is None else {"earlier": taken}),
+        "agent": agent_as_dict(make_agent(options, scenario, start)),
         "n_max": options.n_max,
         "seed": options.seed,
         "options": options.as_dict(),
@@ -146,54 +135,6 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
     }
     plain: dict[str, Any] = jsonable(configuration)
     return plain
-
-
-def _taken_from(
-    name: str, n_max: int, space: KnobSpace, mine: Thetas
-) -> tuple[dict[str, Any], list[Float[np.ndarray, " n"]]]:
-    """Return what the new study records of the earlier study called `name`, and its best θ.
-
-    A knob that the earlier study did not have takes its value from the first θ in `mine`.
-
-    Args:
-        name: Name of the earlier study, as typed. The new study does not need its file any more.
-        n_max: Number of experiments of the new study.
-        space: Knobs of the new study.
-        mine: Other physical θ that the new study starts with, each of shape (n,). The list of θ
-            is empty if the best one is among them.
-
-    Raises:
-        StudyError: If there is no such study, or it has no answered experiment.
-        KnobError: If a knob has no value or another unit.
-        SettingsError: If the constraints exclude the best θ, or no experiment is left for it.
-    """
-    with open_described(existing(name)) as file:
-        state = file.state
-    try:
-        earlier = earlier_of(state)
-    except PrefcalError as error:
-        raise StudyError(f"nothing can be taken from study {name!r}: {error}") from error
-    added = dict(zip(space.names, map(float, mine[0]), strict=True)) if len(mine) else {}
-    missing = earlier.missing(space, added)
-    if missing:
-        raise KnobError(f"study {name!r} has no knobs {missing}: give their values with --start as well")
-    if n_max <= len(mine):
-        raise SettingsError("every experiment has its θ: leave --from out, or increase --n-max")
-    theta = earlier.start(space, added=added)
-    if theta is None:
-        raise SettingsError(
-            f"the constraints refuse the best θ of study {name!r}: leave --from out, or give a θ "
-            "that they allow with --start"
-        )
-    z, known = space.encode(np.array(theta)), [space.encode(other) for other in mine]
-    recorded = {
-        "study": name,
-        "scenario": str(state.configuration["name"]),
-        "experiments": state.history.answered,
-        "thetas": [list(theta)],
-    }
-    new = not any(np.allclose(z, other, 0, _SAME) for other in known)
-    return recorded, [np.array(theta)] if new else []
 
 
 def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
@@ -235,7 +176,7 @@ def worth_keeping(file: StudyFile, scenario: Scenario) -> bool:
     """
     if any(_by_a_person(recorded.event) for recorded in file.events()):
         return True
-    cheap = is_built_in(file.state.configuration["scenario"]) and not isinstance(scenario.run, Rig)
+    cheap = is_built_in(file.state.configuration["scenario"]) and not scenario.source.asks
     return bool(file.state.finished) and not cheap
 
 

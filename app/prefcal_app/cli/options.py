@@ -87,9 +87,8 @@ class Options(Described):
             experiments are expensive, 3 or more comparisons save some. You can change it when you
             resume.
         start: θ of the first experiment, for example your current tuning: "KNOB=VALUE, ..." for
-            every knob, or the name of one of the scenario's references. Repeat the option for more.
-        earlier: An earlier study, for example by another person or of a similar plant: its best θ
-            is one of the first experiments. A name or the path of a file.
+            every knob; one of the scenario's references; or an experiment of another study, MINE:3 or
+            MINE:best. Repeat the option for more.
         outcomes: Let glisp learn from θ only, not from the KPIs of the experiments.
         cost: What the calibrator synthetic or the agent glis goes by: own.py:NAME, a function of an
             experiment, lower is better; or the name of a KPI.
@@ -136,7 +135,6 @@ class Options(Described):
         1, "N", min=1, shown="1", kept=Kept("questions per experiment", anew=True, agents=("glisp",))
     )
     start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
-    earlier: str | None = option(None, "STUDY", flag="--from", kept=Kept("earlier study"))
     outcomes: bool = option(True, flag="--no-outcomes", kept=Kept("learns from KPIs", agents=("glisp",)))
     cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))
     out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED")
@@ -182,6 +180,8 @@ class Options(Described):
         """
         kept = {name: stored[name] for name in kept_by(cls) if name in stored}
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
+        if stored.get("earlier"):  # what --from was before --start took studies
+            kept["start"] += (f"{stored['earlier']}:best",)
         _check_programs(kept, given)
         _check_unchanged(kept, given)
         new = {name: value for name, value in given.items() if value is not None}

@@ -14,16 +14,13 @@ from prefcal_app.report.export import jsonable
 from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
-from prefcal_app.session.kpi_index import trust_text
+from prefcal_app.session.memory import trust_text
 from prefcal_app.session.view import GOOD_ENOUGH
 from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.live import LiveRig
-from prefcal_env.rig import Rig
 from prefcal_env.study import State
-from prefcal_scenarios.isolated import IsolatedRun
 from prefcal_scenarios.own.source import fingerprint
-from prefcal_scenarios.presentation.wording import earlier_text, labeled, printable
+from prefcal_scenarios.presentation.wording import labeled, printable
 from prefcal_scenarios.scenario import Scenario
 
 from .choices import follows_cost
@@ -37,8 +34,6 @@ def record_of(
     now = interview.now()
     state = now.state
     agent = state.configuration["agent"]
-    taken = state.configuration.get("earlier")
-    earlier = {} if taken is None else {"earlier study": earlier_text(taken)}
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
     times = [recorded.at for recorded in interview.study.events()]
@@ -50,7 +45,7 @@ def record_of(
         held=winners if now.incumbent is None else (*winners[:-1], now.incumbent),
         waiting={index: interview.experiment(index) for index in waiting},
         references=references,
-        settings=dict(options.settings()) | earlier,
+        settings=options.settings(),
         agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items()},
         n_init=options.n_init,
         n_max=interview.n_max,
@@ -77,10 +72,9 @@ def _fingerprint(options: Options, state: State) -> str:
 def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
     """Run the reference θ; leave out those that fail, since the study itself is complete."""
     experiments: dict[str, Experiment] = {}
-    run = scenario.run
-    if isinstance(run, Rig | LiveRig):
+    if scenario.source.asks:
         return experiments
-    if isinstance(run, IsolatedRun) and run.worker.hangs and scenario.references:
+    if scenario.source.hangs and scenario.references:
         say("The references did not run: the last run had to be ended.")
         return experiments
     for name, theta in scenario.references.items():

@@ -107,7 +107,7 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
             raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
     scenario = _scenario(content["scenario"], Path(path).parent)
     if scenario.controller is None:  # the run of an own scenario knows how
-        make = getattr(scenario.run, "controller", None)
+        make = scenario.source.controller
         scenario = replace(scenario, controller=make)
     if scenario.controller is None:
         raise ScenarioError(f"scenario {scenario.name!r} does not say how to build a controller")

@@ -12,7 +12,6 @@ from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.loop import Comparison as Compared
-from prefcal_env.rig import Rig
 from prefcal_env.study import Shown, State, StudyFile
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.scenario import Scenario
@@ -118,11 +117,11 @@ class ExperimentStore:
     def failed(self, index: int) -> Experiment:
         """Return an experiment without a record, for sample `index`, whose run failed."""
         theta = np.array(self.study.state.history.samples[index].theta)
-        if isinstance(self.scenario.run, Rig):
-            return self.scenario.run.failed(theta)
         known = self.study.state.finished
-        channels = self.experiment(min(known)).channels if known else Channels((), (), ())
+        declared = self.scenario.source.channels or Channels((), (), ())
+        channels = self.experiment(min(known)).channels if known else declared
         n_x, n_u, n_y = len(channels.x), len(channels.u), len(channels.y)
+        measured = {(c.name, c.unit) for c in channels.y} - {(c.name, c.unit) for c in channels.x}
         none = np.zeros(0)
         return Experiment(
             theta=theta,
@@ -137,6 +136,7 @@ class ExperimentStore:
             solved=np.zeros(0, dtype=bool),
             channels=channels,
             end=End.FAILED,
+            y=np.zeros((0, n_y)) if measured else None,
         )
 
     def question(self, id_: int, number: int, shown: Shown) -> Question:

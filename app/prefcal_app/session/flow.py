@@ -1,6 +1,6 @@
 """Advance an interview from an answer to the next question."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,14 +9,14 @@ from jaxtyping import Float
 from prefcal_agents.protocol.agent import Agent
 from prefcal_app.simulating import Basis, Simulator, named_twin, past_of
 from prefcal_env.compiling import Compiling
-from prefcal_env.errors import StudyError
+from prefcal_env.errors import RunError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.live import LiveRig
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.own_line import in_words
 from prefcal_env.preferences.answer import Answer, Query
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.loop import completed
-from prefcal_env.rig import Rig
+from prefcal_env.sources import Run, Source
 from prefcal_env.study import (
     Answered,
     Ended,
@@ -34,9 +34,9 @@ from prefcal_env.study import (
 from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore
-from .live.state import Live
 from .order import challenger_left
-from .prefetch import Prefetch, Prepared
+from .plant import Plant
+from .prefetch import Prefetch
 from .view import Phase, Question, Side
 
 
@@ -51,8 +51,14 @@ class Flow:
     """What the agent simulates with; None if it simulates nothing."""
     at_once: int = 1
     """Number of experiments that run at the same time."""
-    running: set[bytes] = field(default_factory=set)
-    """Keys of the θ that run now, if several do."""
+    runs: dict[bytes, Run] = field(default_factory=dict)
+    """Runs in progress by the key of their θ."""
+    awaited: tuple[bytes, Run] | None = None
+    """The run that is waited for, and the key of its θ: due, in progress, or asking a person."""
+    partial: Experiment | None = None
+    """What the run that failed last had recorded until then."""
+    changed: Callable[[], None] = lambda: None
+    """Function that tells front ends, from any thread, that there is news of a run."""
     asked: bool = False
     """Whether the agent has proposed what can run until the next answer, if several do."""
     prefetch: Prefetch = field(default_factory=Prefetch)
@@ -65,19 +71,35 @@ class Flow:
     version: int = 0
     answered_at: int = 0
     """Version at which an answer was last given or undone."""
-    stopped: int | None = None
-    """Sample whose run the person stopped before it began."""
     draft: str = ""
     """Comment of the answer that was undone last, until another answer is given."""
     basis: Basis | None = None
     """What the latest question was chosen from, by simulations."""
-    knows: tuple[Agent, History] | None = None
-    """The agent and the record for which it knows its next query."""
-    thinking: tuple[Agent, History] | None = None
-    """The agent and the record whose next query is being chosen in the background."""
+    thinking: History | None = None
+    """The record whose next query is being chosen in the background."""
+    plant: Plant = field(init=False)
+    """What must be done on the plant before anything else."""
 
-    live: Live = field(default_factory=Live)
-    """What is known of the live plant, if the scenario has one."""
+    def __post_init__(self) -> None:
+        self.plant = Plant(self.source)
+
+    @property
+    def source(self) -> Source:
+        """Return what turns θ into experiments."""
+        return self.store.scenario.source
+
+    @property
+    def run(self) -> Run | None:
+        """Return the run of the pending sample; None unless it is waited for or in progress."""
+        if self.pending is None:
+            return None
+        key = theta_key(self.pending.theta)
+        return self.awaited[1] if self.awaited and self.awaited[0] == key else self.runs.get(key)
+
+    @property
+    def moves_plant(self) -> bool:
+        """Return whether a run changes a plant, or is about to."""
+        return self.awaited is not None and self.awaited[1].moves_plant
 
     @property
     def twin(self) -> Scenario | None:
@@ -98,9 +120,7 @@ class Flow:
     @property
     def best(self) -> int | None:
         """Return the index of the agent's best experiment so far; None before the first."""
-        if not self.state.history.comparisons or self.agent.by_value:
-            return self.state.history.incumbent
-        return self.agent.incumbent
+        return self.state.history.incumbent
 
     @property
     def pending(self) -> Suggested | None:
@@ -117,10 +137,8 @@ class Flow:
     @property
     def must_think(self) -> bool:
         """Return whether choosing the next query may take simulations, so no lock may be held."""
-        agent, history = self.agent, self.agent.history
-        if self.simulator is None or history.pending is not None:
-            return False
-        return self.knows is None or self.knows[0] is not agent or self.knows[1] != history
+        history = self.agent.history
+        return self.simulator is not None and history.pending is None and not self.agent.knows(history)
 
     @property
     def grounds(self) -> Basis | None:
@@ -131,11 +149,21 @@ class Flow:
         # The person may have asked for another challenger since.
         return basis if basis.pending == self.agent.history.pending else None
 
-    def adopt(self, prepared: Prepared) -> None:
-        """Continue with an agent that knows its next query."""
-        self.agent = prepared.agent
-        self.knows = (prepared.agent, prepared.agent.history)
-        self.basis = prepared.basis or self.basis
+    def append(self, *events: Event | tuple[Finished, Experiment]) -> tuple[int, ...]:
+        """Save events before anything follows from them; return their numbers.
+
+        The record that the agent goes by is set here and nowhere else.
+
+        Raises:
+            StudyError: If they cannot be saved; then nothing has changed.
+        """
+        numbers = self.study.append(*events)
+        self.agent.history = self.agent.recorded(self.state.history)
+        return numbers
+
+    def tell_change(self) -> None:
+        """Take note of a change for front ends."""
+        self.version += 1
 
     def move(self, phase: Phase, problem: Exception | None = None) -> None:
         """Enter `phase`, without a question."""
@@ -164,7 +192,7 @@ class Flow:
         if shown.challenger < self.state.history.answered:
             if self.must_think:
                 return True  # until it is known, see `runs.think`
-            asked = None if self.agent.done else self.agent.ask()
+            asked = None if self.agent.done else self.agent.open(self.agent.history)[1][0]
             return asked is None or pair_of(asked) != (shown.challenger, shown.incumbent)
         return shown.incumbent != self.best
 
@@ -184,14 +212,17 @@ class Flow:
     def _proceed(self) -> None:
         if not self.state.ended and self.must_think:
             return self.move(Phase.RUNNING)
-        if self.simulator is not None and not self.state.ended:
+        if not self.state.ended:
             self._keep_best()
         if not self.state.ended and self.agent.done:
-            self.study.append(Ended("all compared"))
+            self.append(Ended("all compared"))
         if self.state.ended:
             return self.move(Phase.OVER)
-        queries = self.agent.ask(self.at_once)
-        self._suggest()
+        opened, queries = self.agent.open(self.agent.history, self.at_once)
+        for index in range(len(self.state.history.samples), len(opened.samples)):
+            z, theta = opened.samples[index].z, opened.samples[index].theta
+            # With its experiment, if that is known already.
+            self.append(Suggested(index, z, theta), *self._finished(index, np.array(theta)))
         query = self._ready(queries)
         if query is None:
             return self._wait_for()
@@ -199,30 +230,18 @@ class Flow:
         if query.incumbent is not None:
             return self._show(query)
         if self.agent.by_value:
-            rival, answer = self.store.scored(index)
-            self.study.append(Answered(None, index, rival, answer))
-            self.agent.tell(query, Answer(None, value=answer.value))
+            self.append(Answered(None, index, *self.store.scored(index)))
         else:
             alone = self.store.experiment(index)
             first = completed(Answer(None), alone, None, self.store.outcomes(index, None))
-            self.study.append(Answered(None, index, None, first))
-            self.agent.tell(query, first)
+            self.append(Answered(None, index, None, first))
         return self._proceed()
 
     def _keep_best(self) -> None:
         """Store which sample the agent holds for the best, if the answers name another."""
-        self.agent.settle()
-        best = self.agent.incumbent
+        best = self.agent.best_index
         if best is not None and best != self.state.history.incumbent:
-            self.study.append(Led(best))
-
-    def _suggest(self) -> None:
-        """Store each new sample, and its experiment if it is already known, in one step."""
-        samples = self.agent.history.samples
-        for index in range(len(self.state.history.samples), len(samples)):
-            z, theta = samples[index].z, samples[index].theta
-            known = self._finished(index, np.array(theta))
-            self.study.append(Suggested(index, z, theta), *known)
+            self.append(Led(best))
 
     def _ready(self, queries: Sequence[Query]) -> Query | None:
         """Return the query to show now, and give its sample the next number; None if none is ready.
@@ -236,19 +255,18 @@ class Flow:
         if not ready:
             return None
         self.take(min(ready, key=finished.__getitem__))
-        return self.agent.ask()
+        return self.agent.open(self.agent.history)[1][0]
 
     def take(self, index: int) -> None:
         """Give pending sample `index` the number of the next one to be answered."""
         if index != self.state.history.answered:
-            self.study.append(Taken(index))
-            self.agent.take(index)
+            self.append(Taken(index))
 
     def request(self, sample: Sample) -> None:
         """Store a sample that the person asks for in place of the pending one."""
         index = self.state.history.answered
         known = self._finished(index, np.array(sample.theta))
-        self.study.append(Requested(index, sample.z, sample.theta), *known)
+        self.append(Requested(index, sample.z, sample.theta), *known)
 
     def _finished(
         self, index: int, theta: Float[np.ndarray, " n"]
@@ -261,27 +279,61 @@ class Flow:
         return [] if prefetched is None else [(Finished(index), prefetched)]
 
     def _wait_for(self) -> None:
-        if isinstance(self.store.scenario.run, Rig):
-            self.move(Phase.RECORD)
-        elif isinstance(self.store.scenario.run, LiveRig):
-            self.live.ask()
-            self.move(Phase.CONFIRM)
-        else:
-            # Also if its run failed before: the person may have fixed the plant since.
-            self.move(Phase.RUNNING)
-            self.asked = True
+        self.partial = None
+        self.wait_anew()
+        if self.source.asks:
+            self.move(Phase(self.source.asks))
+            return
+        # Also if its run failed before: the person may have fixed the plant since.
+        self.move(Phase.RUNNING)
+        self.asked = True
+
+    def wait_anew(self) -> None:
+        """Wait for a new run of the pending sample, which can be stopped from now on."""
+        assert self.pending is not None
+        key, theta = theta_key(self.pending.theta), np.array(self.pending.theta)
+        if key not in self.runs:
+            self.awaited = (key, self._start(theta))
+
+    def begin(self, theta: Float[np.ndarray, " n"]) -> Run:
+        """Return the run of θ, physical, shape (n,), which counts as in progress from now on."""
+        key = theta_key(theta)
+        waits = self.awaited is not None and self.awaited[0] == key
+        self.runs[key] = self.awaited[1] if self.awaited and waits else self._start(theta)
+        return self.runs[key]
+
+    def _start(self, theta: Float[np.ndarray, " n"]) -> Run:
+        run = self.source.begin(theta.copy(), seed=self.seed)
+        run.changed = self.changed
+        return run
+
+    def end(self, theta: Float[np.ndarray, " n"], result: Experiment | Exception | None) -> None:
+        """Take note that the run of θ is over or, without a result, asks something of a person."""
+        key = theta_key(theta)
+        run = self.runs.pop(key)
+        if result is None:
+            self.version += 1
+            return
+        if self.awaited is not None and self.awaited[1] is run:
+            self.awaited = None
+        if isinstance(result, Exception):
+            self.partial = run.partial
+        # After an error nobody knows how far the run came, but what it left on the disk tells.
+        unknown = isinstance(result, Exception) and not isinstance(result, RunError)
+        if run.moves_plant and (run.problem or unknown):
+            self.plant.is_due(run.problem)
 
     def _show(self, query: Query) -> None:
         assert query.incumbent is not None
         new, old = query.challenger.index, query.incumbent.index
         left = challenger_left(self.seed, new, old if query.further else None)
         shown = Shown(new, old, left)
-        self._put(self.study.append(shown)[0], shown)
+        self._put(self.append(shown)[0], shown)
 
     def show_again(self, shown: Shown) -> None:
         """Put an earlier question on show again."""
         self.prefetch.forget()
-        self._put(self.study.append(shown)[0], shown)
+        self._put(self.append(shown)[0], shown)
 
     def refresh(self) -> None:
         """Show the open question with the current marks."""
@@ -307,21 +359,18 @@ class Flow:
         role = "new" if side.challenger and not further else ""
         return replace(side, role="best so far" if side.index == self.best else role)
 
-    def tell(self, answer: Answer) -> None:
-        """Teach the agent `answer`, which is already saved; proceed if the next step is known."""
+    def answered(self, answer: Answer) -> None:
+        """Go on from an answer that is saved: at once if the agent knows what to ask next."""
         if self.simulator is not None and self.prefetch.busy not in (None, answer):
             self.simulator.abandon()
-        twin = self.prefetch.take(answer)
-        if twin is None:
-            self.agent.tell(self.agent.ask(), answer)
-            # A proposal takes time, so `work` computes it.
-            return self.move(Phase.RUNNING)
-        self.adopt(twin)
-        return self.proceed()
+        self.basis = self.prefetch.take(answer) or self.basis
+        if self.at_once == 1 and self.agent.knows(self.agent.history):
+            return self.proceed()
+        return self.move(Phase.RUNNING)  # a proposal takes time, so `work` computes it
 
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
         """Take the result of running `sample`, if it is still pending."""
-        self.stopped, theta = None, np.array(sample.theta)
+        theta = np.array(sample.theta)
         if isinstance(result, Experiment):
             self.prefetch.keep(theta, result)
         # While it ran, another one may have been answered, which changes its number.
@@ -332,10 +381,10 @@ class Flow:
             return self._ran_beside(index, result, theta)
         try:
             if isinstance(result, Experiment):
-                self.study.append((Finished(index), result))
+                self.append((Finished(index), result))
                 return self.proceed()
             self.take(index)
-            self.study.append(Failed(self.state.history.answered, in_words(result)))
+            self.append(Failed(self.state.history.answered, in_words(result)))
         except StudyError as error:
             return self.move(Phase.FAILED, error)
         return self.move(Phase.FAILED, result)
@@ -345,7 +394,7 @@ class Flow:
         if self.at_once == 1:
             return
         if isinstance(result, Experiment):
-            self.study.append((Finished(index), result))
+            self.append((Finished(index), result))
         else:
             self.prefetch.keep_failure(theta, result)
         self.version += 1

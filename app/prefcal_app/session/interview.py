@@ -20,20 +20,16 @@ from prefcal_app.summary.outlook import Outlook, falls_outward, others_unbeaten,
 from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.live import LiveRig
 from prefcal_env.own_line import in_words
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
-from prefcal_env.rig import Rig
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import records, runs, steps
 from .experiments import ExperimentStore
 from .flow import Flow
-from .kpi_index import index_of, known_outcomes
-from .live import driving
-from .memory import agent_of, as_studied, is_simulating
+from .memory import agent_of, as_studied, index_of, is_simulating, known_outcomes
 from .records import Given, Preview
 from .view import Now, Phase, Question
 
@@ -49,7 +45,7 @@ def _step(step: Callable[Concatenate[Flow, P], None]) -> Callable[Concatenate["I
     @wraps(step)
     def take(interview: "Interview", /, *args: P.args, **kwargs: P.kwargs) -> Now:
         with interview._change() as flow:
-            if driving.is_driving(flow) and step is not runs.stop:
+            if flow.moves_plant and step is not runs.stop:
                 raise StaleError("a run on the plant is in progress: stop it first")
             step(flow, *args, **kwargs)
             return interview.now()
@@ -111,7 +107,7 @@ class Interview:
         self._flow = Flow(study, store, agent, simulator, at_once)
         self._closing = self._has_background = False
         self._idle_at: int | None = None
-        self._flow.live.changed = self._driving
+        self._flow.changed = self._driving
         if asks:
             self._flow.resume()
 
@@ -134,7 +130,7 @@ class Interview:
     def now(self) -> Now:
         """Return a consistent view of the current state."""
         with self._changed:
-            flow, worker = self._flow, runs.worker_of(self._flow)
+            flow = self._flow
             return Now(
                 version=flow.version,
                 phase=flow.phase,
@@ -146,10 +142,10 @@ class Interview:
                 state=flow.state,
                 preparing=flow.preparing,
                 draft=flow.draft,
-                run_limit=None if worker is None else worker.limit,
+                run_limit=flow.source.limit,
                 simulated=self._simulated(),
-                running=len(flow.running),
-                live=None if driving.live_of(flow) is None else flow.live.now(),
+                running=len(flow.runs) if flow.at_once > 1 else 0,
+                live=flow.plant.now(flow.run),
             )
 
     def wait(self, version: int, timeout: float) -> Now:
@@ -337,7 +333,7 @@ class Interview:
     answer, give = _step(steps.answer), _step(steps.give)
     mark, undo, retract = _step(steps.mark), _step(steps.undo), _step(steps.retract)
     repeat, pace, ask_for = _step(steps.repeat), _step(steps.pace), _step(steps.ask_for)
-    record, write_and_start = _step(records.record), _step(driving.confirm)
+    record, write_and_start = _step(records.record), _step(runs.confirm)
     fail, stop_run, retry = _step(runs.fail), _step(runs.stop), _step(runs.retry)
     finish, go_on = _step(runs.finish), _step(runs.go_on)
 
@@ -360,7 +356,7 @@ class Interview:
     @property
     def drives(self) -> bool:
         """Return whether a run on a live plant is in progress; it takes no lock."""
-        return driving.is_driving(self._flow)
+        return self._flow.moves_plant
 
     # Work in the background.
 
@@ -418,9 +414,10 @@ class Interview:
         """Take no more work and end a run of the user's scenario; the study file stays open."""
         with self._changed:
             self._closing = True
-            self._flow.live.closing.set()
-            for worker in runs.workers_of(self._flow):
-                worker.stop("given up")
+            awaited, recovery = self._flow.awaited, self._flow.plant.run
+            for run in (*self._flow.runs.values(), awaited and awaited[1], recovery):
+                if run is not None:
+                    run.stop("given up")
             if self._flow.simulator is not None:
                 self._flow.simulator.abandon()
             self._changed.notify_all()
@@ -455,7 +452,7 @@ class Interview:
 
 def _check_at_once(scenario: Scenario, study: StudyFile) -> None:
     """Raise SettingsError unless several experiments of the study can run at the same time."""
-    if isinstance(scenario.run, Rig | LiveRig):
+    if scenario.source.asks:
         raise SettingsError("a rig runs one experiment at a time: leave --at-once out")
     if is_simulating(study.state):
         raise SettingsError(

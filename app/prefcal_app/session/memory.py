@@ -4,16 +4,21 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, cast
 
-from prefcal_agents import AgentState, Earlier, restore
+from prefcal_agents import AgentState, restore
+from prefcal_agents.history.lessons import Memory, judged
+from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Simulator, simulates
-from prefcal_env.errors import SettingsError, StudyError
+from prefcal_env.errors import StudyError
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.study import State, space_of
 from prefcal_env.study import knobs_as_dicts as knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario, with_ranges
+
+from .experiments import ExperimentStore
 
 
 def constraint_names(space: KnobSpace) -> list[str]:
@@ -124,14 +129,35 @@ def agent_state(state: State) -> AgentState:
     return replace(configured, n_max=state.n_max)
 
 
-def earlier_of(state: State) -> Earlier:
-    """Return the best of a study, for another study to start from.
+def known_outcomes(state: State, store: ExperimentStore) -> History:
+    """Return the answers with the KPIs of every experiment, even if the agent did not get them.
 
-    Raises:
-        SettingsError: If it has no answered experiment.
-        StudyError: If its knobs cannot be read.
+    So studies from before KPIs were recorded, and agents that do not learn from KPIs, can be
+    analyzed like any other.
     """
-    best = state.history.incumbent
-    if best is None:
-        raise SettingsError("the earlier study has no answered experiment yet")
-    return Earlier(space_of(state.configuration).knobs, state.history.samples[best].theta)
+    history = agent_state(state).history
+    known = replace(history, comparisons=tuple(_known(c, store) for c in history.comparisons))
+    return judged(known)
+
+
+def index_of(history: History, seed: int) -> LearnedCost | None:
+    """Return the weighted sum of KPIs that explains the answers in `history` best.
+
+    As for a proposal, at most 250 answers count: with 1,000, a person would wait for seconds.
+    """
+    return LearnedCost.of(Memory.of(history).history, seed)
+
+
+def trust_text(index: LearnedCost) -> str:
+    """Return how reliable a learned sum of KPIs is."""
+    right = f"{index.predicted} of {index.answers} answers that it had not learned from"
+    doubt = "" if index.explains else ": not clearly better than chance"
+    return f"A weighted sum of the KPIs predicted {right}{doubt}."
+
+
+def _known(comparison: Comparison, store: ExperimentStore) -> Comparison:
+    given = comparison.answer.outcomes
+    if given is not None and given[0] is not None:
+        return comparison
+    outcomes = store.outcomes(comparison.challenger, None)  # each is a challenger once
+    return replace(comparison, answer=replace(comparison.answer, outcomes=outcomes))

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import Agent
 from prefcal_app.simulating import Basis
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
@@ -22,27 +21,15 @@ _KEPT = 36
 """Number of experiments in memory: a few questions' worth, so that an undo finds them, too."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Prepared:
-    """An agent that knows its next query, and what that was chosen from.
-
-    Args:
-        agent: The agent.
-        basis: What the query was chosen from; None for an agent that simulates nothing.
-    """
-
-    agent: Agent
-    basis: Basis | None = None
-
-
 @dataclass(slots=True)
 class Prefetch:
-    """Copies of the agent that already learned a likely answer, and experiments run in advance.
+    """What likely answers would lead to, and experiments run in advance.
 
-    Nothing here is saved: it can be lost at any time without changing a result.
+    Nothing here is saved: it can be lost at any time without changing a result. What the agent
+    would ask next is remembered by the agent itself.
     """
 
-    _twins: dict[Answer, Prepared] = field(default_factory=dict)
+    _bases: dict[Answer, Basis] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
     _failures: dict[bytes, Exception] = field(default_factory=dict)
@@ -62,19 +49,20 @@ class Prefetch:
                 return answer
         return None
 
-    def keep_twin(self, answer: Answer, twin: Prepared) -> None:
-        """Keep `twin` for `answer`."""
-        self._twins[answer] = twin
+    def keep_basis(self, answer: Answer, basis: Basis | None) -> None:
+        """Keep what the question after `answer` would be chosen from."""
+        if basis is not None:
+            self._bases[answer] = basis
 
-    def take(self, answer: Answer) -> Prepared | None:
-        """Return the copy that learned `answer`, and drop all, since the question is closed."""
-        twin = self._twins.get(answer)
+    def take(self, answer: Answer) -> Basis | None:
+        """Return what the question after `answer` is chosen from, and drop the others."""
+        basis = self._bases.get(answer)
         self.forget()
-        return twin
+        return basis
 
     def forget(self) -> None:
-        """Drop all copies, since the question has changed."""
-        self._twins.clear()
+        """Drop what likely answers lead to, since the question has changed."""
+        self._bases.clear()
         self._tried.clear()
         self.next, self.explained = None, False
 

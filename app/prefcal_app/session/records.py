@@ -9,13 +9,12 @@ from prefcal_env.errors import KnobError, RecordError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.loop import counts_as_unsafe
-from prefcal_env.rig import Rig
+from prefcal_env.sources import Table
 from prefcal_env.study import Dialed, Finished, Replaced
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.checks import check_experiment
 
 from .flow import Flow
-from .memory import agent_of
 from .view import Phase
 
 
@@ -61,13 +60,13 @@ def preview(flow: Flow, given: Given) -> Preview:
         RecordError: If the record or the θ that was set is refused.
     """
     _check_due(flow, given.index)
-    rig = flow.store.scenario.run
-    assert isinstance(rig, Rig)
     theta = _dialed(flow, given)
     if theta is None:
         theta = np.array(flow.state.history.samples[given.index].theta)
-    experiment = rig.read(given.content, theta, unsafe=given.unsafe)
-    check_experiment(flow.store.scenario, experiment.theta, experiment)
+    run = flow.source.begin(theta, seed=flow.seed)
+    run.supply(Table(given.content, given.unsafe))
+    experiment = run.advance()
+    experiment = check_experiment(flow.store.scenario, theta, experiment)
     return Preview(experiment, _same(flow, given.index, experiment), len(_about(flow, given.index)))
 
 
@@ -94,9 +93,7 @@ def record(flow: Flow, given: Given) -> None:
     if replaces:
         known = Outcome(outcome(flow.store.scenario, seen.experiment)).to_dict()
         events.append(Replaced(index, known, counts_as_unsafe(seen.experiment)))
-    flow.study.append(*events, (Finished(index), seen.experiment))
-    if events:
-        flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
+    flow.append(*events, (Finished(index), seen.experiment))
     if not replaces or flow.phase is Phase.QUESTION:
         flow.proceed()  # a question about the wrong curves is asked again, under another id
     else:
@@ -106,7 +103,7 @@ def record(flow: Flow, given: Given) -> None:
 def _check_due(flow: Flow, index: int) -> None:
     """Refuse a record that is neither waited for nor can replace one."""
     pending = flow.pending
-    if not isinstance(flow.store.scenario.run, Rig):
+    if flow.source.asks != "record":
         raise StaleError("the plant is simulated and takes no record")
     if flow.phase is Phase.RECORD and pending is not None and pending.index == index:
         return

@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -12,17 +11,15 @@ from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.own_line import as_exception
+from prefcal_env.sources import Run
 from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
-from prefcal_env.workers import Worker
-from prefcal_scenarios.isolated import IsolatedRun
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.scenario import Scenario
 
 from . import thinking
 from .flow import Flow
-from .live import driving
 from .memory import agent_of
-from .thinking import Attempt
+from .plant import Attempt, Recovery
 from .view import GOOD_ENOUGH, Phase
 
 UNBIDDEN = ("late", "died")
@@ -36,64 +33,70 @@ _ONE_AT_A_TIME = threading.Lock()
 
 def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     """Return the next piece of work; None if there is none."""
-    rig = driving.live_of(flow)
-    if rig is not None and (work := driving.due(flow, rig)) is not None:
-        return work
+    if flow.plant.recovery is Recovery.DUE:
+        return flow.plant.recover(flow.changed, flow.tell_change)
+    if flow.phase in (Phase.RECORD, Phase.CONFIRM) or flow.moves_plant:
+        return _attended(flow)
     if flow.phase is Phase.RUNNING:
         if flow.must_think:
             return thinking.think(flow)
         pending = flow.pending
-        if pending is None or pending.index in flow.state.finished or rig is not None:
+        if pending is None or pending.index in flow.state.finished or flow.source.asks:
             return lambda: lambda: _go_on_running(flow)
         if flow.at_once > 1:
             return _beside(flow) if flow.asked else lambda: lambda: _go_on_running(flow)
-        known = _known(flow, pending)
-        if known is None:
-            reserve(flow, np.array(pending.theta))
-        return lambda: _running(flow, pending, known)
+        return _running(flow, pending)
     if flow.phase in (Phase.QUESTION, Phase.OVER) and thinking.is_unexplained(flow):
         return thinking.explain(flow)
     if flow.at_once > 1:
         return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
-    if flow.phase is Phase.QUESTION and ahead and rig is None:
+    if flow.phase is Phase.QUESTION and ahead and not flow.source.asks:
         return _looking_ahead(flow)
     return None
 
 
+def _attended(flow: Flow) -> Attempt | None:
+    """Advance the run that a person attends to, unless it waits for them or for the plant."""
+    run, pending = flow.run, flow.pending
+    if run is None or pending is None or run.waits or flow.plant.recovery is not Recovery.DONE:
+        return None
+    return _running(flow, pending)
+
+
 def _beside(flow: Flow) -> Attempt | None:
     """Run the first pending sample that does not run yet; None if all do, or enough."""
-    if len(flow.running) >= flow.at_once:
+    if len(flow.runs) >= flow.at_once:
         return None
     for sample in flow.unfinished:
-        key, theta = theta_key(sample.theta), np.array(sample.theta)
+        theta = np.array(sample.theta)
         failed = flow.phase is not Phase.RUNNING and (
             flow.prefetch.is_known(theta) or sample.index in flow.state.failures
         )
-        if key not in flow.running and not failed:
-            known = _known(flow, sample)
-            flow.running.add(key)
+        if theta_key(theta) not in flow.runs and not failed:
             flow.version += flow.phase is Phase.RUNNING  # so that front ends say how many run
-            return partial(_run_beside, flow, sample, known)
+            return _running(flow, sample)
     return None
 
 
-def _run_beside(flow: Flow, sample: Suggested, known: Experiment | Exception | None) -> Callable[[], None]:
-    finish = _running(flow, sample, known)
-
-    def ended() -> None:
-        flow.running.discard(theta_key(sample.theta))
-        finish()
-
-    return ended
-
-
-def _known(flow: Flow, sample: Suggested) -> Experiment | Exception | None:
-    """Return the result of running `sample` if it is already known."""
-    if flow.stopped == sample.index:
-        flow.stopped = None
-        return RunError("you stopped the run before it began", "stopped")
+def _running(flow: Flow, sample: Suggested) -> Attempt:
+    """Run a pending sample, unless its result is known already."""
     theta = np.array(sample.theta)
-    return flow.prefetch.experiment(theta) or flow.prefetch.take_failure(theta)
+    known = flow.prefetch.experiment(theta) or flow.prefetch.take_failure(theta)
+    run = flow.begin(theta)
+
+    def advance() -> Callable[[], None]:
+        result = known or attempt(flow, run, theta)
+        given_up = isinstance(result, RunError) and result.why == "given up"
+
+        def done() -> None:
+            flow.end(theta, result)
+            # Not a failure if it was given up: it runs again when it is needed again.
+            if result is not None and not given_up:
+                flow.ran(sample, result)
+
+        return done
+
+    return advance
 
 
 def _go_on_running(flow: Flow) -> None:
@@ -105,32 +108,30 @@ def _go_on_running(flow: Flow) -> None:
         flow.proceed()
 
 
-def _running(flow: Flow, sample: Suggested, known: Experiment | Exception | None) -> Callable[[], None]:
-    result = known or attempt(flow, np.array(sample.theta))
-    if isinstance(result, RunError) and result.why == "given up":
-        return lambda: None  # not a failure: it runs again when it is needed again
-    return lambda: flow.ran(sample, result)
-
-
 def attempt(
-    flow: Flow, theta: Float[np.ndarray, " n"], twin: Scenario | None = None
-) -> Experiment | Exception:
-    """Run θ and return its experiment, or the error that the user's code raised.
+    flow: Flow, run: Run, theta: Float[np.ndarray, " n"], twin: Scenario | None = None
+) -> Experiment | Exception | None:
+    """Advance a run of θ; return its experiment, its error, or None if it asks a person first.
 
     Until one experiment passed without interruption, each is checked against the scenario, and
-    always if it is one of the `twin`.
-    SystemExit and the like are caught, too: a plant that calls exit() would end the thread without
-    notice. Only KeyboardInterrupt is raised again: it may be Ctrl-C.
+    always if it is one of the `twin` or of a plant. SystemExit and the like of a user's code are
+    caught, too: a function that calls exit() would end the thread without notice. Only
+    KeyboardInterrupt is raised again: it may be Ctrl-C. What ends the process ends a run on a plant.
     """
     scenario = twin or flow.store.scenario
+    attended = bool(scenario.source.asks)
     try:
-        result: object = scenario.run(theta.copy(), seed=flow.seed)
-        if flow.checked and twin is None and isinstance(result, Experiment):
+        result: object = run.advance()
+        if result is None and run.waits:
+            return None
+        if flow.checked and twin is None and not attended and isinstance(result, Experiment):
             return result
         experiment = check_experiment(scenario, theta, result)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
+        if attended and not isinstance(error, Exception):
+            raise
         return as_exception(error)
     if twin is None:
         flow.checked = not experiment.end.interrupted
@@ -157,13 +158,27 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
     if found is not None:
         return found
     with _ONE_AT_A_TIME:
-        result = attempt(flow, theta, flow.twin)
-    if isinstance(result, Exception):
+        result = _looked_at(flow, lock, theta)
+    if not isinstance(result, Experiment):
         raise ScenarioError(f"this simulation failed: {result}") from result
     if flow.twin is None:
         with lock:
             flow.prefetch.keep(theta, result)
     return result
+
+
+def _looked_at(
+    flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]
+) -> Experiment | Exception | None:
+    run = (flow.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.seed)
+    key = b"look " + theta_key(theta)
+    with lock:
+        flow.runs[key] = run  # so that it makes way for what is waited for
+    try:
+        return attempt(flow, run, theta, flow.twin)
+    finally:
+        with lock:
+            del flow.runs[key]
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
@@ -180,20 +195,21 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
     """Run θ before it is needed."""
     flow.prefetch.next = None
-    reserve(flow, theta)
+    run = flow.begin(theta)
 
-    def run() -> Callable[[], None]:
-        result = attempt(flow, theta)
+    def advance() -> Callable[[], None]:
+        result = attempt(flow, run, theta)
 
         def keep() -> None:
+            flow.end(theta, result)
             if isinstance(result, Experiment):
                 flow.prefetch.keep(theta, result)
-            elif isinstance(result, RunError) and result.why in UNBIDDEN:
+            elif isinstance(result, RunError) and result.why in (*UNBIDDEN, "stopped"):
                 flow.prefetch.keep_failure(theta, result)
 
         return keep
 
-    return run
+    return advance
 
 
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
@@ -209,63 +225,56 @@ def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
     return pending
 
 
-def worker_of(flow: Flow) -> Worker | None:
-    """Return the process that runs the experiments; None if they run in this one."""
-    return next(iter(workers_of(flow)), None)
+def confirm(flow: Flow, index: int) -> None:
+    """Let the run of the pending sample start, with the values that the person was shown.
 
-
-def workers_of(flow: Flow) -> tuple[Worker, ...]:
-    """Return all processes that run experiments; none if they run in this one."""
-    run = flow.store.scenario.run
-    return run.workers if isinstance(run, IsolatedRun) else ()
-
-
-def reserve(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
-    """Announce the next θ to run while the lock is held; from then on it can be stopped."""
-    worker = worker_of(flow)
-    if worker is not None:
-        worker.reserve(theta_key(theta))
+    Raises:
+        StaleError: If it is not waited for, or the plant's present values are not known.
+    """
+    pending, run = flow.pending, flow.run
+    if pending is None or pending.index != index or flow.phase is not Phase.CONFIRM:
+        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was written")
+    if flow.plant.recovery is Recovery.FAILED:
+        raise StaleError("the plant does not have its old values yet: nothing was written")
+    if run is None or run.changes is None:
+        raise StaleError("the plant's present values are not known yet: nothing was written")
+    run.supply(run.changes)
+    flow.move(Phase.RUNNING)
 
 
 def stop(flow: Flow, index: int) -> None:
     """Stop the run of the pending sample, which then counts as failed.
 
     Raises:
+        StaleError: If it does not run.
         ScenarioError: If it runs inside prefcal's own process, as built-in scenarios do.
     """
-    if driving.live_of(flow) is not None:
-        return driving.stop(flow, index)
-    key, workers = theta_key(awaited(flow, index, Phase.RUNNING).theta), workers_of(flow)
-    worker = next((w for w in workers if w.busy_with(key)), worker_of(flow))
-    if worker is None:
-        raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
-    if worker.busy_with(key):
-        return worker.stop("stopped")
-    flow.stopped = index  # an earlier run is still in progress
-    return worker.stop("given up")
+    run, pending = flow.run, flow.pending
+    if flow.source.asks:
+        if pending is None or pending.index != index or not flow.moves_plant:
+            raise StaleError(f"experiment {index + 1} is not running: nothing was changed")
+        flow.version += 1
+    else:
+        key = theta_key(awaited(flow, index, Phase.RUNNING).theta)
+        if flow.source.limit is None:
+            raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
+        for other in (other for name, other in flow.runs.items() if flow.at_once == 1 and name != key):
+            other.stop("given up")  # it runs in the only process
+    if run is not None:
+        run.stop("stopped")
 
 
 def make_way(flow: Flow) -> None:
     """Stop soon what runs in advance, if something else is waited for."""
     thinking.give_up_if_useless(flow)
-    if flow.at_once > 1:
-        _end_dropped(flow)
+    several = flow.at_once > 1
+    if flow.source.asks or (flow.phase is not Phase.RUNNING and not several):
         return
-    worker = worker_of(flow)
-    if worker is None or flow.phase is not Phase.RUNNING:
-        return
-    pending = flow.pending
-    if pending is None or worker.busy_with(theta_key(pending.theta)) is False:
-        worker.stop("given up", within=_COURTESY)
-
-
-def _end_dropped(flow: Flow) -> None:
-    """End the runs of samples that are no longer pending, after an undo for example."""
-    wanted = () if flow.phase is Phase.OVER else flow.unfinished
-    for worker in workers_of(flow):
-        if worker.is_idle or any(worker.busy_with(theta_key(s.theta)) for s in wanted):
-            continue
-        worker.stop("given up", within=_COURTESY)
+    wanted = flow.unfinished if several else filter(None, [flow.pending])
+    keys = {theta_key(sample.theta) for sample in wanted if flow.phase is not Phase.OVER}
+    for key, run in flow.runs.items():
+        if key not in keys:
+            run.stop("given up", within=_COURTESY)
 
 
 def fail(flow: Flow, index: int, reason: str = "") -> None:
@@ -275,8 +284,8 @@ def fail(flow: Flow, index: int, reason: str = "") -> None:
         # A later step failed, for example on a full disk: this experiment must not be replaced.
         raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
-    partial, flow.live.partial = flow.live.partial, None
-    flow.study.append(*noted, (Finished(index), partial or flow.store.failed(index)))
+    partial, flow.partial = flow.partial, None
+    flow.append(*noted, (Finished(index), partial or flow.store.failed(index)))
     flow.proceed()
 
 
@@ -285,11 +294,16 @@ def retry(flow: Flow) -> None:
 
     In phase CONFIRM, read the live plant's present values again.
     """
-    on_the_plant = flow.phase is Phase.CONFIRM or driving.is_unrestored(flow)
+    on_the_plant = flow.phase is Phase.CONFIRM or flow.plant.recovery is Recovery.FAILED
     if on_the_plant:
-        driving.look_again(flow)
+        flow.plant.is_due()
+        flow.version += 1
+    if flow.phase is Phase.CONFIRM:
+        flow.wait_anew()
     if flow.phase is Phase.FAILED:
         flow.move(Phase.RUNNING)
+        if flow.pending is not None and not flow.source.asks:
+            flow.wait_anew()
     elif not on_the_plant:
         raise StaleError("nothing has failed, so there is nothing to try again")
 
@@ -300,7 +314,7 @@ def finish(flow: Flow) -> None:
         raise StaleError("the study has ended already")
     best, marks = flow.best, flow.state.marks
     good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
-    flow.study.append(Ended(GOOD_ENOUGH if good else "stopped"))
+    flow.append(Ended(GOOD_ENOUGH if good else "stopped"))
     flow.proceed()
 
 
@@ -312,6 +326,6 @@ def go_on(flow: Flow, more: int = 0) -> None:
     if more < 0 or (more == 0 and state.history.answered >= state.n_max):
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []
-    flow.study.append(*extended, Reopened())
+    flow.append(*extended, Reopened())
     flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
     flow.proceed()

@@ -49,9 +49,9 @@ def _close(flow: Flow, asked: Question, given: Answer, comment: str = "", blind:
     """Record the answer, teach it to the agent, and proceed."""
     new, old = asked.challenger.index, asked.incumbent.index
     given = asked.completed(given)
-    flow.study.append(Answered(asked.id, new, old, given, comment, blind))
+    flow.append(Answered(asked.id, new, old, given, comment, blind))
     if asked.repeats is None:
-        flow.tell(given)
+        flow.answered(given)
     else:
         flow.proceed()
     flow.draft, flow.answered_at = "", flow.version
@@ -73,7 +73,7 @@ def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
             f"experiment {which.index + 1} was interrupted as unsafe: it cannot be good enough"
         )
     if on != (mark in which.marks):
-        flow.study.append(Marked(which.index, mark, on))
+        flow.append(Marked(which.index, mark, on))
         flow.refresh()
 
 
@@ -97,8 +97,7 @@ def undo(flow: Flow, version: int) -> None:
         raise StaleError("an answer was given or undone since you looked")
     if flow.question is None or flow.question.repeats is None:
         comment = flow.state.history.latest[-1].comment
-        flow.study.append(Undone())
-        flow.agent.undo()
+        flow.append(Undone())
         flow.draft = comment
     flow.proceed()
     flow.answered_at = flow.version
@@ -132,11 +131,7 @@ def retract(flow: Flow, answer: int) -> None:
     if flow.phase is Phase.RUNNING and flow.pending is None:
         # Propose the open sample first: it must not depend on this retraction.
         flow.proceed()
-    flow.study.append(Retracted(answer))
-    if answer > 0:
-        flow.agent.retract(answer)
-    else:
-        flow.agent.retract(-answer - 1, further=True)
+    flow.append(Retracted(answer))
     if flow.phase is Phase.QUESTION:
         flow.proceed()
     else:
@@ -155,9 +150,6 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> N
     """
     if flow.phase is Phase.OVER:
         raise StaleError("the study has ended: continue it first")
-    if flow.agent.history.answered != flow.state.history.answered:
-        # Until the retry, the study file and the agent differ.
-        raise StaleError("the last step failed: try it again first")
     twin, pending, asked = flow.agent.copy(), flow.pending, flow.question
     twin.replace_pending(np.array(theta))
     sample = twin.history.pending  # others may be pending behind it
@@ -166,7 +158,6 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> N
     if pending is not None and pending.theta == sample.theta and shown:
         return  # it is the next one already
     flow.request(sample)
-    flow.agent = twin
     flow.proceed()
 
 
@@ -185,7 +176,7 @@ def pace(flow: Flow, questions: int) -> None:
     changed = agent.with_questions(questions)
     if questions == agent.settings.questions_per_experiment:
         return
-    flow.study.append(Adjusted({QUESTIONS: questions}))
+    flow.append(Adjusted({QUESTIONS: questions}))
     flow.agent = changed
     if flow.phase is not Phase.QUESTION:
         flow.version += 1

@@ -14,11 +14,9 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Abandoned, Basis
 
 from .flow import Flow
-from .prefetch import LIKELIEST, LIKELY, Prepared
+from .plant import Attempt
+from .prefetch import LIKELIEST, LIKELY
 from .view import Phase, Question
-
-Attempt = Callable[[], Callable[[], None]]
-"""Long-running function, called without the lock; it returns a function to call with the lock."""
 
 
 def think(flow: Flow) -> Attempt:
@@ -26,20 +24,20 @@ def think(flow: Flow) -> Attempt:
 
     A copy of the agent does it, since the person may undo or retract an answer meanwhile.
     """
-    agent, history, twin = flow.agent, flow.agent.history, flow.agent.copy()
-    flow.thinking = (agent, history)
+    history, twin = flow.agent.history, flow.agent.copy()
+    flow.thinking = history
     _resume(flow)
 
     def choose() -> Callable[[], None]:
         try:
-            prepared = _prepared(flow, twin)
+            basis = _basis(flow, twin)
         except Abandoned:
             return lambda: None
 
         def keep() -> None:
             flow.thinking = None
-            if flow.agent is agent and agent.history == history and flow.phase is Phase.RUNNING:
-                flow.adopt(prepared)
+            if flow.agent.history == history and flow.phase is Phase.RUNNING:
+                flow.basis = basis or flow.basis
                 # A question that was already open, before a restart, stays open under its id.
                 flow.resume()
 
@@ -73,7 +71,7 @@ def look_ahead(
         try:
             twin.tell(query, answer)
             told = twin.history
-            prepared = _prepared(flow, twin)
+            basis = _basis(flow, twin)
             theta = None if twin.done else twin.ask().challenger.theta
         except Exception:
             return lambda: _rest(flow)
@@ -81,11 +79,15 @@ def look_ahead(
         def keep() -> None:
             _rest(flow)
             if flow.question is asked:
-                flow.prefetch.keep_twin(answer, prepared)
+                flow.prefetch.keep_basis(answer, basis)
                 if theta is not None and not is_known(theta):
                     flow.prefetch.next = theta
-            elif flow.phase is Phase.RUNNING and flow.must_think and flow.agent.history == told:
-                flow.adopt(prepared)  # the answer came meanwhile, and it is this one
+            elif (
+                flow.phase is Phase.RUNNING
+                and flow.agent.history.pending is None
+                and flow.agent.history == told
+            ):
+                flow.basis = basis or flow.basis  # the answer came meanwhile, and it is this one
                 flow.proceed()
 
         return keep
@@ -127,11 +129,8 @@ def give_up_if_useless(flow: Flow) -> None:
     """Abandon simulations whose results are no longer needed, since the question has changed."""
     if flow.simulator is None:
         return
-    busy = flow.thinking
-    if busy is not None and flow.phase is Phase.RUNNING:
-        useful = busy[0] is flow.agent and busy[1] == flow.agent.history
-    else:
-        useful = busy is None
+    busy, running = flow.thinking, flow.phase is Phase.RUNNING
+    useful = busy == flow.agent.history if busy is not None and running else busy is None
     if not useful:
         flow.thinking = None
         flow.simulator.abandon()
@@ -146,23 +145,21 @@ def _rest(flow: Flow) -> None:
     flow.prefetch.busy = None
 
 
-def _prepared(flow: Flow, twin: Agent) -> Prepared:
-    """Let `twin` choose its next query; return it with what the query was chosen from."""
-    twin.settle()
-    if twin.done:
-        return Prepared(twin)
-    twin.ask()
-    return Prepared(twin, None if flow.simulator is None else _basis(cast(Screening, twin)))
+def _basis(flow: Flow, twin: Agent) -> Basis | None:
+    """Let `twin` choose its next query; return what it was chosen from, if it simulates.
 
-
-def _basis(twin: Screening) -> Basis | None:
-    """Return what the query of `twin` was chosen from; None if it has no reason due to an error.
-
-    A question can be answered without its reason; an error of the simulations is raised.
+    A question can be answered without its reason, so no error of that is raised; one of the
+    simulations is.
     """
-    _ = twin.bank
+    if twin.done:
+        return None
+    twin.ask()
+    if flow.simulator is None:
+        return None
+    screening = cast(Screening, twin)
+    _ = screening.bank
     try:
-        return Basis.of(twin)
+        return Basis.of(screening)
     except Abandoned:
         raise
     except Exception:

@@ -65,9 +65,9 @@ def _driven(
             assert now.question is not None
             assert calibrator is not None, "an agent that is told scores asks nothing"
             interview.give(now.question.id, _given(calibrator, now.question))
-        elif now.phase is Phase.RECORD:
+        elif now.phase in (Phase.RECORD, Phase.CONFIRM):
             assert now.pending is not None
-            interview.scenario.run(np.array(now.pending.theta))  # says that only a person can
+            interview.scenario.source.run(np.array(now.pending.theta))  # says that only a person can
         else:
             if now.pending is not None:
                 running(np.array(now.pending.theta))

@@ -10,7 +10,7 @@ from prefcal_env.preferences.answer import Answer, Mark, Outcomes, Preference
 from prefcal_env.preferences.loop import completed, counts_as_unsafe
 from prefcal_env.study import State, Suggested
 
-from .live.state import LiveNow
+from .plant import LiveNow
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
 MARKS = (UNSAFE, GOOD_ENOUGH)

@@ -11,7 +11,6 @@ from jaxtyping import Float
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.workers import Pool, Terms, usable_cores
-from prefcal_scenarios.isolated import IsolatedRun
 from prefcal_scenarios.kpis import has_goals, reading, screened
 from prefcal_scenarios.many.results import FailedRun, Result
 from prefcal_scenarios.many.task import Task
@@ -61,11 +60,11 @@ class Simulator:
         longest: float = np.inf,
         kept: Kept | None = None,
     ) -> None:
-        own = isinstance(scenario.run, IsolatedRun)
-        run = scenario.run.elsewhere if isinstance(scenario.run, IsolatedRun) else scenario.run
+        source = scenario.source.elsewhere
+        own = source is not scenario.source
         self.scenario, self.reading = scenario, reading(scenario)
         directed = has_goals(scenario)
-        self._task = Task(run, seed, trajectories=not directed)
+        self._task = Task(source, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This
         # process runs built-in scenarios, too, until the first worker is ready.
         workers = min(usable_cores() if own else max(usable_cores() - 1, 1), _MOST)

@@ -10,11 +10,11 @@ from pathlib import Path
 from rich.console import Console
 
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
-from prefcal_app.session.live.state import LiveNow, Recovery
+from prefcal_app.session.plant import LiveNow, Recovery
 from prefcal_app.session.view import GOOD_ENOUGH, UNSAFE
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
-from prefcal_env.live import Stage
+from prefcal_env.sources import Stage
 from prefcal_env.study import Suggested
 from prefcal_env.workers import in_time
 from prefcal_scenarios.presentation.wording import theta_text

@@ -1,6 +1,7 @@
 """Show a study in a terminal: its task, a question, answers, progress, and what a plant needs."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import isinf, isnan
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,6 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.session import Interview, Now
-from prefcal_env.live import LiveRig
-from prefcal_env.rig import Rig
 from prefcal_scenarios.presentation.wording import INTERRUPTED, labeled, printable, printable_lines, with_unit
 
 NAMES = {"left": "LEFT", "right": "RIGHT"}
@@ -214,32 +213,31 @@ def show_status(now: Mapping[str, Any], status: Mapping[str, Any], console: Cons
 
 def show_next(interview: Interview, now: Now, console: Console) -> None:
     """Print the next θ of a rig, and what its record must contain."""
-    rig, sample = interview.scenario.run, now.pending
-    assert isinstance(rig, Rig)
+    source, sample = interview.scenario.source, now.pending
     assert sample is not None
     console.rule(f"Experiment {sample.index + 1}: run your plant with these values")
     for knob, value in zip(interview.scenario.space, np.array(sample.theta), strict=True):
         say(console, f"  {knob.name} = {with_unit(repr(float(value)), knob.unit)}", style="bold")
-    if rig.instructions:
-        say(console, rig.instructions)
-    say(console, f"The record: a CSV file with the columns {', '.join(rig.columns)}")
+    if source.instructions:
+        say(console, source.instructions)
+    say(console, f"The record: a CSV file with the columns {', '.join(source.columns)}")
 
 
 def show_changes(interview: Interview, now: Now, console: Console) -> None:
     """Print what would be written to a live plant: the old and the new value of each knob."""
-    rig, sample, live = interview.scenario.run, now.pending, now.live
-    assert isinstance(rig, LiveRig)
+    source, sample, live = interview.scenario.source, now.pending, now.live
     assert sample is not None
     assert live is not None
     console.rule(f"Experiment {sample.index + 1}: confirm what is written to the plant")
     for change in live.changes or ():
-        part = change.part
-        limits = f"limits {part.low:g} to {part.high:g}, at most {part.rate:g} per second"
-        new = with_unit(f"{change.new:.6g}", part.unit)
-        say(console, f"  {part.name}: {change.old:.6g} → {new}   ({limits})", style="bold")
-    after = "the old values are restored" if rig.after == "restore" else "the new θ stays"
+        rate = "" if isinf(change.rate) else f", at most {change.rate:g} per second"
+        limits = f"limits {change.low:g} to {change.high:g}{rate}"
+        new = with_unit(f"{change.new:.6g}", change.unit)
+        old = "" if isnan(change.old) else f"{change.old:.6g} → "
+        say(console, f"  {change.name}: {old}{new}   ({limits})", style="bold")
+    recorded = "" if isinf(source.duration) else f"Then {source.duration:g} s are recorded. "
     say(
         console,
-        f"Then {rig.duration:g} s are recorded. Afterward {after}; k and Enter stops the run.",
-        *filter(None, (rig.instructions, live.problem)),
+        f"{recorded}Afterward {source.afterward}; k and Enter stops the run.",
+        *filter(None, (source.instructions, live.problem)),
     )

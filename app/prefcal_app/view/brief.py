@@ -3,8 +3,6 @@
 from typing import Any
 
 from prefcal_app.session import Interview
-from prefcal_env.live import LiveRig
-from prefcal_env.rig import Rig
 from prefcal_scenarios.presentation.wording import limits_text
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -39,7 +37,7 @@ def _how(interview: Interview) -> str:
     )
     minutes = max(round(planned.total * _SECONDS / 60), 1)
     pace = f"about {minutes} minute{'' if minutes == 1 else 's'} at {_SECONDS} s each"
-    took = "at the pace of your experiments" if _by_hand(interview.scenario) else pace
+    took = "at the pace of your experiments" if interview.scenario.source.asks else pace
     return (
         f"{asked}, {took}. Follow your own judgment: there is no right answer, and “about the "
         "same” and “can't tell” are answers too. Every answer is saved at once; you can stop and "
@@ -57,10 +55,6 @@ def _current_tuning(interview: Interview) -> str:
         f'--start "{values}": then the result is compared with it, and not with a first '
         "experiment that prefcal chose."
     )
-
-
-def _by_hand(scenario: Scenario) -> bool:
-    return isinstance(scenario.run, Rig | LiveRig)
 
 
 def _kpi_view(kpi: KPI) -> dict[str, str]:

@@ -8,8 +8,6 @@ from typing import Any
 
 from prefcal_app.session import Interview, Now, Phase
 from prefcal_app.session.view import GOOD_ENOUGH
-from prefcal_env.live import LiveRig
-from prefcal_env.rig import Rig
 from prefcal_env.study import State, Suggested
 from prefcal_env.workers import in_time
 from prefcal_scenarios.presentation.wording import INTERRUPTED, knob_number, with_unit
@@ -106,9 +104,9 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
     """Return the sample that is running, awaited or failed. On a rig, θ is always shown."""
     if sample is None:
         return None
-    rig = scenario.run if isinstance(scenario.run, Rig | LiveRig) else None
+    source = scenario.source
     knobs = list(zip(scenario.space, sample.theta, strict=True))
-    hidden = blind and rig is None
+    hidden = blind and not source.asks
     return {
         "index": sample.index,
         "number": sample.index + 1,
@@ -119,16 +117,16 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
             for k, v in knobs
         ],
         "copy": "" if hidden else _exact(scenario, sample.theta),
-        "instructions": "" if rig is None else rig.instructions,
+        "instructions": source.instructions,
     }
 
 
 def _rig(scenario: Scenario, state: State) -> dict[str, Any] | None:
     """Return, for a rig, the columns of a record and the records that can be replaced."""
-    if not isinstance(scenario.run, Rig):
+    if scenario.source.asks != "record":
         return None
     return {
-        "columns": list(scenario.run.columns),
+        "columns": list(scenario.source.columns),
         "recorded": [] if state.ended else [index + 1 for index in sorted(state.finished)],
     }
 

@@ -1,12 +1,12 @@
 """Preview what a person confirms: a rig's record, or what a run writes to a live plant."""
 
 from collections.abc import Iterator
-from math import isfinite
+from math import isfinite, isinf, isnan
 from typing import Any
 
 from prefcal_app.session import Given, Interview, Preview, Side
-from prefcal_app.session.live.state import LiveNow, Recovery
-from prefcal_env.live import Change, LiveRig, Stage, Tag
+from prefcal_app.session.plant import LiveNow, Recovery
+from prefcal_env.sources import Change, Stage
 from prefcal_scenarios.presentation.wording import quantity
 from prefcal_scenarios.scenario import Scenario, panels_of
 
@@ -52,34 +52,33 @@ def warnings(seen: Preview) -> Iterator[str]:
 
 def live_view(scenario: Scenario, live: LiveNow | None) -> dict[str, Any] | None:
     """Return what the page shows of a live plant; None if the scenario has none."""
-    rig = scenario.run
-    if live is None or not isinstance(rig, LiveRig):
+    source = scenario.source
+    if live is None:
         return None
     return {
         "changes": None if live.changes is None else [_change(each) for each in live.changes],
         "problem": live.problem,
         "unrestored": live.recovery is Recovery.FAILED and live.progress is None,
-        "instructions": rig.instructions,
-        "duration": rig.duration,
-        "keeps": rig.after == "keep",
-        "running": _running(rig, live),
+        "instructions": source.instructions,
+        "duration": _plain(source.duration),
+        "afterward": source.afterward,
+        "running": _running(live),
     }
 
 
 def _change(change: Change) -> dict[str, str]:
     """Return a value to write, in words."""
-    part = change.part
     return {
-        "name": part.name,
-        "unit": part.unit,
-        "old": f"{change.old:.6g}",
+        "name": change.name,
+        "unit": change.unit,
+        "old": "unknown" if isnan(change.old) else f"{change.old:.6g}",
         "new": f"{change.new:.6g}",
-        "limits": f"{part.low:g} to {part.high:g}",
-        "rate": f"{part.rate:g}",
+        "limits": f"{change.low:g} to {change.high:g}",
+        "rate": "any" if isinf(change.rate) else f"{change.rate:g}",
     }
 
 
-def _running(rig: LiveRig, live: LiveNow) -> dict[str, Any] | None:
+def _running(live: LiveNow) -> dict[str, Any] | None:
     """Return how far the plant's run is; None if none is in progress."""
     progress = live.progress
     if progress is None:
@@ -92,20 +91,16 @@ def _running(rig: LiveRig, live: LiveNow) -> dict[str, Any] | None:
         "elapsed": progress.elapsed,
         "problem": progress.problem,
         "stopping": live.stopping,
-        "times": [time for time, _ in live.curve],
-        "outputs": [_curve(tag, rig, live) for tag in rig.tags if tag.role == "output"],
-    }
-
-
-def _curve(tag: Tag, rig: LiveRig, live: LiveNow) -> dict[str, Any]:
-    """Return what is recorded so far of an output and of its reference, if it has one."""
-    has_reference = any(t.role == "reference" and t.name == tag.name for t in rig.tags)
-    read = [values for _, values in live.curve]
-    return {
-        "name": tag.name,
-        "unit": tag.unit,
-        "values": [_plain(row.get(f"output {tag.name}")) for row in read],
-        "reference": [_plain(row.get(f"reference {tag.name}")) for row in read] if has_reference else [],
+        "times": list(live.times),
+        "outputs": [
+            {
+                "name": curve.name,
+                "unit": curve.unit,
+                "values": [_plain(value) for value in curve.values],
+                "reference": [_plain(value) for value in curve.reference],
+            }
+            for curve in live.curves
+        ],
     }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_app.session import Consistency, Interview, Now
-from prefcal_app.session.kpi_index import trust_text
+from prefcal_app.session.memory import trust_text
 from prefcal_app.session.order import to_repeat
 from prefcal_env.knobs.space import KnobSpace
 

@@ -128,7 +128,8 @@ def _own(name: str, content: str) -> Entry:
     tell = getattr(found, "tell", None)
     if tell is None:
         raise SettingsError(f"{name!r} must have a method tell(query, answer) or (query, value)")
-    by_value, simulates = _has_parameter(tell, "value"), _has_parameter(found, "simulate")
+    by_value = bool(getattr(found, "by_value", _has_parameter(tell, "value")))
+    simulates = _has_parameter(found, "simulate")
     return Entry(name, lambda: found, by_value, simulates=simulates, content=content)
 
 

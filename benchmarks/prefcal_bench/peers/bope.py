@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.protocol.agent import Pair
+from prefcal_agents.protocol.agent import Pair, rematch
 from prefcal_agents.support.extras import load
 from prefcal_env.preferences.history import History
 
@@ -59,10 +59,14 @@ class BOPE(BoTorchAgent):
     def _candidates(self, history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
         return _most_improving(history, seed)
 
-    def _follow_up(self, history: History) -> Pair | None:
-        if history.answered < self.n_init or len(history.latest) > 1:
+    def question(self, history: History) -> Pair | None:
+        """Return the unbeaten samples to compare, or those that tell most about the KPIs."""
+        pair = rematch(history)
+        if pair is not None or history.answered >= self._most(history):
+            return pair
+        if history.answered < self.setup.n_init or len(history.latest) > 1:
             return None
-        with torch_seeded(self._seed, history.answered):
+        with torch_seeded(self.setup.seed, history.answered):
             return attempted(lambda: _most_telling(history))
 
 

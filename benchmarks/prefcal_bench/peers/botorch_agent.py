@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.support.extras import load
 from prefcal_env.preferences.history import History
 
@@ -17,7 +16,7 @@ from .peer import Peer
 T = TypeVar("T")
 
 
-class BoTorchAgent(Peer, PreferenceBased):
+class BoTorchAgent(Peer):
     """An agent that proposes the first of its candidates that did not run.
 
     Without such a candidate, or if a fit fails, the sample is random.
@@ -30,7 +29,7 @@ class BoTorchAgent(Peer, PreferenceBased):
         raise NotImplementedError
 
     def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
-        with torch_seeded(self._seed, history.answered) as seed:
+        with torch_seeded(self.setup.seed, history.answered) as seed:
             points = attempted(lambda: self._candidates(history, seed))
         return None if points is None else tried.first_new(np.clip(points, 0.0, 1.0))
 

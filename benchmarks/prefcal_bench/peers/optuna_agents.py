@@ -7,11 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import PreferenceBased, ValueBased
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
@@ -27,8 +25,8 @@ _LARGEST = 1e100
 class _OptunaAgent(Peer):
     """An agent that keeps an Optuna study, whose sampler proposes the next sample."""
 
-    def __init__(self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0) -> None:
-        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
+    def _prepare(self) -> None:
+        super()._prepare()
         self._replay = Replay(self._start, self._feed)
 
     def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
@@ -44,7 +42,7 @@ class _OptunaAgent(Peer):
 
 
 @final
-class OptunaPreferential(_OptunaAgent, PreferenceBased):
+class OptunaPreferential(_OptunaAgent):
     """A preferential Gaussian process with hallucination believer (`PreferentialGPSampler`).
 
     The first `n_init` samples are a Latin hypercube. Then an Optuna study gets every answer, and
@@ -71,18 +69,18 @@ class OptunaPreferential(_OptunaAgent, PreferenceBased):
     _modules = ("optuna", _GP)
 
     def _start(self) -> OptunaSession:
-        with seeded(self._seed) as seed:
+        with seeded(self.setup.seed) as seed:
             return OptunaSession(len(self.space), _study, _sampler, seed)
 
     def _feed(self, session: OptunaSession, history: History) -> None:
-        with seeded(self._seed, history.answered) as seed:
+        with seeded(self.setup.seed, history.answered) as seed:
             session.run(np.array(history.samples[history.answered - 1].z))
             last = history.comparisons[-1]
             if last.teaches and last.answer.preference is not Preference.TIE:
                 pair = (session.trials[last.challenger], session.trials[last.incumbent or 0])
                 won = last.answer.preference is Preference.CHALLENGER
                 session.study.report_preference(*(pair if won else reversed(pair)))
-            if history.answered >= self.n_init and session.study.preferences:
+            if history.answered >= self.setup.n_init and session.study.preferences:
                 session.ask(seed)
 
 
@@ -100,7 +98,7 @@ def _sampler(seed: int) -> Any:
     return load(_GP, "peers").PreferentialGPSampler(seed=seed, noise_prior=noise)
 
 
-class _OptunaByValue(_OptunaAgent, ValueBased):
+class _OptunaByValue(_OptunaAgent):
     """A sampler of Optuna with its default settings.
 
     The first `n_init` samples are a Latin hypercube. Then an Optuna study is told every score, and
@@ -108,6 +106,8 @@ class _OptunaByValue(_OptunaAgent, ValueBased):
     are refused, as by every agent. The sampler keeps what it learned while scores are added, and
     replays all of them after an undo, a retraction or a restart.
     """
+
+    by_value = True
 
     _sampler: ClassVar[str]
     """Name of the sampler's class in `optuna.samplers`."""
@@ -119,7 +119,7 @@ class _OptunaByValue(_OptunaAgent, ValueBased):
         make: Any = getattr(optuna.samplers, self._sampler)
         # `ask` is first called after n_init experiments; without any score it is random.
         sampler = partial(make, n_startup_trials=1)
-        with torch_seeded(self._seed) as seed:
+        with torch_seeded(self.setup.seed) as seed:
             return OptunaSession(
                 len(self.space),
                 lambda sampler: optuna.create_study(sampler=sampler),
@@ -128,12 +128,12 @@ class _OptunaByValue(_OptunaAgent, ValueBased):
             )
 
     def _feed(self, session: OptunaSession, history: History) -> None:
-        with torch_seeded(self._seed, history.answered) as seed:
+        with torch_seeded(self.setup.seed, history.answered) as seed:
             score = history.comparisons[-1].value
             if score is not None:
                 z = np.array(history.samples[history.answered - 1].z)
                 session.run(z, float(np.clip(score, -_LARGEST, _LARGEST)))
-            if history.answered >= self.n_init:
+            if history.answered >= self.setup.n_init:
                 session.ask(seed)
 
 

@@ -9,7 +9,6 @@ from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.extras import load
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 
@@ -22,14 +21,14 @@ class Peer(Agent):
     _modules: ClassVar[tuple[str, ...]]
     """Modules of the extra `peers` without which the agent cannot be made."""
 
-    def __init__(self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0) -> None:
-        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
+    def _prepare(self) -> None:
         for module in self._modules:
             load(module, "peers")
 
-    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+    def propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return the next point: of the start, or what the package proposes."""
         index, tried = history.answered, Tried(self.space, history)
-        rng = np.random.default_rng([self._seed, index])
+        rng = np.random.default_rng([self.setup.seed, index])
         z = self._planned(index)
         if z is None:
             z = self._proposal(history, tried)
@@ -39,9 +38,9 @@ class Peer(Agent):
 
     def _planned(self, index: int) -> Float[np.ndarray, " n"] | None:
         """Return the sample of the start with this index; None after the start."""
-        if index >= self.n_init:
+        if index >= self.setup.n_init:
             return None
-        return np.asarray(latin_hypercube(self.space, self.n_init, self._seed)[index])
+        return np.asarray(latin_hypercube(self.space, self.setup.n_init, self.setup.seed)[index])
 
     def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
         """Return what the package proposes, about in the unit cube, shape (n,); None for nothing.

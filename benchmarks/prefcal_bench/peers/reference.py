@@ -7,17 +7,15 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences, cube_of, scores_of
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import PreferenceBased, ValueBased
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .peer import Peer
 
 
 @final
-class ReferenceGLIS(Peer, ValueBased):
+class ReferenceGLIS(Peer):
     """GLIS as published by its authors, with the package's own settings.
 
     It is set up again for each proposal, like `ReferenceGLISp`. Experiments without a score are
@@ -39,11 +37,13 @@ class ReferenceGLIS(Peer, ValueBased):
         MissingExtraError: If the extra `peers` is not installed.
     """
 
+    by_value = True
+
     version: ClassVar[int] = 1
     _modules = ("glis.solvers",)
 
     def _planned(self, index: int) -> Float[np.ndarray, " n"] | None:
-        return _design("GLIS", len(self.space), self.n_init, self._seed, index)
+        return _design("GLIS", len(self.space), self.setup.n_init, self.setup.seed, index)
 
     def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
         scored, values = scores_of(history)
@@ -52,14 +52,14 @@ class ReferenceGLIS(Peer, ValueBased):
         solver = _cube_solver("GLIS", cube_of(history)[scored])
         solver.initialize()
         _, exponent = np.frexp(np.abs(values).max())
-        with seeded(self._seed, history.answered):
+        with seeded(self.setup.seed, history.answered):
             for value in np.ldexp(values, -exponent):
                 z = solver.update(value)
         return np.asarray(z)
 
 
 @final
-class ReferenceGLISp(Peer, PreferenceBased):
+class ReferenceGLISp(Peer):
     """GLISp as published by its authors, with the package's own settings.
 
     The package owns its state. Here its solver is set up again for each proposal from the stored
@@ -84,24 +84,24 @@ class ReferenceGLISp(Peer, PreferenceBased):
     version: ClassVar[int] = 1
     _modules = ("glis.solvers",)
 
-    def __init__(self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0) -> None:
-        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
+    def _prepare(self) -> None:
+        super()._prepare()
         self._thetas: dict[History, float] = {}
 
     def _planned(self, index: int) -> Float[np.ndarray, " n"] | None:
-        return _design("GLISp", len(self.space), max(self.n_init, 2), self._seed, index)
+        return _design("GLISp", len(self.space), max(self.setup.n_init, 2), self.setup.seed, index)
 
     def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
         theta = self._theta(history)
         solver = self._solver(history, RBFcalibrate=False, thetas=np.array([theta]))
-        with seeded(self._seed, history.answered):
+        with seeded(self.setup.seed, history.answered):
             # The tie reported here is not added to its lists; it learns from them and proposes.
             return np.asarray(solver.update(0))
 
     def _solver(self, history: History, **options: Any) -> Any:
         """Return the package's solver in its state after running the last sample of `history`."""
         z = cube_of(history)
-        solver = _cube_solver("GLISp", z, expected_max_evals=self.n_max, **options)
+        solver = _cube_solver("GLISp", z, expected_max_evals=self.setup.n_max, **options)
         solver.initialize()
         lessons = Preferences.of(history)
         pairs = zip(lessons.b, lessons.first, lessons.second, strict=True)
@@ -113,8 +113,8 @@ class ReferenceGLISp(Peer, PreferenceBased):
 
     def _theta(self, history: History) -> float:
         """Return θ, the package's factor on ε, from its last validation before the next sample."""
-        start = max(self.n_init, 2)
-        quarters = [round(k * (self.n_max - start) / 4) for k in (0, 1, 2, 3)]
+        start = max(self.setup.n_init, 2)
+        quarters = [round(k * (self.setup.n_max - start) / 4) for k in (0, 1, 2, 3)]
         past = history.until(max(start + q for q in quarters if start + q <= history.answered))
         if past not in self._thetas:
             solver = self._solver(past)

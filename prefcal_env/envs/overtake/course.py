@@ -2,25 +2,24 @@
 
 from dataclasses import replace
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
 from jaxtyping import Float
 
 from prefcal_env.envs.checks import known_options, number, vector
+from prefcal_env.envs.task import Period
 from prefcal_env.errors import PlantError, ProtocolError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channels, End
 from prefcal_env.experiments.trajectory import Record, Trajectory
 from prefcal_env.plants.bicycle import Bicycle
 
-from . import _kernels
-from .geometry import BENT, REACH, Poses, Times, first_contact, outside, overlap
+from .geometry import Poses, Times, first_contact, kept, outside, overlap, surely_apart
 from .options import OvertakeOptions
 from .rules import KEEPING_SPEED, T_S_RANGE, Phase, gap, next_phase
-from .signals import signals_of
-from .traffic import Mover, Obstacle
+from .traffic import Mover, Obstacle, signals_of
 
 DEFAULT_T_S = 0.1
 SUB_STEP = 0.02
@@ -37,20 +36,6 @@ class Mishap(Enum):
 
     COLLISION = "collision"
     OFF_ROAD = "off the road"
-    NOT_FINITE = "not finite"
-
-
-_MISHAPS = None, Mishap.NOT_FINITE, Mishap.OFF_ROAD
-"""What the second number of `_kernels.kept` means."""
-
-
-class DrivenCar(NamedTuple):
-    """A completed period: its instants (including the start), the poses, and the held input."""
-
-    t: Times  # instants [s], shape (M,)
-    poses: Poses  # poses at `t`, shape (M, 3)
-    u: Float[np.ndarray, " 2"]  # held input (v [m/s], δ_s [rad]), shape (2,)
-    phase: Phase  # phase at the start of the period
 
 
 class Course:
@@ -73,6 +58,7 @@ class Course:
         self.options = options or OvertakeOptions()
         self.end: End | None = None
         self.mishap: Mishap | None = None
+        self.phase = Phase.LANE_KEEPING
         self._rng: np.random.Generator | None = None
         self._trajectory: Trajectory | None = None
 
@@ -103,7 +89,13 @@ class Course:
         T_s = number(given.get("T_s", DEFAULT_T_S), T_S_RANGE, "T_s")
         x0 = given.get("x0")
         pose = vector(self.options.x0 if x0 is None else x0, 3, "initial pose x0")
-        simulation, movers = self._traffic(pose, self._rng)
+        simulation = None
+        if self.options.vehicles_count:
+            # Imported here so that highway-env is loaded only if there are drivers.
+            from .vehicles import Drivers
+
+            simulation = Drivers(self.options, pose, self._rng)
+        movers: tuple[Mover, ...] = (Obstacle(), *(simulation.tracks if simulation else ()))
         touching = any(overlap(pose[None], o.at(np.zeros(1))[:, :3])[0] for o in movers)
         if touching or outside(pose[None], self.options.road)[0] > ROAD_MARGIN:
             raise PlantError(f"the initial pose x0 is in a collision or off the road: {pose}")
@@ -116,21 +108,9 @@ class Course:
         # Where the obstacle will be, all at once: faster than period by period.
         self._ahead = Obstacle().at(self._times.ravel()).reshape(*self._times.shape, 4)
         self.phase = Phase.LANE_KEEPING
-        self._look()
+        self._look(np.concatenate([mover.at(np.zeros(1)) for mover in movers]))
 
-    def _traffic(
-        self, pose: Float[np.ndarray, " 3"], rng: np.random.Generator
-    ) -> tuple[Any, tuple[Mover, ...]]:
-        """Return the simulation of the drivers, None if there are none, and all other vehicles."""
-        if not self.options.vehicles_count:
-            return None, (Obstacle(),)
-        # Imported here so that highway-env is loaded only if there are drivers.
-        from .vehicles import SimulatedVehicle
-
-        simulation = SimulatedVehicle(self.options, pose, rng)
-        return simulation, simulation.movers
-
-    def apply(self, u: Float[np.ndarray, " 2"]) -> DrivenCar:
+    def apply(self, u: Float[np.ndarray, " 2"]) -> Period:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
 
         Raises:
@@ -147,16 +127,18 @@ class Course:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
         others = np.stack([self._ahead[step], *(o.at(times) for o in self.movers[1:])])
         t, x, self.mishap = self._period(u, times, others)
-        trajectory.add(t[1:], x[1:], u, self._y_ref())
+        period = Period(t, x, u_before=self.u, u=u, y_ref=self._y_ref(), T_s=float(times[-1] - times[0]))
+        trajectory.add(t[1:], x[1:], u, period.y_ref)
         self._phases.append((self.phase, len(t) - 1))
-        driven = DrivenCar(t, x, u, self.phase)
         self.t, self.x, self.u = float(t[-1]), x[-1], u
-        self._look(others[:, -1] if self.mishap is None else None)
         if self.mishap is not None:
             self.end = End.UNSAFE
-        elif self.t >= self.options.duration * (1 - 1e-12):
+            self._look(np.concatenate([mover.at(t[-1:]) for mover in self.movers]))
+            return period
+        self._look(others[:, -1])
+        if self.t >= self.options.duration * (1 - 1e-12):
             self.end = End.TIME_UP
-        return driven
+        return period
 
     def _period(
         self, u: Float[np.ndarray, " 2"], t: Times, others: Float[np.ndarray, "n M1 4"]
@@ -180,12 +162,12 @@ class Course:
             return states(at), [mover.at(at)[:, :3] for mover in self.movers]
 
         driven = np.concatenate([x[None], _PLANT.hold(x, u, _NONE, t[1:] - start)])
-        kept, why = _kernels.kept(driven, self.options.road, ROAD_MARGIN)
-        t, driven, touched = t[: kept + 1], driven[: kept + 1], None
-        if not _kernels.surely_apart(driven, others, BENT, REACH):
+        last, left = kept(driven, self.options.road, ROAD_MARGIN)
+        t, driven, touched = t[: last + 1], driven[: last + 1], None
+        if not surely_apart(driven, others):
             touched = first_contact(motion, t)
         if touched is None:
-            return t, driven, _MISHAPS[why]
+            return t, driven, Mishap.OFF_ROAD if left else None
         n = int(np.searchsorted(t[1:], touched)) + 1
         driven = np.concatenate([driven[:n], states(np.array([touched]))])
         return np.append(t[:n], touched), driven, Mishap.COLLISION
@@ -229,10 +211,8 @@ class Course:
         """Return the reference of lane keeping: straight ahead from here, shape (3,)."""
         return np.array([self.x[0], 0.0, 0.0])
 
-    def _look(self, places: Float[np.ndarray, "n 4"] | None = None) -> None:
-        """Note where every vehicle is at this sampling instant; None looks it up."""
-        if places is None:
-            places = np.concatenate([mover.at(np.array([self.t])) for mover in self.movers])
+    def _look(self, places: Float[np.ndarray, "n 4"]) -> None:
+        """Note where every vehicle is at this sampling instant."""
         self.obstacles = places[:, [0, 1, 3]]
         self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
 

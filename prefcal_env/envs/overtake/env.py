@@ -10,23 +10,32 @@ from highway_env.envs.common.graphics import EnvViewer
 from highway_env.envs.common.observation import ObservationType, observation_factory
 from jaxtyping import Float
 
-from prefcal_env.envs.checks import check_render_mode, known_options, number, vector
+from prefcal_env.envs.canvas import check_render_mode
+from prefcal_env.envs.checks import known_options, number, vector
+from prefcal_env.envs.task import Period
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.trajectory import Record
 from prefcal_env.plants.bicycle import KMH
 
-from .course import HIGH, LOW, Course, DrivenCar, Mishap
+from .course import HIGH, LOW, Course, Mishap
 from .options import OvertakeOptions, paper_scene
 from .rules import MISHAP_COST, T_S_RANGE, stage_cost
 from .vehicles import CRASHED, OWN, OwnVehicle, place, road_of
 
 Array = np.ndarray[Any, Any]
-OBSERVATION, ACTION = "OvertakeObservation", "SpeedSteeringAction"
-OBSERVATIONS = (OBSERVATION, "Kinematics", "OccupancyGrid", "LidarObservation", "TupleObservation")
-ACTIONS = (ACTION, "ContinuousAction", "DiscreteAction")
-"""Types that a configuration can name; all but the first are highway-env's."""
+KINDS = {
+    "observation": (
+        "OvertakeObservation",
+        "Kinematics",
+        "OccupancyGrid",
+        "LidarObservation",
+        "TupleObservation",
+    ),
+    "action": ("SpeedSteeringAction", "ContinuousAction", "DiscreteAction"),
+}
+"""Types that a configuration can name; the first one is ours, the others are highway-env's."""
 _OBSERVED = np.array(
     [
         (40 * KMH, 70 * KMH),
@@ -102,8 +111,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
     - Observation, by default float32, shape (7,): see `OvertakeObservation`.
     - Reward: minus `stage_cost` (speed, lane, steering) times the duration of the step; after
       a mishap also minus `MISHAP_COST` times the rest of the horizon.
-    - terminated: collision, more than 1 m off the road, or a state that is not finite.
-      truncated: the first sample at or after 15 s.
+    - terminated: collision, or more than 1 m off the road. truncated: the first sample at or after
+      15 s. A state is always finite: the inputs saturate.
     - Info: `t` [s], `x` and `u` in the plant's units, `speed` [m/s], `crashed`, `gap`,
       `lateral_offset` [m], `phase`; `end` at the end, and `mishap` if there was one.
     - Options of `reset`: any `T_s` in [0.085, 0.5] s; `x0`, the pose (x_f, y_f, θ); `config`.
@@ -142,11 +151,9 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self.observation_space: Any = None
         self.viewer: Any = None
         self._once: dict[str, Any] = {}
-        self._driven: DrivenCar | None = None
-        for name, value in (("T_s", T_s), ("x0", x0)):
-            if value is not None:
-                config = {**(config or {}), name: value}
-        super().__init__(config, render_mode)
+        self._reward_of_step = 0.0
+        given = {name: value for name, value in (("T_s", T_s), ("x0", x0)) if value is not None}
+        super().__init__({**(config or {}), **given} if given else config, render_mode)
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
@@ -155,9 +162,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         The scene is that of `OvertakeOptions`. A `T_s` of None means 1/`policy_frequency`; with a
         `screen_height` of None the height follows from the lanes.
         """
-        ours = {
-            "observation": {"type": OBSERVATION},
-            "action": {"type": ACTION},
+        ours = {what: {"type": kinds[0]} for what, kinds in KINDS.items()} | {
             "policy_frequency": 10,
             "T_s": None,
             "screen_width": 960,
@@ -177,8 +182,10 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             raise SettingsError(f"config has unknown keys {unknown}, expected some of {sorted(known)}")
         wanted = self.config | (config or {})
         options = OvertakeOptions.of({name: wanted[name] for name in paper_scene()})
-        _check_type(wanted["observation"], OBSERVATIONS, "observation")
-        _check_type(wanted["action"], ACTIONS, "action")
+        for what, kinds in KINDS.items():
+            kind = wanted[what]
+            if not isinstance(kind, dict) or kind.get("type") not in kinds:
+                raise SettingsError(f'{what} must be like {{"type": ...}}, one of {kinds}, got {kind!r}')
         if wanted["T_s"] is None:
             T_s = 1 / number(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
         else:
@@ -189,15 +196,14 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
     def define_spaces(self) -> None:
         """Set types and spaces of observation and action; equal spaces keep their identity."""
         seen, done = self.config["observation"], self.config["action"]
-        own = seen["type"] == OBSERVATION
-        self.observation_type = OvertakeObservation(self) if own else observation_factory(self, seen)
-        own = done["type"] == ACTION
-        self.action_type = SpeedSteeringAction(self) if own else action_factory(self, done)
-        seen, done = self.observation_type.space(), self.action_type.space()
-        if self.observation_space != seen:
-            self.observation_space = seen
-        if self.action_space != done:
-            self.action_space = done
+        ours = seen["type"] == KINDS["observation"][0]
+        self.observation_type = OvertakeObservation(self) if ours else observation_factory(self, seen)
+        ours = done["type"] == KINDS["action"][0]
+        self.action_type = SpeedSteeringAction(self) if ours else action_factory(self, done)
+        if self.observation_space != self.observation_type.space():
+            self.observation_space = self.observation_type.space()
+        if self.action_space != self.action_type.space():
+            self.action_space = self.action_type.space()
 
     def update_metadata(self, video_real_time_ratio: float = 1.0) -> None:
         """Set the frame rate of videos to real time: one picture for each step."""
@@ -236,7 +242,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         if given.get("T_s") is not None:
             number(given["T_s"], T_S_RANGE, "T_s")
         self.configure(config)  # also for what was written into `config`, highway-env's idiom
-        self._once, self._driven = given, None
+        self._once = given
         return super().reset(seed=seed)  # type: ignore[no-any-return]
 
     def inputs(self, action: Any) -> Float[np.ndarray, " 2"]:
@@ -253,17 +259,19 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self.action_type.act(action)
         return self.vehicle.inputs(self.T_s)  # type: ignore[no-any-return]
 
-    def apply(self, u: Float[np.ndarray, " 2"]) -> DrivenCar:
+    def apply(self, u: Float[np.ndarray, " 2"]) -> Period:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
 
         Raises:
             PlantError: If the inputs have the wrong shape or are NaN.
             ProtocolError: If no episode is running.
         """
-        self._driven = driven = self.course.apply(u)
+        phase = self.course.phase
+        step = self.course.apply(u)
+        self._reward_of_step = -stage_cost(step.t, step.x[:, 1], step.u, phase) * step.duration
         self.steps += 1
         self._place()
-        return driven
+        return step
 
     def observe(self) -> Any:
         """Return the current observation, as `reset` and `step` do."""
@@ -318,13 +326,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
                 place(driver, *mover.at(np.array([course.t]))[0, :3].tolist())
 
     def _reward(self, action: Any) -> float:
-        driven = self._driven
-        assert driven is not None
-        duration = driven.t[-1] - driven.t[0]
-        reward = -stage_cost(driven.t, driven.poses[:, 1], driven.u, driven.phase) * duration
-        if self._is_terminated():
-            reward -= MISHAP_COST * max(self.options.duration - driven.t[-1], 0.0)
-        return float(reward)
+        rest = max(self.options.duration - self.course.t, 0.0) if self._is_terminated() else 0.0
+        return float(self._reward_of_step - MISHAP_COST * rest)
 
     def _is_terminated(self) -> bool:
         return self.mishap is not None
@@ -350,8 +353,3 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         if course.mishap is not None:
             info["mishap"] = course.mishap.value
         return info
-
-
-def _check_type(config: Any, known: tuple[str, ...], what: str) -> None:
-    if not isinstance(config, dict) or config.get("type") not in known:
-        raise SettingsError(f'{what} must be like {{"type": ...}}, one of {known}, got {config!r}')

@@ -18,9 +18,10 @@ from jaxtyping import Float
 
 from prefcal_env.plants.bicycle import Bicycle
 
+from .geometry import Times
 from .options import OvertakeOptions
-from .rules import KEEPING_SPEED, LANE_WIDTH, LENGTH, OVERTAKING_SPEED, WIDTH
-from .traffic import Mover, Obstacle, Track
+from .rules import KEEPING_SPEED, LANE_WIDTH, LENGTH, OBSTACLE_SPEED, OVERTAKING_SPEED, WIDTH
+from .traffic import Obstacle, Places
 
 OWN, OTHER, CRASHED = (64, 156, 255), (255, 176, 46), (230, 57, 70)
 """Colors of the ego vehicle, of the others, and of the ego vehicle in a collision, RGB."""
@@ -83,10 +84,9 @@ class ObstacleVehicle(Vehicle):  # type: ignore[misc]
     LENGTH, WIDTH = LENGTH, WIDTH
 
     def __init__(self, road: Road) -> None:
-        self.course = Obstacle()
-        super().__init__(road, [0.0, 0.0], speed=self.course.speed)
+        super().__init__(road, [0.0, 0.0], speed=OBSTACLE_SPEED)
         self.check_collisions, self.color = False, OTHER
-        self.target_speed = self.course.speed
+        self.target_speed = OBSTACLE_SPEED
         self.put(0.0)
 
     def step(self, dt: float) -> None:
@@ -96,7 +96,7 @@ class ObstacleVehicle(Vehicle):  # type: ignore[misc]
     def put(self, t: float) -> None:
         """Place it where it is at `t` [s]."""
         self.time = t
-        place(self, *self.course.at(np.array([t]))[0, :3].tolist())
+        place(self, *Obstacle().at(np.array([t]))[0, :3].tolist())
 
 
 def road_of(options: OvertakeOptions, x: Float[np.ndarray, " 3"], rng: np.random.Generator) -> Road:
@@ -127,8 +127,29 @@ def place(vehicle: Any, x: float, y: float, turned: float) -> None:
     vehicle.on_state_update()
 
 
-class SimulatedVehicle:
-    """A road with drivers who react to each other; they decide several times per period.
+class Track:
+    """The path that a driver of highway-env has driven so far, straight between two instants.
+
+    This matches highway-env, which keeps speed and direction constant for a step.
+    """
+
+    def __init__(self) -> None:
+        self._t: list[float] = []
+        self._places: list[tuple[float, float, float, float]] = []
+
+    def add(self, t: float, x: float, y: float, turned: float, speed: float) -> None:
+        """Append pose and speed along the road [m/s] at `t` [s]."""
+        self._t.append(t)
+        self._places.append((x, y, turned, speed))
+
+    def at(self, t: Times) -> Places:
+        """Return pose and speed at the times `t` [s], shape (K, 4)."""
+        known = np.array(self._places).T
+        return np.stack([np.interp(t, self._t, values) for values in known], axis=1)
+
+
+class Drivers:
+    """The drivers on a road, who react to each other; they decide several times per period.
 
     In a period of T_s they decide and drive n times T_s/n, where n is the smallest number that
     respects the simulation frequency; so every T_s is driven to its end.
@@ -144,8 +165,7 @@ class SimulatedVehicle:
     ) -> None:
         self._frequency = options.simulation_frequency
         self.road: Road = road_of(options, x, rng)
-        self._tracks = [Track() for _ in range(options.vehicles_count)]
-        self.movers: tuple[Mover, ...] = (Obstacle(), *self._tracks)
+        self.tracks = tuple(Track() for _ in range(options.vehicles_count))
         self._note(0.0)
 
     def drive(self, x: Float[np.ndarray, " 3"], u: Float[np.ndarray, " 2"], start: float, end: float) -> None:
@@ -160,5 +180,5 @@ class SimulatedVehicle:
             self._note(end - (end - start) * (n - 1 - i) / n)
 
     def _note(self, t: float) -> None:
-        for track, driver in zip(self._tracks, self.road.vehicles[2:], strict=True):
+        for track, driver in zip(self.tracks, self.road.vehicles[2:], strict=True):
             track.add(t, *pose(driver), float(driver.speed * np.cos(driver.heading)))

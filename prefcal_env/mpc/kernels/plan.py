@@ -77,36 +77,3 @@ def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
                     W[j, q] = U[k, j, q]
         _step(A, B, c, k, X, W)
     return U, X, unit
-
-
-@inlined()
-def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
-    """Return the plan of `forward` with the inputs themselves as variables, and the cost rows T.
-
-    Returns U and X as `forward`, but affine in the inputs, and T (n_v, n_v + 1) with the
-    deviations v = T (u, 1), so that the cost is |T (u, 1)|². Rows of T may grow like the plant.
-    """
-    N_u, n_u = R.shape[0], R.shape[1]
-    n_x = A.shape[1]
-    n_v = N_u * n_u
-    U = np.zeros((N_u, n_u, n_v + 1))
-    X = np.zeros((max(N_u, N_y) + 1, n_x, n_v + 1))
-    W = np.zeros((n_u, n_v + 1))
-    T = np.zeros((n_v, n_v + 1))
-    for k in range(max(N_u, N_y)):
-        if k < N_u:
-            for j in range(n_u):
-                U[k, j, k * n_u + j] = 1.0
-            for j in range(n_u):
-                row = T[k * n_u + j]
-                for q in range(n_u):
-                    for i in range(n_v + 1):
-                        row[i] += R[k, j, q] * U[k, q, i] + R[k, j, n_u + n_x + q] * W[q, i]
-                for q in range(n_x):
-                    _add(row, R[k, j, n_u + q], X[k, q])
-                row[n_v] += R[k, j, n_u + n_x + n_u]
-            for j in range(n_u):
-                for q in range(n_v + 1):
-                    W[j, q] = U[k, j, q]
-        _step(A, B, c, k, X, W)
-    return U, X, T

@@ -7,7 +7,7 @@ from prefcal_env.qp._active_set import SOLVED, nearest
 from prefcal_env.qp._kernels import TOLERANCE, residuals
 
 from .model import at_point
-from .plan import forward, open_loop
+from .plan import forward
 from .riccati import backward
 from .rows import inputs, limit_rows, trusted
 
@@ -39,11 +39,15 @@ def decide(equations, measured, model, horizons, weights, hard, soft, solver):  
     if not np.isfinite(x.sum() + u.sum() + d.sum() + y_ref.sum()):
         vector, matrix, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
         return NOT_FINITE, np.int64(0), matrix, cube, matrix, vector, vector
-    found, R = _feedback(equations, measured, model, horizons, weights)
-    U, X, unit = forward(found[0], found[1], found[2], R, horizons[3])
-    G, low, high = limit_rows(U, X, (found[3], found[4], found[5]), u, hard, soft, unit)
+    T_s, N_p, N_u, N_y = horizons
+    found = model if len(model[0]) else at_point(equations, x, u, d, T_s, N_p, y_ref.shape[1])
+    A, B, c, C, D, e = found
+    root_y, root_u, root_du, u_ref = weights
+    R = backward(A, B, c, C, D, e, (root_y, root_u, root_du), (y_ref, u_ref, u), N_u)
+    U, X, unit = forward(A, B, c, R, N_y)
+    G, low, high = limit_rows(U, X, (C, D, e), u, hard, soft, unit)
     how, iterations, plan = NOT_TRUSTED, np.int64(0), np.zeros(U.shape[:2])
-    if trusted(U, X, horizons[3] > 0):
+    if trusted(U, X, N_y > 0):
         compiled, absolute, relative, most = solver
         if not compiled:
             most = np.int64(0)  # then only a plan without active limits is found
@@ -52,41 +56,6 @@ def decide(equations, measured, model, horizons, weights, hard, soft, solver):  
         if ended == SOLVED and _checked(G, low, high, z, y):
             how, plan = DECIDED, inputs(U, z, u, hard)
     return how, iterations, plan, U, G, low, high
-
-
-@kernel()
-def in_inputs(equations, measured, model, horizons, weights, hard, soft):  # type: ignore[no-untyped-def]
-    """Return the same problem with the inputs themselves as variables.
-
-    Returns:
-        Whether it can be trusted, U, G, low and high as `decide`, and T (n_v, n_v + 1): the cost
-        is ½|T (u, 1)|² plus half the square of the slack variable.
-    """
-    found, R = _feedback(equations, measured, model, horizons, weights)
-    U, X, T = open_loop(found[0], found[1], found[2], R, horizons[3])
-    unit = 0.0
-    for i in range(T.shape[0]):
-        for j in range(T.shape[1]):
-            unit = max(unit, abs(T[i, j]))
-    for i in range(T.shape[0]):
-        for j in range(T.shape[1]):
-            T[i, j] /= unit
-    outputs = found[3], found[4], found[5]
-    G, low, high = limit_rows(U, X, outputs, measured[1], hard, soft, unit)
-    usable = np.isfinite(T.sum()) and trusted(U, X, horizons[3] > 0)
-    return usable, U, G, low, high, T
-
-
-@inlined()
-def _feedback(equations, measured, model, horizons, weights):  # type: ignore[no-untyped-def]
-    """Return the prediction model and the rows R of the optimal feedback (`riccati`)."""
-    x, u, d, y_ref = measured
-    T_s, N_p, N_u, _ = horizons
-    found = model if len(model[0]) else at_point(equations, x, u, d, T_s, N_p, y_ref.shape[1])
-    A, B, c, C, D, e = found
-    root_y, root_u, root_du, u_ref = weights
-    R = backward(A, B, c, C, D, e, (root_y, root_u, root_du), (y_ref, u_ref, u), N_u)
-    return found, R
 
 
 @inlined()

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Channels
 from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -169,9 +168,9 @@ def _name(where: str, d: Description) -> str:
 
 
 def _kpis(stated: Mapping[str, float | Mapping[str, Any]], made: Scenario, where: str) -> tuple[KPI, ...]:
-    channels = getattr(made.run, "channels", None)
+    channels = made.source.channels
     known = {kpi.name: kpi for kpi in made.kpis}
-    if isinstance(channels, Channels):
+    if channels is not None:
         known = {n: KPI(**row) for n, row in tracking_rows(channels).items()} | known
     return tuple(_kpi(name, value, known, where) for name, value in stated.items())
 
@@ -189,9 +188,9 @@ def _kpi(name: str, value: float | Mapping[str, Any], known: Mapping[str, KPI], 
 def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:
     """Return the panels: those to show in their order, each with the look that the file gives."""
     looks = {n: stated(t, Panel, f"{where}, [panels] {n}") for n, t in d.panels.items()}
-    channels = getattr(made.run, "channels", None)
+    channels = made.source.channels
     usual = {panel.name: panel for panel in made.panels}
-    if not usual and isinstance(channels, Channels):
+    if not usual and channels is not None:
         usual = {plot.name: Panel(plot.name) for plot in plots_of(channels)}
     shown = d.show or [*usual, *(name for name in looks if name not in usual)]
     names = dict.fromkeys([*shown, *looks])

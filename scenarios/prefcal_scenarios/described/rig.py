@@ -5,7 +5,7 @@ from typing import Any
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel, Channels
-from prefcal_env.rig import Rig
+from prefcal_env.sources.rig import Rig
 from prefcal_env.wording import did_you_mean
 
 from .tables import RigTable, SignalTable, checked, stated

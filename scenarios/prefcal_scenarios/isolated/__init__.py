@@ -4,7 +4,7 @@ The process loads the user's file itself, so nothing needs to be picklable: θ g
 an experiment come out.
 """
 
-from .own_run import OwnRun as OwnRun
+from .own_run import OwnSource as OwnSource
 from .run import DEFAULT_LIMIT as DEFAULT_LIMIT
-from .run import IsolatedRun as IsolatedRun
+from .run import Isolated as Isolated
 from .run import isolation as isolation

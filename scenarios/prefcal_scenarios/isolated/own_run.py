@@ -3,7 +3,6 @@
 import faulthandler
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,12 +10,13 @@ from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.sources.source import Source
 from prefcal_env.study import space_of
 from prefcal_env.study.codec import encode
 from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.own.checks import returned
-from prefcal_scenarios.scenario import Run, Scenario, with_ranges
+from prefcal_scenarios.scenario import Scenario, with_ranges
 
 _BEYOND = 30.0
 """Seconds after the time limit when the process ends itself, in case prefcal is gone."""
@@ -27,24 +27,23 @@ Ranges = dict[str, Any] | None
 """Ranges of a study as plain data; None for those of the scenario."""
 
 
-@dataclass(frozen=True, slots=True)
-class OwnRun:
-    """The run of a user's own scenario; when it is unpickled, the user's file is loaded.
+class OwnSource(Source):
+    """The source of a user's own scenario; when it is unpickled, the user's file is loaded.
 
     Args:
-        source: Source of the scenario, path/to/own.py:NAME.
+        path: Source of the scenario, path/to/own.py:NAME.
         ranges: Ranges of the study; None for those of the scenario.
     """
 
-    source: str
-    ranges: Ranges
+    def __init__(self, path: str, ranges: Ranges) -> None:
+        self._path, self._ranges = path, ranges
 
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+    def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, physical, shape (n,), in this process."""
-        return _loaded(self.source, self.ranges)(theta, seed=seed)
+        return _loaded(self._path, self._ranges).run(theta, seed=seed)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _loaded, (self.source, self.ranges)
+        return _loaded, (self._path, self._ranges)
 
 
 def ranges_of(space: KnobSpace | None) -> Ranges:
@@ -70,22 +69,22 @@ def work_of(source: str, limit: float) -> Callable[[tuple[Any, int, Ranges]], by
         if limit < _LONGEST:
             faulthandler.dump_traceback_later(limit + _BEYOND, exit=True)
         try:
-            return encode(returned(_run_of(scenario, ranges)(theta, seed=seed)))
+            return encode(returned(_source_of(scenario, ranges).run(theta, seed=seed)))
         finally:
             faulthandler.cancel_dump_traceback_later()
 
     return run
 
 
-def _loaded(source: str, ranges: Ranges) -> Run:
-    """Return the run of the scenario, with the ranges of the study."""
-    return _run_of(load(source), ranges)
+def _loaded(path: str, ranges: Ranges) -> Source:
+    """Return the source of the scenario, with the ranges of the study."""
+    return _source_of(load(path), ranges)
 
 
-def _run_of(scenario: Scenario, ranges: Ranges) -> Run:
+def _source_of(scenario: Scenario, ranges: Ranges) -> Source:
     if ranges is None:
-        return scenario.run
+        return scenario.source
     by_now = space_of(ranges)
     within = dict(zip(by_now.names, by_now.within, strict=True))
     constraints = scenario.space.constraints
-    return with_ranges(scenario, KnobSpace(by_now.knobs, constraints, within=within)).run
+    return with_ranges(scenario, KnobSpace(by_now.knobs, constraints, within=within)).source

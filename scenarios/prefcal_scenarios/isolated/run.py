@@ -1,67 +1,94 @@
 """Move the run of a scenario into worker processes that load the user's file."""
 
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RunError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.key import theta_key
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.live import LiveRig
-from prefcal_env.rig import Rig
+from prefcal_env.sources.run import Run
+from prefcal_env.sources.source import NamesOf, Source
 from prefcal_env.study.codec import decode
 from prefcal_env.workers import GRACE, Terms, Worker
 from prefcal_scenarios.names import is_own
 from prefcal_scenarios.scenario import Scenario
 
-from .own_run import OwnRun, ranges_of, work_of
+from .own_run import OwnSource, ranges_of, work_of
 
 DEFAULT_LIMIT = 3600.0
 """Default time limit of a run in seconds, longer than most simulations."""
 
 
-@dataclass(frozen=True, slots=True)
-class IsolatedRun:
-    """A run of θ in the process of a worker, where it is known by the key of θ.
+class Isolated(Source):
+    """A user's own source whose runs happen in worker processes, one each at the same time.
 
     Args:
-        source: Source of the scenario, path/to/own.py:NAME.
-        workers: Workers that run θ, one each at the same time.
+        own: Source as it was loaded here; it is not run.
+        path: Source of the scenario, path/to/own.py:NAME.
+        workers: Workers that run θ.
         space: Ranges of the study, if they were changed; those of the scenario if None.
     """
 
-    source: str
-    workers: tuple[Worker, ...]
-    space: KnobSpace | None = None
-    _idle: SimpleQueue[Worker] = field(default_factory=SimpleQueue, compare=False)
-
-    def __post_init__(self) -> None:
-        for worker in self.workers if self._idle.empty() else ():
+    def __init__(
+        self, own: Source, path: str, workers: Sequence[Worker], space: KnobSpace | None = None
+    ) -> None:
+        self._own, self._path, self._workers, self._space = own, path, tuple(workers), space
+        self.channels, self.signals, self.controller = own.channels, own.signals, own.controller
+        self.maneuvers, self.limit = own.maneuvers, workers[0].limit
+        self._idle = SimpleQueue[Worker]()
+        for worker in workers:
             self._idle.put(worker)
 
-    @property
-    def worker(self) -> Worker:
-        """Return the first worker, which is the only one unless several θ run at once."""
-        return self.workers[0]
+    def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Run:
+        """Return a run of θ, physical, shape (n,), which can be stopped from now on."""
+        request = theta, seed, ranges_of(self._space)
+        return _WorkerRun(request, self._workers, self._idle)
+
+    def within(self, space: KnobSpace) -> "Isolated":
+        """Return the same source with the ranges of `space`."""
+        return Isolated(self._own, self._path, self._workers, space)
+
+    def tracked(self, names: NamesOf) -> "Isolated":
+        """Return this: the workers' own scenario has the KPIs already."""
+        return self
 
     @property
-    def elsewhere(self) -> OwnRun:
-        """Return the same run for the workers of a pool."""
-        return OwnRun(self.source, ranges_of(self.space))
+    def elsewhere(self) -> Source:
+        """Return the same source for the workers of a pool: each loads the user's file."""
+        return OwnSource(self._path, ranges_of(self._space))
 
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Run θ, physical, shape (n,). Raises RunError if there is no experiment."""
-        alone = len(self.workers) == 1  # then it may wait for a run that is being ended
-        worker = self.worker if alone else self._idle.get()
+    @property
+    def hangs(self) -> bool:
+        """Return whether the last run had to be ended, so that the next one may hang, too."""
+        return self._workers[0].hangs
+
+
+class _WorkerRun(Run):
+    """A run in a worker, which knows it by its name."""
+
+    def __init__(
+        self, request: tuple[Any, ...], workers: Sequence[Worker], idle: SimpleQueue[Worker]
+    ) -> None:
+        self._request, self._workers, self._idle = request, workers, idle
+        self._name, self._why = object(), ""
+        if len(workers) == 1 and workers[0].is_idle:
+            workers[0].reserve(self._name)  # so that it can be stopped before it is advanced
+
+    def advance(self) -> Experiment:
+        """Run θ in a worker. Raises RunError if there is no experiment."""
+        if self._why:
+            raise RunError("you stopped the run before it began", self._why)
+        alone = len(self._workers) == 1  # then it may wait for a run that is being ended
+        worker = self._workers[0] if alone else self._idle.get()
         try:
-            request = theta, seed, ranges_of(self.space)
-            return decode(worker.run(request, theta_key(theta)))
+            return decode(worker.run(self._request, self._name))
         except RunError:
             worker.start()  # so that it loads the file while people read
             raise
@@ -69,9 +96,13 @@ class IsolatedRun:
             if not alone:
                 self._idle.put(worker)
 
-    def within(self, space: KnobSpace) -> "IsolatedRun":
-        """Return the same run with the ranges of `space`."""
-        return replace(self, space=space)
+    def stop(self, why: str, within: float = 0.0) -> None:
+        """Stop the run, also before it began."""
+        worker = next((w for w in self._workers if w.busy_with(self._name)), None)
+        if worker is None:
+            self._why = why
+        else:
+            worker.stop(why, within)
 
 
 @contextmanager
@@ -104,12 +135,12 @@ def isolation(
     workers = tuple(Worker(lambda: work, limit, terms) for _ in range(at_once))
 
     def isolated(scenario: Scenario) -> Scenario:
-        if isinstance(scenario.run, Rig | LiveRig):
+        if scenario.source.asks:
             if at_once > 1:
                 raise SettingsError("a rig runs one experiment at a time: leave --at-once out")
             workers[0].close(gently=True)
             return scenario
-        return replace(scenario, run=IsolatedRun(source, workers))
+        return replace(scenario, run=Isolated(scenario.source, source, workers))
 
     for worker in workers if early else ():
         worker.start()

@@ -109,7 +109,7 @@ def _results(
     scenario: Scenario, thetas: Iterable[Float[np.ndarray, " n"]], options: _Options, ahead: int
 ) -> Generator[Result, None, None]:
     """Yield the results of all `thetas` in order, of which `ahead` may wait for an earlier one."""
-    task = Task(scenario.run, int(options.seed), options.trajectories)
+    task = Task(scenario.source, int(options.seed), options.trajectories)
     total = len(thetas) if isinstance(thetas, Sized) else None
     jobs = options.jobs or usable_cores()
     jobs = jobs if total is None else min(jobs, max(total, 1))
@@ -118,19 +118,20 @@ def _results(
     checked = _checked(scenario.space, thetas)
 
     def results() -> Generator[Result, None, None]:
-        with _counting(options.progress, total) as landed:
+        with _shown(options.progress) as show:
+            arrived = taken = 0
             if here:
                 for theta in checked:
-                    result = task.here(theta)
-                    landed(1)
+                    result, arrived = task.here(theta), arrived + 1
+                    show(arrived, total)
                     yield result
                 return
-            pool, taken = task.pool(jobs, limit, Terms(allows="timeout")), 0
-            done: dict[int, Result] = {}
+            pool, done = task.pool(jobs, limit, Terms(allows="timeout")), dict[int, Result]()
             with closing(run_all(pool, checked, ahead)) as arriving:
-                for arrived in arriving:
-                    landed(len(arrived))
-                    done |= dict(arrived)
+                for found in filter(None, arriving):
+                    arrived += len(found)
+                    show(arrived, total)
+                    done |= dict(found)
                     while taken in done:
                         yield done.pop(taken)
                         taken += 1
@@ -167,27 +168,11 @@ def _checked(
 
 
 @contextmanager
-def _counting(progress: Progress | bool, total: int | None) -> Iterator[Callable[[int], None]]:
-    """Yield a function that is told how many more results have arrived, and passes on the sum."""
-    arrived = 0
-
-    def landed(count: int) -> None:
-        nonlocal arrived
-        arrived += count
-        if count:
-            show(arrived, total)
-
-    if progress is True:
-        with _bar() as show:
-            yield landed
-    else:
-        show = progress or _nothing
-        yield landed
-
-
-@contextmanager
-def _bar() -> Iterator[Progress]:
-    """Show a progress bar with the remaining time on standard error."""
+def _shown(progress: Progress | bool) -> Iterator[Progress]:
+    """Yield the function that is told about progress; for True, it draws a bar on standard error."""
+    if progress is not True:
+        yield progress or (lambda arrived, total: None)
+        return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -196,7 +181,3 @@ def _bar() -> Iterator[Progress]:
     with Bar(*columns, console=Console(stderr=True)) as display:
         task = display.add_task("experiments", total=None)
         yield lambda arrived, total: display.update(task, completed=arrived, total=total)
-
-
-def _nothing(arrived: int, total: int | None) -> None:
-    """Show nothing."""

@@ -16,11 +16,11 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RunError, ScenarioError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.sources.source import Source
 from prefcal_env.study.codec import decode, encode
 from prefcal_env.workers import Pool, Terms, attempt
 from prefcal_scenarios.own.checks import returned
 from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.scenario import Run
 
 from .results import FailedRun, Result, Simulated
 
@@ -30,18 +30,18 @@ class Task:
     """How each θ is run.
 
     Args:
-        run: Run of the scenario.
+        source: Source of the scenario.
         seed: Seed of every run.
         trajectories: Whether results are whole experiments.
     """
 
-    run: Run
+    source: Source
     seed: int
     trajectories: bool
 
     def __call__(self, theta: Float[np.ndarray, " n"]) -> Simulated | Experiment:
         """Run θ, physical, shape (n,), and raise whatever the run raises."""
-        experiment = returned(self.run(theta.copy(), seed=self.seed))
+        experiment = returned(self.source.run(theta.copy(), seed=self.seed))
         return experiment if self.trajectories else Simulated.of(experiment)
 
     def here(self, theta: Float[np.ndarray, " n"]) -> Result:

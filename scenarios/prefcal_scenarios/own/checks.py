@@ -7,12 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ScenarioError
-from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.maneuvers import MEAN, Maneuvers, named
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.live import LiveRig
-from prefcal_env.rig import Rig
 from prefcal_env.wording import did_you_mean
 
 Scenario = Any
@@ -34,11 +31,10 @@ def check_parts(scenario: Scenario, kpi: type) -> None:
     where = f"scenario {scenario.name!r}"
     if not isinstance(scenario.space, KnobSpace):
         raise ScenarioError(f"{where}: space must be a KnobSpace, got {scenario.space!r}")
-    if not callable(scenario.run):
-        raise ScenarioError(f"{where}: run must be a function of θ, got {scenario.run!r}")
     _check_types(scenario, kpi, where)
     _check_simulated(scenario, where)
-    _check_maneuvers(scenario, where)
+    for problem in scenario.source.problems(scenario.kpis):
+        raise ScenarioError(f"{where}: {problem}")
     names = [kpi.name for kpi in scenario.kpis]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -77,42 +73,14 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
 def _check_simulated(scenario: Scenario, where: str) -> None:
     if not isinstance(scenario.simulated, bool):
         raise ScenarioError(f"{where}: simulated must be True or False, got {scenario.simulated!r}")
-    if scenario.simulated and isinstance(scenario.run, Rig | LiveRig):
+    if scenario.simulated and scenario.source.asks:
         raise ScenarioError(f"{where}: simulated must be False for a rig, whose experiments a person runs")
-
-
-def _check_maneuvers(scenario: Scenario, where: str) -> None:
-    """Check that the worst maneuver is worst in the direction in which each KPI improves."""
-    if not isinstance(scenario.run, Maneuvers):
-        return
-    rigs = [name for name, run in scenario.run.runs.items() if isinstance(run, Rig)]
-    if rigs:
-        raise ScenarioError(
-            f"{where}: maneuver {rigs[0]!r} must not be a rig, whose experiments a person runs one by one"
-        )
-    higher, targets = scenario.run.higher_is_better, scenario.run.targets
-    parts = tuple(named("", part) for part in (*scenario.run.runs, MEAN))
-    for kpi in scenario.kpis:
-        if kpi.name.endswith(parts):  # of one maneuver alone
-            continue
-        if kpi.goal == "higher" and kpi.name not in higher:
-            raise ScenarioError(
-                f"{where}: KPI {kpi.name!r} is better when higher, so its worst maneuver has the "
-                f"smallest value: write Maneuvers(..., higher_is_better=({kpi.name!r},))"
-            )
-        if kpi.goal == "target" and kpi.name not in targets:
-            middle = (kpi.at_least + kpi.at_most) / 2
-            raise ScenarioError(
-                f"{where}: KPI {kpi.name!r} has a target, from which its worst maneuver is "
-                f"farthest: write Maneuvers(..., targets={{{kpi.name!r}: {middle:g}}})"
-            )
 
 
 def _check_against_run(scenario: Scenario, where: str) -> None:
     """Check the scenario against the channels and KPIs that its run declares, if it does."""
-    channels = getattr(scenario.run, "channels", None)
-    signals = getattr(scenario.run, "signals", None)
-    if isinstance(channels, Channels) and signals is not None:
+    channels, signals = scenario.source.channels, scenario.source.signals
+    if channels is not None and signals is not None:
         for panel in scenario.panels:
             try:
                 panel.among(channels, signals)
@@ -123,7 +91,7 @@ def _check_against_run(scenario: Scenario, where: str) -> None:
                     f"{where}: panel {panel.name!r}: no signal is called {panel.reference!r} to "
                     "draw the reference"
                 )
-    if scenario.kpis and getattr(scenario.run, "kpis", ...) is None:
+    if scenario.kpis and not scenario.source.computes_kpis:
         raise ScenarioError(
             f"{where}: it has the KPI {scenario.kpis[0].name!r}, but its run computes none: "
             "give the run a function kpis(experiment)"

@@ -1,19 +1,10 @@
 """Find KPIs for a scenario that states none: the tracking KPIs that its channels allow."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
-from inspect import signature
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-
-from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.experiment import Channels
 from prefcal_env.experiments.kpi_units import OF_OUTPUT, kinds_of
-from prefcal_env.experiments.kpis import tracking_kpis
-from prefcal_env.experiments.maneuvers import Maneuvers
-from prefcal_env.knobs.space import KnobSpace
 
 _MOST = 10
 """Number of found KPIs that people still read."""
@@ -67,64 +58,9 @@ def found_rows(channels: Channels, measured: Mapping[str, float] | None = None) 
     return [rows[name] for name in names]
 
 
-@dataclass(frozen=True, slots=True)
-class Tracked:
-    """A run whose experiments get their tracking KPIs in addition to their own.
-
-    Args:
-        run: Run of the scenario.
-        names: KPIs that every complete experiment has, NaN if it could not be measured.
-    """
-
-    run: Any
-    names: tuple[str, ...] = ()
-
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Any:
-        """Run θ, physical, shape (n,); what is no experiment is returned as it is."""
-        made = self.run(theta, seed=seed)
-        if not isinstance(made, Experiment):
-            return made
-        known = {} if made.end.interrupted else dict.fromkeys(self.names, np.nan)
-        return made.with_kpis({**known, **tracking_kpis(made), **made.kpis})
-
-    def kpis(self, experiment: Experiment) -> Mapping[str, float]:
-        """Return the KPIs that are added to those of the run."""
-        return tracking_kpis(experiment)
-
-    def within(self, space: KnobSpace) -> "Tracked":
-        """Return the same with the ranges of `space`, if the run takes them."""
-        return Tracked(within(self.run, space), self.names)
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "run" or name.startswith("__"):  # a copy that is being unpickled has no run
-            raise AttributeError(name)
-        return getattr(self.run, name)
-
-
-@dataclass(frozen=True, slots=True)
-class TrackedRecord:
-    """KPIs of a rig's record: the tracking KPIs, and those of its own.
-
-    Args:
-        own: Function that returns the rig's own KPIs; None if it has none.
-        names: KPIs that every record has, NaN if it could not be measured.
-    """
-
-    own: Callable[[Experiment], Mapping[str, float]] | None
-    names: tuple[str, ...] = ()
-
-    def __call__(self, experiment: Experiment) -> Mapping[str, float]:
-        """Return the KPIs of a record by name."""
-        own = {} if self.own is None else self.own(experiment)
-        return {**dict.fromkeys(self.names, np.nan), **tracking_kpis(experiment), **own}
-
-
-def within(function: Any, space: KnobSpace) -> Any:
-    """Return a scenario's function for the knobs of `space`, if they matter to it."""
-
-    if isinstance(function, Maneuvers):
-        return function.each(partial(within, space=space))
-    if hasattr(function, "within"):
-        return function.within(space)
-    takes = callable(function) and "space" in signature(function).parameters
-    return partial(function, space=space) if takes else function
+def promised(channels: Channels | None, names: Sequence[str]) -> list[str]:
+    """Return those of `names` that channels allow, since others lack a target; all if unknown."""
+    if channels is None:
+        return list(names)
+    there = {row["name"] for row in found_rows(channels)}
+    return [name for name in names if name in there]

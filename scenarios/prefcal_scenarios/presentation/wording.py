@@ -1,9 +1,7 @@
 """Format numbers and names for terminals, HTML and plots."""
 
 import re
-from collections.abc import Mapping
 from math import ceil, floor, inf, isfinite, isinf, log10
-from typing import Any
 
 from markupsafe import Markup, escape
 
@@ -85,12 +83,6 @@ def ended_text(experiment: Experiment) -> str:
         return str(experiment.end.value)
     after = quantity(experiment.duration, experiment.channels.time_unit)
     return f"cut short after {after}: could no longer win"
-
-
-def earlier_text(taken: Mapping[str, Any]) -> str:
-    """Return what a study took from an earlier one, according to its configuration."""
-    found = f"its best θ of {taken['experiments']} experiments"
-    return f"{taken['study']} ({taken['scenario']}): {found}"
 
 
 def mark_text(mark: Mark, *, automatic: bool = False) -> str:

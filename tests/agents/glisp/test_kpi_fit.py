@@ -13,7 +13,7 @@ from prefcal_agents.acquisition.penalty import unsafe_penalty
 from prefcal_agents.glisp.kpi_fit import kpi_fits, most_promising
 from prefcal_agents.glisp.questions import follow_up
 from prefcal_agents.glisp.selection import ModelSelection
-from prefcal_agents.glisp.settings import Setup
+from prefcal_agents.space.setup import Setup
 from prefcal_agents.utility.posterior import DRAWS
 from prefcal_env.knobs.constraints import LinearConstraint
 from prefcal_env.knobs.knob import Knob

@@ -17,11 +17,11 @@ from prefcal_agents.glisp.questions import (
     insertion_question,
 )
 from prefcal_agents.glisp.selection import Dataset, ModelSelection, Selection
-from prefcal_agents.glisp.settings import Setup
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.models.gaussian_process import ExpectationPropagation
 from prefcal_agents.models.rbf import Shape
+from prefcal_agents.space.setup import Setup
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

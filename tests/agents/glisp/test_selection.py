@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from prefcal_agents import GLISpSettings
 from prefcal_agents.glisp.noise_test import NoiseTest
 from prefcal_agents.glisp.selection import FEW, MANY, Dataset, ModelSelection, Selection, train, trust
-from prefcal_agents.glisp.settings import Setup
 from prefcal_agents.models.rbf import Shape
+from prefcal_agents.space.setup import Setup
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer

@@ -16,7 +16,7 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Comparison, History
-from prefcal_env.qp.piqp_backend import PIQPBackend
+from prefcal_env.qp import PIQPSolver
 from support.histories import in_cube, studied
 
 
@@ -156,13 +156,13 @@ def largest(monkeypatch):
         watch(np.linalg, name)
     watch(scipy.linalg, "cho_factor")
     watch(lapack, "dpotrf")
-    plain = PIQPBackend._solve_box
+    plain = PIQPSolver.solve_box
 
-    def noted(self, box):
-        sizes.append(len(box.q))
-        return plain(self, box)
+    def noted(self, P, q, upper):
+        sizes.append(len(q))
+        return plain(self, P, q, upper)
 
-    monkeypatch.setattr(PIQPBackend, "_solve_box", noted)
+    monkeypatch.setattr(PIQPSolver, "solve_box", noted)
     return sizes
 
 

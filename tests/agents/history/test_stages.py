@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from prefcal_agents.history.stages import Stages
+from prefcal_agents.history.stages import Remembered, Stages
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
 from support.histories import in_cube, studied
@@ -111,3 +111,17 @@ def test_several_threads_get_what_one_gets():
         found = list(pool.map(lambda k: counting.stages.after(record.until(k)), [30, 20, 30, 10]))
     alone = Counting().stages.after(record)
     assert [found[k] == alone[:n] for k, n in enumerate((30, 20, 30, 10))] == [True] * 4
+
+
+def test_a_function_of_a_record_is_computed_once_for_each_of_the_latest_records():
+    asked = []
+    remembered = Remembered(lambda record: asked.append(record.answered) or record.answered)
+    for count in (3, 2, 3, 2, 3):
+        assert remembered(line(count)) == count
+    assert asked == [3, 2]
+    assert remembered.get(line(3)) == 3
+    assert remembered.get(line(4)) is None
+    for count in range(5, 25):
+        remembered(line(count))
+    assert remembered.get(line(3)) is None  # the oldest ones are forgotten
+    assert remembered(line(3)) == 3

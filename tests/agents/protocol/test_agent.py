@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from prefcal_agents import GLISp, GLISpSettings, RandomSearch
+from prefcal_agents import Agent, GLISp, GLISpSettings, RandomSearch
 from prefcal_agents.glisp.questions import FINALS, final_question
 from prefcal_agents.protocol.agent import rematch
+from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
@@ -105,3 +106,53 @@ def test_the_papers_agent_takes_every_answer_for_true(settings, least):
         agent.tell(query, Preference.TIE if tie else Preference.CHALLENGER)
     # Others may ask on a suspicion, too.
     assert asked == least or (asked > least and settings is None)
+
+
+def test_what_is_open_is_a_function_of_the_record_and_remembered():
+    agent, other = (GLISp(LINE, n_init=2, n_max=9, seed=0) for _ in range(2))
+    for answer in (None, -1, 1, -1):
+        agent.tell(agent.ask(), answer)
+    history = agent.history
+    assert not agent.knows(history)
+    longer, queries = agent.open(history, 3)
+    assert agent.history == history  # it changes nothing
+    assert agent.knows(history)
+    assert agent.copy().knows(history)  # a copy remembers, too
+    assert other.open(history, 3) == (longer, queries)  # and another agent finds the same
+    assert len(longer.samples) == history.answered + 3
+    assert agent.ask(3) == queries
+    assert agent.history == longer
+
+
+def test_what_a_copy_works_out_its_original_need_not():
+    agent = GLISp(LINE, n_init=2, n_max=9, seed=0)
+    agent.tell(agent.ask(), None)
+    twin, query = agent.copy(), agent.ask()
+    twin.tell(twin.ask(), -1)
+    expected = twin.ask()
+    agent.tell(query, -1)
+    assert agent.knows(agent.history)
+    assert agent.ask() == expected
+
+
+def test_an_agent_that_returns_a_theta_that_ran_gets_a_random_one():
+    class Stubborn(Agent):
+        version = 1
+
+        def propose(self, history):
+            return np.array([0.5])
+
+    agent = Stubborn(LINE, n_init=2, n_max=5, seed=0)
+    while not agent.done:
+        agent.tell(agent.ask(), 0 if agent.history.answered else None)
+    assert agent.samples[0, 0] == 0.5
+    assert len(set(agent.samples[:, 0])) == 5
+
+
+def test_an_agent_written_for_an_earlier_base_is_told_what_to_write():
+    with pytest.raises(SettingsError, match=r"Old: rename _propose to propose, and write self\.setup\.seed"):
+        type("Old", (Agent,), {"version": 1, "_propose": lambda self, history: None})
+    with pytest.raises(ImportError, match="PreferenceBased is now Agent: write"):
+        from prefcal_agents.protocol.agent import PreferenceBased  # noqa: F401
+    with pytest.raises(ImportError, match="by_value = True"):
+        from prefcal_agents.protocol.agent import ValueBased  # noqa: F401

@@ -71,7 +71,7 @@ def test_a_study_goes_on_from_its_record_with_what_it_holds_for_the_best():
     study, _ = next(found for seed in range(9) if (found := after_a_mistake(seed))[0].history.leads)
     again = Screening.restore(MIXED, AgentState.from_dict(study.state.to_dict()))
     assert again.history == study.history
-    assert again.incumbent == study.best_index
+    assert again.history.incumbent == study.best_index
     assert study.copy().best_index == study.best_index
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from contracts.agents import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY
 from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.utility.bank import Bank, runnable
+from prefcal_agents.utility.bank import Bank, columns_of
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.kpis import Outcome
@@ -27,7 +27,7 @@ SPACES = {
 
 
 def bank_of(*outcomes):
-    return Bank.of(THETAS / 10, THETAS, [Outcome(o) for o in outcomes])
+    return Bank.of(THETAS / 10, THETAS, columns_of([Outcome(o) for o in outcomes]))
 
 
 def test_a_kpi_that_is_missing_is_infinite_and_names_are_in_order():
@@ -47,7 +47,7 @@ def test_a_theta_is_found_by_its_value_and_only_if_it_was_simulated():
 
 def test_a_theta_is_kept_once_in_the_order_simulated():
     thetas = np.array([[5.0, 6.0], [1.0, -0.0], [5.0, 6.0], [1.0, 0.0], [0.0, 9.0]])
-    bank = Bank.of(thetas / 10, thetas, [Outcome({"a": k}) for k in range(5)])
+    bank = Bank.of(thetas / 10, thetas, {"a": np.arange(5.0)})
     assert bank.thetas.tolist() == [[5.0, 6.0], [1.0, 0.0], [0.0, 9.0]]
     assert bank.kpis[:, 0].tolist() == [0, 1, 4]
     assert np.array_equal(bank.z, bank.thetas / 10)
@@ -64,7 +64,7 @@ def test_a_bank_cannot_be_written_to():
 def test_what_is_simulated_could_be_shown_to_the_last_bit(name):
     space = SPACES[name]
     design = latin_hypercube(space, 60, seed=3)
-    z, thetas = runnable(space, design)
+    z, thetas = space.proposals(design)
     for point, theta in zip(z, thetas, strict=True):
         assert np.array_equal(space.decode(point), theta)
         assert np.array_equal(space.decode(space.snap(point)), theta)  # as an agent proposes it
@@ -75,7 +75,7 @@ def test_what_is_simulated_could_be_shown_to_the_last_bit(name):
 @given(outcomes=st.lists(st.dictionaries(st.sampled_from("abcd"), st.floats()), min_size=1, max_size=12))
 def test_any_outcomes_make_a_bank_of_numbers(outcomes):
     thetas = np.arange(float(len(outcomes)))[:, None]
-    bank = Bank.of(thetas, thetas, [Outcome(o) for o in outcomes])
+    bank = Bank.of(thetas, thetas, columns_of([Outcome(o) for o in outcomes]))
     known = {name for o in outcomes for name, v in o.items() if not np.isnan(v)}
     assert bank.names == tuple(sorted(known))
     assert bank.kpis.shape == (len(outcomes), len(known))

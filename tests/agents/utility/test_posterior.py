@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.utility.posterior import DRAWS, Lessons, noticed, updated
+from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
@@ -220,10 +220,6 @@ def test_equal_experiments_are_called_alike_but_for_mistakes():
 def test_the_probabilities_of_the_three_answers_add_up_to_1():
     chances = [np.exp(lessons(of_pairs(BANK, [(3, 5)], [a])).log_probabilities(prior())) for a in (-1, 0, 1)]
     assert np.sum(chances, axis=0) == pytest.approx(1.0)
-
-
-def test_a_difference_is_noticed_from_1_on():
-    assert noticed(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)
 
 
 def test_an_experiment_that_nobody_looked_at_is_not_called_better_than_an_unsafe_one():

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from prefcal_agents.utility.utilities import ERRORS, Scale, Utilities
+from prefcal_agents.utility.utilities import ERRORS, Scale, Utilities, noticed
 from support.simulated import bank_of, random_bank
 
 
@@ -275,3 +275,7 @@ def test_draws_are_taken_and_mixed_row_by_row():
         a, b = getattr(one, field.name), getattr(other, field.name)
         assert np.array_equal(getattr(mixed, field.name), np.array([a[0], b[1], a[2], b[3]]))
         assert np.array_equal(getattr(part, field.name), a[[3, 3, 0]])
+
+
+def test_a_difference_is_noticed_from_1_on():
+    assert noticed(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)

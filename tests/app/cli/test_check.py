@@ -18,6 +18,16 @@ from prefcal_env import Channels, Constraint, KnobSpace, Panel, Rig
 from prefcal_scenarios import KPI
 count = []
 """
+OVEN = """
+[rig.outputs]
+temperature = { unit = "°C" }
+[rig.inputs]
+power = { unit = "%", low = 0, high = 100 }
+[reference]
+temperature = 200
+[knobs]
+K_p = "0.5:20:log %/K"
+"""
 
 
 @pytest.fixture
@@ -144,6 +154,14 @@ def test_people_get_a_table_and_what_to_do_next(prefcal, done, tmp_path):
     assert code == 1
     assert "✗  run" in out
     assert "Nothing else can be checked without a run" in out
+
+
+def test_a_file_is_checked_and_the_next_command_is_told(done, tmp_path):
+    (tmp_path / "oven.toml").write_text(OVEN, encoding="utf-8")
+    out = done("check", "oven.toml", "--knob", "K_i=0.1:1:log 1/s")
+    told = " ".join(out.split())
+    assert "2: K_p (0.5 to 20 %/K, log), K_i (0.1 to 1 1/s, log)" in told
+    assert "prefcal calibrate oven.toml --knob 'K_i=0.1:1:log 1/s'" in told
 
 
 def test_the_last_own_line_of_an_error_is_found_below_other_peoples_code():

@@ -32,25 +32,9 @@ def test_the_report_of_an_fmu_is_written_from_another_folder_by_its_file_alone(
     pytest.importorskip("pythonfmu")
     fmu = built(tmp_path, "Tank")
     cost = ("--cost", "integrated error of level")
-    out = done(
-        "calibrate",
-        fmu.name,
-        "--knob",
-        "K_p=0.1:100:log",
-        "--reference",
-        "level=2",
-        "--calibrator",
-        "synthetic",
-        *cost,
-        "--simulate",
-        "0",
-        "--n-max",
-        "3",
-        "--study",
-        "tank.prefcal",
-        "--out",
-        "out",
-    )
+    line = f"calibrate {fmu.name} --knob K_p=0.1:100:log --reference level=2 --calibrator synthetic "
+    line += "--simulate 0 --n-max 3 --study tank.prefcal --out out"
+    out = done(*line.split(), *cost)
     assert "--knob K_p=0.1:100:log" in out  # and no emoji for ":100:"
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -107,17 +91,8 @@ def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):
     elsewhere = plant / "elsewhere"
     elsewhere.mkdir()
     (elsewhere / "cost.py").write_text(COST)  # a study keeps how its cost was called
-    code, _, err = finished(
-        elsewhere,
-        "calibrate",
-        "pid",
-        "--plant",
-        "../plant.py:plant",
-        "--cost",
-        "cost.py:cost",
-        "--study",
-        "../level.prefcal",
-    )
+    line = "calibrate pid --plant ../plant.py:plant --cost cost.py:cost --study ../level.prefcal"
+    code, _, err = finished(elsewhere, *line.split())
     assert code == 0, err
     now = state_of(study)
     assert len(now.finished) == 40

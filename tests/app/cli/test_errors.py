@@ -26,6 +26,8 @@ CALLS = [
     ("calib", "no such command 'calib'. Did you mean 'calibrate'?"),
     ("nonsense", "no such command 'nonsense'", "calibrate, new, check, look, report, "),
     ("calibrate TOY --nmax 3", "no such option: --nmax", "--n-max"),
+    ("calibrate TOY --from mine", "--from STUDY is gone: write --start STUDY:best"),
+    ("studies index mine", "`agent.index.to_python()`"),
     ("calibrate TOY --n-max x", "--n-max"),
     ("calibrate TOY more", "more", "calibrate --help"),
     ("calibrate TOY --port 99999", "--port", "65535"),
@@ -113,20 +115,5 @@ def test_a_misspelled_study_is_recognized(prefcal, refused, tmp_path):
         assert "no study 'pumptest'. Did you mean 'pump-test'? `prefcal studies list`" in refused(
             *command, "pumptest"
         )
-    err = prefcal(*words, "--from", "pump-tets", "--study", "second")[2]
+    err = prefcal(*words, "--start", "pump-tets:best", "--study", "second")[2]
     assert "Did you mean 'pump-test'?" in err
-
-
-def test_options_are_named_as_they_are_typed(prefcal):
-    synthetic = ["--calibrator", "synthetic", "--agent", "random", "--n-max", "3"]
-    assert prefcal("calibrate", TOY, *synthetic, "--study", "mine", "--out", "r")[0] == 0
-    for words, said in (
-        (["--n-init", "2"], "started with --n-init 1, got --n-init 2"),
-        (["--start", "T_s=1"], "started with no --start, got --start T_s=1"),
-        (["--n-max", "2"], "--n-max must not be below the 3"),
-        (["--no-outcomes"], "started with --no-outcomes off"),
-        (["--seed", "4"], "started with --seed 0, got --seed 4"),
-        (["--agent", "lhs"], "started with --agent random, got --agent lhs"),
-    ):
-        err = prefcal("calibrate", TOY, "--study", "mine", *words)[2]
-        assert said in err

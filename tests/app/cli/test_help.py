@@ -9,7 +9,7 @@ COMMANDS = [
     ["bench"],
     *(
         ["studies", word]
-        for word in ("list", "show", "rename", "rm", "export", "index", "import", "verify", "respace")
+        for word in ("list", "show", "rename", "rm", "export", "import", "verify", "respace")
     ),
 ]
 

@@ -137,6 +137,8 @@ def test_a_study_is_removed_after_a_question(prefcal, monkeypatch, tmp_path):
     code, _, err = prefcal("studies", "rm", "one")
     assert (code, names(prefcal)) == (2, ["one", "two"])
     assert "add --yes" in err
+    code, out, _ = prefcal("studies", "rm", "one", "nosuch", "--yes")
+    assert (code, out, names(prefcal)) == (2, "", ["one", "two"])
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     asked = []
     for typed, left in (("n", ["one", "two"]), ("y", ["two"])):
@@ -146,12 +148,6 @@ def test_a_study_is_removed_after_a_question(prefcal, monkeypatch, tmp_path):
     assert "4 experiments, 3 answers) for good? [y/N]" in asked[0]
     assert prefcal("studies", "rm", "two", "--yes")[1] == "Removed: two\n"
     assert (tmp_path / "prefcal-two" / "report.html").exists()
-
-
-def test_a_wrong_name_removes_nothing(prefcal):
-    assert prefcal("calibrate", TOY, *SYNTHETIC, "--study", "one")[0] == 0
-    code, out, _ = prefcal("studies", "rm", "one", "nosuch", "--yes")
-    assert (code, out, names(prefcal)) == (2, "", ["one"])
 
 
 def test_a_study_is_renamed(prefcal, tmp_path):

@@ -3,11 +3,9 @@
 import json
 import shlex
 
-import pytest
-
 from prefcal_app.cli.options import Options
 from support.studies import state_of
-from toy_study import TOY, TOY_FILE
+from toy_study import TOY
 
 SYNTHETIC = ["--calibrator", "synthetic"]
 SHORT = [*SYNTHETIC, "--n-init", "4", "--n-max", "7"]
@@ -24,28 +22,24 @@ def thetas_of(study):
     return [sample.theta for sample in state_of(study).history.samples]
 
 
-def test_without_outcomes_the_agent_learns_from_theta_alone(done, tmp_path):
+def test_without_outcomes_the_agent_learns_from_theta_alone_and_the_line_that_repeats_it_says_so(
+    done, tmp_path
+):
     on = thetas(done, "--study", str(tmp_path / "on.prefcal"))
-    off = thetas(done, "--study", str(tmp_path / "off.prefcal"), "--no-outcomes")
+    off = thetas(done, "--study", str(tmp_path / "off.prefcal"), "--no-outcomes", "--out", "off")
     assert on[:4] == off[:4]
     configuration = state_of(tmp_path / "off.prefcal").configuration
     assert configuration["options"]["outcomes"] is False
     assert configuration["agent"]["settings"]["kpis"] is False
     assert state_of(tmp_path / "on.prefcal").configuration["options"]["outcomes"] is True
-
-
-def test_the_line_that_repeats_a_study_says_so_and_does(done, tmp_path):
-    path = str(tmp_path / "mine.prefcal")
-    first = thetas(done, "--study", path, "--no-outcomes", "--out", "first")
-    page = (tmp_path / "first" / "report.html").read_text("utf-8")
     line = Options.of(
         {"scenario": TOY, "calibrator": "synthetic", "n_init": 4, "n_max": 7, "outcomes": False}
     ).command()
     assert line.endswith("--no-outcomes")
-    assert line in page
+    assert line in (tmp_path / "off" / "report.html").read_text("utf-8")
     again = str(tmp_path / "again.prefcal")
     done(*shlex.split(line)[1:], "--study", again)
-    assert thetas_of(again) == first
+    assert thetas_of(again) == off
 
 
 def test_a_cost_that_is_no_number_is_named(refused, tmp_path):
@@ -54,32 +48,14 @@ def test_a_cost_that_is_no_number_is_named(refused, tmp_path):
     assert "a finite number, got nan" in refused("calibrate", TOY, *words)
 
 
-@pytest.fixture
-def answered(done):
-    words = [*SYNTHETIC, "--agent", "lhs", "--n-max", "14", "--study", "mine"]
-    done("calibrate", TOY, *words)
-    return "mine"
-
-
-def test_what_was_learned_is_taken_along_and_runs_unattended(prefcal, done, answered, tmp_path):
-    out = done("studies", "index", answered, "--scenario", TOY, "--out", "mine.py")
-    assert "A weighted sum of the KPIs predicted 11 of 12 answers that it had not learned" in out
-    assert "Written: mine.py" in out
-    assert prefcal("studies", "index", answered, "--scenario", TOY, "--out", "mine.py")[0] == 0
-    plain = f"{TOY_FILE}:plain"  # a scenario that has no cost of its own
-    words = ["--agent", "glis", "--cost", "mine.py:cost", "--n-max", "5", "--study", "by-it"]
-    out = done("calibrate", plain, *words, "--json", "--out", "there")
-    assert json.loads(out)["cost"] is not None
-    line = f"prefcal calibrate {plain} --calibrator score --agent glis"
-    page = (tmp_path / "there" / "report.html").read_text("utf-8")
-    assert f"{line} --seed 0 --n-init 2 --n-max 5 --cost mine.py:cost" in page
-
-
 def test_a_study_never_chooses_which_cost_is_run(prefcal, refused, tmp_path):
     (tmp_path / "mine.py").write_text("cost = lambda e: e.theta[0]\n")
     (tmp_path / "moved.py").write_text("cost = lambda e: e.theta[0]\n")
     words = ["--agent", "glis", "--cost", "mine.py:cost", "--n-max", "4", "--study", "mine"]
-    assert prefcal("calibrate", TOY, *words)[0] == 0
+    assert prefcal("calibrate", TOY, *words, "--out", "there")[0] == 0
+    line = f"prefcal calibrate {TOY} --calibrator score --agent glis"
+    page = (tmp_path / "there" / "report.html").read_text("utf-8")
+    assert f"{line} --seed 0 --n-init 2 --n-max 4 --cost mine.py:cost" in page
     assert "--cost mine.py:cost" in refused("calibrate", TOY, "--study", "mine", "--n-max", "5")
     assert "--cost mine.py:cost" in refused("report", "mine", "--scenario", TOY)
     assert prefcal("report", "mine", "--scenario", TOY, "--cost", "moved.py:cost")[0] == 0
@@ -96,18 +72,3 @@ def test_a_study_keeps_a_kpi_as_its_cost(done, refused):
     assert json.loads(out)["experiments"] == 5
     assert json.loads(out)["cost"] <= cost
     assert "t_f" in refused("calibrate", TOY, "--study", "mine", "--cost", "final", "--n-max", "6")
-
-
-def test_an_index_overwrites_nobody_s_program(refused, answered, tmp_path):
-    (tmp_path / "own.py").write_text("mine = 1\n")
-    assert "choose another --out" in refused(
-        "studies", "index", answered, "--scenario", TOY, "--out", "own.py"
-    )
-    assert (tmp_path / "own.py").read_text() == "mine = 1\n"
-    assert "which is a program" in refused("studies", "index", answered)
-
-
-def test_an_index_of_no_answers_is_told(prefcal, refused):
-    words = ["--agent", "glis", "--n-max", "4", "--study", "scored"]
-    assert prefcal("calibrate", TOY, *words)[0] == 0
-    assert "says nothing about KPIs" in refused("studies", "index", "scored", "--scenario", TOY)

@@ -1,8 +1,6 @@
 """A user's own scenario file, with what goes wrong in such files."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
@@ -148,13 +146,6 @@ own = replace(t.toy, run=run, references={})
     code, _, err = prefcal("calibrate", own(text), *SYNTHETIC, "--agent", "random", "--n-max", "40")
     assert code == 130
     assert "Interrupted after" in err
-
-
-def test_the_three_lines_of_best_json_work_in_the_folder_of_the_report(prefcal, own, tmp_path):
-    assert prefcal("calibrate", own("own = t.toy"), *QUICK)[0] == 0
-    lines = "from prefcal_app import load_controller; load_controller('best.json')"
-    done = subprocess.run([sys.executable, "-c", lines], cwd=tmp_path / "res", check=False)
-    assert done.returncode == 0
 
 
 def test_a_file_that_was_just_edited_is_read_anew(tmp_path):

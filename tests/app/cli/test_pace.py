@@ -10,21 +10,9 @@ from toy_study import TOY
 MOST = "questions_per_experiment"
 
 
-def calibrate(prefcal, *words, agent="glisp"):
-    return prefcal(
-        "calibrate",
-        TOY,
-        "--calibrator",
-        "synthetic",
-        "--agent",
-        agent,
-        "--n-init",
-        "3",
-        "--study",
-        "mine",
-        "--json",
-        *words,
-    )
+def calibrate(prefcal, *words):
+    line = f"calibrate {TOY} --calibrator synthetic --agent glisp --n-init 3 --study mine --json"
+    return prefcal(*line.split(), *words)
 
 
 def state():

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.cli.studies.respacing import Changes, respace
+from prefcal_app.cli.studies.commands import RespaceOptions
+from prefcal_app.cli.studies.respacing import respace
 from prefcal_app.session import Choice, Interview, Phase
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs.knob import Knob
@@ -33,19 +34,8 @@ toy = replace(old, run=run, space=KnobSpace([*old.space, Knob("filter", 1.0, 5.0
 
 @pytest.fixture(scope="module", params=["glisp", "random"])
 def made(request, tmp_path_factory):
-    words = [
-        TOY,
-        *SYNTHETIC,
-        "--agent",
-        request.param,
-        "--n-max",
-        "5",
-        "--study",
-        "mine",
-        "--start",
-        "T_s=1.2,N_p=10,gain=2",
-    ]
-    return calibrated(tmp_path_factory.mktemp("made"), *words)
+    line = f"--agent {request.param} --n-max 5 --study mine --start T_s=1.2,N_p=10,gain=2"
+    return calibrated(tmp_path_factory.mktemp("made"), TOY, *SYNTHETIC, *line.split())
 
 
 @pytest.fixture
@@ -66,9 +56,8 @@ def thetas(name="mine"):
 
 def test_a_narrowed_and_frozen_study_goes_on(prefcal, done, study, tmp_path):
     before = thetas()
-    out = done(
-        "studies", "respace", study, "--scenario", TOY, "--knob", "T_s=0.25:0.75", "--freeze", "N_p=26"
-    )
+    line = f"studies respace {study} --scenario {TOY} --knob T_s=0.25:0.75 --freeze N_p=26"
+    out = done(*line.split())
     assert out.splitlines()[:2] == ["T_s: 0.25 to 0.75 h", "N_p: 26, frozen"]
     out = done("calibrate", TOY, "--study", study, "--n-max", "9", "--json")
     after = thetas()
@@ -139,7 +128,7 @@ def test_an_open_question_stays_open(prefcal, tmp_path):
     asked = proceed(interview).question
     theta = asked.challenger.experiment.theta
     interview.study.close()
-    respace(str(path), TOY, Changes(knobs=["T_s=0.3:0.4"]))
+    respace(RespaceOptions(str(path), knob=("T_s=0.3:0.4",)), TOY)
     again = reopened(toy_scenario(), path)
     now = again.now()
     assert (now.phase, now.question.id) == (Phase.QUESTION, asked.id)

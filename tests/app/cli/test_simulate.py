@@ -41,6 +41,7 @@ def test_where_experiments_are_quick_most_are_simulated_unseen(given, expected):
 def test_elsewhere_all_experiments_are_shown():
     assert chosen(simulated=False) == ("glisp", 0, 6, 50)
     assert chosen(simulated=False, agent="glisp-paper") == ("glisp-paper", 0, 10, 50)
+    assert chosen(simulated=False, twin="model") == ("screening", 1000, 1, 11)
 
 
 def test_a_terminal_is_told_at_once_what_is_loaded(prefcal, monkeypatch):
@@ -103,18 +104,8 @@ def children(pid):
 @pytest.mark.usefixtures("own_process")
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_no_worker_outlives_the_command(tmp_path, monkeypatch, how):
-    process = start(
-        tmp_path,
-        "calibrate",
-        UNSEEN,
-        "--calibrator",
-        "synthetic",
-        "--simulate",
-        "100000",
-        "--out",
-        "out",
-        PREFCAL_TEST_SECONDS="0.01",
-    )
+    line = f"calibrate {UNSEEN} --calibrator synthetic --simulate 100000 --out out"
+    process = start(tmp_path, *line.split(), PREFCAL_TEST_SECONDS="0.01")
     try:
         wait_until(lambda: len(children(process.pid)) >= 2)  # experiments, and simulations
         workers = children(process.pid)

@@ -1,4 +1,4 @@
-"""`prefcal calibrate --start`: the current tuning as the first experiment."""
+"""`prefcal calibrate --start`: the current tuning, or the best of another study, runs first."""
 
 import json
 import shlex
@@ -9,11 +9,25 @@ from prefcal_app.terminal.lines import knob_called, theta_of
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.study import StudyFile, study_path
 from support.studies import state_of
 from toy_study import TOY, toy_scenario
 
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-init", "2"]
 PRESENT = "T_s=0.5, N_p=30, gain=0.1"
+OTHER = f"""
+from dataclasses import replace
+from prefcal_scenarios.catalog import load
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.knobs.constraints import LinearConstraint
+old = load({TOY!r})
+grown = replace(old, name="grown", references={{}},
+                space=KnobSpace([*old.space, Knob("filter", 1.0, 5.0, "s")]))
+seconds = replace(old, name="seconds", references={{}},
+                  space=KnobSpace([Knob("T_s", 900, 5400, "s"), *old.space.knobs[1:]]))
+refused = replace(old, name="refused", references={{}},
+                  space=KnobSpace(old.space.knobs, [LinearConstraint("short", {{"T_s": 1}}, 0.3)]))
+"""
 
 
 def test_the_first_experiment_is_the_present_tuning(prefcal, done, refused):
@@ -25,12 +39,6 @@ def test_the_first_experiment_is_the_present_tuning(prefcal, done, refused):
     assert "started with --start" in refused(
         "calibrate", TOY, "--study", "mine", "--start", "T_s=1,N_p=5,gain=1"
     )
-
-
-def test_the_one_line_of_the_report_repeats_it(prefcal, tmp_path):
-    prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--start", PRESENT, "--out", "a")
-    page = (tmp_path / "a" / "report.html").read_text()
-    assert f"--start {shlex.quote(PRESENT)}".replace("'", "&#x27;") in page.replace("&#39;", "&#x27;")
 
 
 def test_a_reference_of_the_scenario_is_a_start(done):
@@ -48,3 +56,57 @@ def test_a_knob_is_called_by_the_beginning_of_its_name():
     for word in ("log", "", "x"):
         with pytest.raises(SettingsError, match="knob must be one of"):
             knob_called(word, alike)
+
+
+@pytest.fixture
+def mine(done):
+    """θ that won another study, called mine."""
+    words = ["--n-max", "6", "--study", "mine", "--start", "T_s=1.2,N_p=10,gain=2"]
+    done("calibrate", TOY, *SYNTHETIC, *words)
+    state = state_of("mine")
+    return state.history.samples[state.history.incumbent].theta
+
+
+def test_experiments_of_another_study_begin_a_study_that_needs_its_file_no_more(
+    prefcal, done, refused, mine, tmp_path
+):
+    line = ["calibrate", TOY, *SYNTHETIC, "--start", "mine:best", "--start", "mine:1", "--seed", "5"]
+    whole = done(*line, "--n-max", "7", "--study", "whole", "--json")
+    done(*line, "--n-max", "3", "--study", "hers", "--out", "a")
+    first, second = (state_of("hers").history.samples[k].theta for k in (0, 1))
+    assert (first, second) == (pytest.approx(mine), pytest.approx((1.2, 10, 2)))
+    assert "--start mine:best" in (tmp_path / "a" / "report.html").read_text()
+    study_path("mine").unlink()
+    out = done(*line, "--n-max", "7", "--study", "hers", "--json", "--out", "a")
+    assert json.loads(out)["best"] == json.loads(whole)["best"]
+    told = "started with --start mine:best; mine:1, got --start theirs:best"
+    assert told in refused("calibrate", TOY, "--study", "hers", "--start", "theirs:best")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "start", "said"),
+    [
+        (TOY, "nobody:best", "no study 'nobody'"),
+        (TOY, "mine:9", "has no experiment 9; there are 1, 2, 3, 4, 5, 6"),
+        (TOY, "empty:best", "has no experiment best; there are none"),
+        ("other.py:grown", "mine:best", "study 'mine' has no knobs ['filter']: give every knob"),
+        ("other.py:seconds", "mine:best", "'T_s' was in 'h' in the earlier study"),
+        ("other.py:refused", "mine:best", "the constraints refuse the θ of mine:best"),
+    ],
+)
+def test_an_experiment_that_cannot_begin_is_refused_before_anything_runs(
+    refused, mine, tmp_path, scenario, start, said
+):
+    (tmp_path / "other.py").write_text(OTHER)
+    StudyFile.create(study_path("empty"), state_of("mine").configuration, clock=lambda: "now").close()
+    assert said in refused("calibrate", scenario, *SYNTHETIC, "--start", start, "--study", "hers")
+    assert not study_path("hers").exists()
+
+
+def test_the_line_of_the_report_repeats_it_as_it_is_said_today(done, mine, tmp_path):
+    stored = dict(state_of("mine").configuration)
+    options = {**stored["options"], "start": [PRESENT], "earlier": "hers"}
+    StudyFile.create(study_path("old"), stored | {"options": options}, clock=lambda: "now").close()
+    done("calibrate", TOY, "--study", "old", "--out", "a")
+    page = (tmp_path / "a" / "report.html").read_text().replace("&#39;", "'")
+    assert f"--start {shlex.quote(PRESENT)} --start hers:best" in page

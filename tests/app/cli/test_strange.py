@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from prefcal_app.cli.options import Options
+from prefcal_app.cli.parameters import kept_by
 from prefcal_env.study import StudyFile, export_json
 from support.interviews import clock
 
@@ -23,11 +25,17 @@ STRANGE = {
     "another name": {**WHOLE, "name": {}},
     "no options": {**WHOLE, "options": 3},
     "no calibrator": {**WHOLE, "options": {}},
-    "text for a number": {**WHOLE, "options": {"calibrator": "human", "n_init": "x"}},
     "knobs of numbers": {**WHOLE, "knobs": [1]},
     "no agent": {**WHOLE, "agent": {"agent": None}},
     "seed": {**WHOLE, "seed": "a"},
 }
+
+
+@pytest.mark.parametrize("name", sorted({*kept_by(Options)} - {"scenario"}))
+def test_an_option_of_another_type_makes_a_study_strange(refused, tmp_path, name):
+    configuration = WHOLE | {"options": {**Options("cstr").as_dict(), name: {}}}
+    StudyFile.create(tmp_path / "odd.prefcal", configuration, clock=clock()).close()
+    assert f"its option {name} cannot be {{}}" in refused("studies", "show", str(tmp_path / "odd.prefcal"))
 
 
 @pytest.mark.parametrize("configuration", STRANGE.values(), ids=STRANGE)

@@ -79,8 +79,8 @@ def test_a_study_is_exported_and_imported_unchanged(prefcal, study, tmp_path):
         one.pop("study"), one.pop("file")
     assert shown[0] == shown[1]
     assert prefcal("studies", "verify", "twin")[0] == 0
-    assert prefcal("studies", "export", "mine", "--format", "csv", "--out", "tables")[0] == 0
-    assert len((tmp_path / "tables" / "comparisons.csv").read_text().splitlines()) == 5
+    assert prefcal("studies", "export", "mine", "--format", "csv")[1] == "Written: mine\n"
+    assert len((tmp_path / "mine" / "comparisons.csv").read_text().splitlines()) == 5
 
 
 def test_a_comment_of_somebody_else_does_not_steer_the_terminal(prefcal, done, tmp_path):
@@ -97,9 +97,8 @@ def test_an_export_never_overwrites_its_study(prefcal, refused, study, tmp_path)
     (path,) = (tmp_path / "data").rglob("mine.prefcal")
     before = path.read_bytes()
     for format_ in ("json", "csv"):
-        assert "is the study itself" in refused(
-            "studies", "export", "mine", "--format", format_, "--out", str(path)
-        )
+        words = ["--format", format_, "--out", str(path)]
+        assert "is the study itself" in refused("studies", "export", "mine", *words)
     assert path.read_bytes() == before
 
 
@@ -116,14 +115,6 @@ def test_a_report_is_written_of_any_study(prefcal, done, refused, study, tmp_pat
     assert json.loads(out)["experiments"] == 5
     first = (tmp_path / "prefcal-mine" / "best.json").read_text()
     assert (tmp_path / "again" / "best.json").read_text() == first
-
-
-def test_a_study_is_exported_as_parquet_with_its_dictionary(prefcal, study, tmp_path):
-    code, out, err = prefcal("studies", "export", "mine", "--format", "parquet")
-    assert (code, out) == (0, "Written: mine\n"), err
-    names = {path.name for path in (tmp_path / "mine").iterdir()}
-    tables = {f"{name}.parquet" for name in ("experiments", "comparisons", "trajectories")}
-    assert names == tables | {"dictionary-parquet.csv"}
 
 
 def test_parquet_without_its_extra_is_refused_with_the_extra(prefcal, refused, study, monkeypatch, tmp_path):
@@ -176,10 +167,8 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     assert "Question 3 of 3" in out
     assert "The study is finished: all compared." in out
     assert "Repeat it" not in out  # a person gives other answers
-    verdicts = [
-        q["verdict"] for q in json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
-    ]
-    assert verdicts[-1] == "about the same"
+    questions = json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
+    assert questions[-1]["verdict"] == "about the same"
 
 
 @pytest.mark.usefixtures("rig_file")

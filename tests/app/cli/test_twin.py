@@ -4,17 +4,11 @@ import json
 
 import pytest
 
-from prefcal_app.cli.options import Options
 from support import twins
 from support.studies import state_of
 
 PLANT, MODEL = (f"{twins.__file__}:{name}" for name in ("plant", "model"))
 UNATTENDED = ["--calibrator", "synthetic", "--json", "--out", "out"]
-
-
-def test_with_a_twin_few_experiments_are_shown():
-    options = Options.of({"scenario": "x", "twin": "y"}, 3)
-    assert (options.agent, options.simulate, options.n_max) == ("screening", 1000, 11)
 
 
 @pytest.fixture

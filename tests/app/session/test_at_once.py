@@ -13,7 +13,7 @@ from prefcal_app.session import Background, Choice, Phase, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.end import End
-from prefcal_env.rig import Rig
+from prefcal_env.sources.rig import Rig
 from prefcal_env.study import Taken
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
@@ -208,7 +208,7 @@ def test_an_unattended_study_runs_at_once_to_its_end(agent):
 def test_the_experiments_of_a_killed_worker_run_again():
     with isolation(TOY, 60.0, at_once=2) as isolated:
         scenario = isolated(load(TOY))
-        victim = scenario.run.workers[0].pid
+        victim = scenario.run._workers[0].pid
         interview = begin(scenario, n_max=6, at_once=2, agent=RandomSearch)
         os.kill(victim, signal.SIGKILL)
         told = []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice, Phase
-from prefcal_app.session.live.state import Recovery
+from prefcal_app.session.plant import Recovery
 from prefcal_env import End
 from prefcal_env.errors import StaleError
 from prefcal_env.live import Journal, LiveRig

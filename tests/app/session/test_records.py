@@ -8,7 +8,7 @@ from prefcal_agents.history.lessons import kpis_of
 from prefcal_app.session import Choice, Given, Phase
 from prefcal_env.errors import RecordError, StaleError
 from prefcal_env.preferences.answer import Mark
-from prefcal_env.rig import Rig
+from prefcal_env.sources.rig import Rig
 from prefcal_env.study import Suggested, verify
 from prefcal_scenarios.scenario import KPI
 from support.interviews import begin, reopened

@@ -78,7 +78,7 @@ def test_only_the_likeliest_answers_are_prepared():
     interview = started(ahead=True)
     proceed(interview)
     worked(interview)
-    assert len(interview._flow.prefetch._twins) == LIKELIEST
+    assert len(interview._flow.prefetch._bases) == LIKELIEST
 
 
 def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):

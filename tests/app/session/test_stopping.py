@@ -90,8 +90,7 @@ def test_a_run_on_suspicion_that_hangs_makes_way():
     with hanging(n_max=8, seed=1, ahead=True) as interview:
         on_suspicion(interview)
         with Background(interview):
-            worker = interview.scenario.run.worker
-            now = until(interview, lambda now: worker.busy_with(theta_key(BAD)))
+            now = until(interview, lambda now: theta_key(BAD) in interview._flow.runs)
             interview.mark(now.question.id, "left", "unsafe", True)  # foreseen answers are void
             interview.answer(now.question.id, Choice.LEFT)
             until(interview, lambda now: now.pending is not None)  # the next one is chosen

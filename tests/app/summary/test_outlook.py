@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.cli.studies.respacing import Changes, respace
+from prefcal_app.cli.studies.commands import RespaceOptions
+from prefcal_app.cli.studies.respacing import respace
 from prefcal_app.session import Choice
 from prefcal_app.summary.outlook import at_end, falls_outward, outlook, study_name
 from prefcal_env.knobs.knob import Knob
@@ -133,7 +134,7 @@ def test_the_command_can_be_carried_out(tmp_path):
     interview.study.close()
     words = found.command.split()
     assert words[:3] == ["prefcal", "studies", "respace"]
-    space = respace(words[3], words[5], Changes(knobs=words[7::2]))
+    space = respace(RespaceOptions(words[3], knob=tuple(words[7::2])), words[5])
     assert space.knobs[0].low == 0.125
     with StudyFile.open(path, clock=clock()) as file:
         assert file.state.configuration["within"]["T_s"] == [0.125, 1.5]

@@ -15,7 +15,7 @@ from prefcal_app.view import now_view
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channels
-from prefcal_env.rig import Rig
+from prefcal_env.sources.rig import Rig
 from prefcal_env.study import Answered, StudyFile
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation

@@ -30,7 +30,7 @@ def test_the_first_candidate_that_did_not_run_else_a_random_one(points, expected
         def _candidates(self, history, seed):
             return None if points is None else np.array(points)
 
-    z = Proposing(SQUARE, n_init=1, seed=3)._propose(HISTORY)
+    z = Proposing(SQUARE, n_init=1, seed=3).propose(HISTORY)
     assert z == pytest.approx(np.array(expected))
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.envs.cstr import cstr_env, settled, stage_cost, unsafe
-from prefcal_env.envs.task import Step
+from prefcal_env.envs.task import Period
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plants import CSTR
@@ -68,7 +68,7 @@ def test_a_run_that_stays_at_the_target_is_settled_after_one_step():
     assert env.end is End.SETTLED
 
 
-def step(**changes) -> Step:
+def step(**changes) -> Period:
     fields = {
         "t": np.array([0.0, 0.5]),
         "x": np.array([[373.0, 2.0], [373.0, 2.0]]),
@@ -77,7 +77,7 @@ def step(**changes) -> Step:
         "y_ref": np.zeros(2),
         "T_s": 0.5,
     }
-    return Step(**fields | changes)
+    return Period(**fields | changes)
 
 
 @pytest.mark.parametrize(

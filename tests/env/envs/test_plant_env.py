@@ -253,6 +253,9 @@ def test_a_step_without_an_episode_is_refused():
         env.step(np.zeros(1))
 
 
+NO_NUMBERS = {"max_move": "a", "x0": [None], "horizon": "long", "noise": 1j}
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -262,9 +265,17 @@ def test_a_step_without_an_episode_is_refused():
         ({"observed": np.array([(0, 1)])}, r"observed must have shape \(4, 2\)"),
         ({"tracked": (1,), "bands": None}, "tracked must be outputs 0 to 0"),
         ({"max_move": np.array([0.0])}, "max_move must be 1 positive"),
+        ({"horizon": 0.0}, "horizon must be positive"),
+        ({"dense_step": np.inf}, "dense_step must be positive"),
+        ({"T_s": 5.0}, "got 5.0"),
+        ({"T_s_range": (0.0, 3.0)}, "T_s must be"),
+        ({"x0": [np.nan]}, "x0 must be finite"),
+        ({"observed": np.ones((4, 2))}, "low below high"),
+        ({"preview": -1}, "preview must be 0 or more"),
+        *(({name: v}, f"task: {name} must be ") for name, v in NO_NUMBERS.items()),
     ],
 )
-def test_a_task_that_does_not_fit_the_plant_is_refused(change, reason):
+def test_a_task_that_is_impossible_or_does_not_fit_the_plant_is_refused(change, reason):
     with pytest.raises(SettingsError, match=reason):
         tank_env(**change)
 
@@ -279,28 +290,6 @@ def test_actions_for_inputs_without_limits_are_refused_but_not_the_inputs_themse
     for use in (lambda: env.action_space, lambda: env.step(np.zeros(1))):
         with pytest.raises(SettingsError, match=r"'inflow'.*finite limits"):
             use()
-
-
-def test_an_unknown_render_mode_is_refused():
-    with pytest.raises(SettingsError, match="got 'human'"):
-        PlantEnv(TANK, tank_task(), render_mode="human")
-
-
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ({"horizon": 0.0}, "horizon must be positive"),
-        ({"dense_step": np.inf}, "dense_step must be positive"),
-        ({"T_s": 5.0}, "got 5.0"),
-        ({"T_s_range": (0.0, 3.0)}, "T_s must be"),
-        ({"x0": [np.nan]}, "x0 must be finite"),
-        ({"observed": np.ones((4, 2))}, "low below high"),
-        ({"preview": -1}, "preview must be 0 or more"),
-    ],
-)
-def test_an_impossible_task_is_refused(change, reason):
-    with pytest.raises(SettingsError, match=reason):
-        tank_task(**change)
 
 
 def test_x0_u0_y_ref_and_horizon_are_enough_of_a_task():
@@ -318,17 +307,14 @@ def test_x0_u0_y_ref_and_horizon_are_enough_of_a_task():
     assert env.step(np.ones(1))[0] == pytest.approx([env.record().x[-1, 0] / 20, 1.0, 0.0])
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("max_move", "a"), ("x0", [None]), ("horizon", "long"), ("noise", 1j)]
-)
-def test_what_is_no_number_in_a_task_is_refused_by_name(name, value):
-    with pytest.raises(SettingsError, match=f"task: {name} must be "):
-        tank_task(**{name: value})
-
-
-def test_an_environment_needs_a_plant_and_a_task():
-    for parts in ((5, tank_task()), (TANK, 5)):
-        with pytest.raises(SettingsError, match="needs a plant and a Task, got"):
+def test_an_environment_needs_a_plant_a_task_and_a_known_render_mode():
+    needs = "needs a plant and a Task, got"
+    for parts, why in (
+        ((5, tank_task()), needs),
+        ((TANK, 5), needs),
+        ((TANK, tank_task(), "human"), "got 'human'"),
+    ):
+        with pytest.raises(SettingsError, match=why):
             PlantEnv(*parts)
 
 

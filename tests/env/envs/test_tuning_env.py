@@ -28,6 +28,7 @@ def test_a_step_is_one_experiment_and_one_episode():
     observation, info = env.reset()
     assert observation.tolist() == [0.0, 0.0]
     assert info == {}
+    assert env.unwrapped.space is SPACE
     observation, reward, terminated, truncated, info = env.step(np.array([0.0, 0.1]))
     assert info["theta"] == pytest.approx([1.0, 5.0])
     assert info["experiment"] == run(info["theta"])
@@ -56,10 +57,6 @@ def test_every_experiment_gets_the_seed_of_the_last_seeded_reset():
         env.reset(seed=seed)
         seeds.append(env.step(np.zeros(2))[4]["experiment"].kpis["seed"])
     assert seeds == [0, 7, 7, 3, 3]
-
-
-def test_the_space_is_there_for_agents():
-    assert tuning().unwrapped.space is SPACE
 
 
 def test_a_theta_runs_without_a_step_under_the_seed_of_the_environment():

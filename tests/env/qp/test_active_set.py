@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.qp import QP, make_backend
+from prefcal_env.qp import QP, PIQPSolver
 from prefcal_env.qp._active_set import INFEASIBLE, ITERATION_LIMIT, SOLVED, nearest
 
 INF = np.inf
@@ -69,7 +69,7 @@ def test_it_agrees_with_an_interior_point_method_also_with_rows_that_repeat(seed
     how, z, y, _ = solve(G, low, high)
     assert how == SOLVED
     np.testing.assert_allclose(z + G.T @ y, 0, atol=1e-9 * (1 + np.abs(G).max()))
-    solution = make_backend().solve(QP(np.eye(n), np.zeros(n), G, low, high))
+    solution = PIQPSolver().solve(QP(np.eye(n), np.zeros(n), G, low, high))
     if solution.solved:
         assert z @ z <= solution.z @ solution.z + 1e-5 * (1 + z @ z)
     scale = 1e-9 * (1 + np.abs(G) @ np.abs(z))

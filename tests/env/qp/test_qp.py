@@ -1,20 +1,18 @@
 """Our backend, and DAQP, solve what can be solved, and say so where nothing can be."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.errors import QPError, SettingsError
-from prefcal_env.qp import QP, Box, Tolerances, make_backend
+from prefcal_env.qp import QP, PIQPSolver, Tolerances
 from support.daqp_backend import DAQPBackend
 
 INF = np.inf
 
 
-@pytest.fixture(params=[make_backend, DAQPBackend])
+@pytest.fixture(params=[PIQPSolver, DAQPBackend])
 def backend(request):
     return request.param()
 
@@ -66,8 +64,8 @@ def test_infeasible_is_data_and_no_exception(backend):
 
 @pytest.mark.parametrize("G", [[[np.nan]], [[np.inf]]])
 def test_numbers_that_are_not_finite_are_not_solved(G):
-    assert not make_backend().solve(qp([[1.0]], [0], G, [0], [1])).solved
-    assert not make_backend().solve(qp([[1.0]], [0], [[1.0]], [-INF], [np.nan])).solved
+    assert not PIQPSolver().solve(qp([[1.0]], [0], G, [0], [1])).solved
+    assert not PIQPSolver().solve(qp([[1.0]], [0], [[1.0]], [-INF], [np.nan])).solved
 
 
 def test_unbounded_is_data(backend):
@@ -83,7 +81,7 @@ def test_a_later_solve_leaves_an_earlier_solution_alone(backend):
 
 def test_iteration_limit_is_reported():
     box = qp(np.eye(3), [-1, 2, -3], np.eye(3), [-0.1] * 3, [0.1] * 3)
-    solution = make_backend(Tolerances(max_iterations=1)).solve(box)
+    solution = PIQPSolver(Tolerances(max_iterations=1)).solve(box)
     assert (solution.solved, solution.iterations) == (False, 1)
 
 
@@ -91,8 +89,8 @@ def test_looser_tolerances_take_fewer_iterations():
     rng = np.random.default_rng(0)
     L = rng.normal(size=(8, 8))
     problem = qp(L @ L.T, rng.normal(size=8), np.eye(8), [-0.1] * 8, [0.1] * 8)
-    loose = make_backend(Tolerances(absolute=1e-3, relative=1e-3)).solve(problem)
-    tight = make_backend(Tolerances(absolute=1e-10, relative=1e-10)).solve(problem)
+    loose = PIQPSolver(Tolerances(absolute=1e-3, relative=1e-3)).solve(problem)
+    tight = PIQPSolver(Tolerances(absolute=1e-10, relative=1e-10)).solve(problem)
     assert loose.iterations < tight.iterations
 
 
@@ -113,7 +111,7 @@ def test_what_is_called_solved_is_optimal(seed, n, m):
     problem = QP(
         L @ L.T + 0.1 * np.eye(n), rng.normal(size=n), G, around - rng.random(m), around + rng.random(m)
     )
-    results = [made().solve(problem) for made in (make_backend, DAQPBackend)]
+    results = [made().solve(problem) for made in (PIQPSolver, DAQPBackend)]
     assert all(r.solved for r in results)
     np.testing.assert_allclose(results[0].z, results[1].z, atol=1e-5)
     z, y = results[0].z, results[0].multipliers
@@ -123,19 +121,16 @@ def test_what_is_called_solved_is_optimal(seed, n, m):
 
 
 def test_boxes_are_solved_like_the_same_problems_in_full():
-    backend, rng, boxes = make_backend(), np.random.default_rng(2), []
+    backend, rng = PIQPSolver(), np.random.default_rng(2)
     for n in (1, 2, 7, 20):
         root = rng.standard_normal((n, n))
-        boxes.append(Box(root @ root.T + np.eye(n), rng.standard_normal(n), rng.random(n)))
-    for box, z in zip(boxes, backend.solve_boxes(boxes), strict=True):
-        n = len(box.q)
-        full = backend.solve(QP(box.P, box.q, np.eye(n), np.zeros(n), box.upper))
-        assert z == pytest.approx(full.z, abs=1e-6)
+        P, q, upper = root @ root.T + np.eye(n), rng.standard_normal(n), rng.random(n)
+        full = backend.solve(QP(P, q, np.eye(n), np.zeros(n), upper))
+        assert backend.solve_box(P, q, upper) == pytest.approx(full.z, abs=1e-6)
 
 
 def test_a_box_without_a_solution_is_none_and_data_that_is_not_finite_is_refused():
-    hasty = make_backend(Tolerances(max_iterations=1))
-    box = Box(np.eye(2), np.array([-1.0, 2.0]), np.array([0.3, 5.0]))
-    assert hasty.solve_boxes([box]) == [None]
+    hasty = PIQPSolver(Tolerances(max_iterations=1))
+    assert hasty.solve_box(np.eye(2), np.array([-1.0, 2.0]), np.array([0.3, 5.0])) is None
     with pytest.raises(QPError, match="finite"):
-        make_backend().solve_boxes([replace(box, q=np.array([np.nan, 0.0]))])
+        PIQPSolver().solve_box(np.eye(2), np.array([np.nan, 0.0]), np.array([0.3, 5.0]))

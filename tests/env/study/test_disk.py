@@ -56,7 +56,7 @@ def test_a_damaged_experiment_is_told_by_its_file_and_event(tmp_path):
     tamper(path, "UPDATE event SET payload = zeroblob(length(payload)) WHERE seq = 3")
     with (
         StudyFile.open(path, clock=clock()) as file,
-        pytest.raises(StudyError, match=r"event 3 of .*a\.prefcal.*damaged.*--from"),
+        pytest.raises(StudyError, match=r"event 3 of .*a\.prefcal.*damaged.*--start"),
     ):
         file.experiment(3)
 

@@ -9,7 +9,7 @@ from prefcal_env.errors import RunError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.isolated import IsolatedRun, isolation
+from prefcal_scenarios.isolated import Isolated, isolation
 from prefcal_scenarios.scenario import with_ranges
 from toy_study import toy_scenario
 
@@ -71,7 +71,7 @@ def test_built_in_scenarios_and_rigs_stay_where_they_are():
         cstr = load("cstr")
         assert isolated(cstr) is cstr
     with isolation(f"{WILD}:plant", early=False) as isolated:
-        assert isinstance(isolated(load(f"{WILD}:plant")).run, IsolatedRun)
+        assert isinstance(isolated(load(f"{WILD}:plant")).run, Isolated)
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan")])

@@ -8,7 +8,8 @@ import pytest
 
 from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Maneuvers, Move, PlantEnv, Rig, Task
 from prefcal_env.plants import FunctionPlant
-from prefcal_scenarios.own.tracking import Tracked, found_rows
+from prefcal_env.sources import Function, Tracked
+from prefcal_scenarios.own.tracking import found_rows
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 from toy_study import toy_scenario
 
@@ -106,6 +107,6 @@ def test_many_outputs_leave_few_enough_kpis_to_read(count):
 
 
 def test_a_tracked_run_passes_on_what_is_no_experiment_and_can_be_pickled():
-    tracked = pickle.loads(pickle.dumps(Tracked(float, ("a",))))
+    tracked = pickle.loads(pickle.dumps(Tracked(Function(float), ("a",))))
     assert tracked.names == ("a",)
-    assert Tracked(lambda theta, seed: None)(np.zeros(1)) is None
+    assert Tracked(Function(lambda theta, seed: None))(np.zeros(1)) is None

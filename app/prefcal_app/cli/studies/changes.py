@@ -4,8 +4,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from prefcal_agents.models.learned_cost import LearnedCost
-from prefcal_app.session import Interview
 from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.study import (
     StudyFile,
@@ -19,10 +17,9 @@ from prefcal_env.study import (
     verify,
 )
 from prefcal_env.study.exports import FORMATS as EXPORTS
-from prefcal_scenarios.catalog import load
 from prefcal_scenarios.presentation.wording import printable
 
-from .files import existing, open_described, summary, trusted_source, wall_clock
+from .files import existing, open_described, summary, wall_clock
 
 
 def rename(old: str, new: str) -> Path:
@@ -117,61 +114,6 @@ def findings_of(name: str) -> tuple[int, tuple[str, ...]]:
         return 0, tuple(findings)
     with StudyFile.open(path, clock=wall_clock, reading=True) as file:
         return sum(1 for _ in file.events()), ()
-
-
-_COST = '''
-
-SCENARIO = {source!r}
-
-
-def cost(experiment):
-    """Return the index of an experiment, for `prefcal calibrate --agent glis --cost`."""
-    from prefcal_scenarios import outcome
-
-    return index(outcome(_scenario(), experiment))
-
-
-@cache
-def _scenario():
-    from prefcal_scenarios import load
-
-    return load(SCENARIO)
-'''
-"""What is added to an exported index."""
-
-
-def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path, LearnedCost]:
-    """Write what the answers of the study called `name` teach as a Python module.
-
-    The module has `index(kpis)`, and `cost(experiment)` for the scenario.
-
-    Args:
-        name: Name of the study.
-        source: Scenario that the user trusts; None for the study's built-in one.
-        out: File to write; None for STUDY_index.py in the current folder.
-
-    Returns:
-        The file, and what it holds.
-
-    Raises:
-        StudyError: If there is no such study, its scenario must be given, its answers say nothing
-            about KPIs, or the file cannot be written or is not an earlier index.
-    """
-    path = existing(name)
-    with open_described(path) as file:
-        source = trusted_source(name, file.state, source)
-        index = Interview(load(source), file, ahead=False, asks=False).index
-    if index is None:
-        raise StudyError(
-            f"study {name!r} says nothing about KPIs: that takes answers that prefer one "
-            "experiment, and at least three experiments that differ in a KPI"
-        )
-    target, first = Path(f"{path.stem}_index.py") if out is None else out, "\nfrom math import"
-    text = index.to_python().replace(first, f"\nfrom functools import cache{first}", 1)
-    if target.is_file() and not target.read_bytes().startswith(text[:40].encode()):
-        raise StudyError(f"{target} is not an index written by prefcal: choose another --out")
-    _write(target, text + _COST.format(source=source))
-    return target, index
 
 
 def _write(target: Path, text: str) -> None:

@@ -1,13 +1,14 @@
-"""`prefcal studies ...` and `prefcal report`: commands that work on studies."""
+"""Declare the commands `prefcal studies ...`."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Argument, Exit, Option, Typer, echo
 
-from prefcal_app.cli.parameters import examples
+from prefcal_app.cli.parameters import argument, examples, made, option, takes
 
 app = Typer(
     name="studies",
@@ -16,31 +17,24 @@ app = Typer(
     rich_markup_mode="rich",
 )
 
-_Name = Annotated[str, Argument(metavar="STUDY", help="A name, or the path of a file.")]
-_Json = Annotated[bool, Option("--json", metavar="", help="Print only JSON on standard output.")]
-_Texts = list[str] | None
-_Scenario = Annotated[
-    str | None,
-    Option(
-        metavar="SCENARIO",
-        help="Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never "
-        "makes prefcal run a program.",
-        show_default="the built-in one that the study names",
-    ),
-]
-_Plant = Annotated[
-    str | None, Option(metavar="FILE.py:NAME", help="Plant of a standard controller, as for calibrate.")
-]
+Study = Annotated[str, Argument(metavar="STUDY", help="A name, or the path of a file.")]
+Json = Annotated[bool, Option("--json", metavar="", help="Print only JSON on standard output.")]
 
 
-def _named(scenario: str | None, plant: str | None) -> str | None:
-    """Return what the user names: a scenario, a plant as for `prefcal calibrate`, or both."""
-    if plant is None:
-        return scenario
-    from prefcal_scenarios.own.source import joined_source, split_source
+@dataclass(frozen=True, slots=True)
+class OfStudy:
+    """Options of a command that loads the scenario of a study.
 
-    name, config = split_source(scenario or "")
-    return joined_source(name, {**(config or {}), "plant": plant})
+    Args:
+        study: A name, or the path of a file.
+        scenario: Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never makes
+            prefcal run a program.
+        plant: Plant of a standard controller, as for calibrate.
+    """
+
+    study: str = argument("STUDY")
+    scenario: str | None = option(None, "SCENARIO", shown="the built-in one that the study names")
+    plant: str | None = option(None, "FILE.py:NAME")
 
 
 def _command(*shown: tuple[str, str], name: str | None = None) -> Callable[..., Any]:
@@ -62,7 +56,7 @@ class Format(StrEnum):
     ("list --json", "The same for programs, with the file of each study."),
     name="list",
 )
-def list_(json: _Json = False) -> None:
+def list_(json: Json = False) -> None:
     """List the studies in your data folder."""
     from .files import print_list
 
@@ -73,7 +67,7 @@ def list_(json: _Json = False) -> None:
     ("show mine", "The best θ so far, and every answer."),
     ("show ./shared.prefcal --json", "A study file from anywhere, for programs."),
 )
-def show(study: _Name, json: _Json = False) -> None:
+def show(study: Study, json: Json = False) -> None:
     """Show one study: its progress, its best θ and every answer."""
     from .files import print_study
 
@@ -114,7 +108,7 @@ def rm(
     ("export mine --format parquet --out tables", "The same for pandas, polars or DuckDB."),
 )
 def export(
-    study: _Name,
+    study: Study,
     format: Annotated[
         Format,
         Option(
@@ -149,31 +143,8 @@ def import_(
     echo(f"Imported: {import_study(file, study)}")
 
 
-@_command(("index mine", "Write mine_index.py, which scores experiments as you did."))
-def index(
-    study: _Name,
-    out: Annotated[
-        Path | None, Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py")
-    ] = None,
-    scenario: _Scenario = None,
-    plant: _Plant = None,
-) -> None:
-    """Write what the answers have taught as a Python function, `cost(experiment)`.
-
-    With it, an agent can run unattended:
-    prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
-    """
-    from prefcal_app.session.kpi_index import trust_text
-
-    from .changes import export_index
-
-    file, learned = export_index(study, _named(scenario, plant), out)
-    echo(trust_text(learned))
-    echo(f"Written: {file}")
-
-
 @_command(("verify mine", "Check the whole file, for example after a copy."))
-def verify(study: _Name) -> None:
+def verify(study: Study) -> None:
     """Check a study file and everything in it for damage; the exit code is 1 if any is found."""
     from .changes import findings_of
 
@@ -185,72 +156,37 @@ def verify(study: _Name) -> None:
     echo(f"Sound: {count} events.")
 
 
+@dataclass(frozen=True, slots=True)
+class RespaceOptions(OfStudy):
+    """Options of `prefcal studies respace`, in the order of its help.
+
+    Args:
+        knob: Search this range, narrower or wider.
+        freeze: Keep a knob at this value.
+        add: A knob that is new in the scenario, and its value in the experiments so far.
+    """
+
+    knob: tuple[str, ...] = option((), "KNOB=LOW:HIGH")
+    freeze: tuple[str, ...] = option((), "KNOB=VALUE")
+    add: tuple[str, ...] = option((), "KNOB=VALUE")
+
+
 @_command(
     ("respace mine --knob T_s=0.1:0.5", "Search T_s from 0.1 to 0.5 from now on."),
     ("respace mine --freeze N_p=26", "Keep N_p at 26."),
 )
-def respace(
-    study: _Name,
-    knob: Annotated[
-        _Texts, Option(metavar="KNOB=LOW:HIGH", help="Search this range, narrower or wider.")
-    ] = None,
-    freeze: Annotated[_Texts, Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")] = None,
-    add: Annotated[
-        _Texts,
-        Option(
-            metavar="KNOB=VALUE",
-            help="A knob that is new in the scenario, and its value in the experiments so far.",
-        ),
-    ] = None,
-    scenario: _Scenario = None,
-    plant: _Plant = None,
-) -> None:
+@takes(RespaceOptions)
+def respace(**typed: Any) -> None:
     """Change the knobs of a running study; every experiment and answer stays.
 
     Close its page first. Experiments outside a narrowed range still count for
     learning; only new proposals stay inside. Each option can be repeated.
     """
-    from .respacing import Changes, in_words
+    from .respacing import in_words
     from .respacing import respace as respace_study
+    from .sources import completed
 
-    changes = Changes(knob or (), freeze or (), add or ())
-    for line in in_words(respace_study(study, _named(scenario, plant), changes)):
+    options = made(RespaceOptions, typed)
+    source = completed({name: typed[name] for name in ("study", "scenario", "plant")})["scenario"]
+    for line in in_words(respace_study(options, source)):
         echo(line)
-
-
-REPORT_EPILOG = examples(
-    ("report mine", "Write the report of the study called mine into the folder prefcal-mine."),
-    (
-        "report plant-1 --scenario own.py:plant --out latest",
-        "For a study of your own scenario, into a folder of your choice.",
-    ),
-    ("report pid-1 --plant model.py:plant", "For a PID on your own plant."),
-)
-
-
-def report(
-    study: _Name,
-    scenario: _Scenario = None,
-    plant: _Plant = None,
-    cost: Annotated[
-        str | None,
-        Option(
-            metavar="COST",
-            help="The cost that the study was started with, if any.",
-            show_default="the scenario's score",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            metavar="FOLDER",
-            help="Folder of the report; must not hold the report of another study.",
-            show_default="./prefcal-STUDY",
-        ),
-    ] = None,
-    json: _Json = False,
-) -> None:
-    """Write the report of a study as it stands, complete or not."""
-    from prefcal_app.cli.calibration import report_of
-
-    report_of(study, _named(scenario, plant), cost, out=out, json=json)

@@ -1,7 +1,7 @@
 """Find study files, open them safely, list them, and show one."""
 
 import json as json_
-import shlex
+import re
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,11 +22,23 @@ from prefcal_env.errors import PrefcalError, SettingsError, StudyError
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.described.options import words_to_resume
-from prefcal_scenarios.described.resuming import resumed_source
-from prefcal_scenarios.names import is_built_in, is_described
-from prefcal_scenarios.own.source import split_source
-from prefcal_scenarios.presentation.wording import earlier_text, labeled, mark_text, number, printable
+from prefcal_scenarios.presentation.wording import labeled, mark_text, number, printable
+
+EXPERIMENT = re.compile(r"(.+):(\d+|best)")
+"""An experiment of a study, as people name it: MINE:3, MINE:best."""
+
+
+def numbered(name: str, which: str, state: State) -> int:
+    """Return the index of the experiment that people call `which` in the study called `name`.
+
+    Raises:
+        SettingsError: If the study has no such experiment.
+    """
+    index = state.history.incumbent if which == "best" else int(which) - 1
+    if index is None or index not in state.finished:
+        there = ", ".join(str(k + 1) for k in sorted(state.finished)) or "none"
+        raise SettingsError(f"study {name!r} has no experiment {which}; there are {there}")
+    return index
 
 
 def wall_clock() -> str:
@@ -54,13 +66,6 @@ class _Agent(msgspec.Struct):
     agent: str
 
 
-class _Earlier(msgspec.Struct):
-    study: str
-    scenario: str
-    experiments: int
-    thetas: list[Any]
-
-
 class _Configuration(msgspec.Struct):
     """Fields of a study's configuration that the command line reads."""
 
@@ -72,7 +77,6 @@ class _Configuration(msgspec.Struct):
     agent: _Agent
     options: dict[str, Any]
     versions: dict[str, Any]
-    earlier: _Earlier | None = None
 
 
 def open_described(path: Path, *, writing: bool = False) -> StudyFile:
@@ -112,48 +116,15 @@ def _problem(configuration: Mapping[str, Any]) -> str:
 def _in_words(error: msgspec.ValidationError) -> str:
     """Return a parser message like "Expected `str`, got `int` - at `$.name`" in our words."""
     problem, _, where = str(error).replace("`", "").partition(" - at $.")
-    if where.startswith("earlier"):
-        return "what it says of an earlier study cannot be read"
     problem = problem[:1].lower() + problem[1:]
     return f"its {where}: {problem}" if where else f"its configuration: {problem}"
-
-
-def trusted_source(name: str, state: State, source: str | None) -> str:
-    """Return the scenario of the study called `name`, if the user trusts it.
-
-    Args:
-        name: Name of the study.
-        state: State of the study.
-        source: Scenario that the user names; None to use the study's if it is built in. With a
-            plant alone, the controller is that of the study.
-
-    Raises:
-        StudyError: If the study names a program and the user does not.
-        SettingsError: If the user names a plant, and the study has none.
-    """
-    named: str = state.configuration["scenario"]
-    if source is not None and not split_source(source)[0]:
-        if not is_described(named):
-            raise SettingsError(f"study {name!r} has no plant of its own: leave --plant out")
-        source = split_source(named)[0] + source
-    if source is None and not is_built_in(named):
-        # A study from another person must not decide which program runs here.
-        short, *plant = words_to_resume(named)  # the study keeps the rest
-        option = plant or ["--scenario", short]
-        raise StudyError(
-            f"study {name!r} calibrates {' '.join([short, *plant])!r}, which is a program: if you "
-            f"trust it, add {shlex.join(option)}"
-        )
-    if source is not None and is_described(source) and is_described(named):
-        return resumed_source(named, source)
-    return source or named
 
 
 def print_list(*, json: bool) -> None:
     """Print a row for each study in the data folder, including unreadable ones."""
     rows = [_row(path) for path in studies_in_data_folder()]
     if json:
-        print(_dumps(rows))
+        print(as_text(rows))
         return
     if not rows:
         print("No studies yet: `prefcal calibrate cstr` starts one.")
@@ -218,17 +189,14 @@ def print_study(name: str, *, json: bool) -> None:
         "seed": configuration["seed"],
         "versions": configuration["versions"],
         "questions": list(_answers(state)),
-        "earlier": configuration.get("earlier"),
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }
     if json:
-        print(_dumps(content))
+        print(as_text(content))
         return
     console = Console(emoji=False)
     shown = ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state")
     lines = [f"{key:<12}{content[key]}" for key in shown]
-    if content["earlier"]:
-        lines.append(f"{'from':<12}{earlier_text(content['earlier'])}")
     lines.append(f"{'experiments':<12}{content['experiments']} of {state.n_max}")
     units = {knob["name"]: knob["unit"] for knob in configuration["knobs"]}
     for knob, value in (content["best"] or {}).items():
@@ -281,5 +249,6 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
     return table
 
 
-def _dumps(content: Any) -> str:
+def as_text(content: Any) -> str:
+    """Return what programs read: strict, indented JSON, with null for missing numbers."""
     return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)

@@ -1,7 +1,8 @@
 """Change the knobs of a study: search another range, keep a knob, or add one."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from prefcal_agents.respacing import RESPACEABLE, moved
 from prefcal_app.session.memory import agent_of, agent_state, with_constraints
@@ -13,32 +14,27 @@ from prefcal_env.study import Respaced, State, knobs_as_dicts, space_of, within_
 from prefcal_env.study.fold import step
 from prefcal_scenarios.catalog import load
 
-from .files import existing, open_described, trusted_source
+from .files import existing, open_described
+
+if TYPE_CHECKING:
+    from .commands import RespaceOptions
 
 _Part = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Changes:
-    """Changes of a space, as typed: "T_s=0.25:1.0", "N_p=26", "filter=0.5"."""
+def respace(changes: "RespaceOptions", source: str) -> KnobSpace:
+    """Change the space of a study of the scenario `source`; return the new space.
 
-    knobs: Sequence[str] = ()
-    freeze: Sequence[str] = ()
-    add: Sequence[str] = ()
-
-
-def respace(name: str, source: str | None, changes: Changes) -> KnobSpace:
-    """Change the space of the study called `name`; return the new space.
+    The changes are as typed: "T_s=0.25:1.0", "N_p=26", "filter=0.5".
 
     Raises:
-        StudyError: If there is no such study, or its scenario must be given.
+        StudyError: If there is no such study, or its agent cannot change its space.
         SettingsError: If the changes cannot be read, or change nothing.
         KnobError: If a range is invalid.
     """
-    with open_described(existing(name), writing=True) as file:
-        source = trusted_source(name, file.state, source)
+    with open_described(existing(changes.study), writing=True) as file:
         if file.state.configuration["agent"]["agent"] not in RESPACEABLE:
-            raise StudyError(f"the agent of study {name!r} cannot change its space")
+            raise StudyError(f"the agent of study {changes.study!r} cannot change its space")
         event, space = _event(file.state, load(source).space, changes)
         # Check that the study can be resumed with the change before recording it.
         agent_of(step(file.state, 1 << 40, "", event), space)
@@ -46,7 +42,7 @@ def respace(name: str, source: str | None, changes: Changes) -> KnobSpace:
     return space
 
 
-def _event(state: State, scenario: KnobSpace, changes: Changes) -> tuple[Respaced, KnobSpace]:
+def _event(state: State, scenario: KnobSpace, changes: "RespaceOptions") -> tuple[Respaced, KnobSpace]:
     old = with_constraints(space_of(state.configuration), scenario)
     parts = {**_parts(state, old, scenario), **_asked(changes, scenario)}
     added = {name: value for name, (value, _) in _read(changes.add, "KNOB=VALUE", scenario)}
@@ -78,8 +74,8 @@ def _parts(state: State, old: KnobSpace, scenario: KnobSpace) -> dict[str, _Part
     }
 
 
-def _asked(changes: Changes, scenario: KnobSpace) -> dict[str, _Part]:
-    ranges = _read(changes.knobs, "KNOB=LOW:HIGH", scenario)
+def _asked(changes: "RespaceOptions", scenario: KnobSpace) -> dict[str, _Part]:
+    ranges = _read(changes.knob, "KNOB=LOW:HIGH", scenario)
     return dict([*ranges, *_read(changes.freeze, "KNOB=VALUE", scenario)])
 
 

@@ -63,9 +63,7 @@ function confirming({ live, pending }) {
   return fill($("view-live"), title,
     live.instructions ? el("p", { class: "instructions" }, live.instructions) : null,
     live.problem ? el("p", { class: "problem", role: "alert" }, live.problem) : null, written(live.changes),
-    el("p", {}, `The run records for at most ${seconds(live.duration)}. ${live.keeps
-      ? "The new values of the knobs stay on the plant if it is completed; otherwise the old ones are restored."
-      : "The old values are restored after it."} You can stop it at any time.`),
+    el("p", {}, `${live.duration ? `The run records for at most ${seconds(live.duration)}. ` : ""}Afterward ${live.afterward}. You can stop it at any time.`),
     el("p", { class: "actions" }, button("Write and start", () => act("write_and_start", { index: pending.index }), { id: "write-and-start", class: "primary" }), again, skip),
     el("p", { class: "faint" }, "Nothing is written before you confirm."));
 }
@@ -81,7 +79,7 @@ function running({ live, pending }) {
   fill($("view-live"), el("h2", { id: "live-title" }, title),
     el("p", { id: "live-stage", role: "status" }),
     recovers || restores ? el("p", {}, "Nothing else is written until the plant has them. If you end prefcal, they are restored at the next start.") : null,
-    el("p", { hidden: recovers || restores }, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration, value: 0 }), " ",
+    el("p", { hidden: recovers || restores }, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration ?? 1, value: 0 }), " ",
       el("span", { id: "live-left" })),
     el("p", { id: "live-problem", class: "problem", role: "alert", hidden: true }),
     el("p", { class: "actions", hidden: recovers || restores }, 
@@ -90,7 +88,8 @@ function running({ live, pending }) {
 }
 
 function progress({ live }) {
-  const { running: run, duration } = live;
+  const { running: run } = live;
+  const duration = live.duration ?? Math.max(...run.times, 1);
   const { stage, elapsed, problem, stopping, times, outputs } = run;
   set("live-stage", stopping ? "Stopping: the plant gets its old values back." : sentence(stage));
   $("live-progress").value = elapsed;

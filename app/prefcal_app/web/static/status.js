@@ -24,7 +24,7 @@ export async function showStatus(now, act) {
 
 function learned({ slices, trust }) {
   const told = [el("h3", {}, "What was learned")];
-  if (trust) told.push(el("p", { class: "faint" }, trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")));
+  if (trust) told.push(el("p", { class: "faint" }, trust));
   if (slices) {
     told.push(el("p", { class: "faint" }, "The learned cost along each knob through the best θ, with every experiment at its learned cost. Lower is better; only the order matters."),
       figures("slice", slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`));

@@ -3,13 +3,12 @@
 from functools import partial
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.calibrators import Criterion, LatentCost, Lexicographic
+from prefcal_env.envs.canvas import makes
 from prefcal_env.envs.cstr import BAND, TARGET, UNSAFE_TEMPERATURE, cstr_env
-from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout
@@ -124,6 +123,5 @@ def make_tuning_env(
     )
 
 
-def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:
-    """Create several tuning environments as a vector without wasted steps (`same_step_vector`)."""
-    return same_step_vector("prefcal/CSTRTuning-v0", num_envs, **options)
+make_tuning_vector = partial(same_step_vector, "prefcal/CSTRTuning-v0")
+"""Create several tuning environments as a vector without wasted steps (`same_step_vector`)."""

@@ -5,12 +5,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.envs.canvas import makes
 from prefcal_env.envs.overtake import Course, OvertakeOptions
-from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
@@ -136,6 +135,5 @@ def make_tuning_env(
     )
 
 
-def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:
-    """Create several tuning environments as a vector without wasted steps (`same_step_vector`)."""
-    return same_step_vector("prefcal/OvertakeTuning-v0", num_envs, **options)
+make_tuning_vector = partial(same_step_vector, "prefcal/OvertakeTuning-v0")
+"""Create several tuning environments as a vector without wasted steps (`same_step_vector`)."""

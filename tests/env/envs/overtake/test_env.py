@@ -151,16 +151,12 @@ IMPOSSIBLE = (
 )
 
 
-@pytest.mark.parametrize("config", IMPOSSIBLE)
-def test_an_impossible_configuration_is_refused(config):
+@pytest.mark.parametrize(
+    "keywords", [*({"config": config} for config in IMPOSSIBLE), {"render_mode": "human"}, {"T_s": 1.0}]
+)
+def test_an_impossible_configuration_or_keyword_is_refused(keywords):
     with pytest.raises(SettingsError):
-        OvertakeEnv(config)
-
-
-def test_impossible_keywords_are_refused():
-    for keywords in ({"render_mode": "human"}, {"T_s": 1.0}):
-        with pytest.raises(SettingsError):
-            OvertakeEnv(**keywords)
+        OvertakeEnv(**keywords)
 
 
 def test_a_wrong_input_or_one_out_of_turn_is_refused():

@@ -7,18 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.envs.overtake._kernels import kept, surely_apart
 from prefcal_env.envs.overtake.geometry import (
-    BENT,
     CONTACT,
-    REACH,
     corners,
     distance,
     first_contact,
+    kept,
     lateral_distance,
     outside,
     overlap,
     separation,
+    surely_apart,
 )
 from prefcal_env.envs.overtake.rules import ROAD
 from prefcal_env.envs.overtake.traffic import Obstacle
@@ -145,7 +144,7 @@ def apart(motion, times):
 
 def apart_at_first_sight(motion):
     x, others = motion(TIMES)
-    return surely_apart(x, np.stack(others), BENT, REACH)
+    return surely_apart(x, np.stack(others))
 
 
 drives = given(
@@ -204,13 +203,9 @@ def test_who_passes_3_m_beside_is_surely_apart():
     assert not apart_at_first_sight(driving((0.0, 1.85, 0.0), (16.0, 0.0), Obstacle(4.0)))
 
 
-def test_states_are_kept_up_to_the_last_finite_one_on_the_road():
+def test_states_are_kept_up_to_the_first_one_off_the_road():
     x = np.zeros((5, 3))
-    assert kept(x, ROAD, 1.0) == (4, 0)
+    assert kept(x, ROAD, 1.0) == (4, False)
     x[2:, 1] = 6.2
-    assert kept(x, ROAD, 1.0) == (2, 2)
-    assert kept(x, ROAD, 1.2) == (4, 0)
-    x[3, 2] = np.inf
-    assert kept(x, ROAD, 1.2) == (2, 1)
-    x[1, 2] = np.nan
-    assert kept(x, ROAD, 1.0) == (0, 1)
+    assert kept(x, ROAD, 1.0) == (2, True)
+    assert kept(x, ROAD, 1.2) == (4, False)

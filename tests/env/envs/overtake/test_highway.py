@@ -8,8 +8,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from prefcal_env.envs.overtake import Course, Mishap, OvertakeEnv
-from prefcal_env.envs.overtake.traffic import Track
-from prefcal_env.envs.overtake.vehicles import OwnVehicle
+from prefcal_env.envs.overtake.vehicles import OwnVehicle, Track
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plants.bicycle import KMH

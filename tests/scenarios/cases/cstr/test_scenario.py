@@ -132,18 +132,14 @@ def test_a_theta_outside_the_box_is_refused(theta):
 def test_the_controller_is_the_papers():
     s = cstr.settings(np.array([0.31, 26.0, -1.79]))
     json.dumps(s)
+    assert s["linearisation"] == "point"  # the key that earlier best.json files have
+    assert "linearization" not in s
     assert (s["T_s"], s["N_p"], s["N_u"]) == (0.31, 26, 9)
     assert s["Q_du"] == ((pytest.approx(10**-1.79),),)
     assert s["Q_y"] == ((0.0, 0.0), (0.0, 1.0))
     assert (s["u_min"], s["u_max"]) == ((284.0,), (310.0,))
     assert (s["du_min"], s["du_max"]) == ((-10.0,), (10.0,))
     assert cstr.controller(np.array([0.31, 26.0, -1.79])).T_s == 0.31
-
-
-def test_the_settings_keep_the_key_that_earlier_best_json_files_have():
-    s = cstr.settings(np.array([0.31, 26.0, -1.79]))
-    assert s["linearisation"] == "point"
-    assert "linearization" not in s
 
 
 @pytest.mark.parametrize(("N_p", "N_u"), [(4, 1), (5, 2), (10, 3), (25, 8), (26, 9), (40, 13)])

@@ -18,7 +18,7 @@ CAR = mpc_settings(np.array([0.1, 0.4, 12, 0.0, 0.0]), Phase.OVERTAKING)
 def test_sizes_are_those_of_the_problem_that_the_mpc_solves(share, phase):
     settings = mpc_settings(np.array([0.1, share, 12, 0.0, 0.0]), phase)
     m = Measurement(0.0, np.zeros(3), np.array([14.0, 0.0]), np.zeros(0), np.zeros(3))
-    qp = next(LinearMPC(Bicycle(), settings).problems(m))
+    qp = LinearMPC(Bicycle(), settings).problem(m)
     assert problem_size(settings)[::-1] == qp.G.shape
 
 

@@ -68,7 +68,13 @@ def test_a_run_is_repeatable_and_independent_of_the_seed():
     assert overtake.run(OPTIMUM) == overtake.run(OPTIMUM, seed=5) == PAPERS
 
 
-def check_run(theta: np.ndarray) -> None:
+INSIDE = [np.random.default_rng([0, i]).random(5) for i in range(6)]
+CORNERS = [np.array([corner >> k & 1 for k in range(5)], dtype=float) for corner in (0, 13, 18, 31)]
+
+
+@pytest.mark.parametrize("z", [*INSIDE, *CORNERS])
+def test_anywhere_in_the_box_a_run_ends_with_a_reason_and_exact_in_time(z):
+    theta = overtake.space.decode(z)
     e = overtake.run(theta)
     assert e.end in (End.TIME_UP, End.UNSAFE)
     assert np.isfinite(e.x).all()
@@ -77,16 +83,6 @@ def check_run(theta: np.ndarray) -> None:
     np.testing.assert_allclose(e.t_control, T_s * np.arange(len(e.t_control)), rtol=0, atol=1e-9)
     if e.end is End.TIME_UP:
         assert e.duration == pytest.approx(T_s * np.ceil(15 / T_s - 1e-9), abs=1e-9)
-
-
-@pytest.mark.parametrize("i", range(6))
-def test_anywhere_in_the_box_a_run_ends_with_a_reason_and_exact_in_time(i):
-    check_run(overtake.space.decode(np.random.default_rng([0, i]).random(5)))
-
-
-@pytest.mark.parametrize("corner", [0, 13, 18, 31])
-def test_in_the_corners_of_the_box_too(corner):
-    check_run(overtake.space.decode(np.array([corner >> k & 1 for k in range(5)], dtype=float)))
 
 
 @pytest.mark.parametrize("theta", [[0.08, 0.3, 16, 0, 0], [0.1, 0.3, 16.5, 0, 0], [0.1, 0.3, 16]])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End
-from prefcal_env.rig import Rig
+from prefcal_env.sources.rig import Rig
 
 CHANNELS = Channels(
     x=(Channel("temperature", "°C"), Channel("flow", "m³/h")),
@@ -36,7 +36,6 @@ def test_outputs_that_are_no_states_have_columns_of_their_own():
     e = rig.read("time,level,flow\n0,1,5\n1,2,6\n", THETA)
     assert e.x[:, 0].tolist() == e.output(1).tolist() == [1, 2]
     assert e.output(0).tolist() == [5, 6]
-    assert rig.failed(THETA).y.shape == (0, 2)
 
 
 def test_a_record_becomes_an_experiment():
@@ -256,17 +255,6 @@ def test_what_is_written_is_read_back_exactly(rows):
 def test_only_a_person_can_run_it():
     with pytest.raises(ScenarioError, match="only a person can run"):
         RIG(THETA)
-
-
-def test_a_failed_run_leaves_an_experiment_without_a_record():
-    e = RIG.failed(THETA)
-    assert (len(e.t), e.end, dict(e.kpis), e.duration) == (0, End.FAILED, {}, 0.0)
-
-
-def test_a_failed_run_keeps_what_was_logged_until_then():
-    e = RIG.failed(THETA, GOOD)
-    assert (len(e.t), e.end, dict(e.kpis)) == (3, End.FAILED, {})
-    assert len(RIG.failed(THETA, "nothing of use").t) == 0
 
 
 @pytest.mark.parametrize(

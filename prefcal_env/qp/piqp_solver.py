@@ -1,4 +1,4 @@
-"""PIQP, a proximal interior-point solver: the agents' backend, and the only import of piqp.
+"""PIQP, a proximal interior-point solver: the QP solver, and the only import of piqp.
 
 PIQP reports few errors: rows without a bound only print a message, NaN and an indefinite P pass
 unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is a view into memory
@@ -6,65 +6,73 @@ that the next solve overwrites. Therefore this adapter always sets up before it 
 `Solution.checked` copies and checks the result.
 """
 
-from collections.abc import Sequence
 from math import isfinite
 
 import numpy as np
-import piqp
 from jaxtyping import Float
 
 from prefcal_env.errors import QPError
 
-from .problem import QP, Box, Solution, Tolerances
+from .problem import QP, Solution, Tolerances
 
 
-class PIQPBackend:
-    """Dense PIQP. One object may solve any number of problems of any size."""
+class PIQPSolver:
+    """Dense PIQP. One object may solve any number of problems of any size.
+
+    It never raises for an unsolvable QP: read `Solution.solved`. Later solves do not change a
+    solution.
+
+    Args:
+        tolerances: When to stop; None for the default.
+    """
 
     def __init__(self, tolerances: Tolerances | None = None) -> None:
-        self._tolerances = tolerances or Tolerances()
-        self._solver = piqp.DenseSolver()
+        import piqp  # here, so that only what solves a QP loads it
+
+        tolerances = tolerances or Tolerances()
+        self._solver, self._is_solved = piqp.DenseSolver(), piqp.PIQP_SOLVED
         settings = self._solver.settings
-        settings.eps_abs = settings.eps_duality_gap_abs = self._tolerances.absolute
-        settings.eps_rel = settings.eps_duality_gap_rel = self._tolerances.relative
-        settings.max_iter = self._tolerances.max_iterations
+        settings.eps_abs = settings.eps_duality_gap_abs = tolerances.absolute
+        settings.eps_rel = settings.eps_duality_gap_rel = tolerances.relative
+        settings.max_iter = tolerances.max_iterations
 
     def solve(self, qp: QP) -> Solution:
-        """Solve a QP once; see `Backend`. One that is not finite is not solved."""
+        """Solve a QP once, and check the residuals. One that is not finite is not solved."""
         whole = np.isfinite(qp.G).all() and np.isfinite(qp.P).all() and np.isfinite(qp.q).all()
         if not whole or np.isnan(qp.lower).any() or np.isnan(qp.upper).any():
             return Solution.none(qp, 0)
         P = np.asfortranarray(qp.P.T)  # symmetric, so this makes no copy
-        solver, m, n = self._solver, len(qp.lower), len(qp.q)
-        box = m == n and n > 1 and np.array_equal(qp.G, np.eye(n))
+        solver = self._solver
         bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)  # PIQP prints about others
         lower, upper = qp.lower[bounded], qp.upper[bounded]
-        if not len(lower):
-            solver.setup(P, qp.q)
-        elif box and len(lower) == n:  # as bounds, its rows cost nothing to factorize
-            solver.setup(P, qp.q, x_l=lower, x_u=upper)
-        else:
-            box = False
+        if len(lower):
             solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G[bounded]), lower, upper)
-        solved = solver.solve() == piqp.PIQP_SOLVED
+        else:
+            solver.setup(P, qp.q)
+        solved = solver.solve() == self._is_solved
         result = solver.result
         iterations = int(result.info.iter)
         if not solved:
             return Solution.none(qp, iterations)
-        multipliers = np.zeros(m)
-        multipliers[bounded] = result.z_bu - result.z_bl if box else result.z_u - result.z_l
+        multipliers = np.zeros(len(bounded))
+        multipliers[bounded] = result.z_u - result.z_l
         return Solution.checked(qp, result.x, multipliers, iterations)
 
-    def solve_boxes(self, boxes: Sequence[Box]) -> list[Float[np.ndarray, " n"] | None]:
-        """Solve over boxes; see `Backend`."""
-        return [self._solve_box(box) for box in boxes]
+    def solve_box(
+        self, P: Float[np.ndarray, "n n"], q: Float[np.ndarray, " n"], upper: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"] | None:
+        """Minimize ½ zᵀP z + qᵀz over 0 <= z <= upper; None if it is not solved.
 
-    def _solve_box(self, box: Box) -> Float[np.ndarray, " n"] | None:
-        P, q, upper = box.P, box.q, box.upper
+        For callers that know P, shape (n, n), to be positive definite: neither that nor the
+        residuals are checked.
+
+        Raises:
+            QPError: If data is NaN or infinite.
+        """
         if not isfinite(P.sum() + q.sum() + upper.sum()):
             raise QPError("P, q and upper of a QP must be finite")
         if len(q) <= 1:  # PIQP takes no problem of one variable with bounds only
             return np.clip(-q / np.diag(P), 0.0, upper)
         solver = self._solver
         solver.setup(np.asfortranarray(P.T), q, x_l=np.zeros(len(q)), x_u=upper)
-        return np.array(solver.result.x) if solver.solve() == piqp.PIQP_SOLVED else None
+        return np.array(solver.result.x) if solver.solve() == self._is_solved else None

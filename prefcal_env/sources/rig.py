@@ -12,11 +12,16 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
+from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.rollout import computed
 from prefcal_env.tables import timing
 from prefcal_env.tables.sheet import Sheet, Table, sheet_of
 from prefcal_env.tables.units import parts_of, same_unit
 from prefcal_env.wording import and_more
+
+from .run import Change, Run
+from .run import Table as Given
+from .source import NamesOf, Source
 
 TIME = "time"
 _FILES = (".csv", ".txt", ".parquet")
@@ -27,7 +32,7 @@ _WIDEST = 1e30
 
 
 @dataclass(frozen=True)
-class Rig:
+class Rig(Source):
     """The `run` of a scenario whose experiments are done by a person.
 
     Records are CSV files with a column `time` and one column for each state, each output that is
@@ -53,8 +58,8 @@ class Rig:
         SettingsError: If references or ranges do not fit the channels, or a bound is not valid.
     """
 
-    channels: Channels
-    y_ref: tuple[float, ...]
+    channels: Channels = field()
+    y_ref: tuple[float, ...] = field()
     kpis: Callable[[Experiment], Mapping[str, float]] | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     instructions: str = ""
@@ -63,10 +68,16 @@ class Rig:
     headings: Mapping[str, str] = field(default_factory=dict)
     time_format: str | None = None
 
+    columns: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    """Headings of a record, with units."""
+
+    asks = "record"
     signals = ()
     """Additional signals of the records: none."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "computes_kpis", self.kpis is not None)
+        object.__setattr__(self, "columns", tuple(_heading(*each) for each in self._units.items()))
         object.__setattr__(self, "y_ref", tuple(map(float, self.y_ref)))
         if len(self.y_ref) != len(self.channels.y) or not np.all(np.isfinite(self.y_ref)):
             raise SettingsError(
@@ -91,14 +102,15 @@ class Rig:
                 f"max_gap must be above 1 and max_rows 2 or more, got {self.max_gap} and {self.max_rows}"
             )
 
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Refuse to run, because only a person can.
+    def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Run:
+        """Return a run of θ, physical, shape (n,), that waits for its record."""
+        return _RigRun(self, theta)
 
-        Raises:
-            ScenarioError: Always.
-        """
-        raise ScenarioError(
-            "this plant is a rig that only a person can run: calibrate it with the calibrator human"
+    def tracked(self, names: NamesOf) -> "Rig":
+        """Return the same rig, whose records get tracking KPIs in addition to their own."""
+        own, wanted = self.kpis, dict.fromkeys(names(self.channels), np.nan)
+        return replace(
+            self, kpis=lambda made: {**wanted, **tracking_kpis(made), **({} if own is None else own(made))}
         )
 
     def _called(self, name: str) -> str:
@@ -115,11 +127,6 @@ class Rig:
     def _optional(self) -> dict[str, str]:
         """Unit of each column that a record may have, by its heading: the references."""
         return {self._called(f"{c.name} ref"): c.unit for c in self.channels.y}
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Headings of a record, with units."""
-        return tuple(_heading(name, unit) for name, unit in self._units.items())
 
     @property
     def recorded(self) -> tuple[Channel, ...]:
@@ -155,21 +162,22 @@ class Rig:
         made = self._of(self._values(source), theta, end)
         return made if self.kpis is None else replace(made, kpis=_computed(self.kpis, made))
 
-    def failed(self, theta: Float[np.ndarray, " n"], text: str | None = None) -> Experiment:
-        """Return a failed experiment of a physical θ, shape (n,), without KPIs.
+    def example(self, theta: Float[np.ndarray, " n"]) -> Experiment:
+        """Return the experiment of a physical θ, shape (n,), from a made-up record.
 
-        Args:
-            theta: Controller parameters of the run.
-            text: Text of a CSV file with the data logged before the failure. With None, or a
-                record that `read` would refuse, the experiment has no record.
+        Raises:
+            ScenarioError: If the rig refuses it.
         """
+        values = []
+        for channel in self.recorded:
+            limits = self.ranges.get(channel.name, (channel.low, channel.high))
+            finite = [float(v) for v in limits if np.isfinite(v)]
+            values.append(sum(finite) / len(finite) if finite else 1.0)
+        rows = [",".join([f"{t:g}", *map(repr, values)]) for t in range(60)]
         try:
-            values = None if text is None else self._values(text)
-        except RecordError:
-            values = None
-        if values is None:
-            values = np.zeros((0, len(self._units) + len(self._optional)))
-        return self._of(values, theta, End.FAILED)
+            return self.read(self.template() + "\n".join(rows) + "\n", theta)
+        except RecordError as error:
+            raise ScenarioError(f"a made-up record is refused: {error}") from error
 
     def _values(self, source: Table) -> Float[np.ndarray, "K n"]:
         """Return the values of a record, shape (K, n); NaN for optional columns that are absent.
@@ -332,3 +340,21 @@ def _refuse(problems: list[str]) -> None:
     if len(problems) > _MOST_LISTED:
         listed.append(f"and {len(problems) - _MOST_LISTED} more")
     raise RecordError("; ".join(listed))
+
+
+class _RigRun(Run):
+    """A run that a person does; its experiment is read from the record that they supply."""
+
+    def __init__(self, rig: Rig, theta: Float[np.ndarray, " n"]) -> None:
+        self._rig, self._theta = rig, theta
+        self._given: Given | None = None
+        self.waits = True
+
+    def advance(self) -> Experiment | None:
+        if self._given is None:
+            return None
+        return self._rig.read(self._given.content, self._theta, unsafe=self._given.unsafe)
+
+    def supply(self, given: Given | tuple[Change, ...]) -> None:
+        assert isinstance(given, Given)
+        self._given, self.waits = given, False

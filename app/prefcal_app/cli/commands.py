@@ -1,0 +1,301 @@
+"""Declare the program `prefcal` and its commands, but for `new` and `studies`.
+
+What they do is imported when they run, so that `prefcal --help` stays fast.
+"""
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Exit, Option, Typer, echo
+
+from .options import Described, Options
+from .parameters import argument, examples, given, made, option, takes
+from .starters.new import EPILOG as NEW_EPILOG
+from .starters.new import new
+from .studies.commands import OfStudy
+from .studies.commands import app as studies
+
+app = Typer(
+    name="prefcal",
+    help="Tune a controller by comparing experiments: you say which one went better.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from prefcal_app.report.export import versions
+
+        echo(f"prefcal {versions()['prefcal']}")
+        raise Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Tune a controller by comparing experiments: you say which one went better."""
+    _one_thread()  # before any command imports numpy, which reads the environment once
+
+
+def _one_thread() -> None:
+    """Limit linear algebra to one thread unless the user has set another number.
+
+    The matrices are small: with more threads the work takes twice as much processor time, most
+    of it spent waiting.
+    """
+    for library in ("OPENBLAS", "OMP", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+
+@app.command(
+    epilog=examples(
+        (
+            "calibrate cstr",
+            "The paper's reactor: 1,000 experiments are simulated unseen, and a page asks 10 to 13 "
+            "times which of two is better.",
+        ),
+        ("calibrate cstr --study mine", "The same in a study called mine; run it again to resume."),
+        ("calibrate cstr --terminal", "Answer in this terminal, on a machine without a browser."),
+        (
+            "calibrate cstr --calibrator synthetic --seed 7 --out reactor",
+            "Unattended: a synthetic calibrator answers; the report goes to reactor.",
+        ),
+        (
+            'calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"',
+            "Start from your current tuning: the first experiment runs it.",
+        ),
+        ("calibrate cstr --simulate 0", "Run only what is shown: 50 experiments, with agent glisp."),
+        ("calibrate cstr --agent glis --cost own.py:cost", "Unattended, scored by a function of yours."),
+        ("calibrate own.py:plant", "Your own scenario, simulated or a rig that you run yourself."),
+        (
+            'calibrate loop.fmu --knob "K_p=0.1:50:log" --reference level=2',
+            "An FMU with a controller in it, exported from Simulink, Modelica or Dymola.",
+        ),
+        (
+            "calibrate pid --plant model.py:plant",
+            "A PID on your own plant; knobs, set point and duration are found.",
+        ),
+        ("calibrate tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
+        ("calibrate cstr --host 0.0.0.0 --no-browser", "Answer from another machine, by a link."),
+    )
+)
+@takes(Options)
+def calibrate(**typed: Any) -> None:
+    """Tune SCENARIO by comparing experiments, and write a report.
+
+    prefcal proposes θ, runs the experiment, shows it next to the best so far on a
+    local page, and learns from your answer. If experiments are quick simulations,
+    it simulates many θ unseen (--simulate) and shows only a few. A synthetic
+    calibrator can answer instead. Every answer is saved before the next question. Ctrl-C stops and
+    writes a report of the comparisons so far; the same --study resumes.
+    """
+    found = given(Options, typed)
+    if sys.stderr.isatty():  # the next imports take a second
+        name = str(found["scenario"]).partition("{")[0].strip()
+        print(f"Loading {name} ...", file=sys.stderr, flush=True)
+    from .calibrate_run import run
+
+    raise Exit(run(found))
+
+
+app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckOptions(Described):
+    """Options of `prefcal check`, in the order of its help.
+
+    Args:
+        theta: What to run: "KNOB=VALUE, ..." for every knob, the name of a reference, or an experiment
+            of a study, MINE:3 or MINE:best.
+        out: File of the picture.
+        json: Print the result as JSON, and nothing else, on stdout.
+    """
+
+    theta: str | None = option(None, "THETA", shown="the middle of the box")
+    out: Path | None = option(None, "FILE.png", shown="./check-NAME.png")
+    json: bool = option(False, flag="--json")
+
+
+@app.command(
+    no_args_is_help=True,
+    epilog=examples(
+        ("check own.py:plant", "Your own scenario: the variable plant in the file own.py."),
+        ('check own.py:plant --theta "K_p=2, K_i=0.1"', "The same at your current tuning, every knob given."),
+        ("check cstr --out reactor.png", "A built-in scenario, with the picture in a file of your choice."),
+        (
+            'check loop.fmu --knob "K_p=0.1:50:log" --reference level=2',
+            "An FMU with a controller in it; without knobs, its parameters are listed.",
+        ),
+        ("check pid --plant model.py:plant", "A PID on your own plant."),
+        ("check tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
+        more="""\
+[bold]What you see[/bold]
+
+✓ passed, ✗ failed (with what was expected), · for your information.
+An error in your own code is shown with its last line there. Look at the picture
+too: only you know whether the curves are those of your plant.
+""",
+    ),
+)
+@takes(CheckOptions)
+def check(**typed: Any) -> None:
+    """Run SCENARIO once, check all that a study relies on, and draw its panels.
+
+    The checks cover θ and how its run ended, the record, channels and panels, KPIs
+    and their goals, the cost, the calibrators, the references, the controller,
+    whether the same θ and seed give the same experiment, and whether a study can
+    store it. Ends with exit code 1 if anything is wrong.
+    """
+    from .checkup import run
+
+    raise Exit(run(given(CheckOptions, typed), made(CheckOptions, typed)))
+
+
+@dataclass(frozen=True, slots=True)
+class LookOptions:
+    """Options of `prefcal look`, in the order of its help.
+
+    Args:
+        runs: CSV or Parquet files, or STUDY:3, STUDY:best.
+        time: Column of time.
+        time_format: Format of time stamps.
+        outputs: Columns to show.
+        inputs: Columns that are inputs, drawn as steps.
+        reference: Reference of an output: a number, or a column.
+        unit: Unit of a column without one.
+        columns: Name of your own for a column.
+        align: Let all runs start at time 0.
+        terminal: Show KPIs in this terminal.
+        browser: Only print the link.
+        host: Address of the page.
+        port: Port of the page; 0: any free one.
+        out: Write a picture instead.
+        json: Print the KPIs as JSON instead.
+    """
+
+    runs: tuple[str, ...] = argument("RUN RUN ...")
+    time: str | None = option(None, "NAME", shown="time, or the first one")
+    time_format: str | None = option(None, "FORMAT", shown="ISO 8601")
+    outputs: str = option("", "NAME,...", shown="all others")
+    inputs: str = option("", "NAME,...")
+    reference: tuple[str, ...] = option((), "NAME=VALUE")
+    unit: tuple[str, ...] = option((), "NAME=UNIT")
+    columns: tuple[str, ...] = option((), "NAME=HEADING")
+    align: bool = option(False, flag="--align")
+    terminal: bool = option(False, flag="--terminal")
+    browser: bool = option(True, flag="--no-browser")
+    host: str = option("127.0.0.1", "ADDRESS")
+    port: int = option(0, "N")
+    out: Path | None = option(None, "FILE.png")
+    json: bool = option(False, flag="--json")
+
+
+@app.command(
+    no_args_is_help=True,
+    epilog=examples(
+        (
+            "look before.csv after.csv",
+            "Both runs on one page: same axes, one cursor, KPIs with their differences.",
+        ),
+        (
+            "look before.csv after.csv --reference level=2 --inputs valve",
+            "With tracking errors of the level, and moves of the valve.",
+        ),
+        (
+            'look a.csv b.csv --time Stamp --columns "level=TI-101.PV" --unit level=m',
+            "Columns of a historian under names of your own.",
+        ),
+        ("look mine:3 mine:best plant.csv", "Experiments of the study mine, beside a record of the plant."),
+        ("look a.csv b.csv --out pair.png", "The picture in a file, without a page."),
+        ("look a.csv b.csv --json", "The KPIs of both, for programs."),
+        more="""\
+The first column, or one called time, is the time, in seconds or as time stamps.
+Headings may have units, as in "level \\\\[m]". A column "level ref" is the reference
+of level. All other columns of numbers are outputs.
+""",
+    ),
+)
+@takes(LookOptions)
+def look(**typed: Any) -> None:
+    """Show two or more runs beside each other, without a study.
+
+    Runs may have different time bases, lengths and columns: columns of the same name and unit
+    share a plot. Ctrl-C ends the page.
+    """
+    from .look_run import run
+
+    raise Exit(run(made(LookOptions, typed)))
+
+
+@dataclass(frozen=True, slots=True)
+class ReportOptions(OfStudy):
+    """Options of `prefcal report`, in the order of its help.
+
+    Args:
+        cost: The cost that the study was started with, if any.
+        out: Folder of the report; must not hold the report of another study.
+        json: Print only JSON on standard output.
+    """
+
+    cost: str | None = option(None, "COST", shown="the scenario's score")
+    out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY")
+    json: bool = option(False, flag="--json")
+
+
+@app.command(
+    epilog=examples(
+        ("report mine", "Write the report of the study called mine into the folder prefcal-mine."),
+        (
+            "report plant-1 --scenario own.py:plant --out latest",
+            "For a study of your own scenario, into a folder of your choice.",
+        ),
+        ("report pid-1 --plant model.py:plant", "For a PID on your own plant."),
+    )
+)
+@takes(ReportOptions)
+def report(**typed: Any) -> None:
+    """Write the report of a study as it stands, complete or not."""
+    from .calibration import report_of
+
+    report_of(given(ReportOptions, typed))
+
+
+@app.command()
+def scenarios(
+    name: Annotated[
+        str | None, Argument(metavar="[SCENARIO]", help="Scenario to describe: task, knobs and KPIs.")
+    ] = None,
+) -> None:
+    """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
+    from prefcal_scenarios.catalog import load
+    from prefcal_scenarios.names import BUILT_IN, CLOSED_LOOPS
+
+    if name is not None:
+        from rich.console import Console
+
+        from prefcal_app.terminal.showing import show_brief
+        from prefcal_app.view.brief import scenario_view
+
+        show_brief(scenario_view(load(name)), Console(emoji=False))
+        return
+    cases = [known for known in BUILT_IN if known not in CLOSED_LOOPS]
+    width = max(map(len, cases)) + 2
+    for known in cases:
+        scenario = load(known)
+        echo(f"{known:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
+    echo(f"Closed loops: {', '.join(CLOSED_LOOPS)} (`prefcal scenarios servo` describes one)")
+    echo("Random closed loops: loop-1, loop-2, ... (any seed)")
+    echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")
+
+
+app.add_typer(studies)

@@ -1,0 +1,44 @@
+"""A source that nobody wrote prefcal for is asked about, run and compared like any other."""
+
+import numpy as np
+import pytest
+
+from prefcal_app.session import Choice, Phase
+from prefcal_app.view import now_view
+from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_scenarios.scenario import Scenario
+from support.device import SPACE, Device
+from support.interviews import begin
+
+SCENARIO = Scenario("device", "A device", SPACE, Device())
+
+
+def confirmed(interview):
+    while (now := interview.now()).phase is Phase.CONFIRM:
+        interview.write_and_start(now.pending.index)
+        assert interview.work()
+    return interview.now()
+
+
+def test_each_run_is_confirmed_and_compared():
+    interview = begin(SCENARIO, n_max=3)
+    with pytest.raises(StaleError, match="is not running"):
+        interview.stop_run(0)
+    view = now_view(interview)
+    assert view["live"]["changes"][0]["old"] == "unknown"
+    assert view["live"]["instructions"] == "Is the tank closed?"
+    assert view["live"]["duration"] is None
+    for _ in range(2):
+        question = confirmed(interview).question
+        assert question.left.experiment.kpis["integrated error of level"] > 0
+        interview.answer(question.id, Choice.LEFT)
+        while interview.work():
+            pass
+    assert interview.now().phase is Phase.OVER
+
+
+def test_nothing_runs_on_it_unseen():
+    with pytest.raises(ScenarioError, match="simulated must be False"):
+        Scenario("device", "A device", SPACE, Device(), simulated=True)
+    with pytest.raises(ScenarioError, match="a person confirms each run"):
+        SCENARIO.run(np.array([1.0, 2.0]))
