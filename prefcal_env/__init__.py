@@ -38,11 +38,10 @@ if _TYPE_CHECKING:
     from .experiments.experiment import Channels as Channels
     from .experiments.experiment import End as End
     from .experiments.experiment import Experiment as Experiment
-    from .experiments.kpis import tracking_kpis as tracking_kpis
     from .experiments.maneuvers import combined as combined
     from .experiments.panels import Panel as Panel
-    from .experiments.recorded import recorded as recorded
     from .experiments.rollout import rollout as rollout
+    from .experiments.tracking import tracking_kpis as tracking_kpis
     from .fmu import FMULoop as FMULoop
     from .knobs.constraints import Constraint as Constraint
     from .knobs.constraints import LinearConstraint as LinearConstraint
@@ -70,6 +69,7 @@ if _TYPE_CHECKING:
     from .sources import Source as Source
     from .tables import TableColumns as TableColumns
     from .tables import from_frame as from_frame
+    from .tables.recorded import recorded as recorded
 
 _HOMES = {
     name: home
@@ -87,10 +87,10 @@ _HOMES = {
         "errors": "PrefcalError",
         "experiments.control": "Controller Measurement Move",
         "experiments.experiment": "Channel Channels End Experiment",
-        "experiments.kpis": "tracking_kpis",
+        "experiments.tracking": "tracking_kpis",
         "experiments.maneuvers": "combined",
         "experiments.panels": "Panel",
-        "experiments.recorded": "recorded",
+        "tables.recorded": "recorded",
         "experiments.rollout": "rollout",
         "fmu": "FMULoop",
         "knobs.constraints": "Constraint LinearConstraint",

@@ -41,9 +41,13 @@ def checked(
     return table(**given, **entries(values, (table,), where, error, hint, known=given))
 
 
+Keys = Mapping[str, tuple[Any, bool]]
+"""Type of each key, and whether it is required."""
+
+
 def entries(
     values: object,
-    tables: tuple[type, ...],
+    tables: tuple[type | Keys, ...],
     where: str,
     error: type[PrefcalError],
     hint: Hint = _NO_HINT,
@@ -51,7 +55,7 @@ def entries(
     known: Collection[str] = (),
     partial: bool = False,
 ) -> dict[str, Any]:
-    """Return `values` by key, each in the type of its field in one of the `tables`.
+    """Return `values` by key, each in the type of its field in one of the `tables`, or of its key.
 
     Arguments and errors are those of `checked`; fields that are `known` are no keys, and a
     `partial` table may lack keys whose fields have no default.
@@ -70,8 +74,10 @@ def entries(
     return found
 
 
-def _fields(table: Any) -> dict[str, tuple[Any, bool]]:
+def _fields(table: Any) -> Keys:
     """Return type of each field, and whether it is required."""
+    if isinstance(table, Mapping):
+        return table
     if not is_dataclass(table):
         return {f.name: (f.type, f.required) for f in msgspec.structs.fields(table)}
     return {

@@ -1,6 +1,6 @@
 """Whole studies of people who are not of the learner's form: nothing that the page says is untrue.
 
-The same in full: python benchmarks/campaigns/judged/replay.py
+The same in full: python benchmarks/campaigns/replay.py
 """
 
 import importlib
@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture
 def script(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "campaigns" / "judged")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "campaigns")
     return importlib.import_module("replay")
 
 

@@ -33,78 +33,117 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from judged import cases, tables
-from judged.courses import Courses
-from judged.plan import AGENTS, DEVELOPED, GROUPS, RANDOM, TASTES, Selection, suites
+import screening_tables as tables
 from rich.console import Console
+from screening_tables import NOISES, OTHERS, OVERTAKING_SHOWN, REACTOR_SHOWN
 
 from prefcal_bench import Processes, Result, Store, Suite, run_suite
 from prefcal_bench.cells.roster import entry
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.published import write_raw
 from prefcal_env.errors import PrefcalError
+from prefcal_scenarios.names import CLOSED_LOOPS
 
 PARTS = ("loops", "noise", "hidden", "reactor", "overtaking")
+SCREENING, GLISP, RANDOM, PEER = "Screening", "GLISp", "RandomSearch", "BOPE"
+AGENTS = (SCREENING, "EqualWeights", GLISP, "GLISp.no-outcomes", RANDOM, PEER)
+GROUPS = {
+    "held-out": tuple(f"loop-{number}" for number in range(900, 915)),
+    "named": tuple(name for name in CLOSED_LOOPS if not name.startswith("mpc-")),
+    "cases": ("cstr", "overtake"),
+    "rough": tuple(f"rough-{number}" for number in range(8)),
+    "rough-held-out": tuple(f"rough-{number}" for number in range(900, 915)),
+}
+"""Loops by group. Nobody develops or tunes an agent on those that are held out."""
+DEVELOPED = ("rough",)
+"""Groups on which agents are developed: they run only if asked for."""
+TASTES = ("weights", "priorities", "limits", "narrow", "rising", "trade", "order", *OTHERS)
+"""The first five notice every difference, at least in the end. The learner has trade-offs and
+orders, too."""
 _NOISY = ("weights", "priorities")
-_GROUPS = [group for group in GROUPS if group not in DEVELOPED]
-_QUICK_LOOPS = {"named": ("lag",)}
+_N_INIT = 10
 
 
 def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """Return the options of the command line; `loops` are the names of loops by group."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=Path("prefcal-screening"), metavar="FOLDER")
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
-    parser.add_argument(
-        "--loops",
-        nargs="+",
-        default=_GROUPS,
-        metavar="GROUP",
-        help=f"groups ({', '.join(GROUPS)}) or names of loops",
-    )
-    parser.add_argument("--tastes", nargs="+", choices=TASTES, default=list(TASTES))
-    parser.add_argument(
-        "--noisy", nargs="+", choices=TASTES, default=list(_NOISY), help="kinds of taste of the part noise"
-    )
-    parser.add_argument("--seeds", type=int, default=4, help="seeds of each loop and taste")
-    parser.add_argument("--case-seeds", type=int, default=20, help="seeds of reactor and overtaking")
-    parser.add_argument(
-        "--longest",
-        type=int,
-        choices=(10, 20, 50),
-        default=20,
-        help="most answers that Screening gets on the loops",
-    )
-    parser.add_argument("--fresh", type=int, default=1000, help="random θ of the overtaking")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--again", action="store_true", help="drop the agents' results first")
-    parser.add_argument("--report", action="store_true", help="run nothing, report what is there")
-    parser.add_argument(
-        "--quick", action="store_true", help="one seed of one loop; random search on the cases"
-    )
-    return parser.parse_args(words)
-
-
-def choice_of(options: argparse.Namespace) -> Selection:
-    """Return what the options select."""
-    if options.quick:
-        return Selection(AGENTS[:-1], dict(_QUICK_LOOPS), _NOISY, _NOISY[1:], 1, 1, (RANDOM,), 20)
-    loops: dict[str, Sequence[str]] = {n: GROUPS[n] for n in options.loops if n in GROUPS}
+    groups = [group for group in GROUPS if group not in DEVELOPED]
+    of_loops = f"groups ({', '.join(GROUPS)}) or names of loops"
+    of_noise = "kinds of taste of the part noise"
+    of_quick = "one seed of one loop; random search on the cases"
+    add = parser.add_argument
+    add("--out", type=Path, default=Path("prefcal-screening"), metavar="FOLDER")
+    add("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    add("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
+    add("--loops", nargs="+", default=groups, metavar="GROUP", help=of_loops)
+    add("--tastes", nargs="+", choices=TASTES, default=list(TASTES))
+    add("--noisy", nargs="+", choices=TASTES, default=list(_NOISY), help=of_noise)
+    add("--seeds", type=int, default=4, help="seeds of each loop and taste")
+    add("--case-seeds", type=int, default=20, help="seeds of reactor and overtaking")
+    of_longest = "most answers that Screening gets on the loops"
+    add("--longest", type=int, choices=(10, 20, 50), default=20, help=of_longest)
+    add("--fresh", type=int, default=1000, help="random θ of the overtaking")
+    add("--jobs", type=int, default=1, help="processes")
+    add("--again", action="store_true", help="drop the agents' results first")
+    add("--report", action="store_true", help="run nothing, report what is there")
+    add("--quick", action="store_true", help=of_quick)
+    options = parser.parse_args(words)
     named = [name for name in options.loops if name not in GROUPS]
-    loops |= {"chosen": named} if named else {}
-    return Selection(
-        options.agents,
-        loops,
-        options.tastes,
-        options.noisy,
-        options.seeds,
-        options.case_seeds,
-        options.agents,
-        options.longest,
-    )
+    options.loops = {name: GROUPS[name] for name in options.loops if name in GROUPS}
+    options.loops |= {"chosen": named} if named else {}
+    options.case_agents = options.agents
+    if options.quick:
+        options.agents, options.case_agents, options.loops = AGENTS[:-1], (RANDOM,), {"named": ("lag",)}
+        options.tastes, options.noisy = _NOISY, _NOISY[1:]
+        options.seeds, options.case_seeds, options.longest, options.fresh = 1, 1, 20, 20
+    return options
+
+
+def suites(part: str, options: argparse.Namespace) -> Iterator[Suite]:
+    """Yield the suites of a part: one for each number of experiments.
+
+    Agents of which the number of experiments changes no experiment run once, for the longest.
+    """
+    if part in ("reactor", "overtaking"):
+        case = {
+            "reactor": ("cstr", "perfect", REACTOR_SHOWN),
+            "overtaking": ("overtake", "lexicographic", OVERTAKING_SHOWN),
+        }
+        where, calibrator, n_max = case[part]
+        yield _suite(options.case_agents, (where,), (calibrator,), options.case_seeds, n_max)
+        return
+    tastes = {
+        "loops": tuple(options.tastes),
+        "noise": tuple(f"{kind}{end}" for kind in options.noisy for end in ("", *NOISES)),
+        "hidden": ("hidden",),
+    }[part]
+    by_budget: dict[int, list[str]] = {}
+    for agent in options.agents:
+        for n_max in _budgets(part, agent, options.longest):
+            by_budget.setdefault(n_max, []).append(agent)
+    loops = tuple(loop for group in options.loops.values() for loop in group)
+    for n_max, agents in sorted(by_budget.items()):
+        yield _suite(agents, loops, tastes, options.seeds, n_max)
+
+
+def _budgets(part: str, agent: str, longest: int) -> tuple[int, ...]:
+    """Return the numbers of experiments of an agent's studies; none if it is not in the part."""
+    if part == "noise":
+        return {SCREENING: (21,), GLISP: (51,)}.get(agent, ())
+    if part == "hidden":
+        return () if agent == PEER else (51,)
+    if agent == SCREENING:  # it plans ahead for the number that is shown
+        return tuple(answers + 1 for answers in (10, 20, 50) if answers <= longest)
+    return (21,) if agent == PEER else (51,)
+
+
+def _suite(
+    agents: Sequence[str], loops: Sequence[str], tastes: Sequence[str], seeds: int, n_max: int
+) -> Suite:
+    n_init = min(_N_INIT, n_max // 2)  # as `prefcal bench` chooses it
+    return Suite(tuple(agents), tuple(loops), tastes, seeds, n_init, n_max)
 
 
 def run(todo: Sequence[Suite], store: Store, options: argparse.Namespace) -> None:
@@ -116,8 +155,7 @@ def run(todo: Sequence[Suite], store: Store, options: argparse.Namespace) -> Non
         for suite in todo:
             for words in suite.left_out:
                 display.say(f"Left out: {words}")
-            workers = None if options.quick else Processes(options.jobs)
-            run_suite(suite, store, workers, display)
+            run_suite(suite, store, None if options.quick else Processes(options.jobs), display)
 
 
 def stored(todo: Sequence[Suite], store: Store) -> list[Result]:
@@ -127,42 +165,23 @@ def stored(todo: Sequence[Suite], store: Store) -> list[Result]:
     return [result for result in found if result is not None]
 
 
-def lines_of(
-    options: argparse.Namespace, choice: Selection, results: dict[str, list[Result]]
-) -> Iterator[str]:
-    """Yield the tables of each part."""
-    for part, some in results.items():
-        if part == "reactor":
-            yield from cases.reactor(some)
-        elif part == "overtaking":
-            fresh = 20 if options.quick else options.fresh
-            yield from cases.overtaking(some, fresh, options.out / "overtaking.json")
-        else:
-            courses = Courses.of(some)
-            if part == "loops":
-                yield from tables.families(courses, choice)
-            yield from getattr(tables, part)(courses, choice)
-
-
 def main(words: Sequence[str] | None = None) -> int:
     """Run the missing studies and write the page; return 1 if a study failed."""
     options = options_of(words)
-    choice, store = choice_of(options), Store(options.out)
-    todo = {part: list(suites(part, choice)) for part in options.parts}
-    every = [suite for some in todo.values() for suite in some]
+    store, todo = Store(options.out), {part: list(suites(part, options)) for part in options.parts}
     if not options.report:
         try:
-            run(every, store, options)
+            run([suite for some in todo.values() for suite in some], store, options)
         except KeyboardInterrupt:
             print(f"Stopped; finished studies are kept in {options.out}.", file=sys.stderr)
             return 130
     results = {part: stored(some, store) for part, some in todo.items()}
     flat = list({r.cell: r for some in results.values() for r in some}.values())
-    missing = (entry(agent).missing for agent in choice.agents)
+    missing = (entry(agent).missing for agent in options.agents)
     failed = (f"{result.cell}: {result.failure}" for result in flat if result.failure)
     absent = [f"- {words}" for words in (*missing, *failed) if words]
-    lines = ["## Tables", *lines_of(options, choice, results)]
-    text = "\n".join([*lines, "", "## Not run or failed", "", *absent, ""])
+    lines = [line for part, some in results.items() for line in getattr(tables, part)(some, options)]
+    text = "\n".join(["## Tables", *lines, "", "## Not run or failed", "", *absent, ""])
     (options.out / "screening.md").write_text(text, encoding="utf-8")
     write_raw(flat, options.out / "raw.parquet")
     print(text)

@@ -37,9 +37,10 @@ from prefcal_agents import GLISp, RandomSearch, Screening
 from prefcal_agents.protocol.agent import Agent, one_thread
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import each
-from prefcal_bench.cells.run import Study
-from prefcal_bench.problems import Outcome, Person, Problem, problem
-from prefcal_bench.results.paired import interval, markdown, mean_of, ratio_of
+from prefcal_bench.cells.run import CellStudy
+from prefcal_bench.problems import Person, Problem, problem
+from prefcal_bench.results.statistics import mean_of, ratio_of
+from prefcal_bench.results.words import interval, markdown
 from prefcal_env.errors import BenchmarkError, RunError
 from prefcal_env.preferences.kpis import Outcome as Kpis
 from prefcal_scenarios import load, simulator
@@ -90,7 +91,7 @@ def main(words: Sequence[str] | None = None) -> None:
     known = {_key(row) for row in rows}
     workers = None if options.jobs == 1 else Processes(options.jobs)
     for seed in range(options.seeds):  # so that an interruption leaves whole seeds
-        jobs = [partial(study_plant, plant, seed, options, known) for plant in options.plants]
+        jobs = {plant: partial(study_plant, plant, seed, options, known) for plant in options.plants}
         for _, found in each(jobs, workers):
             if isinstance(found, RunError):
                 raise BenchmarkError(str(found))
@@ -116,11 +117,10 @@ def study_plant(plant: int, seed: int, options: argparse.Namespace, known: set[A
                 row: Row = {"plant": plant, "taste": taste, "seed": seed, "agent": agent, "twin": twin}
                 if _key(row) in known:
                     continue
-                person = where.person(taste, seed)
                 simulate = None if without else twin_of(plant, twin)
                 with one_thread():
                     made = _made(agent, where.space, simulate, seed, options.simulated)
-                    found.append(row | study(made, where, person, agent != "believing"))
+                    found.append(row | study(made, where, where.person(taste, seed), agent != "believing"))
     return found
 
 
@@ -134,32 +134,28 @@ def _made(agent: str, space: Any, simulate: Simulate | None, seed: int, simulate
 
 
 def study(agent: Agent, where: Problem, person: Person, tells: bool) -> dict[str, list[float]]:
-    """Return worth and cost of the best so far after each run on the plant."""
-    lowest = _lowest(person)
-    if not tells:
-        where = replace(where, run=partial(_without_kpis, where.run))
-    cost: Any = person.cost if lowest else None
-    course = Study(agent, where, replace(person, gap=cost), max(RUNS))
-    course.run()
-    return {"worth": course.worth, "cost": course.gaps, "lowest": lowest}
+    """Return worth and cost of the best so far after each run on the plant, and the lowest cost.
 
-
-def _without_kpis(run: Callable[[Any], Outcome], theta: Float[np.ndarray, " n"]) -> Outcome:
-    return replace(run(theta), kpis=None)
-
-
-def _lowest(person: Person) -> list[float]:
-    """Return the lowest cost of the pool of random θ, as a list; empty without costs."""
+    That is the lowest one of the pool of random θ. There is none, and no cost, if the person has
+    no cost. Unless the plant `tells`, KPIs come from the twin alone.
+    """
     worth: Any = person.worth  # the person's rule and the pool are its first arguments
     taste, pool = worth.args
     costs = taste.rule.cost(pool)
-    return [] if costs is None else [float(np.min(costs))]
+    if not tells:
+        where = replace(where, run=lambda theta, run=where.run: replace(run(theta), kpis=None))
+    cost: Any = None if costs is None else person.cost
+    course = CellStudy(agent, where, replace(person, gap=cost), max(RUNS))
+    course.run()
+    lowest = [] if costs is None else [float(np.min(costs))]
+    return {"worth": course.worth, "cost": course.gaps, "lowest": lowest}
 
 
 @cache
 def twin_of(plant: int, kind: str) -> Simulate:
     """Return what simulates a twin of the plant; it remembers, since studies share it."""
-    model = _other(plant) if kind == "other" else rough_model(plant, _error(kind))
+    error = 0.0 if kind in ("signs", "other") else float(kind) / 100
+    model = _other(plant) if kind == "other" else rough_model(plant, error)
     simulate = simulator(model, seed=1)
     turned = _turned(model, simulate) if kind == "signs" else {}
     known: dict[bytes, Mapping[str, float]] = {}
@@ -176,10 +172,6 @@ def twin_of(plant: int, kind: str) -> Simulate:
         return known[key]
 
     return twin
-
-
-def _error(kind: str) -> float:
-    return 0.0 if kind == "signs" else float(kind) / 100
 
 
 def _turned(model: Scenario, simulate: Callable[[Any], Kpis]) -> dict[str, float]:
@@ -208,23 +200,22 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         for row in mine:
             found.setdefault((row["twin"], row["agent"]), []).append(row)
         order = sorted(found, key=lambda k: ([*TWINS, WITHOUT].index(k[0]), AGENTS.index(k[1])))
-        heads = [f"{n} runs" for n in RUNS]
-        yield from ("", f"**{taste}**: worth after so many runs on the plant", "")
+        heads, base = [f"{n} runs" for n in RUNS], found.get((WITHOUT, "GLISp"), [])
         yield from markdown(
             ["twin", "agent", "studies", *heads],
-            [[*key, str(len(found[key])), *(_worth(found[key], n) for n in RUNS)] for key in order],
+            [[*key, len(found[key]), *(_worth(found[key], n) for n in RUNS)] for key in order],
+            f"**{taste}**: worth after so many runs on the plant",
         )
-        yield from ("", f"**{taste}**: worth over that of GLISp without a twin, in pairs", "")
-        base = found.get((WITHOUT, "GLISp"), [])
         yield from markdown(
             ["twin", "agent", *heads, "worse after 20"],
             [[*key, *_ratios(found[key], base)] for key in order if base],
+            f"**{taste}**: worth over that of GLISp without a twin, in pairs",
         )
         if any(row["cost"] for row in mine):
-            yield from ("", f"**{taste}**: share of studies near the lowest known cost", "")
             yield from markdown(
                 ["twin", "agent", *heads],
                 [[*key, *(_near(found[key], mine, n) for n in RUNS)] for key in order],
+                f"**{taste}**: share of studies near the lowest known cost",
             )
 
 

@@ -9,9 +9,8 @@ from typing import Any
 
 from prefcal_bench.published.plan import read_published
 from prefcal_bench.results import campaign_of, worth_table
-from prefcal_bench.results.paired import interval, markdown
 from prefcal_bench.results.rows import BASELINE
-from prefcal_bench.results.statistics import Estimate
+from prefcal_bench.results.words import markdown, with_interval
 
 Row = dict[str, Any]
 TASTES = ("weights", "priorities")
@@ -49,8 +48,8 @@ def _worth(found: dict[tuple[str, str, int], Row], agent: str, taste: str, after
 
 
 def _worths(row: Row | None) -> str:
-    names = ("worth", "worth_low", "worth_high")
-    return interval(None if row is None else Estimate(*(row[name] for name in names)))
+    found = (None, None, None) if row is None else (row["worth"], row["worth_low"], row["worth_high"])
+    return with_interval(*found, "{:.0f}".format)
 
 
 def _share(row: Row | None) -> str:

@@ -24,8 +24,8 @@ from unittest import mock
 
 import numpy as np
 import readings
-from hole import lowest, rows_of, theta
 from offset_free import noise_left, offsets
+from reactor_pictures import lowest, rows_of, theta
 from readings import AUTOMATED, CAR, PREFERRED
 from rich.console import Console
 from rich.table import Table
@@ -155,10 +155,6 @@ def growths() -> Numbers:
     at_365 = x[int(np.argmin(np.abs(x[:, 0] - 365.0)))]
     assert growth(*at_365) < 0
     return [along[k], *x[k], max(steady), growth(365.0, 5.0), at_365[1]]
-
-
-def steady_states() -> Numbers:
-    return [float(C_A) for C_A in CSTR().steady_states_at_input(298.0)[:, 1]]
 
 
 def circle() -> Numbers:

@@ -26,23 +26,21 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gain import CalibratedRuns, gain
-from gallery import FIGURES as GALLERY
-from gallery import gallery
-from hole import hole, lowest, rows_of, theta
+from algorithm import algorithm
+from examples import DRAWN, SAVED, examples, models
 from matplotlib.figure import Figure
 from PIL import Image
+from reactor_pictures import CalibratedRuns, gain, hole, lowest, rows_of, theta
 from rich.console import Console
-from screens import looking, maneuvers
+from screens import looking, maneuvers, window
 
 from prefcal_bench.published.plan import read_published
 from prefcal_bench.results import campaign_of
 from prefcal_bench.results.pictures import Material, draw_loops, draw_overview
 from prefcal_scenarios import load
-from prefcal_scenarios.presentation.style import save, style
+from prefcal_scenarios.presentation.style import png, style
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks" / "site"))  # what draws for the site
 FIGURES, TABLE = ROOT / "docs" / "figures", Path(__file__).parent / "reactor_index.csv"
 MADE = "made.json"
 Pictures = Mapping[str, bytes]
@@ -145,57 +143,13 @@ def reactor_index(folder: Path) -> tuple[Pictures, Story]:
     return {"reactor_index.png": drawn(lambda: hole(scenario, TABLE))}, story
 
 
-def window(folder: Path) -> tuple[Pictures, Story]:
+def query_window(folder: Path) -> tuple[Pictures, Story]:
     """Take a screenshot of the query window, answered as by the synthetic calibrator."""
-    sys.path.insert(0, str(ROOT / "tests"))
-    from prefcal_app.session.order import challenger_left
-    from support.browser import Watched, chromium, serve
-
-    path = folder / "answers.prefcal"
-    prefcal(
-        "calibrate",
-        "cstr",
-        "--agent",
-        "glisp",
-        "--calibrator",
-        "synthetic",
-        "--n-max",
-        str(ANSWERED + 2),
-        "--n-init",
-        "6",
-        "--study",
-        str(path),
-        "--out",
-        str(folder / "answers"),
-    )
-    shown = json.loads(prefcal("studies", "show", str(path), "--json"))
-    with chromium() as browser:
-        served, watched = serve(folder, "cstr"), Watched(browser)
-        try:
-            watched.open(served.link)
-            for asked in shown["questions"][:ANSWERED]:
-                won = asked["verdict"].startswith("new")
-                left = challenger_left(0, asked["challenger"] - 1) == won
-                watched.answer("ArrowLeft" if left else "ArrowRight")
-            watched.page.wait_for_timeout(500)
-            picture = watched.page.screenshot()
-        finally:
-            served.kill()
-    return {"query_window.png": picture}, {"answered": ANSWERED}
-
-
-def examples(folder: Path) -> tuple[Pictures, Story]:
-    """Draw what the code of the gallery's other examples saves."""
-    from examples import examples as pages
-
-    return pages(ROOT / "docs", folder)
-
-
-def algorithm(folder: Path) -> tuple[Pictures, Story]:
-    """Draw how the agents learn."""
-    from algorithm import algorithm as studies
-
-    return studies()
+    path, budget = str(folder / "answers.prefcal"), ["--n-max", str(ANSWERED + 2), "--n-init", "6"]
+    words = ["calibrate", "cstr", "--agent", "glisp", "--calibrator", "synthetic", *budget]
+    prefcal(*words, "--study", path, "--out", str(folder / "answers"))
+    shown = json.loads(prefcal("studies", "show", path, "--json"))
+    return {"query_window.png": window(folder, shown["questions"][:ANSWERED])}, {"answered": ANSWERED}
 
 
 def worth(folder: Path) -> tuple[Pictures, Story]:
@@ -245,36 +199,19 @@ def drive(loop: Any, controller: Any, until: float) -> float:
     return float(loop.measurement().t)
 
 
-EXAMPLES = tuple(
-    f"gallery_{page}.png"
-    for page in (
-        "reactor",
-        "overtaking",
-        "pid",
-        "servo",
-        "cart_pole",
-        "fmu",
-        "opc_ua",
-        "own_agent",
-        "benchmark",
-        "rl",
-    )
-)
-"""Figures of the gallery's examples that `benchmarks/site/examples.py` runs."""
-
 Maker = Callable[[Path], tuple[Pictures, Story]]
 MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "reactor": (reactor, (*REACTOR, "before_after.png")),
     "overtaking": (overtaking, ("overtaking.png",)),
-    "examples": (examples, EXAMPLES),
+    "examples": (lambda folder: examples(ROOT / "docs", folder), SAVED),
     "environments": (environments, tuple(PICTURED)),
     "index": (reactor_index, ("reactor_index.png",)),
-    "window": (window, ("query_window.png",)),
-    "algorithm": (algorithm, ("learning.png", "simulated.png")),
+    "window": (query_window, ("query_window.png",)),
+    "algorithm": (lambda folder: algorithm(), ("learning.png", "simulated.png")),
     "look": (looking, ("look.png",)),
     "maneuvers": (maneuvers, ("maneuvers.png",)),
     "worth": (worth, tuple(WORTH)),
-    "gallery": (lambda folder: gallery(ROOT / "docs", folder), GALLERY),
+    "gallery": (lambda folder: models(ROOT / "docs", folder), DRAWN),
 }
 """Functions that draw the figures, by name."""
 SHOWN = re.compile(r"""(?:\]\(|src(?:set)?=")(?:[\w./]*/)?figures/([\w.-]+)[")]""")
@@ -286,9 +223,7 @@ UNCHECKED = ("examples",)
 def drawn(draw: Callable[[], Figure]) -> bytes:
     """Draw a figure as PNG, in the common style."""
     with style():
-        buffer = BytesIO()
-        save(draw(), buffer)
-        return buffer.getvalue()
+        return png(draw())
 
 
 def made_by() -> dict[str, str]:

@@ -14,14 +14,13 @@ import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
 
-from dataclasses import dataclass
-
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from prefcal_bench.people import USUAL, Runs, random_search_worth, sample, taste
-from prefcal_bench.people.priorities import Priorities
+from prefcal_bench.people import USUAL, random_search_worth, sample, taste
+from prefcal_bench.people.draw import decided
+from prefcal_bench.people.judgements import Order
 from prefcal_env.experiments.end import End
 from prefcal_scenarios import Scenario, load
 
@@ -35,61 +34,33 @@ FAILED = {"loop": (0.0, 0.85), "rough": (0.03, 0.45)}
 """Accepted share of random θ that fail, by family."""
 
 
-@dataclass(frozen=True)
-class LoopVerdict:
-    """What was found about one loop.
-
-    Args:
-        name: Name of the loop.
-        title: Its title.
-        worth: Geometric mean of what random search is worth, by taste.
-        decided: Smallest and largest share of random pairs that the first priority decides.
-        failed: Share of random θ that fail.
-        faults: What is wrong with single experiments.
-    """
-
-    name: str
-    title: str
-    worth: dict[str, float]
-    decided: tuple[float, float]
-    failed: float
-    faults: list[str]
-
-    @property
-    def fits(self) -> bool:
-        """Return whether nothing is wrong."""
-        low, high = self.decided
-        inside = all(WORTH[0] <= worth <= WORTH[1] for worth in self.worth.values())
-        few, many = FAILED[self.name.partition("-")[0]]
-        inside = inside and few <= self.failed <= many
-        return inside and DECIDED[0] <= low and high <= DECIDED[1] and not self.faults
-
-
-def examined(name: str) -> LoopVerdict:
-    """Return the verdict on the loop called `name`."""
+def examine(name: str) -> tuple[bool, str, list[str]]:
+    """Return whether the loop called `name` fits, a line of its numbers, and faults of experiments."""
     scenario = load(name)
-    usual, pool, tried = (sample(scenario, name) for name in (USUAL, "pool", "search"))
+    usual, pool, tried = (sample(scenario, part) for part in (USUAL, "pool", "search"))
     worth, shares = {}, []
     for kind in TASTES:
-        found = []
+        logs = []
         for person in range(PEOPLE):
             rule = taste(kind, scenario.kpis, usual, person).rule
             rng = np.random.default_rng(person)
-            found.append(random_search_worth(rule, tried, experiments=50, replays=200, rng=rng, pool=pool))
-            if isinstance(rule, Priorities):
-                shares.append(decided(rule, pool, rng))
-        worth[kind] = float(np.exp(np.mean(np.log(found))))
-    failed = float(np.mean(np.isfinite(pool.survived)))
-    ends = min(shares), max(shares)
-    return LoopVerdict(name, scenario.title, worth, ends, failed, faults(scenario))
-
-
-def decided(rule: Priorities, runs: Runs, rng: np.random.Generator) -> float:
-    """Return the share of random pairs that the first priority decides."""
-    first, second = rng.integers(len(runs), size=(2, 4000))
-    a, b = runs.take(first), runs.take(second)
-    both = np.isinf(a.survived) & np.isinf(b.survived)
-    return float(np.mean((rule.order[0].compare(a, b) != 0) & both))
+            value = random_search_worth(rule, tried, experiments=50, replays=200, rng=rng, pool=pool)
+            logs.append(np.log(value))
+            if isinstance(order := getattr(rule, "by", None), Order):
+                pairs = (pool.take(rows) for rows in rng.integers(len(pool), size=(2, 4000)))
+                shares.append(decided(order.criteria[0], *pairs))
+        worth[kind] = float(np.exp(np.mean(logs)))
+    failed, low, high = float(np.mean(np.isfinite(pool.survived))), min(shares), max(shares)
+    few, many = FAILED[name.partition("-")[0]]
+    fits = few <= failed <= many and DECIDED[0] <= low and high <= DECIDED[1]
+    fits = fits and all(WORTH[0] <= value <= WORTH[1] for value in worth.values())
+    worths = ", ".join(f"{kind} {value:.0f}" for kind, value in worth.items())
+    line = (
+        f"{name}: {worths}; first priority decides {low:.0%} to {high:.0%} of pairs; "
+        f"{failed:.0%} of θ fail; {scenario.title}"
+    )
+    found = faults(scenario)
+    return fits and not found, line, found
 
 
 def faults(scenario: Scenario, count: int = 40) -> list[str]:
@@ -116,17 +87,10 @@ def main() -> int:
     console, bad = Console(), 0
     seeds = range(options.first, options.first + options.count)
     for seed in track(seeds, "loops", console=Console(stderr=True)):
-        found = examined(f"{options.family}-{seed}")
-        bad += not found.fits
-        worths = ", ".join(f"{kind} {worth:.0f}" for kind, worth in found.worth.items())
-        low, high = found.decided
-        mark = "ok " if found.fits else "BAD"
-        console.print(
-            f"{mark} {found.name}: {worths}; first priority decides {low:.0%} to "
-            f"{high:.0%} of pairs; {found.failed:.0%} of θ fail; {found.title}",
-            soft_wrap=True,
-        )
-        for words in found.faults:
+        fits, line, found = examine(f"{options.family}-{seed}")
+        bad += not fits
+        console.print(f"{'ok ' if fits else 'BAD'} {line}", soft_wrap=True)
+        for words in found:
             console.print(f"    {words}", soft_wrap=True)
     return 1 if bad else 0
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from prefcal_bench.results.paired import markdown
+from prefcal_bench.results.words import markdown
 from prefcal_env.envs.cstr import cstr_task
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import never

@@ -17,17 +17,17 @@ from .peers import PEERS
 
 if TYPE_CHECKING:
     from .cells.cell import Cell as Cell
+    from .cells.cell import Result as Result
+    from .cells.cell import digest as digest
     from .cells.duels import Duel as Duel
     from .cells.engine import Processes as Processes
-    from .cells.result import Result as Result
-    from .cells.result import digest as digest
     from .cells.run import run_cell as run_cell
-    from .cells.runner import Finished as Finished
+    from .cells.runner import SuiteResults as SuiteResults
     from .cells.runner import run_suite as run_suite
     from .cells.store import Store as Store
     from .cells.suite import Suite as Suite
-    from .peers.bope import BOPE as BOPE
-    from .peers.eubo import EUBO as EUBO
+    from .peers.botorch_agents import BOPE as BOPE
+    from .peers.botorch_agents import EUBO as EUBO
     from .peers.optuna_agents import OptunaGP as OptunaGP
     from .peers.optuna_agents import OptunaPreferential as OptunaPreferential
     from .peers.optuna_agents import OptunaTPE as OptunaTPE
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 _HOMES = {
     "Cell": "cells.cell",
     "Duel": "cells.duels",
-    "Finished": "cells.runner",
+    "SuiteResults": "cells.runner",
     "Processes": "cells.engine",
-    "Result": "cells.result",
+    "Result": "cells.cell",
     "Store": "cells.store",
     "Suite": "cells.suite",
-    "digest": "cells.result",
+    "digest": "cells.cell",
     "run_cell": "cells.run",
     "run_suite": "cells.runner",
     **{row.name: row.module for row in PEERS},

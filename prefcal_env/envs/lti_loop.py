@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.rollout import KPIs, computed, rollout
+from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plants.plant import Plant

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .kpi_units import with_units
+from .tracking_kinds import kinds_of
 
 Experiment = Any
 """`prefcal_env.Experiment`, which calls these functions."""
@@ -38,13 +38,22 @@ def frame_of(experiment: Experiment) -> Any:
 def html_of(experiment: Experiment) -> str:
     """Return the end, a picture of the curves and a table of the KPIs as HTML."""
     theta = ", ".join(f"{value:.4g}" for value in experiment.theta)
-    rows = list(with_units(experiment.kpis, experiment.channels))
+    rows = list(_with_units(experiment))
     table = table_of(("KPI", "value"), rows) if rows else ""
     words = (
         f"Experiment: θ = ({theta}), {experiment.duration:.4g} "
         f"{escape(experiment.channels.time_unit)}, {escape(experiment.end.value)}"
     )
     return f"<div><p>{words}</p>{_picture(experiment)}{table}</div>"
+
+
+def _with_units(experiment: Experiment) -> Iterable[tuple[str, str]]:
+    """Yield the name of each KPI, and its value with its unit if the channels tell that."""
+    units = {name: unit for name, unit, _ in kinds_of(experiment.channels)}
+    for name, value in experiment.kpis.items():
+        # A KPI of one maneuver is called "NAME (MANEUVER)".
+        unit = units.get(name, units.get(name.rpartition(" (")[0], ""))
+        yield name, f"{value:.4g} {unit}".strip()
 
 
 def table_of(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -149,18 +149,7 @@ class Panel:
         Raises:
             ScenarioError: If no channel or signal, or more than one, has this name.
         """
-        pool = _of_kind(self.kind, channels, signals) if self.kind else plots_of(channels, signals)
-        found = [p for p in pool if p.name == self.name]
-        found = found or [p for p in pool if p.channel.symbol == self.name]
-        if not found:
-            raise ScenarioError(self._unknown(channels, signals))
-        if len(found) > 1:
-            places = ", ".join(f"{p.kind!r}" for p in found)
-            raise ScenarioError(
-                f"panel {self.name!r}: {len(found)} curves have this name (kind {places}): "
-                "rename them, or give the kind"
-            )
-        return self._dressed(_with_reference(found[0], signals))
+        return self._dressed(plot_called(self.name, channels, signals, self.kind, what="panel"))
 
     def _check_state_is_output(self, plot: Plot, experiment: Experiment) -> None:
         """Raise ScenarioError if a state and an output share the name but differ."""
@@ -199,16 +188,51 @@ class Panel:
         except ExperimentError as error:
             raise ScenarioError(f"panel {self.name!r}: {error}") from error
 
-    def _unknown(self, channels: Channels, signals: Collection[str]) -> str:
-        there = {kind: [c.name for c in getattr(channels, kind)] for kind in ("x", "u", "y")}
-        there["signal"] = list(signals)
-        hint = did_you_mean(self.name, [n for names in there.values() for n in names])
-        listed = "; ".join(f"{KINDS[k]} {_quoted(names)}" for k, names in there.items() if names)
-        where = f"of kind {self.kind!r} " if self.kind else ""
-        return (
-            f"panel {self.name!r}: no channel or signal {where}has this name; "
-            f"there are {listed or 'none'}.{hint}"
+
+def plot_called(
+    name: str, channels: Channels, signals: Collection[str], kind: str = "", *, what: str = "signal"
+) -> Plot:
+    """Find a curve by its name, or else by its symbol.
+
+    Args:
+        name: Name or symbol of a channel, or key of a signal.
+        channels: Available states, inputs and outputs.
+        signals: Keys of the available signals.
+        kind: Where to look: "x", "u", "y" or "signal"; everywhere if empty.
+        what: What has this name, for messages.
+
+    Raises:
+        ScenarioError: If no channel or signal, or more than one, has this name.
+    """
+    pool = _of_kind(kind, channels, signals) if kind else plots_of(channels, signals)
+    found = [p for p in pool if p.name == name] or [p for p in pool if p.channel.symbol == name]
+    if len(found) == 1:
+        return _with_reference(found[0], signals)
+    if found:
+        places = ", ".join(f"{p.kind!r}" for p in found)
+        raise ScenarioError(
+            f"{what} {name!r}: {len(found)} curves have this name (kind {places}): "
+            "rename them, or give the kind"
         )
+    there = {kind: [c.name for c in getattr(channels, kind)] for kind in ("x", "u", "y")}
+    there["signal"] = list(signals)
+    hint = did_you_mean(name, [each for names in there.values() for each in names])
+    listed = "; ".join(f"{KINDS[k]} {_quoted(names)}" for k, names in there.items() if names)
+    where = f"of kind {kind!r} " if kind else ""
+    raise ScenarioError(
+        f"{what} {name!r}: no channel or signal {where}has this name; there are {listed or 'none'}.{hint}"
+    )
+
+
+def output_called(name: str, channels: Channels, signals: Collection[str] = ()) -> int:
+    """Return the number of the output called `name`, from 0. Raises ScenarioError if there is none."""
+    names = [channel.name for channel in channels.y]
+    if name in names:
+        return names.index(name)
+    raise ScenarioError(
+        f"no output with a reference is called {name!r}; there are {_quoted(names) or 'none'}."
+        f"{did_you_mean(name, names)}"
+    )
 
 
 def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, ...]:

@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, PlantError, RunError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
-from prefcal_env.experiments.recorded import recorded
+from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.knobs.knob import Knob, is_number
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.tables.recorded import recorded
 
 from .checks import check_apart, grid_of, names_of, referenced, shown, tuned
 from .model import Variable, read_model

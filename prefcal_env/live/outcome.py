@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.curves import bridged
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.experiments.recorded import recorded
+from prefcal_env.tables.curves import bridged
+from prefcal_env.tables.recorded import recorded
 
 from .parts import Role
 

@@ -1,20 +1,20 @@
 """A live plant that prefcal drives itself, after a person confirmed what is written."""
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import LiveError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.run import Change
-from prefcal_env.sources.source import Source
+from prefcal_env.sources.source import KPIsOf, Source, formula_problems, with_own
 
 from .drive import Drive, Hands
 from .journal import Journal
@@ -189,6 +189,15 @@ class LiveRig(Source):
         with self._kept.alone():
             self._recover(drive)
             return drive.run()
+
+    def measured(self, kpis_of: KPIsOf) -> "LiveRig":
+        """Return the same rig, whose experiments have more KPIs than their own."""
+        return replace(self, kpis=with_own(self.kpis, kpis_of(self.channels)))
+
+    def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
+        """Yield which formulas of KPIs name what is not recorded, before a run is spent on it."""
+        outputs = tuple(Channel(tag.name, tag.unit) for tag in self.tags if tag.role == "output")
+        yield from formula_problems(kpis, replace(self.channels, x=outputs), ())
 
     @property
     def left(self) -> dict[str, float] | None:

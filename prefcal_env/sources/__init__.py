@@ -15,5 +15,5 @@ from .run import Progress as Progress
 from .run import Run as Run
 from .run import Stage as Stage
 from .run import Table as Table
+from .source import Measured as Measured
 from .source import Source as Source
-from .source import Tracked as Tracked

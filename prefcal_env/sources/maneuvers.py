@@ -13,7 +13,7 @@ from prefcal_env.experiments.maneuvers import MEAN, check_channels, check_name, 
 from prefcal_env.knobs.space import KnobSpace
 
 from .function import source_of
-from .source import NamesOf, Source
+from .source import KPIsOf, Source
 
 
 class Maneuvers(Source):
@@ -66,9 +66,9 @@ class Maneuvers(Source):
         """Return the same maneuvers for the ranges of `space`."""
         return self._each(lambda part: part.within(space))
 
-    def tracked(self, names: NamesOf) -> "Maneuvers":
-        """Return the same maneuvers, whose experiments get tracking KPIs in addition."""
-        return self._each(lambda part: part.tracked(names))
+    def measured(self, kpis_of: KPIsOf) -> "Maneuvers":
+        """Return the same maneuvers, each of which has more KPIs than its own."""
+        return self._each(lambda part: part.measured(kpis_of))
 
     def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run all maneuvers of a physical θ, shape (n,), each with the same seed.
@@ -82,6 +82,7 @@ class Maneuvers(Source):
 
     def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
         """Yield the KPIs whose worst maneuver would be one of the better ones."""
+        yield from super().problems(kpis)
         asking = [name for name, part in self.maneuvers.items() if part.asks]
         if asking:
             yield f"maneuver {asking[0]!r} must not be a rig, whose experiments a person runs one by one"

@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.rollout import computed
 from prefcal_env.tables import timing
 from prefcal_env.tables.sheet import Sheet, Table, sheet_of
@@ -21,7 +20,7 @@ from prefcal_env.wording import and_more
 
 from .run import Change, Run
 from .run import Table as Given
-from .source import NamesOf, Source
+from .source import KPIsOf, Source, with_own
 
 TIME = "time"
 _FILES = (".csv", ".txt", ".parquet")
@@ -106,12 +105,9 @@ class Rig(Source):
         """Return a run of θ, physical, shape (n,), that waits for its record."""
         return _RigRun(self, theta)
 
-    def tracked(self, names: NamesOf) -> "Rig":
-        """Return the same rig, whose records get tracking KPIs in addition to their own."""
-        own, wanted = self.kpis, dict.fromkeys(names(self.channels), np.nan)
-        return replace(
-            self, kpis=lambda made: {**wanted, **tracking_kpis(made), **({} if own is None else own(made))}
-        )
+    def measured(self, kpis_of: KPIsOf) -> "Rig":
+        """Return the same rig, whose records have more KPIs than their own."""
+        return replace(self, kpis=with_own(self.kpis, kpis_of(self.channels)))
 
     def _called(self, name: str) -> str:
         """Return the heading of a column without its unit."""

@@ -1,6 +1,6 @@
 """Whatever turns θ into an experiment, behind the same calls."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import partial
 from math import inf
 from types import MappingProxyType
@@ -11,15 +11,17 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.experiments.formula import formula_of
+from prefcal_env.experiments.rollout import KPIs
 from prefcal_env.knobs.space import KnobSpace
 
 from .run import Given, Run, Whole
 
 Asks = Literal["", "record", "confirm"]
 """What a run asks of a person: nothing, the record of a run that they did, or a confirmation."""
-NamesOf = Callable[[Channels | None], Sequence[str]]
-"""Function that returns the tracking KPIs that channels promise; None if they are not known yet."""
+KPIsOf = Callable[[Channels | None], KPIs]
+"""Function of channels, None if they are not known yet, that returns a function of experiments: all
+KPIs of one that has its own."""
 
 
 _ONLY_A_PERSON: Mapping[Asks, str] = {
@@ -105,16 +107,12 @@ class Source:
         """Return the same source for the ranges of `space`, if they matter to it."""
         return self
 
-    def tracked(self, names: NamesOf) -> "Source":
-        """Return the same source, whose experiments get tracking KPIs in addition to their own.
+    def measured(self, kpis_of: KPIsOf) -> "Source":
+        """Return the same source, whose experiments have more KPIs than their own.
 
-        One that asks something of a person computes its KPIs itself.
-
-        Args:
-            names: Function of the channels that returns the KPIs that every complete experiment
-                has, NaN if one could not be measured.
+        Unless it says otherwise, one that asks something of a person computes its KPIs alone.
         """
-        return self if self.asks else Tracked(self, tuple(names(self.channels)))
+        return self if self.asks else Measured(self, kpis_of(self.channels))
 
     @property
     def elsewhere(self) -> "Source":
@@ -141,22 +139,23 @@ class Source:
 
     def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
         """Yield what keeps a scenario with these KPIs from using the source, as sentences."""
-        return iter(())
+        if self.channels is not None and self.signals is not None:
+            yield from formula_problems(kpis, self.channels, self.signals)
 
     def close(self) -> None:
         """Release what the source holds, such as a connection."""
 
 
-class Tracked(Source):
-    """A source whose experiments get their tracking KPIs in addition to their own.
+class Measured(Source):
+    """A source whose experiments have more KPIs than their own.
 
     Args:
         source: Source that asks nothing of a person.
-        names: KPIs that every complete experiment has, NaN if it could not be measured.
+        kpis: Function that returns all KPIs of an experiment that has its own.
     """
 
-    def __init__(self, source: Source, names: Sequence[str] = ()) -> None:
-        self.source, self.names = source, tuple(names)
+    def __init__(self, source: Source, kpis: KPIs) -> None:
+        self.source, self.kpis = source, kpis
         self.channels, self.signals = source.channels, source.signals
         self.controller = source.controller
 
@@ -165,15 +164,26 @@ class Tracked(Source):
         made = self.source.run(theta, seed=seed)
         return made.with_kpis(self.kpis(made)) if isinstance(made, Experiment) else made
 
-    def kpis(self, experiment: Experiment) -> dict[str, float]:
-        """Return the KPIs of an experiment by name, its own last."""
-        known = {} if experiment.end.interrupted else dict.fromkeys(self.names, np.nan)
-        return {**known, **tracking_kpis(experiment), **experiment.kpis}
-
     def within(self, space: KnobSpace) -> Source:
         """Return the same for the ranges of `space`, if the source takes them."""
-        return Tracked(self.source.within(space), self.names)
+        return Measured(self.source.within(space), self.kpis)
 
-    def tracked(self, names: NamesOf) -> Source:
-        """Return this: its experiments have the KPIs already."""
-        return self
+    def measured(self, kpis_of: KPIsOf) -> Source:
+        """Return the same source with more KPIs; those of the same type take the place of these."""
+        kpis = kpis_of(self.channels)
+        return Measured(self.source if type(kpis) is type(self.kpis) else self, kpis)
+
+
+def with_own(own: KPIs | None, kpis: KPIs) -> KPIs:
+    """Return a function that first computes an experiment's `own` KPIs, and then all `kpis`."""
+    return kpis if own is None else lambda made: kpis(made.with_kpis(own(made)))
+
+
+def formula_problems(kpis: Iterable[Any], channels: Channels, signals: Collection[str]) -> Iterator[str]:
+    """Yield which formulas of KPIs name what channels and keys of signals lack."""
+    for kpi in kpis:
+        for find in formula_of(kpi.formula).names if kpi.formula else ():
+            try:
+                find(channels, signals)
+            except ScenarioError as error:
+                yield f"formula of KPI {kpi.name!r}: {error}"

@@ -10,12 +10,12 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from prefcal_env.errors import RecordError, SettingsError
-from prefcal_env.experiments.curves import bridged
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
-from prefcal_env.experiments.recorded import Limits, recorded
+from prefcal_env.experiments.tracking import tracking_kpis
 
 from . import timing
+from .curves import bridged
+from .recorded import Limits, recorded
 from .sheet import Sheet, Table, sheet_of
 from .thinning import extreme_rows, grid, period_of
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.maneuvers import MEAN, by_maneuver, named
+from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.reading import Reading
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,14 +10,15 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.kpi import KPI as KPI
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
+from prefcal_env.experiments.tracking import Formulas, Tracking, found_kpis
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
-from prefcal_env.preferences.reading import as_read
 from prefcal_env.sources import Source, source_of, with_space
+from prefcal_env.sources.source import KPIsOf
 from prefcal_scenarios.own.checks import check_parts
-from prefcal_scenarios.own.tracking import found_rows, promised
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,106 +45,6 @@ class Picture:
     alt: Callable[[Any], str]
     draw: "Callable[[Any], Figure | bytes]"
     applies: Callable[[Any], bool] = lambda record: True
-
-
-@dataclass(frozen=True, slots=True)
-class KPI:
-    """A key performance indicator (KPI): a number that people read off an experiment.
-
-    Args:
-        name: Key in `Experiment.kpis`.
-        title: Title for people.
-        unit: Unit of the values and limits.
-        at_most: Largest value that meets the objective, in `unit`.
-        at_least: Smallest value that meets the objective, in `unit`.
-        better: Direction of improvement if there is no objective. Without a direction or an
-            objective, the KPI is informational and the agent does not learn from it (for
-            example, a score that a person would not write down).
-        about: One sentence that explains the KPI to people.
-        resolution: Smallest difference that people can see, in `unit`: values are shown, and
-            simulated ones learned from, as its multiples. None for a hundredth of an objective's
-            range, rounded down to a power of 10, and for 0.01 of a KPI in %; others are shown with
-            four significant digits.
-
-    Raises:
-        ScenarioError: If `better` is not "lower", "higher" or None, if `at_least` is above
-            `at_most`, or if `resolution` is not above 0.
-    """
-
-    name: str
-    title: str
-    unit: str = ""
-    at_most: float = np.inf
-    at_least: float = -np.inf
-    better: Literal["lower", "higher"] | None = None
-    about: str = ""
-    resolution: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.resolution is not None and not 0 < self.resolution < np.inf:
-            raise ScenarioError(
-                f"resolution of KPI {self.name!r} must be above 0 and finite, "
-                f"got {self.resolution} {self.unit}".rstrip()
-            )
-        if self.better not in ("lower", "higher", None):
-            raise ScenarioError(
-                f"better of KPI {self.name!r} must be lower, higher or None, got {self.better!r}"
-            )
-        if not self.at_least <= self.at_most:
-            raise ScenarioError(
-                f"KPI {self.name!r}: at_least must not be above at_most, "
-                f"got {self.at_least} and {self.at_most} {self.unit}".rstrip()
-            )
-
-    @property
-    def goal(self) -> Literal["lower", "higher", "target"] | None:
-        """Return the direction of improvement; "target" is the middle of the objective's range."""
-        if self.better is not None:
-            return self.better
-        if np.isfinite(self.at_most) and np.isfinite(self.at_least):
-            return "target"
-        if np.isfinite(self.at_most):
-            return "lower"
-        return "higher" if np.isfinite(self.at_least) else None
-
-    @property
-    def step(self) -> float:
-        """Return the smallest difference that is shown, in `unit`; 0 if only digits limit it."""
-        if self.resolution is not None:
-            return self.resolution
-        width = self.at_most - self.at_least
-        if np.isfinite(width) and width > 0:
-            return float(10.0 ** np.floor(np.log10(width / 100)))
-        return 0.01 if self.unit == "%" else 0.0
-
-    def read(self, value: float) -> float:
-        """Return `value` as it is shown: in multiples of `step`, with four significant digits."""
-        return float(as_read(value, self.step))
-
-    def judged(self, value: float) -> float:
-        """Return how bad `value` looks: equal for values that read the same or meet a target."""
-        if self.goal == "target" and self.met(value):
-            return 0.0
-        return self.badness(self.read(value))
-
-    def badness(self, value: float) -> float:
-        """Return `value` transformed so that lower is better; NaN if it could not be measured."""
-        if self.goal == "target":
-            return abs(value - (self.at_most + self.at_least) / 2)
-        if self.goal == "higher":
-            return np.nan if value == np.inf else -value
-        return value
-
-    def met(self, value: float) -> bool | None:
-        """Return whether `value`, as read, meets the objective; None if there is no objective."""
-        if np.isinf(self.at_most) and np.isinf(self.at_least):
-            return None
-        return bool(self.at_least <= self.read(value) <= self.at_most)
-
-    def met_by(self, experiment: Experiment) -> bool | None:
-        """Return whether an experiment meets the objective; None without one or a value."""
-        value = experiment.kpis.get(self.name)
-        return None if value is None else self.met(value)
 
 
 class _Unstated(tuple[KPI, ...]):
@@ -210,12 +111,17 @@ class Scenario:
             raise ScenarioError(f"scenario {self.name!r}: run must be a function of θ, got {self.run!r}")
         if isinstance(self.kpis, _Unstated):
             channels = self.source.channels
-            rows = [] if channels is None else found_rows(channels)
-            if rows:
-                object.__setattr__(self, "kpis", tuple(KPI(**row) for row in rows))
-            names = [row["name"] for row in rows]
-            object.__setattr__(self, "run", self.source.tracked(lambda there: promised(there, names)))
-        check_parts(self, KPI)
+            if found := () if channels is None else found_kpis(channels):
+                object.__setattr__(self, "kpis", found)
+            names = [kpi.name for kpi in found]
+            self._measure(lambda there: Tracking.promised(there, names))
+        check_parts(self)
+        if formulas := tuple((kpi.name, kpi.formula) for kpi in self.kpis if kpi.formula):
+            self._measure(lambda _: Formulas(formulas))
+
+    def _measure(self, kpis_of: KPIsOf) -> None:
+        """Let experiments have more KPIs than their own."""
+        object.__setattr__(self, "run", self.source.measured(kpis_of))
 
     @property
     def source(self) -> Source:
@@ -237,8 +143,8 @@ def with_found_kpis(scenario: Scenario, experiment: Experiment) -> Scenario:
     """Return `scenario` with the tracking KPIs of `experiment` if it states none."""
     if not finds_kpis(scenario):
         return scenario
-    rows = found_rows(experiment.channels, experiment.kpis)
-    return replace(scenario, kpis=tuple(KPI(**row) for row in rows)) if rows else scenario
+    found = found_kpis(experiment.channels, experiment.kpis)
+    return replace(scenario, kpis=found) if found else scenario
 
 
 def described(kpis: Sequence[KPI], about: Mapping[str, str]) -> tuple[KPI, ...]:

@@ -8,6 +8,7 @@ import pytest
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.tracking import Tracking
 from prefcal_env.sources import Run, Source, Table
 
 
@@ -68,9 +69,9 @@ def can_be_told_to_stop_at_any_time(source: Source, theta: np.ndarray) -> None:
 
 
 def gives_tracking_kpis_once(source: Source, theta: np.ndarray) -> None:
-    tracked = source.tracked(lambda channels: ["a", "b"])
+    tracked = source.measured(lambda channels: Tracking(("a", "b")))
     assert tracked.asks == source.asks
-    assert tracked.tracked(lambda channels: ["c"]).asks == source.asks
+    assert tracked.measured(lambda channels: Tracking(("c",))).asks == source.asks
     if tracked is not source:  # others compute theirs themselves
         assert {"a", "b"} <= attended(tracked, theta).kpis.keys()
 

@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from prefcal_bench.cells.cell import Cell
+from prefcal_bench.cells.cell import Cell, Result
 from prefcal_bench.cells.duels import Duel
-from prefcal_bench.cells.result import Result
 
 
 def result(agent="GLISp", problem="bowl", seed=0, gaps=(1.0, 0.1), *, knobs=2, **changes):

@@ -8,16 +8,9 @@ import pytest
 from hypothesis import strategies as st
 
 from prefcal_bench.people import Runs
-from prefcal_bench.people.eyes.ideal import Ideal, Wish
-from prefcal_bench.people.eyes.majority import Majority
-from prefcal_bench.people.eyes.noticing import Eyes
-from prefcal_bench.people.eyes.order import Criterion, Order
-from prefcal_bench.people.eyes.ranks import Ranks, Scale
-from prefcal_bench.people.eyes.trade import Share, Trade
-from prefcal_bench.people.limited import Limit, Limited
-from prefcal_bench.people.priorities import Priorities, Priority
-from prefcal_bench.people.rising import Standards
-from prefcal_bench.people.weighted import Term, Weighted
+from prefcal_bench.people.judgements import Loss, Majority, Noticed, Order, Rank, Total, Wish
+from prefcal_bench.people.rule import Noticing
+from prefcal_bench.people.trade_off import Standards, Term, TradeOff
 
 NAMES = ("error", "effort", "noise")
 
@@ -34,28 +27,23 @@ def only(every: Runs, row: int) -> Runs:
     return every.take(np.array([row]))
 
 
-_TRADE_OFF = Weighted(
-    (
-        Term("error", 0.5, good=0.0, scale=1.0, steepness=0.5),
-        Term("effort", 0.3, good=0.0, scale=10.0, steepness=2.0),
-        Term("noise", 0.2, good=0.0, scale=0.1, steepness=1.0),
-    )
+_TRADE_OFF = TradeOff(
+    (Term("error", 0.5, 0.0, 1.0, 0.5), Term("effort", 0.3, 0.0, 10.0, 2.0), Term("noise", 0.2, 0.0, 0.1))
 )
-_STRICT = Weighted(tuple(Term(t.name, t.weight, t.good, t.scale / 4, t.steepness) for t in _TRADE_OFF.terms))
+_STRICT = TradeOff(tuple(Term(t.name, t.weight, t.good, t.scale / 4, t.steepness) for t in _TRADE_OFF.terms))
+_PRIORITIES = (Noticed("error", 0.2, relative=True), Noticed("effort", 1.0), Noticed("noise", 0.0))
 RULES: dict[str, Any] = {
     "weighted": _TRADE_OFF,
-    "limited": Limited((Limit("error", 1.0, 0.5), Limit("noise", 0.2, 0.1)), _TRADE_OFF),
-    "priorities": Priorities(
-        (Priority("error", 0.2, relative=True), Priority("effort", 1.0), Priority("noise", 0.0))
-    ),
+    "limited": TradeOff(_TRADE_OFF.terms, (Term("error", 1.0, 1.0, 0.5), Term("noise", 1.0, 0.2, 0.1))),
+    "priorities": Noticing(Order(_PRIORITIES), ties_count=True),
     "standards": Standards(_TRADE_OFF, _STRICT),
-    "order": Eyes(Order((Criterion("error", 0.2, at_most=0.5), Criterion("effort", 1.0)))),
-    "majority": Eyes(Majority((Criterion("error", 0.2), Criterion("effort", 1.0), Criterion("noise", 0.1)))),
-    "ideal": Eyes(Ideal((Wish("error", 0.1, 2.0), Wish("noise", 0.0, 0.1)), 2.0, 0.3)),
-    "ranks": Eyes(
-        Ranks((Scale("error", (0.0, 1.0, 4.0), (0.1, 0.5, 0.9)), Scale("noise", (0.5,), (0.5,))), 0.2)
+    "order": Noticing(Order((Noticed("error", 0.2, at_most=0.5), Noticed("effort", 1.0)))),
+    "majority": Noticing(Majority((Noticed("error", 0.2), Noticed("effort", 1.0), Noticed("noise", 0.1)))),
+    "ideal": Noticing(Total((Wish("error", 0.1, 2.0), Wish("noise", 0.0, 0.1)), 0.3, 2.0)),
+    "ranks": Noticing(
+        Total((Rank("error", (0.0, 1.0, 4.0), (0.1, 0.5, 0.9)), Rank("noise", (0.5,), (0.5,))), 0.2)
     ),
-    "trade": Eyes(Trade((Share("error", 0.6, 0.0, 0.5, 1.5), Share("effort", 0.4, 0.0, 2.0, 1.0)), 0.1)),
+    "trade": Noticing(Total((Loss("error", 0.6, 0.0, 0.5, 1.5), Loss("effort", 0.4, 0.0, 2.0, 1.0)), 0.1)),
 }
 """One rule of every class that does not change."""
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from prefcal_bench.cells.cell import Cell
-from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.cell import Cell, Result
 from prefcal_bench.results.campaign import COLUMNS
 
 

@@ -22,6 +22,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import KINDS
+from prefcal_env.experiments.tracking import every_tracking_kpi
 from prefcal_env.own_line import as_exception, in_words, located
 from prefcal_env.preferences.answer import Answer, Calibrator
 from prefcal_env.sources import Run, Source
@@ -31,7 +32,6 @@ from prefcal_scenarios.described.options import words_of
 from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, returned, theta_problems
-from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.presentation.folder import picture_at, put
 from prefcal_scenarios.presentation.wording import (
     measured,
@@ -191,7 +191,7 @@ class Checkup:
                 text = with_unit(measured(kpi, e), kpi.unit)
                 met = {True: ", met", False: ", not met", None: ""}[kpi.met_by(e)]
                 yield Finding(f"KPI {kpi.name!r}", True, f"{text}; {_GOALS[kpi.goal]}{met}")
-        known = {kpi.name for kpi in self.scenario.kpis} | tracking_rows(e.channels).keys()
+        known = {kpi.name for kpi in self.scenario.kpis} | every_tracking_kpi(e.channels).keys()
         known |= {kpi.name for _, kpi in grouped(self.scenario.shown_kpis, e)}
         spare = sorted(set(e.kpis) - known)
         if spare:

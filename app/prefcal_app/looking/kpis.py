@@ -7,11 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Experiment
-from prefcal_env.experiments.kpi_units import kinds_of
-from prefcal_env.experiments.kpis import BAND, band_of, entered, tracking_kpis
+from prefcal_env.experiments.kpi import KPI
 from prefcal_env.experiments.maneuvers import MEAN, combined, named
-from prefcal_scenarios.own.tracking import tracking_rows
-from prefcal_scenarios.scenario import KPI
+from prefcal_env.experiments.tracking import BAND, band_of, entered, every_tracking_kpi, tracking_kpis
 
 _KINDS = (
     "settling time",
@@ -115,9 +113,9 @@ def _within_band(kpi: KPI, channel: Channel) -> KPI:
 
 def _tracking(experiment: Experiment, values: Mapping[str, float]) -> list[KPI]:
     """Return what each of the tracking KPIs in `values` means."""
-    kinds = {kind.of(c): _KINDS.index(kind.name) for kind, c in kinds_of(experiment.channels)}
-    rows = tracking_rows(experiment.channels)
-    return [KPI(**rows[name]) for name in sorted(rows, key=kinds.__getitem__) if name in values]
+    every = every_tracking_kpi(experiment.channels)
+    names = sorted(every, key=lambda name: _KINDS.index(name.partition(" of ")[0]))
+    return [every[name] for name in names if name in values]
 
 
 def _statistics(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]) -> Iterator[tuple[str, float, str]]:

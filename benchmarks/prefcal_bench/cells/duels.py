@@ -10,8 +10,7 @@ import numpy as np
 from prefcal_bench.problems import prefer, problem
 from prefcal_env.errors import SettingsError
 
-from .cell import FORMAT, canonical
-from .result import Result, Theta
+from .cell import FORMAT, Result, Theta, canonical
 from .run import alone
 
 PAPER = "the paper's optimum"

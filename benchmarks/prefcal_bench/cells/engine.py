@@ -1,7 +1,7 @@
 """Run tasks in worker processes that may die, or in this process."""
 
 import pickle
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Hashable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, TypeVar, final
@@ -12,6 +12,7 @@ import numpy as np
 from prefcal_env.errors import BenchmarkError, RunError, SettingsError
 from prefcal_env.workers import Pool, Terms, attempt, run_all
 
+K = TypeVar("K", bound=Hashable)
 T = TypeVar("T")
 Task = Callable[[], T]
 _TERMS = Terms("the task", "--cell-timeout")
@@ -43,9 +44,9 @@ class Processes:
 
 
 def each(
-    tasks: Sequence[Task[T]], workers: Processes | None
-) -> Generator[tuple[int, T | RunError], None, None]:
-    """Run all `tasks`; yield the number and the result of each when it completes, in any order.
+    tasks: Mapping[K, Task[T]], workers: Processes | None
+) -> Generator[tuple[K, T | RunError], None, None]:
+    """Run all `tasks`; yield the key and the result of each when it completes, in any order.
 
     The result of a task that raises, takes too long, or whose process dies twice, is the RunError
     that says so; all others get their results. Closing the iterator drops running tasks.
@@ -58,17 +59,17 @@ def each(
         BenchmarkError: If workers die as soon as they start.
     """
     if workers is None:
-        for number, task in enumerate(tasks):
-            yield number, attempt(lambda task: task(), task)
+        for key, task in tasks.items():
+            yield key, attempt(lambda task: task(), task)
         return
     if not tasks:
         return
     work = pickle.dumps((_Tasks, (workers.last_words,)))
-    jobs = min(workers.jobs, len(tasks))
+    jobs, keys = min(workers.jobs, len(tasks)), list(tasks)
     pool = Pool(lambda: work, jobs, workers.limit, _TERMS, unloadable=_unloadable)
-    with closing(run_all(pool, map(_request, tasks))) as arriving:
+    with closing(run_all(pool, map(_request, tasks.values()))) as arriving:
         for arrived in arriving:
-            yield from arrived
+            yield from ((keys[number], result) for number, result in arrived)
 
 
 def _request(task: Task[Any]) -> tuple[str, bytes]:

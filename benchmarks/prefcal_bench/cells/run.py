@@ -19,8 +19,7 @@ from prefcal_env.own_line import described
 from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.loop import ask_and_tell
 
-from .cell import Cell
-from .result import Result
+from .cell import Cell, Result
 from .roster import entry
 from .simulation import Simulation
 
@@ -69,13 +68,13 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
     arguments = (where.space, cell.n_init, cell.n_max, cell.seed)
     simulation = Simulation(where, person.withheld) if one.simulates else None
     agent = one.make(*arguments) if simulation is None else one.make(*arguments, simulation)
-    study = Study(agent, where, person, cell.n_max, clock, by_value=one.by_value)
+    study = CellStudy(agent, where, person, cell.n_max, clock, by_value=one.by_value)
     study.run()
     result = study.result(cell)
     return result if simulation is None else replace(result, simulated=simulation.count)
 
 
-class Study:
+class CellStudy:
     """Study of one agent; outcomes are kept by θ, so that none is computed twice.
 
     The loop asks and tells the study, which watches that the agent keeps the rules. With

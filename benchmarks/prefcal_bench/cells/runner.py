@@ -4,19 +4,20 @@ import time
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from prefcal_bench.people import TASTES
 from prefcal_bench.problems import problem
 from prefcal_env.errors import RunError
 
-from .cell import Cell
-from .duels import Duel, Round, play, rounds
+from .cell import Result, digest
+from .duels import Duel, play, rounds
 from .engine import Processes, each
-from .result import Result, digest
 from .run import alone, run_cell
-from .store import Store
+from .store import Store, Trouble
 from .suite import Suite
+
+T = TypeVar("T")
 
 
 class Watcher(Protocol):
@@ -33,7 +34,7 @@ class Watcher(Protocol):
 
 
 @dataclass(frozen=True)
-class Finished:
+class SuiteResults:
     """Outcome of a suite.
 
     Args:
@@ -57,7 +58,7 @@ class Finished:
         return digest(self.results)
 
 
-def run_suite(suite: Suite, store: Store, workers: Processes | None, watcher: Watcher) -> Finished:
+def run_suite(suite: Suite, store: Store, workers: Processes | None, watcher: Watcher) -> SuiteResults:
     """Run all cells of `suite` that have no result in `store` or failed.
 
     Every result is stored when it completes, so an interruption loses only running cells.
@@ -68,7 +69,7 @@ def run_suite(suite: Suite, store: Store, workers: Processes | None, watcher: Wa
     _prepare(suite, store, workers, watcher)
     results = _cells(suite, store, workers, watcher)
     duels, trouble = _duels(results, store, workers, watcher)
-    return Finished(results, duels, trouble)
+    return SuiteResults(results, duels, trouble)
 
 
 def _prepare(suite: Suite, store: Store, workers: Processes | None, watcher: Watcher) -> None:
@@ -76,14 +77,14 @@ def _prepare(suite: Suite, store: Store, workers: Processes | None, watcher: Wat
     missing = (c for c in suite.cells if c.calibrator in TASTES and not store.path(c).exists())
     wanted = dict.fromkeys(cell.problem for cell in missing)
     with alone():  # it runs a few experiments, and people's own may print
-        names = [name for name in wanted if not problem(name).is_prepared]
-    if names:
-        watcher.begin("random experiments", len(names), 0)
-    with closing(each([partial(_prepared, name) for name in names], workers)) as landing:
-        for number, result in landing:
+        tasks = {name: partial(_prepared, name) for name in wanted if not problem(name).is_prepared}
+    if tasks:
+        watcher.begin("random experiments", len(tasks), 0)
+    with closing(each(tasks, workers)) as landing:
+        for name, result in landing:
             if isinstance(result, RunError):
-                watcher.say(f"random experiments of {names[number]}: {result}")
-            watcher.landed(names[number])
+                watcher.say(f"random experiments of {name}: {result}")
+            watcher.landed(name)
 
 
 def _prepared(name: str) -> bool:
@@ -93,27 +94,19 @@ def _prepared(name: str) -> bool:
 
 
 def _cells(suite: Suite, store: Store, workers: Processes | None, watcher: Watcher) -> tuple[Result, ...]:
-    results: dict[Cell, Result] = {}
-    for cell in suite.cells:
-        found, trouble = store.find(cell)
-        if trouble:
-            watcher.say(f"{trouble}; it runs again")
-        if found is not None and not found.failure:
-            results[cell] = found
-    missing = [cell for cell in suite.cells if cell not in results]
+    found = {cell: _found(store.find(cell), "it runs again", watcher) for cell in suite.cells}
+    results = {cell: result for cell, result in found.items() if result is not None and not result.failure}
     # Times are meaningless while anything else runs on the machine.
     clock = time.perf_counter if workers is None or workers.jobs == 1 else None
-    tasks = [partial(run_cell, cell, clock, cell.key) for cell in missing]
-    watcher.begin("cells", len(suite.cells), len(results))
+    tasks = {cell: partial(run_cell, cell, clock, cell.key) for cell in found if cell not in results}
+    watcher.begin("cells", len(found), len(results))
     with closing(each(tasks, workers)) as landing:
-        for number, result in landing:
-            cell = missing[number]
-            if isinstance(result, RunError):
-                result = Result.failed(cell, str(result))
-            store.add(result)
-            results[cell] = result
-            if result.failure:
-                watcher.say(f"{cell} failed: {result.failure}")
+        for cell, result in landing:
+            done = Result.failed(cell, str(result)) if isinstance(result, RunError) else result
+            store.add(done)
+            results[cell] = done
+            if done.failure:
+                watcher.say(f"{cell} failed: {done.failure}")
             watcher.landed(f"{cell.agent} on {cell.problem}")
     return tuple(results[cell] for cell in sorted(results))
 
@@ -121,27 +114,27 @@ def _cells(suite: Suite, store: Store, workers: Processes | None, watcher: Watch
 def _duels(
     results: tuple[Result, ...], store: Store, workers: Processes | None, watcher: Watcher
 ) -> tuple[tuple[Duel, ...], tuple[str, ...]]:
-    found: dict[Round, tuple[Duel, ...]] = {}
+    played = {one: _found(store.duels(one), "it is played again", watcher) for one in rounds(results)}
+    tasks = {one: partial(play, one) for one, duels in played.items() if duels is None}
     troubles: list[str] = []
-    every = rounds(results)
-    for round_ in every:
-        played, trouble = store.duels(round_)
-        if trouble:
-            watcher.say(f"{trouble}; it is played again")
-        if played is not None:
-            found[round_] = played
-    missing = [round_ for round_ in every if round_ not in found]
-    if missing:
-        watcher.begin("duels", len(every), len(found))
-    with closing(each([partial(play, round_) for round_ in missing], workers)) as landing:
-        for number, played_now in landing:
-            round_ = missing[number]
-            where = f"{round_.problem}, {round_.calibrator}, seed {round_.seed}"
-            if isinstance(played_now, RunError):
-                troubles.append(f"duels of {where}: {played_now}")
+    if tasks:
+        watcher.begin("duels", len(played), len(played) - len(tasks))
+    with closing(each(tasks, workers)) as landing:
+        for one, duels in landing:
+            where = f"duels of {one.problem}, {one.calibrator}, seed {one.seed}"
+            if isinstance(duels, RunError):
+                troubles.append(f"{where}: {duels}")
                 watcher.say(troubles[-1])
                 continue
-            store.add_duels(round_, played_now)
-            found[round_] = played_now
-            watcher.landed(f"duels of {where}")
-    return tuple(sorted(d for duels in found.values() for d in duels)), tuple(troubles)
+            store.add_duels(one, duels)
+            played[one] = duels
+            watcher.landed(where)
+    return tuple(sorted(duel for duels in played.values() for duel in duels or ())), tuple(troubles)
+
+
+def _found(stored: tuple[T | None, Trouble], what: str, watcher: Watcher) -> T | None:
+    """Return what is stored, and say what is wrong with it."""
+    found, trouble = stored
+    if trouble:
+        watcher.say(f"{trouble}; {what}")
+    return found

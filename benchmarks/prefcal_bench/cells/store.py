@@ -17,9 +17,8 @@ import msgspec
 from prefcal_env.errors import BenchmarkError, PrefcalError, SettingsError
 from prefcal_scenarios.presentation.folder import folder_for
 
-from .cell import FORMAT, Cell, canonical, read_as
+from .cell import FORMAT, Cell, Result, canonical, read_as
 from .duels import Duel, Round
-from .result import Result
 
 T = TypeVar("T")
 Trouble = str
@@ -42,6 +41,10 @@ class Store:
         self._results = folder_for(self.folder / "results")
         self._duels = folder_for(self.folder / "duels")
 
+    def path(self, of: Cell | Round) -> Path:
+        """Return the path of the result of a cell, or of the duels of a round."""
+        return (self._results if isinstance(of, Cell) else self._duels) / f"{of.key}.json"
+
     def find(self, cell: Cell) -> tuple[Result | None, Trouble]:
         """Return the result of `cell`, None if there is none, and any problem with its file.
 
@@ -61,22 +64,17 @@ class Store:
         """Store `result` durably. Raises BenchmarkError if it cannot be written."""
         write_record(self.path(result.cell), result.to_dict())
 
-    def path(self, cell: Cell) -> Path:
-        """Return the path of the result of `cell`."""
-        return self._results / f"{cell.key}.json"
-
     def duels(self, round_: Round) -> tuple[tuple[Duel, ...] | None, Trouble]:
         """Return the duels of `round_`, None if not yet played, and any problem with their file.
 
         Raises:
             BenchmarkError: See `find`.
         """
-        path = self._duels / f"{round_.key}.json"
-        return _find(path, lambda content: tuple(read_as(Duel, duel) for duel in content))
+        return _find(self.path(round_), lambda content: tuple(read_as(Duel, duel) for duel in content))
 
     def add_duels(self, round_: Round, duels: Sequence[Duel]) -> None:
         """Store the duels of `round_` durably. Raises BenchmarkError if they cannot be written."""
-        write_record(self._duels / f"{round_.key}.json", [asdict(duel) for duel in duels])
+        write_record(self.path(round_), [asdict(duel) for duel in duels])
 
 
 def _find(path: Path, convert: Callable[[Any], T]) -> tuple[T | None, Trouble]:

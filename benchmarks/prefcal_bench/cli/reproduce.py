@@ -13,7 +13,7 @@ import typer
 
 if TYPE_CHECKING:
     from prefcal_bench.cli.display import BenchDisplay
-    from prefcal_bench.reproduce import Study
+    from prefcal_bench.reproduce import PaperStudy
 
 EPILOG = """\
 [bold]Examples[/bold]
@@ -94,19 +94,19 @@ def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
     return 0
 
 
-def _studies(seeds: int, jobs: int, display: "BenchDisplay") -> "Sequence[Study]":
+def _studies(seeds: int, jobs: int, display: "BenchDisplay") -> "Sequence[PaperStudy]":
     """Run all studies; return them sorted by seed and case."""
     from prefcal_bench.cells.engine import Processes, each
     from prefcal_bench.reproduce import tasks
     from prefcal_env.errors import BenchmarkError, RunError
 
-    waiting = tasks(range(seeds))
+    waiting = dict(enumerate(tasks(range(seeds))))
     display.begin("studies", len(waiting), 0)
-    results: dict[int, Study] = {}
+    results: dict[int, PaperStudy] = {}
     with closing(each(waiting, Processes(min(jobs, len(waiting))))) as landing:
         for number, result in landing:
             if isinstance(result, RunError):
                 raise BenchmarkError(f"a study ended without a result: {result}")
             results[number] = result
             display.landed(f"{result.case}, seed {result.seed}")
-    return [results[number] for number in range(len(waiting))]
+    return [results[number] for number in waiting]

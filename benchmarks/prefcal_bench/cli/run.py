@@ -13,7 +13,7 @@ from rich.text import Text
 from prefcal_app.cli.interrupt import INTERRUPTED, interruption
 from prefcal_app.report.export import jsonable
 from prefcal_bench.cells.engine import Processes
-from prefcal_bench.cells.runner import Finished, run_suite
+from prefcal_bench.cells.runner import SuiteResults, run_suite
 from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite
 from prefcal_bench.published.plan import PUBLISHED, plan, read_published
@@ -131,7 +131,7 @@ def _run(
     return 1 if finished.failures or finished.trouble else 0
 
 
-def _run_cells(suite: Suite, options: Options) -> Finished | None:
+def _run_cells(suite: Suite, options: Options) -> SuiteResults | None:
     """Run the missing cells of a suite with a progress bar; return None after Ctrl-C."""
     workers = Processes(
         usable_cores() if options.jobs is None else options.jobs,
@@ -155,7 +155,7 @@ def _run_cells(suite: Suite, options: Options) -> Finished | None:
                 return None
 
 
-def _as_json(finished: Finished, suite: Suite, page: Path, published: pd.DataFrame | None) -> str:
+def _as_json(finished: SuiteResults, suite: Suite, page: Path, published: pd.DataFrame | None) -> str:
     """Return the result as one strict JSON object, with null for missing numbers."""
     content: dict[str, Any] = {
         "digest": finished.digest,

@@ -22,8 +22,8 @@ PEERS = (
     _peer("ReferenceGLISp", "reference", _GLIS),
     _peer("ReferenceGLIS", "reference", _GLIS, by_value=True),
     _peer("OptunaPreferential", "optuna_agents", _OPTUNA),
-    _peer("EUBO", "eubo", _BOTORCH),
-    _peer("BOPE", "bope", _BOTORCH),
+    _peer("EUBO", "botorch_agents", _BOTORCH),
+    _peer("BOPE", "botorch_agents", _BOTORCH),
     _peer("OptunaTPE", "optuna_agents", _VALUE, by_value=True),
     _peer("OptunaGP", "optuna_agents", _VALUE, by_value=True),
 )

@@ -1,5 +1,8 @@
-"""The base of all agents whose samples another package proposes."""
+"""What all agents share whose samples another package proposes: the start, and a repeatable run."""
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +12,7 @@ from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.extras import load
+from prefcal_agents.support.global_random import seeded
 from prefcal_env.preferences.history import History
 
 
@@ -50,3 +54,32 @@ class Peer(Agent):
             tried: What ran already.
         """
         raise NotImplementedError
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Limit linear algebra to one thread in the context, and ignore warnings.
+
+    So a proposal has the same digits whatever else the machine does.
+    """
+    from threadpoolctl import threadpool_limits  # finds libraries that torch loaded
+
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+@contextmanager
+def torch_seeded(*key: int) -> Iterator[int]:
+    """Run torch alone, with all global generators seeded by `key`, then restore these.
+
+    Args:
+        key: Integers, each 0 or more, such as a seed and a counter.
+
+    Yields:
+        A seed below 2**32 that follows from `key`, for a generator of a library.
+    """
+    torch = load("torch", "peers")
+    with seeded(*key) as seed, torch.random.fork_rng(devices=[]), alone():
+        torch.default_generator.manual_seed(seed)
+        yield seed

@@ -13,14 +13,11 @@ from prefcal_env.preferences.answer import Calibrator, Preference
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import KPI, Scenario
 
-from .draw import KINDS
-from .eyes.draw import alike, best_pairs
-from .eyes.noticing import Eyes
-from .rising import Standards
-from .rule import Rule
+from .draw import KINDS, alike, best_pairs
+from .rule import Noticing, Rule
 from .runs import Runs, runs_of
 from .sample import USUAL, sample
-from .weighted import Weighted
+from .trade_off import Standards, TradeOff
 from .worth import random_search_worth
 
 WRONG = {"": 0.0, "-noisy10": 0.1, "-noisy20": 0.2}
@@ -119,10 +116,9 @@ def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
         raise SettingsError("a taste needs a KPI with a direction, got none")
     kind, _, noise = name.partition("-")
     rule = _usable(kind, runs, seed)
-    used = tuple(term.name for term in rule.terms) if isinstance(rule, Weighted) else ()
-    return Taste(
-        tuple(kpis), rule, used if kind == "hidden" else (), WRONG[f"-{noise}" if noise else ""], seed
-    )
+    used = tuple(term.name for term in rule.terms) if isinstance(rule, TradeOff) else ()
+    withheld = used if kind == "hidden" else ()
+    return Taste(tuple(kpis), rule, withheld, WRONG[f"-{noise}" if noise else ""], seed)
 
 
 def calibrators_of(scenario: Scenario) -> Mapping[str, Callable[[int], Calibrator[Experiment]]]:
@@ -163,7 +159,7 @@ def _usable(kind: str, runs: Runs, seed: int) -> Rule:
 
 def _blind(rule: Rule, runs: Runs) -> float:
     """Return 1 or more if too many pairs of the best runs look alike, whatever is noticed."""
-    if not isinstance(rule, Eyes):
+    if not isinstance(rule, Noticing) or rule.ties_count:
         return 0.0
     share = alike(rule, *best_pairs(rule, runs))
     return 1.0 + share if share > _ALIKE else 0.0

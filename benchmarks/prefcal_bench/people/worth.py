@@ -4,8 +4,7 @@ import numpy as np
 
 from prefcal_env.errors import SettingsError
 
-from .eyes.noticing import Eyes
-from .rule import Rule
+from .rule import Noticing, Rule
 from .runs import Runs
 
 
@@ -29,7 +28,8 @@ def worth(rule: Rule, pool: Runs, one: Runs) -> float:
             f"worth needs a pool and one experiment, got {len(pool)} and {len(one)} experiments"
         )
     verdicts = rule.compare(pool, one)
-    found = verdicts < 0 if isinstance(rule, Eyes) else verdicts <= 0
+    strict = isinstance(rule, Noticing) and not rule.ties_count
+    found = verdicts < 0 if strict else verdicts <= 0
     return (len(pool) + 1) / (int(np.count_nonzero(found)) + 1)
 
 

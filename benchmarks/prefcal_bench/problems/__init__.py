@@ -7,11 +7,11 @@ from .cases import HOLES as HOLES
 from .catalog import CALIBRATORS as CALIBRATORS
 from .catalog import PROBLEMS as PROBLEMS
 from .catalog import problem as problem
-from .person import Judge as Judge
-from .person import Outcome as Outcome
-from .person import Person as Person
 from .problem import NOISES as NOISES
+from .problem import Judge as Judge
 from .problem import JudgeFactory as JudgeFactory
+from .problem import Outcome as Outcome
+from .problem import Person as Person
 from .problem import Problem as Problem
 from .problem import judges as judges
 from .problem import prefer as prefer

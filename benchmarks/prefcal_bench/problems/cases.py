@@ -15,8 +15,7 @@ from prefcal_scenarios.cases.functions import TestFunction
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.scenario import Scenario
 
-from .person import Outcome
-from .problem import Problem, judges, same
+from .problem import Outcome, Problem, judges, same
 
 CSTR_BROAD = 0.69066
 """Smallest known eq. perf_index of a CSTR run that does not undershoot the accepted band.

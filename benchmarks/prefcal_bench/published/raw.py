@@ -31,7 +31,7 @@ from typing import Any
 
 import pandas as pd
 
-from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.roster import entry, package_version
 from prefcal_bench.problems import problem
 from prefcal_env.errors import PrefcalError, SettingsError
@@ -102,13 +102,13 @@ def read_curves(path: str | Path) -> pd.DataFrame:
     Raises:
         SettingsError: If there is no such file, or it holds something else.
     """
-    study = ["agent", "loop", "taste", "seed", "n_init", "n_max", *VERSIONS]
-    frame = read(path, [*study, "after", "answers", "worth"])
-    frame = frame.dropna(subset="worth")
+    place, budget = ["agent", "loop", "taste", "seed"], ["n_init", "n_max"]
+    study = [*place, *budget, *VERSIONS]
+    frame = read(path, [*study, "after", "answers", "worth"]).dropna(subset="worth")
     last = frame.drop_duplicates([*study, "after"], keep="last")
     found = last.assign(experiment=last["after"] - 1, worth=last["worth"].astype("float32"))
-    order = ["agent", "loop", "taste", "seed", "experiment", "answers", "worth"]
-    return found[[*order, *VERSIONS, "n_init", "n_max"]].reset_index(drop=True)
+    order = [*place, "experiment", "answers", "worth", *VERSIONS, *budget]
+    return found[order].reset_index(drop=True)
 
 
 def read(path: str | Path, columns: Sequence[str]) -> pd.DataFrame:

@@ -3,5 +3,5 @@
 from .page import write_page as write_page
 from .paper import DEVIATIONS as DEVIATIONS
 from .studies import CASES as CASES
-from .studies import Study as Study
+from .studies import PaperStudy as PaperStudy
 from .studies import tasks as tasks

@@ -2,11 +2,9 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from prefcal_app.report.export import versions
 from prefcal_app.report.html import environment
@@ -14,11 +12,10 @@ from prefcal_app.report.trajectories import figure as side_by_side
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_scenarios.cases.overtake.picture import ShownDrive, drawn
 from prefcal_scenarios.presentation.folder import put
-from prefcal_scenarios.presentation.style import BEST, FIRST, OTHERS, save, style
+from prefcal_scenarios.presentation.style import BEST, FIRST, OTHERS, png, style
 
 from .paper import COMPARISONS, DEVIATIONS, N_MAX, algorithm, parameters, ranges
-from .results import Found, compared, disagreements, found, rows
-from .studies import Study
+from .studies import Found, PaperStudy, compared, disagreements, found, rows
 
 PAPER = "Zhu, Bemporad, Piga: Preference-based MPC calibration (ECC 2021)"
 DOI = "10.23919/ECC54610.2021.9654900"
@@ -45,7 +42,7 @@ class Pictured:
     reference: bytes | None = None
 
 
-def write_page(studies: Sequence[Study], folder: Path, command: str) -> Path:
+def write_page(studies: Sequence[PaperStudy], folder: Path, command: str) -> Path:
     """Write paper.html and its figures into `folder`, and return the path of the page.
 
     Args:
@@ -98,7 +95,7 @@ def _of_reactor(reactor: Found, automated: Found) -> Iterator[Pictured]:
         "Query window of one iteration; the left experiment is preferred because its transient is faster.",
         "Among the comparisons with seed 0 between two experiments that settle, the one with the "
         "largest difference in the time to steady state.",
-        _png(side_by_side(scenario, *clearest, ("preferred", "not preferred"))),
+        png(side_by_side(scenario, *clearest, ("preferred", "not preferred"))),
     )
     labels = ("calibrated by preferences (GLISp)", "calibrated automatically (GLIS)")
     printed = ("the paper's θ, by preferences", "the paper's θ, automatically")
@@ -107,8 +104,8 @@ def _of_reactor(reactor: Found, automated: Found) -> Iterator[Pictured]:
         "Calibrated by preferences (left) and by minimizing eq. perf_index (right): both achieve "
         "similar performance.",
         _FINAL,
-        _png(side_by_side(scenario, reactor.first, automated.first, labels)),
-        _png(side_by_side(scenario, reactor.paper, automated.paper, printed)),
+        png(side_by_side(scenario, reactor.first, automated.first, labels)),
+        png(side_by_side(scenario, reactor.paper, automated.paper, printed)),
     )
 
 
@@ -122,7 +119,7 @@ def _of_car(car: Found) -> Iterator[Pictured]:
         "preferred because the left one moves far to the side.",
         "Among the comparisons with seed 0 between two controllers that compute in time, the "
         "one with the largest difference in how far they move to the side.",
-        _png(drawn(pair, space)),
+        png(drawn(pair, space)),
     )
     calibrated = ShownDrive(car.first, "calibrated by preferences (GLISp)", BEST)
     printed = ShownDrive(car.paper, "the paper's θ", OTHERS[1])
@@ -130,8 +127,8 @@ def _of_car(car: Found) -> Iterator[Pictured]:
         "Fig. car_finalPerf",
         "Performance of the calibrated controller.",
         _FINAL,
-        _png(drawn((calibrated,), space)),
-        _png(drawn((printed,), space)),
+        png(drawn((calibrated,), space)),
+        png(drawn((printed,), space)),
     )
 
 
@@ -155,9 +152,3 @@ def _settled(experiment: Experiment) -> bool:
 def _in_time(experiment: Experiment) -> bool:
     finished = not experiment.end.interrupted
     return finished and bool(experiment.kpis["t_comp_worst"] <= experiment.theta[0])
-
-
-def _png(picture: Figure) -> bytes:
-    buffer = BytesIO()
-    save(picture, buffer)
-    return buffer.getvalue()

@@ -8,8 +8,8 @@ so higher is better; 1 is the worst.
 
 from .campaign import Campaign as Campaign
 from .campaign import campaign_of as campaign_of
-from .duelling import duel_table as duel_table
 from .rows import as_csv as as_csv
+from .rows import duel_table as duel_table
 from .rows import table as table
 from .rows import worth_rows as worth_rows
 from .rows import worth_table as worth_table

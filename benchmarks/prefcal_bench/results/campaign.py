@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from prefcal_bench.cells.cell import Cell
-from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.cell import Cell, Result
 from prefcal_bench.cells.roster import in_order
 from prefcal_bench.problems import CALIBRATORS, NOISES, PROBLEMS
 from prefcal_env.errors import SettingsError
@@ -50,7 +49,7 @@ class Campaign:
     """Results of any subset of cells, and published studies beside them; see `campaign_of`.
 
     Args:
-        studies: Table with a row for each study and the columns setting, problem, agent (categories
+        studies: TextTable with a row for each study and the columns setting, problem, agent (categories
             in the order of the tables), seed, failure (text, empty if finished), knobs (number),
             gap, worth (of the θ that the agent would return after each of n_max experiments, shape
             (n_max,); None if the problem has none), visited (smallest gap), asked (answers given up

@@ -1,4 +1,4 @@
-"""Elements that the figures share: the look of each agent, gap axes, panels and legends."""
+"""Elements that the figures share: the style of each agent, gap axes, panels and legends."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from .words import short_name
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class AgentStyle:
     """Color, marker and dashes of an agent; the marker identifies it without color."""
 
     color: str
@@ -31,30 +31,30 @@ class Look:
 
 
 _DOTTED, _DASHED = (0, (1, 1)), (0, (4, 2))
-_KNOWN: Mapping[str, Look] = {
-    "GLISp": Look(BEST, "o"),
-    "GLISp.paper": Look("#56b4e9", "s"),
-    "GLIS": Look(OTHERS[0], "D"),
-    "PPO": Look(GOOD, "P"),
-    "SAC": Look("#c0609a", "X"),
-    "ReferenceGLISp": Look("#8a4fb0", "<"),
-    "ReferenceGLIS": Look("#7a2e04", "p"),
-    "OptunaPreferential": Look("#b88a00", ">"),
-    "EUBO": Look("#2e6f57", "8"),
-    "BOPE": Look("#d1495b", "H"),
-    "OptunaTPE": Look("#6b7f2a", "d"),
-    "OptunaGP": Look("#a0522d", "h"),
-    "LatinHypercube": Look("#4b5563", "^", _DASHED),
-    "RandomSearch": Look(FIRST, "v", _DOTTED),
+_KNOWN: Mapping[str, AgentStyle] = {
+    "GLISp": AgentStyle(BEST, "o"),
+    "GLISp.paper": AgentStyle("#56b4e9", "s"),
+    "GLIS": AgentStyle(OTHERS[0], "D"),
+    "PPO": AgentStyle(GOOD, "P"),
+    "SAC": AgentStyle("#c0609a", "X"),
+    "ReferenceGLISp": AgentStyle("#8a4fb0", "<"),
+    "ReferenceGLIS": AgentStyle("#7a2e04", "p"),
+    "OptunaPreferential": AgentStyle("#b88a00", ">"),
+    "EUBO": AgentStyle("#2e6f57", "8"),
+    "BOPE": AgentStyle("#d1495b", "H"),
+    "OptunaTPE": AgentStyle("#6b7f2a", "d"),
+    "OptunaGP": AgentStyle("#a0522d", "h"),
+    "LatinHypercube": AgentStyle("#4b5563", "^", _DASHED),
+    "RandomSearch": AgentStyle(FIRST, "v", _DOTTED),
 }
 """Agents that come with the project; those with dashed or dotted lines do not learn."""
 _SPARE = (
-    Look("#00a3a3", "*"),
-    Look("#e58fb5", "h"),
-    Look("#94b000", "d"),
-    Look("#1c2f7a", "H"),
-    Look("#cf2b4a", "8"),
-    Look("#b49ae6", "p"),
+    AgentStyle("#00a3a3", "*"),
+    AgentStyle("#e58fb5", "h"),
+    AgentStyle("#94b000", "d"),
+    AgentStyle("#1c2f7a", "H"),
+    AgentStyle("#cf2b4a", "8"),
+    AgentStyle("#b49ae6", "p"),
 )
 
 
@@ -67,12 +67,12 @@ def drawn(name: str) -> str:
     return f" {text}" if text.startswith("_") else text
 
 
-def looks(agents: Iterable[str]) -> dict[str, Look]:
-    """Return a look for each agent; a user's own agent gets an unused one if possible."""
+def agent_styles(agents: Iterable[str]) -> dict[str, AgentStyle]:
+    """Return a style for each agent; a user's own agent gets an unused one if possible."""
     names = in_order(agents)
-    absent = [look for name, look in _KNOWN.items() if name not in names and look.dashes == "-"]
+    absent = [style for name, style in _KNOWN.items() if name not in names and style.dashes == "-"]
     free = [*_SPARE, *absent]
-    spare = chain(free, cycle([replace(look, dashes=_DASHED) for look in free]))
+    spare = chain(free, cycle([replace(style, dashes=_DASHED) for style in free]))
     return {name: _KNOWN[name] if name in _KNOWN else next(spare) for name in names}
 
 
@@ -87,12 +87,12 @@ def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:
     return figure, grid[:count]
 
 
-def line_options(look: Look) -> dict[str, Any]:
+def line_options(style: AgentStyle) -> dict[str, Any]:
     """Return the options of an agent's line."""
     return {
-        "color": look.color,
-        "linestyle": look.dashes,
-        "marker": look.marker,
+        "color": style.color,
+        "linestyle": style.dashes,
+        "marker": style.marker,
         "markersize": 4,
         "markeredgewidth": 0,
         "linewidth": 1.6,
@@ -105,9 +105,9 @@ def markers(count: int, agent: int, agents: int) -> tuple[int, int]:
     return (agent * every // max(agents, 1), every)
 
 
-def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, ...] = ()) -> None:
+def name_agents(figure: Figure, styles: Mapping[str, AgentStyle], extra: tuple[Line2D, ...] = ()) -> None:
     """Draw one legend above the whole figure."""
-    handles = [Line2D([], [], label=drawn(a), **line_options(look)) for a, look in looks.items()]
+    handles = [Line2D([], [], label=drawn(a), **line_options(style)) for a, style in styles.items()]
     longest = max((len(str(handle.get_label())) for handle in (*handles, *extra)), default=0)
     columns = max(1, min(len(handles) + len(extra), int(100 / (longest + 7))))
     rows = -(-(len(handles) + len(extra)) // columns)

@@ -14,9 +14,17 @@ from matplotlib.ticker import MaxNLocator
 from prefcal_scenarios.presentation.style import FAINT, GRID, INK, canvas
 
 from .campaign import HUGE, Campaign, Setting, after_answers, problems_of
-from .drawing import Look as Look
-from .drawing import drawn, gap_axis, line_options, markers, name_agents, panels, worth_axis
-from .drawing import looks as looks
+from .drawing import (
+    AgentStyle,
+    agent_styles,
+    drawn,
+    gap_axis,
+    line_options,
+    markers,
+    name_agents,
+    panels,
+    worth_axis,
+)
 from .rows import ended
 from .statistics import FLOOR, random_search
 from .words import plain_number, problem_name, with_interval
@@ -36,9 +44,7 @@ _Band = Float[np.ndarray, "3 _"]
 """Lower quartile, median (of gaps) or geometric mean (of worth), and upper quartile."""
 
 
-def against(
-    campaign: Campaign, setting: Setting, value: str, unit: str, looks: Mapping[str, Look], baseline: str = ""
-) -> Figure:
+def against(campaign: Campaign, setting: Setting, value: str, unit: str, baseline: str = "") -> Figure:
     """Draw a panel for each problem: gap or worth of the θ that each agent would return by then.
 
     A line is the median gap, or the geometric mean of the worth, over the seeds; a band is their
@@ -51,11 +57,10 @@ def against(
         setting: Setting to draw.
         value: "gap" or "worth".
         unit: "experiments" or "answers".
-        looks: Looks of the agents.
         baseline: Agent whose line is thicker than the others if these are many.
     """
     studies = campaign.of(setting, value)
-    present, shown = _present(studies, looks), problems_of(studies)
+    styles, shown = _styles(campaign, studies), problems_of(studies)
     most = min(max(asked[-1] for asked in studies["asked"]), _MOST_ANSWERS * setting.n_max)
     span = (1, setting.n_max) if unit == "experiments" else (0, int(most))
     figure, grid = panels(len(shown))
@@ -76,17 +81,15 @@ def against(
                 _draw_theory(axes, setting.n_max)
         for agent in ends.keys() - bands.keys():
             axes.axhline(
-                ends[agent][1, -1], color=looks[agent].color, linewidth=1.2, linestyle="--", label=agent
+                ends[agent][1, -1], color=styles[agent].color, linewidth=1.2, linestyle="--", label=agent
             )
-        _draw(axes, bands, ends, span, present, baseline, shaded=len(present) <= _FEW)
-    name_agents(figure, present, _legend(studies, value, unit))
+        _draw(axes, bands, ends, span, styles, baseline, shaded=len(styles) <= _FEW)
+    name_agents(figure, styles, _legend(studies, value, unit))
     _label(figure, grid, unit, value)
     return figure
 
 
-def along(
-    campaign: Campaign, settings: Sequence[Setting], looks: Mapping[str, Look], baseline: str = ""
-) -> Figure:
+def along(campaign: Campaign, settings: Sequence[Setting], baseline: str = "") -> Figure:
     """Draw a panel for each setting: mean over the loops of the worth held after each experiment.
 
     To the right of each panel, a line leads from each agent's worth at the end up to that of the
@@ -94,18 +97,10 @@ def along(
     """
     figure, grid = panels(len(settings), 2.3)
     studies = {setting: campaign.of(setting, "worth") for setting in settings}
-    present = _present(pd.concat(studies.values()), looks)
-    best = Line2D(
-        [],
-        [],
-        color=FAINT,
-        linewidth=0,
-        marker="_",
-        markersize=7,
-        markeredgewidth=1.6,
-        label="best held before",
-    )
-    name_agents(figure, present, (_THEORY, best))
+    styles = _styles(campaign, pd.concat(studies.values()))
+    short: Any = {"linewidth": 0, "marker": "_", "markersize": 7, "markeredgewidth": 1.6}
+    best = Line2D([], [], color=FAINT, label="best held before", **short)
+    name_agents(figure, styles, (_THEORY, best))
     means = {
         setting: {a: _held_and_best(g) for a, g in one.groupby("agent", observed=True)}
         for setting, one in studies.items()
@@ -117,23 +112,20 @@ def along(
         bands = {a: np.array([held] * 3) for a, (held, _) in means[setting].items()}
         ends = {a: np.array([held, held, top]) for a, (held, top) in means[setting].items()}
         span = (1, setting.n_max)
-        _draw(axes, bands, ends, span, present, baseline, shaded=False, caps=True)
+        _draw(axes, bands, ends, span, styles, baseline, shaded=False, caps=True)
         axes.set_title(drawn(setting.name(campaign.having("worth"))))
         worth_axis(axes, (max(0.9, 0.8 * float(every.min())), 1.2 * float(top)), "y")
     _label(figure, grid, "experiments", "worth")
     return figure
 
 
-def summary(
-    campaign: Campaign, rows: pd.DataFrame, settings: Sequence[Setting], looks: Mapping[str, Look]
-) -> Figure:
+def summary(campaign: Campaign, rows: pd.DataFrame, settings: Sequence[Setting]) -> Figure:
     """Draw a panel for each setting with the final worth of each agent, the highest on top.
 
     Args:
         campaign: All results.
-        rows: Table of worth, see `worth_rows`.
+        rows: TextTable of worth, see `worth_rows`.
         settings: Settings to draw, one or more.
-        looks: Looks of the agents.
     """
     ends = {s: ended(rows, s) for s in settings}
     columns = min(len(settings), 2)
@@ -149,7 +141,7 @@ def summary(
     for axes in grid.flat[len(settings) :]:
         axes.set_axis_off()
     for axes, setting in zip(grid.flat, settings, strict=False):
-        _draw_ends(axes, ends[setting], looks)
+        _draw_ends(axes, ends[setting], agent_styles(campaign.agents))
         axes.axvline(theories[setting], color=FAINT, linewidth=1, linestyle="--", zorder=1)
         axes.set_title(drawn(setting.name(campaign.having("worth"))), fontweight="bold")
         worth_axis(axes, (max(0.9, least / 1.25), 1.25 * most), "x")
@@ -163,33 +155,18 @@ def summary(
     return figure
 
 
-def _draw_ends(axes: Axes, ends: pd.DataFrame, looks: Mapping[str, Look]) -> None:
+def _draw_ends(axes: Axes, ends: pd.DataFrame, styles: Mapping[str, AgentStyle]) -> None:
     """Draw each agent's marker, its interval, and its value to the right of the row."""
     where = axes.get_yaxis_transform()
     for y, row in enumerate(ends.itertuples()):
-        look = looks[row.agent]
+        style, sees, interval = styles[row.agent], row.answers == 0, (row.worth_low, row.worth_high)
         if row.worth_low is not None:
-            axes.plot(
-                [row.worth_low, row.worth_high],
-                [y, y],
-                color=look.color,
-                linewidth=2.4,
-                solid_capstyle="butt",
-                zorder=3,
-            )
-        sees = row.answers == 0
-        axes.plot(
-            row.worth,
-            y,
-            marker=look.marker,
-            linestyle="none",
-            zorder=4,
-            markersize=7,
-            color="white" if sees else look.color,
-            markeredgewidth=1.2,
-            markeredgecolor=look.color if sees else "white",
-        )
-        text = with_interval(row.worth, row.worth_low, row.worth_high)
+            bar: Any = {"color": style.color, "linewidth": 2.4, "solid_capstyle": "butt", "zorder": 3}
+            axes.plot(interval, [y, y], **bar)
+        face, edge = ("white", style.color) if sees else (style.color, "white")
+        dot: Any = {"marker": style.marker, "markersize": 7, "markeredgewidth": 1.2, "zorder": 4}
+        axes.plot(row.worth, y, linestyle="none", color=face, markeredgecolor=edge, **dot)
+        text = with_interval(row.worth, *interval)
         axes.annotate(text, (1.02, y), xycoords=where, va="center", color=INK, fontsize=8)
     names = [drawn(agent) for agent in ends["agent"]]
     axes.set_yticks(range(len(names)), names, color=INK, fontsize=8.5)
@@ -198,9 +175,10 @@ def _draw_ends(axes: Axes, ends: pd.DataFrame, looks: Mapping[str, Look]) -> Non
     axes.spines["left"].set_visible(False)
 
 
-def _present(studies: pd.DataFrame, looks: Mapping[str, Look]) -> dict[str, Look]:
+def _styles(campaign: Campaign, studies: pd.DataFrame) -> dict[str, AgentStyle]:
+    """Return the styles of the agents of some studies, the same in every figure of the campaign."""
     there = set(studies["agent"])
-    return {agent: look for agent, look in looks.items() if agent in there}
+    return {agent: style for agent, style in agent_styles(campaign.agents).items() if agent in there}
 
 
 def _legend(studies: pd.DataFrame, value: str, unit: str) -> tuple[Line2D, ...]:
@@ -258,7 +236,7 @@ def _draw(
     bands: Mapping[str, _Band],
     ends: Mapping[str, _Band],
     span: tuple[int, int],
-    looks: Mapping[str, Look],
+    styles: Mapping[str, AgentStyle],
     baseline: str,
     *,
     shaded: bool,
@@ -266,40 +244,35 @@ def _draw(
 ) -> None:
     """Draw the bands from the start of `span`, and the last values of `ends` right of its end.
 
-    Among many agents the line of the `baseline` is thick. `caps` mark the upper ends that are
-    apart.
+    Among many agents the line of the `baseline` is thick. `caps` mark the upper ends that are apart.
     """
     start, last = span
     step = 0.028 * (last - start + 1)
-    for i, agent in reversed(list(enumerate(looks))):  # draws the first agent on top
-        look = looks[agent]
+    for i, agent in reversed(list(enumerate(styles))):  # draws the first agent on top
+        style = styles[agent]
         if agent in bands:
             low, middle, high = bands[agent]
             x = np.arange(start, start + len(middle))
             if shaded:
-                axes.fill_between(x, low, high, color=look.color, alpha=0.14, linewidth=0)
-            options = line_options(look) | _width(agent == baseline, len(looks))
-            axes.plot(x, middle, label=agent, markevery=markers(len(x), i, len(looks)), **options)
+                axes.fill_between(x, low, high, color=style.color, alpha=0.14, linewidth=0)
+            options = line_options(style) | _width(agent == baseline, len(styles))
+            axes.plot(x, middle, label=agent, markevery=markers(len(x), i, len(styles)), **options)
         if agent in ends:
-            low, middle, high = ends[agent][:, -1]
-            place = last + (i + 1.5) * step
-            axes.vlines(place, low, high, color=look.color, linewidth=1.8, clip_on=False)
-            axes.plot(
-                place,
-                middle,
-                marker=look.marker,
-                linestyle="none",
-                color=look.color,
-                markersize=4.5,
-                markeredgewidth=0,
-                clip_on=False,
-            )
-            if caps and high > 1.02 * middle:
-                axes.plot(place, high, "_", color=look.color, markersize=5, markeredgewidth=1.6)
+            _draw_end(axes, last + (i + 1.5) * step, ends[agent][:, -1], style, caps)
     axes.axvline(last + 0.5 * step, color=GRID, linewidth=0.8, zorder=0)
-    axes.set_xlim(start - 0.5, last + (len(looks) + 1) * step)
+    axes.set_xlim(start - 0.5, last + (len(styles) + 1) * step)
     ticks = MaxNLocator(5, integer=True).tick_values(start, last)
     axes.set_xticks([t for t in ticks if start <= t <= last])
+
+
+def _draw_end(axes: Axes, place: float, end: Float[np.ndarray, " 3"], style: AgentStyle, caps: bool) -> None:
+    """Draw the last values of a band at `place`, with a cap on an upper end that is apart."""
+    (low, middle, high), color = end, style.color
+    axes.vlines(place, low, high, color=color, linewidth=1.8, clip_on=False)
+    dot: Any = {"marker": style.marker, "linestyle": "none", "markersize": 4.5, "markeredgewidth": 0}
+    axes.plot(place, middle, color=color, clip_on=False, **dot)
+    if caps and high > 1.02 * middle:
+        axes.plot(place, high, "_", color=color, markersize=5, markeredgewidth=1.6)
 
 
 def _width(is_baseline: bool, agents: int) -> dict[str, float]:
@@ -309,15 +282,9 @@ def _width(is_baseline: bool, agents: int) -> dict[str, float]:
 
 
 def _draw_theory(axes: Axes, last: int) -> None:
-    x = range(1, last + 1)
-    axes.plot(
-        x,
-        [random_search(n) for n in x],
-        color=_THEORY.get_color(),
-        zorder=1.5,
-        linewidth=_THEORY.get_linewidth(),
-        solid_capstyle="butt",
-    )
+    x, color, width = range(1, last + 1), _THEORY.get_color(), _THEORY.get_linewidth()
+    worth = [random_search(n) for n in x]
+    axes.plot(x, worth, color=color, linewidth=width, zorder=1.5, solid_capstyle="butt")
 
 
 def _label(figure: Figure, grid: Sequence[Axes], what: str, value: str) -> None:

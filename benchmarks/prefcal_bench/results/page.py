@@ -9,28 +9,27 @@ import pandas as pd
 
 from prefcal_app.report.export import versions
 from prefcal_app.report.html import environment
+from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.duels import Duel
-from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.folder import folder_for, put
 
 from .campaign import Campaign, campaign_of
-from .duelling import duel_rows
 from .missing import beaten, failures, in_holes, missing, not_run
-from .pictures import Material, Shown, draw_gaps, draw_loops, draw_overview
-from .rows import BASELINE, SEED, as_csv, plain
+from .pictures import CampaignFigure, Material, draw_gaps, draw_loops, draw_overview
+from .rows import BASELINE, SEED, as_csv, duel_rows, plain
 from .statistics import FLOOR
-from .tables import Table, duel_numbers, failed, numbers, overview, worth_numbers
+from .tables import TextTable, duel_numbers, failed, numbers, overview, worth_numbers
 from .words import named, short
 
 _OURS = re.compile(r"(ranking|gaps?|profiles|questions|duels|seconds|worth)(-[\w.-]+)?\.png")
 
 
-class Part(NamedTuple):
-    """Part of the page: a heading with a figure, a table, or both."""
+class Section(NamedTuple):
+    """Section of the page: a heading with a figure, a table, or both."""
 
     title: str
-    picture: Shown | None = None
-    table: Table | None = None
+    picture: CampaignFigure | None = None
+    table: TextTable | None = None
 
 
 def write(
@@ -66,8 +65,8 @@ def write(
             to.
     """
     material, met = Material(campaign_of(results, published), baseline), duel_rows(duels)
-    target, found = folder_for(folder), parts(material, met)
-    pictures = {part.picture.file: part.picture.content for part in found if part.picture}
+    target, found = folder_for(folder), sections_of(material, met)
+    pictures = {one.picture.file: one.picture.content for one in found if one.picture}
     _remove_others(target, set(pictures))
     content = {
         **pictures,
@@ -88,39 +87,41 @@ def _remove_others(folder: Path, kept: set[str]) -> None:
             path.unlink()
 
 
-def parts(material: Material, met: pd.DataFrame) -> list[Part]:
-    """Return the parts with results: closed loops first, then problems with gaps, then duels.
+def sections_of(material: Material, met: pd.DataFrame) -> list[Section]:
+    """Return the sections with results: closed loops first, then problems with gaps, then duels.
 
     Args:
         material: Results.
         met: Counted duels, see `duel_rows`.
     """
     campaign, worths, baseline = material.campaign, material.worths, material.baseline
-    found = [Part(one.title, one) for one in draw_overview(material)]
+    found = [Section(one.title, one) for one in draw_overview(material)]
     for setting in campaign.having("worth"):
         table = worth_numbers(campaign, worths, setting, baseline)
-        found.append(Part(table.label, table=table))
-    found += [Part(one.title, one) for one in draw_loops(material)]
+        found.append(Section(table.label, table=table))
+    found += [Section(one.title, one) for one in draw_loops(material)]
     settings = [s for s in campaign.having("gap") if len(material.gaps_of(s))]
     ends = {s: f" ({named(s, campaign)})" if len(settings) > 1 else "" for s in settings}
     for setting, end in ends.items():
         table = overview(campaign, material.gaps_of(setting), setting, baseline)
-        found.append(Part(f"Median gaps{end}", table=table))
-    found += [Part(one.title, one) for one in draw_gaps(material)]
+        found.append(Section(f"Median gaps{end}", table=table))
+    found += [Section(one.title, one) for one in draw_gaps(material)]
     for _, rows in met.groupby(["problem", "calibrator"]):
         table = duel_numbers(rows)
-        found.append(Part(table.label, table=table))
+        found.append(Section(table.label, table=table))
     for setting, end in ends.items():
         rows = material.gaps[material.gaps["setting"] == setting]
         rows = rows[rows["gap_median"].notna() | (rows["failed"] > 0)]
         table = numbers(rows, baseline, f"All numbers{end}")
-        found.append(Part(table.label, table=table))
+        found.append(Section(table.label, table=table))
     if lost := failures(campaign):
-        found.append(Part("Failed cells", table=failed(lost)))
+        found.append(Section("Failed cells", table=failed(lost)))
     return found
 
 
-def _text(material: Material, parts: Sequence[Part], command: str, digest: str, notes: Sequence[str]) -> str:
+def _text(
+    material: Material, sections: Sequence[Section], command: str, digest: str, notes: Sequence[str]
+) -> str:
     """Return the text of index.html."""
     campaign = material.campaign
     statistics = {"baseline": material.baseline, "seed of the bootstrap": SEED}
@@ -131,7 +132,7 @@ def _text(material: Material, parts: Sequence[Part], command: str, digest: str, 
         lead=_lead(campaign),
         nothing=not len(campaign.finished),
         partial=bool(missing(campaign) or len(campaign.failed)),
-        parts=parts,
+        sections=sections,
         absent=list(_absent(material, notes)),
         command=command,
         digest=digest,

@@ -1,20 +1,17 @@
 """Select the figures of a campaign, with captions and texts for people who cannot see them."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from io import BytesIO
 from typing import Any
 
 import pandas as pd
-from matplotlib.figure import Figure
 
-from prefcal_scenarios.presentation.style import save, style
+from prefcal_scenarios.presentation.style import png, style
 
 from . import figures
 from .campaign import Campaign, Setting
-from .figures import Look
 from .rows import BASELINE, ended, gap_rows, worth_rows
 from .words import named, plain_number, short
 
@@ -54,7 +51,7 @@ CURVES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class CampaignFigure:
     """A figure as PNG with its heading, its caption, and a text for people who cannot see it."""
 
     file: str
@@ -86,23 +83,18 @@ class Material:
         """Return the table of worth."""
         return worth_rows(self.campaign, self.baseline)
 
-    @cached_property
-    def looks(self) -> Mapping[str, Look]:
-        """Return the look of each agent, the same in every figure."""
-        return figures.looks(self.campaign.agents)
-
     def gaps_of(self, setting: Setting) -> pd.DataFrame:
         """Return the rows of a setting that have a gap."""
         return self.gaps[(self.gaps["setting"] == setting) & self.gaps["gap_median"].notna()]
 
 
-def draw_overview(material: Material) -> list[Shown]:
+def draw_overview(material: Material) -> list[CampaignFigure]:
     """Draw the worth on all loops together, first that of answers that are never wrong."""
     with style():
         return [one for group in _groups(material) for one in _of_all_loops(material, group)]
 
 
-def draw_loops(material: Material) -> list[Shown]:
+def draw_loops(material: Material) -> list[CampaignFigure]:
     """Draw the worth with a panel for each loop.
 
     Tastes with wrong answers have none if there are others: the page would be endless.
@@ -117,10 +109,10 @@ def draw_loops(material: Material) -> list[Shown]:
         ]
 
 
-def draw_gaps(material: Material) -> list[Shown]:
+def draw_gaps(material: Material) -> list[CampaignFigure]:
     """Draw the figures of gaps, by setting."""
     with style():
-        found, settings = list[Shown](), material.campaign.having("gap")
+        found, settings = list[CampaignFigure](), material.campaign.having("gap")
         ends = file_names([setting.calibrator for setting in settings])
         for setting, file in zip(settings, ends, strict=True):
             title = f" ({named(setting, material.campaign)})" if len(settings) > 1 else ""
@@ -136,14 +128,9 @@ def file_names(names: Sequence[str]) -> list[str]:
     return [f"-{s}" if slugs.count(s) == 1 else f"-{s}-{i}" for i, s in enumerate(slugs, start=1)]
 
 
-def png(figure: Figure) -> bytes:
-    """Return a figure as the bytes of a PNG file."""
-    buffer = BytesIO()
-    save(figure, buffer)
-    return buffer.getvalue()
-
-
-def _curves(material: Material, setting: Setting, value: str, title: str, file: str) -> Iterator[Shown]:
+def _curves(
+    material: Material, setting: Setting, value: str, title: str, file: str
+) -> Iterator[CampaignFigure]:
     """Yield gap or worth against experiments, and against answers if there are any."""
     studies = material.campaign.of(setting, value)
     ends = studies.assign(end=studies[value].map(lambda curve: curve[-1]).astype(float))
@@ -155,14 +142,14 @@ def _curves(material: Material, setting: Setting, value: str, title: str, file: 
     for unit in ("experiments", "answers"):
         if unit == "answers" and not any(asked[-1] for asked in studies["asked"]):
             continue
-        given = (material.campaign, setting, value, unit, material.looks, material.baseline)
+        figure = figures.against(material.campaign, setting, value, unit, material.baseline)
         alt = f"Plots of the {value} against {unit}. {word} median {value} at the end: {texts}."
-        yield Shown(
+        yield CampaignFigure(
             f"{value}-{unit}{file}.png",
             f"{value.capitalize()} against {unit}{title}",
             CURVES[value, unit],
             alt,
-            png(figures.against(*given)),
+            png(figure),
         )
 
 
@@ -173,26 +160,26 @@ def _groups(material: Material) -> list[list[Setting]]:
     return [group for group in both if group]
 
 
-def _of_all_loops(material: Material, settings: Sequence[Setting]) -> Iterator[Shown]:
+def _of_all_loops(material: Material, settings: Sequence[Setting]) -> Iterator[CampaignFigure]:
     """Yield the figures with all `settings`, which are all sure or all noisy."""
-    campaign, rows, looks = material.campaign, material.worths, material.looks
+    campaign, rows = material.campaign, material.worths
     end, file = (" with wrong answers", "-noisy") if settings[0].noisy else ("", "")
     budgets = " and ".join(map(str, sorted({s.n_max for s in settings})))
     worth = _by_setting(rows, settings, lambda row: plain_number(row.worth))
-    yield Shown(
+    yield CampaignFigure(
         f"worth-summary{file}.png",
         f"Worth after {budgets} experiments{end}",
         SUMMARY,
         f"Worth at the end. {worth}.",
-        png(figures.summary(campaign, rows, settings, looks)),
+        png(figures.summary(campaign, rows, settings)),
     )
     drift = _by_setting(rows, settings, lambda row: f"{row.drift:.1f}")
-    yield Shown(
+    yield CampaignFigure(
         f"worth-drift{file}.png",
         f"Worth along the study{end}",
         DRIFT,
         f"Plots of worth along the study. Best before over end: {drift}.",
-        png(figures.along(campaign, settings, looks, material.baseline)),
+        png(figures.along(campaign, settings, material.baseline)),
     )
 
 

@@ -1,18 +1,23 @@
-"""The tables of the benchmark as data: gaps by problem and agent, and worth by taste and agent."""
+"""The tables of the benchmark as data: gaps by problem, worth by taste, and duels by pair of agents."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from prefcal_bench.cells.result import Result
+from prefcal_bench.cells.cell import Result
+from prefcal_bench.cells.duels import PAPER, Duel
+from prefcal_bench.cells.roster import in_order
+from prefcal_env.errors import SettingsError
 
 from .campaign import HUGE, Campaign, Setting, after_answers, campaign_of
 from .statistics import (
+    CONFIDENCE,
     FLOOR,
-    Estimate,
+    Difference,
+    MeanEstimate,
     difference,
     drift,
     geometric_mean,
@@ -26,56 +31,9 @@ FIRST_PART = 0.4
 """Part of the budget after which worth is told for the first time: 20 of 50 experiments."""
 SEED = 0
 """Seed of the bootstrap's resamples, the same for each row: rows are independent of each other."""
-_GAP_COLUMNS = (
-    "setting",
-    "problem",
-    "knobs",
-    "calibrator",
-    "n_init",
-    "n_max",
-    "agent",
-    "seeds",
-    "failed",
-    "gap_lower_quartile",
-    "gap_median",
-    "gap_upper_quartile",
-    "visited_median",
-    "questions_median",
-    "seconds_per_proposal",
-    "baseline",
-    "floor",
-    "average",
-    "pairs",
-    "log10_ratio",
-    "log10_ratio_low",
-    "log10_ratio_high",
-    "wins",
-    "ties",
-    "losses",
-    "p",
-    "p_holm",
-)
-_WORTH_COLUMNS = (
-    "setting",
-    "taste",
-    "n_init",
-    "n_max",
-    "agent",
-    "loops",
-    "studies",
-    "unit",
-    "after",
-    "worth",
-    "worth_low",
-    "worth_high",
-    "interquartile_mean",
-    "answers",
-    "baseline",
-    "improvement",
-    "improvement_low",
-    "improvement_high",
-    "drift",
-)
+_QUARTILES = ("gap_lower_quartile", "gap_median", "gap_upper_quartile")
+_DIFFERENCE = tuple(field.name for field in fields(Difference))
+_PAIR = ["problem", "calibrator", "agent", "rival"]
 
 
 def gap_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
@@ -88,24 +46,21 @@ def gap_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
     for (setting, problem), there in campaign.ours.groupby(["setting", "problem"], observed=True):
         if there["worth"].notna().any():
             continue
-        agents = {agent: _gap_row(group) for agent, group in there.groupby("agent", observed=True)}
-        gaps = {agent: _last_gaps(group) for agent, group in there.groupby("agent", observed=True)}
-        for agent, row in agents.items():
-            if agent != baseline and baseline in gaps:
-                row |= _nearer(gaps[agent], gaps[baseline])
-            row |= {
-                "setting": setting,
-                "problem": problem,
-                "knobs": campaign.knobs(problem),
-                "agent": agent,
-                "baseline": baseline,
-                **asdict(setting),
-            }
-        tested = [row for row in agents.values() if "p" in row]
+        agents = dict(iter(there.groupby("agent", observed=True)))
+        gaps = {agent: _last_gaps(group) for agent, group in agents.items()}
+        about = {"setting": setting, "problem": problem, "knobs": campaign.knobs(problem), **asdict(setting)}
+        here: list[dict[str, Any]] = []
+        for agent, group in agents.items():
+            found = _nearer(gaps[agent], gaps[baseline]) if agent != baseline and baseline in gaps else None
+            compared: dict[str, Any] = dict.fromkeys(_DIFFERENCE) if found is None else asdict(found)
+            statistics = {"baseline": baseline, "floor": FLOOR, "average": "median"}
+            row = about | {"agent": agent} | _gap_row(group, gaps[agent]) | statistics | compared
+            here.append(row | {"p_holm": None})
+        tested = [row for row in here if row["p"] is not None]
         for row, p in zip(tested, holm([row["p"] for row in tested]), strict=True):
             row["p_holm"] = p
-        rows += agents.values()
-    return _table(rows, _GAP_COLUMNS)
+        rows += here
+    return _table(rows, ["setting", "problem", "gap_median", "failed"])
 
 
 def table(results: Iterable[Result], *, baseline: str = BASELINE) -> list[dict[str, Any]]:
@@ -141,8 +96,9 @@ def _known(value: Any) -> Any:
     return None if isinstance(value, float) and not abs(value) < HUGE else value
 
 
-def _table(rows: list[dict[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
-    found = pd.DataFrame(rows, columns=list(columns), dtype=object)
+def _table(rows: list[dict[str, Any]], least: Sequence[str]) -> pd.DataFrame:
+    """Return rows, all with the same columns, as a table; without any row it has those of `least`."""
+    found = pd.DataFrame(rows, columns=list(rows[0] if rows else least), dtype=object)
     return found.where(found.notna(), None)
 
 
@@ -157,31 +113,26 @@ def _last_gaps(studies: pd.DataFrame) -> pd.Series:
     return curves.map(lambda curve: curve[-1]).astype(float)
 
 
-def _gap_row(studies: pd.DataFrame) -> dict[str, Any]:
-    finished, gaps = studies[studies["failure"] == ""], _last_gaps(studies)
-    row = {
+def _gap_row(studies: pd.DataFrame, gaps: pd.Series) -> dict[str, Any]:
+    finished = studies[studies["failure"] == ""]
+    quartiles = map(float, np.quantile(gaps, [0.25, 0.5, 0.75])) if len(gaps) else [None] * 3
+    return {
         "seeds": len(finished),
         "failed": len(studies) - len(finished),
-        "floor": FLOOR,
-        "average": "median",
+        **dict(zip(_QUARTILES, quartiles, strict=True)),
+        "visited_median": _median(finished["visited"]) if len(gaps) else None,
         "questions_median": _median(asked[-1] for asked in finished["asked"]),
         "seconds_per_proposal": _median(finished["seconds"]),
     }
-    if len(gaps):
-        quartiles = map(float, np.quantile(gaps, [0.25, 0.5, 0.75]))
-        names = ("gap_lower_quartile", "gap_median", "gap_upper_quartile")
-        row |= dict(zip(names, quartiles, strict=True))
-        row["visited_median"] = _median(finished["visited"])
-    return row
 
 
-def _nearer(gaps: pd.Series, baseline: pd.Series) -> dict[str, Any]:
-    """Return how an agent's gaps compare with the baseline's, paired by seed."""
+def _nearer(gaps: pd.Series, baseline: pd.Series) -> Difference | None:
+    """Return how an agent's gaps compare with the baseline's, paired by seed; None without pairs."""
     seeds = gaps.index.intersection(baseline.index)
     if not len(seeds):
-        return {}
+        return None
     rng = np.random.default_rng(SEED)
-    return asdict(difference(gaps[seeds].to_numpy(), baseline[seeds].to_numpy(), rng=rng))
+    return difference(gaps[seeds].to_numpy(), baseline[seeds].to_numpy(), rng=rng)
 
 
 def checkpoints(setting: Setting) -> tuple[int, int]:
@@ -195,7 +146,7 @@ def worth_rows(campaign: Campaign, baseline: str = BASELINE) -> pd.DataFrame:
     Its columns are those of `worth_table`, and in addition the setting.
     """
     rows = [row for s in campaign.having("worth") for row in _of_setting(campaign, s, baseline)]
-    return _table(rows, _WORTH_COLUMNS)
+    return _table(rows, ["setting"])
 
 
 def worth_table(campaign: Campaign, baseline: str = BASELINE) -> list[dict[str, Any]]:
@@ -226,24 +177,29 @@ def _of_setting(campaign: Campaign, setting: Setting, baseline: str) -> list[dic
         for unit, after in spots:
             if unit == "answers" and not any(asked[-1] for asked in group["asked"]):
                 continue
-            held = _held(group, unit, after)
-            row: dict[str, Any] = {
-                "setting": setting,
-                "taste": setting.calibrator,
-                "n_init": setting.n_init,
-                "n_max": setting.n_max,
-                "agent": agent,
-                "studies": len(group),
-                "unit": unit,
-                "after": after,
-                "answers": _answers(group, unit, after),
-                "drift": drift(held),
-                **_worth(held),
-                "baseline": baseline,
-            }
+            held, others = _held(group, unit, after), None
             if baseline in groups and agent != baseline:
-                row |= _against(held, _held(groups[baseline], unit, after))
-            rows.append(row)
+                others = _held(groups[baseline], unit, after)
+            loops = _by_loop(held)
+            rows.append(
+                {
+                    "setting": setting,
+                    "taste": setting.calibrator,
+                    "n_init": setting.n_init,
+                    "n_max": setting.n_max,
+                    "agent": agent,
+                    "loops": len(loops),
+                    "studies": len(group),
+                    "unit": unit,
+                    "after": after,
+                    **_columns("worth", geometric_mean([*loops.values()], rng=np.random.default_rng(SEED))),
+                    "interquartile_mean": interquartile_mean([*loops.values()]),
+                    "answers": _answers(group, unit, after),
+                    "baseline": baseline,
+                    **_columns("improvement", None if others is None else _against(loops, _by_loop(others))),
+                    "drift": drift(held),
+                }
+            )
     return rows
 
 
@@ -269,21 +225,63 @@ def _by_loop(held: pd.Series) -> Mapping[str, Any]:
     return {loop: group.to_numpy() for loop, group in ends.groupby(level=0, sort=False)}
 
 
-def _worth(held: pd.Series) -> dict[str, Any]:
-    loops = list(_by_loop(held).values())
-    found = geometric_mean(loops, rng=np.random.default_rng(SEED))
-    middle = interquartile_mean(loops)
-    return {"loops": len(loops), "interquartile_mean": middle, **_columns("worth", found)}
-
-
-def _against(held: pd.Series, others: pd.Series) -> dict[str, Any]:
-    ours, theirs = _by_loop(held), _by_loop(others)
+def _against(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> MeanEstimate | None:
+    """Return the probability of being better on the loops that both have; None without any."""
     common = [loop for loop in ours if loop in theirs]
-    if not common:
-        return {}
     pairs = [ours[loop] for loop in common], [theirs[loop] for loop in common]
-    return _columns("improvement", improvement(*pairs, rng=np.random.default_rng(SEED)))
+    return improvement(*pairs, rng=np.random.default_rng(SEED)) if common else None
 
 
-def _columns(name: str, found: Estimate) -> dict[str, Any]:
-    return {name: found.value, f"{name}_low": found.low, f"{name}_high": found.high}
+def _columns(name: str, found: MeanEstimate | None) -> dict[str, Any]:
+    values = (None, None, None) if found is None else (found.value, found.low, found.high)
+    return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
+
+
+def duel_rows(duels: Iterable[Duel]) -> pd.DataFrame:
+    """Return the counts of all duels, each from both sides; duplicates count once.
+
+    A row is an agent and its rival, another agent or `PAPER`, on one problem without a cost, with
+    the calibrator that answered in the studies. Columns: these four, seeds (number of duels), wins,
+    ties and losses of the agent, share (wins / seeds), low and high (its exact, Clopper-Pearson,
+    95 % interval), and p (exact two-sided sign test on wins and losses; 1 if all are ties).
+
+    Raises:
+        SettingsError: If an agent meets itself, or one duel has two outcomes.
+    """
+    sides = []
+    for d in duels:
+        if d.agent in (d.rival, PAPER):
+            raise SettingsError(f"a duel must be between an agent and a different rival, got {d}")
+        sides.append((d.problem, d.calibrator, d.agent, d.rival, d.seed, d.outcome))
+        if d.rival != PAPER:
+            sides.append((d.problem, d.calibrator, d.rival, d.agent, d.seed, -d.outcome))
+    frame = pd.DataFrame(sides, columns=[*_PAIR, "seed", "outcome"]).drop_duplicates()
+    twice = frame[frame.duplicated([*_PAIR, "seed"])]
+    if len(twice):
+        raise SettingsError(f"two different outcomes of one duel: {twice.iloc[0].to_dict()}")
+    names = [PAPER, *in_order(frame["agent"])]
+    for column in ("agent", "rival"):
+        frame[column] = pd.Categorical(frame[column], categories=names, ordered=True)
+    groups = frame.groupby(_PAIR, observed=True)["outcome"]
+    rows = [dict(zip(_PAIR, pair, strict=True)) | _count(list(found)) for pair, found in groups]
+    return pd.DataFrame(rows, columns=[*_PAIR, *_count([0])])
+
+
+def duel_table(duels: Iterable[Duel]) -> list[dict[str, Any]]:
+    """Return the rows of `duel_rows` as plain data, for JSON and CSV.
+
+    Raises:
+        SettingsError: See `duel_rows`.
+    """
+    return [{str(k): v for k, v in row.items()} for row in duel_rows(duels).to_dict("records")]
+
+
+def _count(outcomes: list[int]) -> dict[str, float]:
+    from scipy.stats import binomtest
+
+    wins, ties, losses = (outcomes.count(k) for k in (-1, 0, 1))
+    n = len(outcomes)
+    interval = binomtest(wins, n).proportion_ci(CONFIDENCE, method="exact")
+    p = float(binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
+    ends = {"low": float(interval.low), "high": float(interval.high)}
+    return {"seeds": n, "wins": wins, "ties": ties, "losses": losses, "share": wins / n} | ends | {"p": p}

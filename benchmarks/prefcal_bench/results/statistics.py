@@ -1,6 +1,6 @@
 """Statistics of gaps and of worth over seeds, with their uncertainty."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ _PAIRED, _RESAMPLES = 9999, 2000
 """Number of bootstrap resamples of paired gaps, and of worth, whose interval then varies by 2 %."""
 Loops = Sequence[Float[np.ndarray, " _"]]
 """Worth of the studies of an agent, with an array over the seeds for each loop."""
+Pair = tuple[str, int]
+"""Loop and seed, which studies of two agents share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class MeanEstimate:
     """A number with its 95 % bootstrap interval, which is None if no loop has two seeds."""
 
     value: float
@@ -109,7 +111,7 @@ def holm(p: Sequence[float]) -> list[float]:
     return [float(v) for v in adjusted]
 
 
-def geometric_mean(loops: Loops, *, rng: np.random.Generator) -> Estimate:
+def geometric_mean(loops: Loops, *, rng: np.random.Generator) -> MeanEstimate:
     """Return the geometric mean of worth, in which every loop counts the same.
 
     Args:
@@ -126,6 +128,23 @@ def geometric_mean(loops: Loops, *, rng: np.random.Generator) -> Estimate:
     return _estimate(value, np.exp(np.mean(means, axis=0)), loops)
 
 
+def mean_of(found: Mapping[Pair, float]) -> MeanEstimate | None:
+    """Return the geometric mean over loops, each counting the same; None without studies.
+
+    The interval is a bootstrap over the seeds of each loop.
+    """
+    by_loop: dict[str, list[float]] = {}
+    for (loop, _), value in sorted(found.items()):
+        by_loop.setdefault(loop, []).append(value)
+    loops = [np.array(values) for values in by_loop.values()]
+    return geometric_mean(loops, rng=np.random.default_rng(0)) if loops else None
+
+
+def ratio_of(ours: Mapping[Pair, float], theirs: Mapping[Pair, float]) -> MeanEstimate | None:
+    """Return the geometric mean of the ratio, in pairs of one loop and seed."""
+    return mean_of({pair: ours[pair] / theirs[pair] for pair in ours if pair in theirs})
+
+
 def interquartile_mean(loops: Loops) -> float:
     """Return the geometric mean of the middle half of all studies.
 
@@ -137,7 +156,7 @@ def interquartile_mean(loops: Loops) -> float:
     return float(np.exp(trim_mean(np.log(np.concatenate(list(_checked(loops)))), 0.25)))
 
 
-def improvement(ours: Loops, theirs: Loops, *, rng: np.random.Generator) -> Estimate:
+def improvement(ours: Loops, theirs: Loops, *, rng: np.random.Generator) -> MeanEstimate:
     """Return the probability that one agent's worth exceeds another's on a loop drawn at random.
 
     It is the mean over the loops of the share of pairs of seeds in which `ours` is higher; a tie
@@ -197,9 +216,9 @@ def _counts(seeds: int, rng: np.random.Generator) -> Int[np.ndarray, "R S"]:
     return np.bincount(places.ravel(), minlength=_RESAMPLES * seeds).reshape(_RESAMPLES, seeds)
 
 
-def _estimate(value: float, resampled: Float[np.ndarray, " R"], loops: Loops) -> Estimate:
+def _estimate(value: float, resampled: Float[np.ndarray, " R"], loops: Loops) -> MeanEstimate:
     if max(len(worth) for worth in loops) < 2:
-        return Estimate(value, None, None)
+        return MeanEstimate(value, None, None)
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(resampled, [tail, 1 - tail])
-    return Estimate(value, float(low), float(high))
+    return MeanEstimate(value, float(low), float(high))

@@ -33,8 +33,8 @@ class TableCell(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
-    """Table of the page or the terminal.
+class TextTable:
+    """TextTable of the page or the terminal.
 
     Args:
         label: Title, and name of the table for people who cannot see it.
@@ -54,14 +54,14 @@ class Table:
     tall: bool = True
     page_only: tuple[str, ...] = ()
 
-    def without(self, columns: Collection[str]) -> "Table":
+    def without(self, columns: Collection[str]) -> "TextTable":
         """Return the table without some of its columns."""
         kept = [i for i, column in enumerate(self.columns) if column not in columns]
         rows = [[row[i] for i in kept] for row in self.rows]
         return replace(self, columns=tuple(self.columns[i] for i in kept), rows=rows)
 
 
-def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> Table:
+def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> TextTable:
     """Return the median gaps of a setting by problem (rows) and agent, with the lowest tinted.
 
     Below are each agent's number of lowest medians, and its average rank.
@@ -93,7 +93,7 @@ def overview(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline:
     label = f"Median gaps, {setting.calibrator} {setting.n_max}"
     lines.append([TableCell("lowest on"), TableCell(""), *ends])
     lines.append([TableCell("average rank"), TableCell(""), *averages])
-    return Table(label, caption, ("problem", "knobs", *agents), lines, tall=False)
+    return TextTable(label, caption, ("problem", "knobs", *agents), lines, tall=False)
 
 
 def _sign(row: Any) -> str:
@@ -110,7 +110,7 @@ def _is_sure(row: Any) -> bool:
     return row.p_holm is not None and row.p_holm < SIGNIFICANCE
 
 
-def numbers(rows: pd.DataFrame, baseline: str, label: str) -> Table:
+def numbers(rows: pd.DataFrame, baseline: str, label: str) -> TextTable:
     """Return all numbers of the rows of one setting, with the lowest medians tinted."""
     caption = (
         f"× {baseline}: median over the seeds of the ratio of both gaps, each at least "
@@ -136,7 +136,7 @@ def numbers(rows: pd.DataFrame, baseline: str, label: str) -> Table:
         "s/proposal",
     )
     room = ("best visited", "questions", "s/proposal")
-    return Table(label, caption, columns, lines, words=("problem", "agent"), page_only=room)
+    return TextTable(label, caption, columns, lines, words=("problem", "agent"), page_only=room)
 
 
 def _gap_cells(row: Any, lowest: str) -> list[TableCell]:
@@ -158,7 +158,7 @@ def _gap_cells(row: Any, lowest: str) -> list[TableCell]:
     ]
 
 
-def duel_numbers(rows: pd.DataFrame) -> Table:
+def duel_numbers(rows: pd.DataFrame) -> TextTable:
     """Return the rows of `duel_rows` of one problem and calibrator."""
     caption = (
         "Share of seeds in which the agent's θ is preferred, by the criteria without noise, with "
@@ -179,22 +179,22 @@ def duel_numbers(rows: pd.DataFrame) -> Table:
     ]
     where = rows.iloc[0]
     label = f"Who is preferred: {where['problem']}, {where['calibrator']} calibrator"
-    return Table(label, caption, columns, lines, ("agent", "against"), page_only=("seeds",))
+    return TextTable(label, caption, columns, lines, ("agent", "against"), page_only=("seeds",))
 
 
-def failed(cells: Sequence[tuple[str, str]]) -> Table:
+def failed(cells: Sequence[tuple[str, str]]) -> TextTable:
     """Return the failed cells with their reasons."""
     lines = [[TableCell(cell), TableCell(words, "words")] for cell, words in cells]
     caption = "They have no numbers in any table or figure."
-    return Table("Failed cells", caption, ("cell", "what happened"), lines, ("what happened",))
+    return TextTable("Failed cells", caption, ("cell", "what happened"), lines, ("what happened",))
 
 
-def worth_numbers(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> Table:
+def worth_numbers(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> TextTable:
     """Return the table of worth of a setting, with the highest worth tinted.
 
     Args:
         campaign: All results.
-        rows: Table of worth, see `worth_rows`.
+        rows: TextTable of worth, see `worth_rows`.
         setting: Setting of the table.
         baseline: Agent that the others are compared with.
     """
@@ -227,7 +227,7 @@ def worth_numbers(campaign: Campaign, rows: pd.DataFrame, setting: Setting, base
     room = ("studies", *columns[1 : len(names)], by_answers)
     heads = ("agent", "studies", *columns, by_answers)
     title = f"Worth: {setting.name(campaign.having('worth'))}"
-    return Table(title, caption, heads, lines, ("agent",), page_only=room)
+    return TextTable(title, caption, heads, lines, ("agent",), page_only=room)
 
 
 def _leaders(ends: pd.DataFrame) -> set[str]:

@@ -8,15 +8,14 @@ from rich import box, table
 from rich.console import Console
 from rich.markup import escape
 
+from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.duels import PAPER, Duel
-from prefcal_bench.cells.result import Result
 from prefcal_scenarios.presentation.wording import printable
 
 from .campaign import campaign_of
-from .duelling import duel_rows
 from .missing import failures, in_holes, missing
-from .rows import BASELINE, gap_rows, worth_rows
-from .tables import Table, duel_numbers, numbers, worth_numbers
+from .rows import BASELINE, duel_rows, gap_rows, worth_rows
+from .tables import TextTable, duel_numbers, numbers, worth_numbers
 from .words import named
 
 _MOST = 5
@@ -60,7 +59,7 @@ def print_table(
     _list(console, "Worth knowing", in_holes(campaign))
 
 
-def _print(console: Console, shown: Table) -> None:
+def _print(console: Console, shown: TextTable) -> None:
     """Print a table, of which a heading that repeats is shown once, with rows of it together."""
     shown = shown.without(shown.page_only)
     printed = table.Table(

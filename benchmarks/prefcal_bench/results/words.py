@@ -1,10 +1,11 @@
-"""Format numbers, settings and seeds as text, for the tables, the page and the figures."""
+"""Format numbers, settings, seeds and tables as text, for page, figures, terminal and Markdown."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 
 from .campaign import HUGE, Campaign, Setting
+from .statistics import MeanEstimate
 
 
 def short(value: float | None) -> str:
@@ -79,16 +80,34 @@ def plain_number(value: float | None) -> str:
     return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
 
 
-def with_interval(value: float | None, low: float | None, high: float | None) -> str:
-    """Return a worth with its interval."""
-    if value is None or low is None:
-        return plain_number(value)
-    return f"{plain_number(value)} [{plain_number(low)}, {plain_number(high)}]"
+def with_interval(
+    value: float | None,
+    low: float | None,
+    high: float | None,
+    form: Callable[[float], str] = plain_number,
+    unit: str = "",
+) -> str:
+    """Return a number, such as a worth, with its interval as far as it is known."""
+    if value is None:
+        return "–"
+    text = f"{form(value)}{unit}"
+    return text if low is None or high is None else f"{text} [{form(low)}, {form(high)}]"
 
 
 def chance(value: float | None, low: float | None, high: float | None) -> str:
     """Return a probability in percent, with its interval."""
-    if value is None:
+    return with_interval(value, low, high, lambda share: f"{100 * share:.0f}", " %")
+
+
+def interval(found: MeanEstimate | None, digits: int = 0) -> str:
+    """Return a mean with so many digits after the point, and its interval."""
+    if found is None:
         return "–"
-    text = f"{100 * value:.0f} %"
-    return text if low is None or high is None else f"{text} [{100 * low:.0f}, {100 * high:.0f}]"
+    return with_interval(found.value, found.low, found.high, lambda value: f"{value:.{digits}f}")
+
+
+def markdown(heads: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> list[str]:
+    """Return the lines of a table in Markdown, below its title."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    table = [f"| {' | '.join(map(str, cells))} |" for cells in lines]
+    return ["", title, "", *table] if title else table

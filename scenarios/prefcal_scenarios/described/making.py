@@ -11,17 +11,16 @@ import numpy as np
 
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
 from prefcal_env.experiments.panels import Panel, plots_of
+from prefcal_env.experiments.tracking import every_tracking_kpi, found_kpis
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import live_rig
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS
-from prefcal_scenarios.own.tracking import found_rows, tracking_rows
 from prefcal_scenarios.scenario import KPI, Scenario
 
-from .reading import description_of
+from .description import Description, description_of, stated
 from .rig import rig_of
-from .tables import Description, stated
 from .words import KNOB_EXAMPLE, ranged_knob
 
 
@@ -112,8 +111,7 @@ def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
         rig = live_rig(d.opcua)
     except (KnobError, LiveError, SettingsError) as error:
         raise ScenarioError(f"{where}, [opcua]: {error}") from error
-    measured = dict.fromkeys(tracking_rows(rig.channels), 0.0)  # only the names count
-    kpis = tuple(KPI(**row) for row in found_rows(rig.channels, measured))
+    kpis = found_kpis(rig.channels, every_tracking_kpi(rig.channels))
     name = Path(where).stem
     return Scenario(name, f"Live plant {name}", rig.space, rig, kpis=kpis)
 
@@ -132,7 +130,7 @@ def _knob(name: str, value: str | Mapping[str, Any], where: str) -> Knob:
         if isinstance(value, str):
             return ranged_knob(name, value)
         plain = {**value, "scale": "log10"} if value.get("scale") == "log" else value
-        return Knob(name, **stated(plain, Knob, f"{where}, [knobs] {name}", partial=False))
+        return Knob(name, **stated(plain, f"{where}, [knobs] {name}", Knob, partial=False))
     except KnobError as error:
         raise ScenarioError(f"{where}, [knobs]: {error}") from error
     except ScenarioError as error:
@@ -167,27 +165,37 @@ def _name(where: str, d: Description) -> str:
     return f"{where}-{name}".rstrip("-")
 
 
-def _kpis(stated: Mapping[str, float | Mapping[str, Any]], made: Scenario, where: str) -> tuple[KPI, ...]:
+def _kpis(
+    stated: Mapping[str, float | str | Mapping[str, Any]], made: Scenario, where: str
+) -> tuple[KPI, ...]:
     channels = made.source.channels
     known = {kpi.name: kpi for kpi in made.kpis}
     if channels is not None:
-        known = {n: KPI(**row) for n, row in tracking_rows(channels).items()} | known
+        known = every_tracking_kpi(channels) | known
     return tuple(_kpi(name, value, known, where) for name, value in stated.items())
 
 
-def _kpi(name: str, value: float | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:
-    if name not in known:
+def _kpi(name: str, value: float | str | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:
+    """Return a KPI that is known by its name, or has a formula; lower is better unless it says more."""
+    plain = {"at_most": value} if isinstance(value, float | int) else {"formula": value}
+    given = stated(value if isinstance(value, Mapping) else plain, f"{where}, [kpis] {name!r}", KPI)
+    if name not in known and "formula" not in given:
         raise ScenarioError(
             f"{where}, [kpis]: there is no KPI {name!r}.{did_you_mean(name, known)} "
-            f"Expected one of {', '.join(known)}"
+            f'Expected one of {", ".join(known)}, or a formula such as {name!r} = "max(level) - 2"'
         )
-    limits = {"at_most": value} if isinstance(value, float | int) else dict(value)
-    return replace(known[name], **stated(limits, KPI, f"{where}, [kpis] {name!r}"))
+    try:
+        if "formula" not in given:
+            return replace(known[name], **given)
+        aims = {"at_most", "at_least", "better"} & given.keys()
+        return KPI(**{"name": name, "title": name, "better": None if aims else "lower", **given})
+    except ScenarioError as error:
+        raise ScenarioError(f"{where}, [kpis] {name!r}: {error}") from error
 
 
 def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:
     """Return the panels: those to show in their order, each with the look that the file gives."""
-    looks = {n: stated(t, Panel, f"{where}, [panels] {n}") for n, t in d.panels.items()}
+    looks = {n: stated(t, f"{where}, [panels] {n}", Panel) for n, t in d.panels.items()}
     channels = made.source.channels
     usual = {panel.name: panel for panel in made.panels}
     if not usual and channels is not None:

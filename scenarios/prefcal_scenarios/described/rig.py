@@ -3,12 +3,19 @@
 from collections.abc import Mapping
 from typing import Any
 
+from prefcal_env.described import Keys
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel, Channels
-from prefcal_env.sources.rig import Rig
+from prefcal_env.sources import Rig
 from prefcal_env.wording import did_you_mean
 
-from .tables import RigTable, SignalTable, checked, stated
+from .description import stated
+
+_Signals = dict[str, dict[str, Any]]
+_SIGNALS: Keys = {"outputs": (_Signals, True), "inputs": (_Signals, False), "time_unit": (str, False)}
+"""Keys of a rig that are no arguments of `Rig`."""
+_SENSOR: Keys = {"sensor": (tuple[float, float] | None, False)}
+"""Key of a signal that is no argument of `Channel`."""
 
 
 def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str) -> Rig:
@@ -25,35 +32,35 @@ def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str
         ExperimentError: If a limit is not valid.
         SettingsError: If a range is not valid.
     """
-    given = stated(values, RigTable, f"{where}, [rig]", partial=False)
-    outputs = _signals(given.pop("outputs"), f"{where}, [rig.outputs]")
-    inputs = _signals(given.pop("inputs", {}), f"{where}, [rig.inputs]")
+    made = ("channels", "y_ref", "kpis", "ranges")
+    given = stated(values, f"{where}, [rig]", _SIGNALS, Rig, known=made, partial=False)
+    signals = {
+        group: {name: _signal(name, row, f"{where}, [rig.{group}] {name}") for name, row in rows.items()}
+        for group, rows in (("outputs", given.pop("outputs")), ("inputs", given.pop("inputs", {})))
+    }
+    outputs, inputs = signals["outputs"], signals["inputs"]
     for name in reference:
         if name not in outputs:
             raise ScenarioError(
                 f"{where}, [reference]: no output of the rig is called {name!r}."
                 f"{did_you_mean(name, outputs)} There are {', '.join(outputs)}"
             )
-    x = tuple(_channel(n, s, reference.get(n)) for n, s in outputs.items())
-    channels = Channels(
-        x=x,
-        u=tuple(_channel(n, s) for n, s in inputs.items()),
-        y=tuple(c for c in x if c.target is not None),
-        time_unit=given.pop("time_unit", "s"),
-    )
+    sensors = {name: row.pop("sensor", None) for name, row in (*outputs.items(), *inputs.items())}
+    x = tuple(_channel(row, reference.get(name)) for name, row in outputs.items())
+    y, u = tuple(c for c in x if c.target is not None), tuple(_channel(row) for row in inputs.values())
     return Rig(
-        channels=channels,
-        y_ref=tuple(c.target for c in x if c.target is not None),
-        ranges={n: s.sensor for n, s in {**outputs, **inputs}.items() if s.sensor is not None},
+        channels=Channels(x, u, y, given.pop("time_unit", "s")),
+        y_ref=tuple(c.target for c in y if c.target is not None),
+        ranges={name: sensor for name, sensor in sensors.items() if sensor is not None},
         instructions=given.pop("instructions", "").strip(),
         **given,
     )
 
 
-def _signals(tables: Mapping[str, Mapping[str, Any]], where: str) -> dict[str, SignalTable]:
-    return {name: checked(t, SignalTable, f"{where} {name}") for name, t in tables.items()}
+def _signal(name: str, row: Mapping[str, Any], where: str) -> dict[str, Any]:
+    return {"name": name, **stated(row, where, Channel, _SENSOR, known=("name", "target", "symbol"))}
 
 
-def _channel(name: str, signal: SignalTable, target: float | None = None) -> Channel:
-    band = signal.band if target is not None else None
-    return Channel(name, signal.unit, signal.low, signal.high, target, band)
+def _channel(row: Mapping[str, Any], target: float | None = None) -> Channel:
+    """Return a channel; only one with a target has a band."""
+    return Channel(**{**row, "target": target, "band": row.get("band") if target is not None else None})

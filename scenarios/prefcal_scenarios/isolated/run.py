@@ -14,7 +14,7 @@ from prefcal_env.errors import RunError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.run import Run
-from prefcal_env.sources.source import NamesOf, Source
+from prefcal_env.sources.source import KPIsOf, Source
 from prefcal_env.study.codec import decode
 from prefcal_env.workers import GRACE, Terms, Worker
 from prefcal_scenarios.names import is_own
@@ -55,7 +55,7 @@ class Isolated(Source):
         """Return the same source with the ranges of `space`."""
         return Isolated(self._own, self._path, self._workers, space)
 
-    def tracked(self, names: NamesOf) -> "Isolated":
+    def measured(self, kpis_of: KPIsOf) -> "Isolated":
         """Return this: the workers' own scenario has the KPIs already."""
         return self
 

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.kpi import KPI
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.wording import did_you_mean
@@ -18,12 +19,8 @@ _ROUNDED = 0.1
 """Largest rounding of θ by a plant, as a share of the knob's range."""
 
 
-def check_parts(scenario: Scenario, kpi: type) -> None:
+def check_parts(scenario: Scenario) -> None:
     """Check everything about a scenario that is known before it runs.
-
-    Args:
-        scenario: Scenario to check.
-        kpi: Type that its KPIs must have.
 
     Raises:
         ScenarioError: See `Scenario`.
@@ -31,7 +28,7 @@ def check_parts(scenario: Scenario, kpi: type) -> None:
     where = f"scenario {scenario.name!r}"
     if not isinstance(scenario.space, KnobSpace):
         raise ScenarioError(f"{where}: space must be a KnobSpace, got {scenario.space!r}")
-    _check_types(scenario, kpi, where)
+    _check_types(scenario, where)
     _check_simulated(scenario, where)
     for problem in scenario.source.problems(scenario.kpis):
         raise ScenarioError(f"{where}: {problem}")
@@ -47,8 +44,8 @@ def check_parts(scenario: Scenario, kpi: type) -> None:
     _check_against_run(scenario, where)
 
 
-def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
-    for field, type_, example in (("panels", Panel, "Panel('level')"), ("kpis", kpi, "KPI(...)")):
+def _check_types(scenario: Scenario, where: str) -> None:
+    for field, type_, example in (("panels", Panel, "Panel('level')"), ("kpis", KPI, "KPI(...)")):
         values: Any = getattr(scenario, field)
         if isinstance(values, type_):
             raise ScenarioError(f"{where}: {field} must be a tuple; of one write ({example},) with its comma")
@@ -91,9 +88,10 @@ def _check_against_run(scenario: Scenario, where: str) -> None:
                     f"{where}: panel {panel.name!r}: no signal is called {panel.reference!r} to "
                     "draw the reference"
                 )
-    if scenario.kpis and not scenario.source.computes_kpis:
+    returned = [kpi.name for kpi in scenario.kpis if not kpi.formula]
+    if returned and not scenario.source.computes_kpis:
         raise ScenarioError(
-            f"{where}: it has the KPI {scenario.kpis[0].name!r}, but its run computes none: "
+            f"{where}: it has the KPI {returned[0]!r}, but its run computes none: "
             "give the run a function kpis(experiment)"
         )
 

@@ -5,6 +5,7 @@ Blue marks the best experiment, orange what it is compared with, gray the first 
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from typing import IO, Any
 
 from matplotlib import rc_context
@@ -73,6 +74,12 @@ def save(figure: Figure, target: IO[bytes]) -> None:
         engine.execute(figure)
         figure.set_layout_engine("none")
     figure.savefig(target, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+
+
+def png(figure: Figure) -> bytes:
+    """Return a PNG, see `save`."""
+    save(figure, buffer := BytesIO())
+    return buffer.getvalue()
 
 
 def look(i: int) -> tuple[str, Any]:

@@ -11,7 +11,7 @@ from support import worker_tasks as tasks
 
 def test_a_lost_task_says_why_and_the_others_have_their_results():
     todo = [tasks.fail, tasks.die, tasks.spin, partial(tasks.double, 1), lambda: 5]
-    found = dict(each(todo, Processes(2, limit=4.0)))
+    found = dict(each(dict(enumerate(todo)), Processes(2, limit=4.0)))
     assert (found[3], found[4]) == (2, 5)
     assert all(isinstance(found[k], RunError) for k in range(3))
     assert str(found[0]).startswith("OSError: the pump does not answer (in worker_tasks.py:")
@@ -20,21 +20,27 @@ def test_a_lost_task_says_why_and_the_others_have_their_results():
     assert str(found[2]) == late
 
 
+def test_without_workers_it_keeps_what_a_failing_task_says():
+    found = dict(each({"good": partial(tasks.double, 1), "bad": tasks.fail, "also": lambda: 5}, None))
+    assert (found["good"], found["also"]) == (2, 5)
+    assert str(found["bad"]).startswith("OSError: the pump does not answer (in worker_tasks.py:")
+
+
 def test_last_words_are_only_of_workers_whose_benchmark_was_killed(capfd):
     for _ in range(5):
-        assert dict(each([partial(tasks.double, 1)], Processes(1, last_words="killed"))) == {0: 2}
+        assert dict(each({"a": partial(tasks.double, 1)}, Processes(1, last_words="killed"))) == {"a": 2}
     assert capfd.readouterr().err == ""
 
 
 def test_workers_that_die_at_once_end_the_run(monkeypatch):
     monkeypatch.setattr("prefcal_bench.cells.engine._Tasks", partial(tasks.unloadable))
     with pytest.raises(BenchmarkError, match="workers die as soon as they are started"):
-        list(each([partial(tasks.double, 1)], Processes(1, last_words="dies")))
+        list(each({0: partial(tasks.double, 1)}, Processes(1, last_words="dies")))
 
 
 @pytest.mark.parametrize("workers", [None, Processes(2)])
 def test_nothing_to_do_opens_nothing(workers):
-    assert list(each([], workers)) == []
+    assert list(each({}, workers)) == []
 
 
 @pytest.mark.parametrize("jobs", [0, -1, True, 1.5])

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from prefcal_bench import Processes, Store, Suite, run_suite
-from support.bench_watcher import Seen
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 LOOP = OWN.with_name("bench_loop.py")
@@ -31,6 +30,22 @@ SMALL = Suite(
     n_init=2,
     n_max=4,
 )
+
+
+class Seen:
+    """A watcher that writes everything down."""
+
+    def __init__(self):
+        self.begun, self.words, self.count = [], [], 0
+
+    def begin(self, what, total, done):
+        self.begun.append((what, total, done))
+
+    def landed(self, what):
+        self.count += 1
+
+    def say(self, words):
+        self.words.append(words)
 
 
 def own(*names, **changes):

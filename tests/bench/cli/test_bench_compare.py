@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from prefcal_bench import Finished
+from prefcal_bench import SuiteResults
 from prefcal_bench.cli import run as run_module
 from prefcal_bench.cli.options import BenchOptions, CompareOptions
 from prefcal_bench.published.plan import publish
@@ -41,7 +41,7 @@ def test_only_the_agent_runs_and_what_has_run_is_kept(prefcal, done, published):
 def test_the_page_compares_everybody_with_the_agent(published, tmp_path, monkeypatch, capsys):
     def run_suite(suite, *_):
         made = (walk(c.agent, c.problem, c.seed, 1.4, taste=c.calibrator, n_max=c.n_max) for c in suite.cells)
-        return Finished(tuple(made), ())
+        return SuiteResults(tuple(made), ())
 
     monkeypatch.setattr(run_module, "run_suite", run_suite)
     mine = f"{OWN}:Own"
@@ -57,7 +57,7 @@ def test_the_page_compares_everybody_with_the_agent(published, tmp_path, monkeyp
 
 
 def test_the_benchmark_writes_worth_and_raw_results_of_closed_loops(tmp_path, monkeypatch):
-    found = Finished(tuple(walks({"GLISp": 1.3, "RandomSearch": 1.0}, seeds=2, n_max=4)), ())
+    found = SuiteResults(tuple(walks({"GLISp": 1.3, "RandomSearch": 1.0}, seeds=2, n_max=4)), ())
     monkeypatch.setattr(run_module, "run_suite", lambda *_: found)
     options = BenchOptions(agents="GLISp", problems="camel", out=tmp_path / "made")
     assert run_module.run(options) == 0

@@ -1,16 +1,22 @@
-"""EUBO and BOPE: what they ask, and what they do when a fit fails."""
+"""EUBO and BOPE: what they ask, what they do when a fit fails, and that torch is left alone."""
 
 import numpy as np
 import pytest
 
 from prefcal_bench import BOPE, EUBO
+from prefcal_bench.peers.botorch_agents import BoTorchAgent, attempted
+from prefcal_bench.peers.peer import torch_seeded
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import Comparison, History
 from support.extras import need
+from support.histories import in_cube
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", 0.0, 1.0, step=0), Knob("y", 0.0, 1.0, step=0)])
+HISTORY = History((in_cube([1.0, 0.0]),), (Comparison(0, None, Answer(None)),))
+RANDOM = np.random.default_rng([3, 1]).random(2)
 
 
 @pytest.fixture(autouse=True)
@@ -91,3 +97,41 @@ def test_while_all_are_about_the_same_the_next_sample_is_random(make):
         query = agent.ask()
         agent.tell(query, Answer(0, outcomes=(kpis(query.challenger.theta), None)))
     assert agent.samples[2:] == pytest.approx(random_ones(0, (2, 3)), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("points", "expected"),
+    [([[1.0, 0.0], [0.5, 1.0 + 1e-12], [0.2, 0.2]], [0.5, 1.0]), ([[1.0, 0.0]], RANDOM), (None, RANDOM)],
+)
+def test_the_first_candidate_that_did_not_run_else_a_random_one(points, expected):
+    class Proposing(BoTorchAgent):
+        def _candidates(self, history, seed):
+            return None if points is None else np.array(points)
+
+    z = Proposing(SQUARE, n_init=1, seed=3).propose(HISTORY)
+    assert z == pytest.approx(np.array(expected))
+
+
+def test_a_failed_fit_gives_none_but_a_mistake_in_the_code_does_not_hide():
+    from botorch.exceptions.errors import ModelFittingError
+    from linear_operator.utils.errors import NotPSDError
+
+    def fails(error):
+        raise error
+
+    for error in (ModelFittingError("all"), NotPSDError("no"), ValueError("nan")):
+        assert attempted(lambda error=error: fails(error)) is None
+    assert attempted(lambda: 3) == 3
+    with pytest.raises(TypeError):
+        attempted(lambda: fails(TypeError("code")))
+
+
+def test_draws_follow_from_the_key_and_leave_the_callers_alone():
+    import torch
+
+    before, draws = torch.get_rng_state(), []
+    for key in ((1, 2), (1, 2), (1, 3)):
+        with torch_seeded(*key):
+            draws.append(float(torch.rand(1)))
+    assert draws[0] == draws[1] != draws[2]
+    assert torch.equal(torch.get_rng_state(), before)

@@ -5,9 +5,12 @@ import sys
 import numpy as np
 import pytest
 
+from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.global_random import seeded
 from prefcal_bench import BOPE, EUBO, OptunaGP, OptunaPreferential, OptunaTPE, ReferenceGLIS, ReferenceGLISp
 from prefcal_env.errors import MissingExtraError
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.agents import peers
 from support.extras import quick_peers  # noqa: F401
@@ -15,6 +18,7 @@ from support.extras import quick_peers  # noqa: F401
 PEERS = {**peers(), **peers(by_value=True)}
 
 HARTMAN = FUNCTIONS["hartman3"]
+SQUARE = KnobSpace([Knob("x", 0.0, 1.0, step=0), Knob("y", 0.0, 1.0, step=0)])
 
 
 def tell(agent, query):
@@ -123,3 +127,56 @@ def test_without_the_extra_the_word_is_clear(make, module, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingExtraError, match=r"pip install 'prefcal\[peers\]'"):
         make(HARTMAN.space)
+
+
+# Optuna's samplers that are told values.
+
+
+def cost(theta):
+    return float(np.sum((theta - [0.3, 0.7]) ** 2))
+
+
+def run_by(agent):
+    while not agent.done:
+        query = agent.ask()
+        agent.tell(query, cost(query.challenger.theta))
+    return agent.samples
+
+
+@pytest.mark.usefixtures("quick_peers")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(("make", "name"), [(OptunaTPE, "TPESampler"), (OptunaGP, "GPSampler")])
+def test_they_propose_what_the_package_does_when_driven_by_hand(make, name):
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    with seeded(3) as seed:
+        sampler = getattr(optuna.samplers, name)(seed=seed, n_startup_trials=1)
+    study = optuna.create_study(sampler=sampler)
+    knobs = {f"z{k}": optuna.distributions.FloatDistribution(0.0, 1.0) for k in range(2)}
+    tried = []
+    for z in latin_hypercube(SQUARE, 4, 3):
+        params = dict(zip(knobs, map(float, z), strict=True))
+        study.add_trial(optuna.trial.create_trial(params=params, distributions=knobs, value=cost(z)))
+        tried.append(z)
+    for _ in range(5):
+        trial = study.ask(knobs)
+        z = np.array([trial.params[knob] for knob in knobs])
+        study.tell(trial, cost(z))
+        tried.append(z)
+    found = run_by(make(SQUARE, n_init=4, n_max=9, seed=3))
+    assert found == pytest.approx(np.array(tried), abs=1e-6)
+
+
+@pytest.mark.usefixtures("quick_peers")
+def test_after_two_fits_that_diverge_the_next_sample_is_random(monkeypatch):
+    from optuna.samplers import GPSampler
+
+    def diverges(*_, **__):
+        raise RuntimeError("not positive-definite")
+
+    agent = OptunaGP(SQUARE, n_init=3, n_max=6, seed=0)
+    monkeypatch.setattr(GPSampler, "_sample_relative_impl", diverges)
+    samples = run_by(agent)
+    expected = [np.random.default_rng([0, index]).random(2) for index in (3, 4, 5)]
+    assert samples[3:] == pytest.approx(np.array(expected), abs=1e-9)

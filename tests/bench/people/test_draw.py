@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_bench.people import Runs
-from prefcal_bench.people.draw import KINDS, _decided, limits, narrow, priorities, weights
+from prefcal_bench.people.draw import KINDS, decided, limits, narrow, priorities, weights
 from prefcal_bench.people.draw import rising as rising_one
 from prefcal_bench.people.sample import _run, thetas
 from prefcal_scenarios.catalog import load
@@ -54,12 +54,12 @@ def test_the_first_priority_decides_some_random_pairs_and_the_last_notices_every
     pairs = rng.integers(len(these), size=(2, 4000))
     relative = set()
     for rule in drawn(priorities, these):
-        order = [priority.name for priority in rule.order]
+        order = [priority.name for priority in rule.by.criteria]
         assert 3 <= len(order) == len(set(order))
-        share = _decided(rule.order[0], these.take(pairs[0]), these.take(pairs[1]))
+        share = decided(rule.by.criteria[0], these.take(pairs[0]), these.take(pairs[1]))
         assert 0.05 <= share <= 0.6  # 8 to 55 % of the pairs that it was chosen by
-        assert (rule.order[-1].noticed, rule.order[-1].relative) == (0.0, False)
-        relative |= {priority.relative for priority in rule.order[:-1]}
+        assert (rule.by.criteria[-1].noticed, rule.by.criteria[-1].relative) == (0.0, False)
+        relative |= {priority.relative for priority in rule.by.criteria[:-1]}
     assert relative == {True, False}
 
 
@@ -67,8 +67,8 @@ def test_limits_can_mostly_be_met_and_leave_something_to_wish():
     met = []
     for rule in drawn(limits):
         assert 2 <= len(rule.limits) <= 3
-        assert len(rule.rest.terms) == len(usual().names)
-        excess = np.sum([limit.excess(usual()) for limit in rule.limits], axis=0)
+        assert len(rule.terms) == len(usual().names)
+        excess = np.sum([limit.cost(usual()) for limit in rule.limits], axis=0)
         met.append(np.mean((excess == 0) & np.isinf(usual().survived)))
     assert np.mean(np.array(met) > 0) > 0.75
     assert max(met) < 1
@@ -116,6 +116,6 @@ def test_there_is_a_rule_for_any_runs(kind, rows, survived, columns, seed):
 
 
 def test_a_single_kpi_is_the_only_priority_and_every_difference_counts():
-    (first, *more) = priorities(runs([1.0], [1.1]), np.random.default_rng(0)).order
+    (first, *more) = priorities(runs([1.0], [1.1]), np.random.default_rng(0)).by.criteria
     assert not more
     assert (first.name, first.noticed) == (NAMES[0], 0.0)

@@ -1,4 +1,6 @@
+from dataclasses import replace
 from functools import cache, partial
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -6,6 +8,7 @@ import pytest
 from prefcal_bench.people import (
     TASTES,
     USUAL,
+    WRONG,
     Runs,
     calibrators_of,
     has_cost,
@@ -14,10 +17,10 @@ from prefcal_bench.people import (
     taste,
 )
 from prefcal_bench.people.draw import KINDS
-from prefcal_bench.people.eyes.noticing import Eyes
-from prefcal_bench.people.eyes.order import Criterion, Order
+from prefcal_bench.people.judgements import Noticed, Order
+from prefcal_bench.people.rule import Noticing
 from prefcal_bench.people.sample import _run, thetas
-from prefcal_bench.people.weighted import Term, Weighted
+from prefcal_bench.people.trade_off import Term, TradeOff
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import KPI
@@ -44,7 +47,7 @@ def usual(loop):
 
 
 def by(name):
-    return Weighted((Term(name, 1.0, good=0.0, scale=0.3, steepness=1.0),))
+    return TradeOff((Term(name, 1.0, good=0.0, scale=0.3, steepness=1.0),))
 
 
 def drawing(*rules):
@@ -77,16 +80,12 @@ def test_a_taste_whose_best_runs_lie_at_the_edge_is_drawn_again(monkeypatch):
     assert taste("weights", KPIS, RUNS, 0).rule == by("middle")
 
 
-@pytest.mark.parametrize("worth", [54.9, 100.1])
-def test_a_taste_that_finds_most_runs_alike_or_goes_in_circles_is_drawn_again(monkeypatch, worth):
+@pytest.mark.parametrize(
+    ("worth", "kept"), [(54.9, "middle"), (100.1, "middle"), (55.0, "other"), (100.0, "other")]
+)
+def test_a_taste_that_finds_most_runs_alike_or_goes_in_circles_is_drawn_again(monkeypatch, worth, kept):
     scripted(monkeypatch, [by("other"), by("middle")], [worth, 80.0])
-    assert taste("weights", KPIS, RUNS, 0).rule == by("middle")
-
-
-@pytest.mark.parametrize("worth", [55.0, 100.0])
-def test_the_first_taste_that_fits_is_kept(monkeypatch, worth):
-    scripted(monkeypatch, [by("other"), by("middle")], [worth, 80.0])
-    assert taste("weights", KPIS, RUNS, 0).rule == by("other")
+    assert taste("weights", KPIS, RUNS, 0).rule == by(kept)
 
 
 def test_if_none_fits_the_nearest_one_is_used(monkeypatch):
@@ -102,7 +101,7 @@ def test_if_all_lie_at_the_edge_there_is_a_taste_all_the_same(monkeypatch):
 
 def test_a_person_with_eyes_to_whom_the_best_runs_look_alike_is_drawn_again(monkeypatch):
     sharp, blunt = (
-        Eyes(Order((Criterion("middle", noticed), Criterion("other", noticed)))) for noticed in (0.002, 0.3)
+        Noticing(Order((Noticed("middle", noticed), Noticed("other", noticed)))) for noticed in (0.002, 0.3)
     )
     assert named._blind(sharp, RUNS) == 0 < 1 < named._blind(blunt, RUNS)
     assert named._blind(by("middle"), RUNS) == 0  # no just noticeable difference
@@ -128,6 +127,29 @@ def test_on_closed_loops_the_promise_holds(loop, kind):
         rng = np.random.default_rng(7)
         found = random_search_worth(rule, runs, experiments=50, replays=200, rng=rng)
         assert 40 <= found <= 115  # 55 to 100 with the 100 replays that it was chosen by
+
+
+@pytest.mark.parametrize("kind", kinds(KINDS))
+def test_noisy_people_flip_the_stated_share_of_answers_and_the_same_in_every_study(kind):
+    scenario = load("servo")
+    them = [scenario.run(theta) for theta in thetas(scenario, "contract", 24)]
+    pairs = [*combinations(them, 2)]
+    sure = taste(kind, scenario.kpis, usual("servo"), 0)
+    assert has_cost(kind) == (kind in ("weights", "limits", "narrow", "hidden"))
+
+    def answers(wrong, seed=0):
+        judge = replace(sure, wrong=wrong, seed=seed).calibrator()
+        return np.array([int(judge.prefer(*pair)) for pair in pairs])
+
+    right = answers(0.0)
+    for share in WRONG.values():
+        said = answers(share)
+        assert np.array_equal(said, answers(share))
+        assert set((said * right)[right != 0]) <= {-1, 1}
+        assert (said[right == 0] == 0).all()
+        flipped = np.mean((said != right)[right != 0])
+        assert flipped == pytest.approx(share, abs=0.06 if share else 0)  # 276 pairs
+    assert not np.array_equal(answers(0.2, seed=1), answers(0.2))  # others make other mistakes
 
 
 @pytest.mark.parametrize("kind", kinds(KINDS))

@@ -2,13 +2,17 @@ import numpy as np
 import pytest
 
 from prefcal_bench.people import random_search_worth, worth
-from prefcal_bench.people.eyes.noticing import Eyes
-from prefcal_bench.people.eyes.order import Criterion, Order
-from prefcal_bench.people.priorities import Priorities, Priority
+from prefcal_bench.people.judgements import Noticed, Order
+from prefcal_bench.people.rule import Noticing
 from prefcal_env.errors import SettingsError
 from support.people import runs
 
-STRICT = Priorities((Priority("error", 0.0),))
+
+def by_error(noticed, *, ties_count):
+    return Noticing(Order((Noticed("error", noticed),)), ties_count)
+
+
+STRICT = by_error(0.0, ties_count=True)
 POOL = runs(*[[float(k)] for k in range(9)])
 
 
@@ -20,12 +24,12 @@ def test_worth_by_hand(value, expected):
 
 
 def test_ties_are_at_least_as_good():
-    blunt = Priorities((Priority("error", 2.0),))
+    blunt = by_error(2.0, ties_count=True)
     assert worth(blunt, POOL, runs([0.0])) == 10 / 4
 
 
 def test_to_people_with_eyes_only_what_is_noticeably_better_counts():
-    eyes = Eyes(Order((Criterion("error", 2.0),)))
+    eyes = by_error(2.0, ties_count=False)
     assert worth(eyes, POOL, runs([0.0])) == worth(eyes, POOL, runs([2.0])) == 10 / 1
     assert worth(eyes, POOL, runs([5.0])) == 10 / 4  # 0, 1 and 2 are noticeably better
 

@@ -12,7 +12,7 @@ from prefcal_agents import GLISpSettings
 from prefcal_bench.reproduce import CASES, paper, studies
 from prefcal_bench.reproduce.page import write_page
 from prefcal_bench.reproduce.paper import THETA
-from prefcal_bench.reproduce.results import compared, disagreements, found, rows
+from prefcal_bench.reproduce.studies import compared, disagreements, found, rows
 from prefcal_env.plants.cstr import CSTRParams
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios import load

@@ -81,8 +81,3 @@ def test_our_worth_is_rounded_as_the_published_one_so_that_equal_ones_tie():
     campaign = campaign_of([study("Mine", worth=worth)], published([study(worth=worth)]))
     mine, other = campaign.studies["worth"]
     assert mine[-1] == other[-1] != worth[-1]
-
-
-def test_there_can_be_nothing_at_all():
-    campaign = campaign_of([])
-    assert campaign.settings == campaign.agents == campaign.having("worth") == ()

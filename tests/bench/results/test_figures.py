@@ -4,13 +4,12 @@ from io import BytesIO
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
 from PIL import Image
 
 from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results import figures
 from prefcal_bench.results.campaign import campaign_of
-from prefcal_bench.results.drawing import drawn, looks
+from prefcal_bench.results.drawing import agent_styles, drawn
 from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.statistics import random_search
 from prefcal_scenarios.presentation.style import save, style
@@ -35,8 +34,7 @@ def pixels(figure):
 def draw(results, value="gap", unit="experiments"):
     """The figure, and its panels by title."""
     campaign = campaign_of(results)
-    given = (campaign, campaign.settings[0], value, unit, looks(campaign.agents), "GLISp")
-    figure = figures.against(*given)
+    figure = figures.against(campaign, campaign.settings[0], value, unit, "GLISp")
     return figure, {axes.get_title(loc="left"): axes for axes in figure.axes if axes.axison}
 
 
@@ -77,21 +75,13 @@ def test_a_line_is_the_median_and_its_band_the_quartiles():
     assert (at_the_end.min(), at_the_end.max()) == (1.5, 3.0)
 
 
-def test_an_agent_has_the_same_color_in_every_figure():
-    campaign = campaign_of(grid(FACTORS))
-    styles = looks(campaign.agents)
-    for axes in draw(grid(FACTORS))[1].values():
-        for agent in FACTORS:
-            assert to_hex(line(axes, agent).get_color()) == styles[agent].color
-
-
 def test_looks_do_not_depend_on_the_order_and_differ():
     names = ["GLISp", "GLISp.paper", "GLIS", "Own", "Peer", "PPO", "SAC", "RandomSearch"]
-    found = looks(names)
-    assert found == looks(reversed(names))
-    assert len({look.color for look in found.values()}) == len(names)
-    assert len({look.marker for look in found.values()}) == len(names)
-    many = looks([f"agent {i}" for i in range(20)])
+    found = agent_styles(names)
+    assert found == agent_styles(reversed(names))
+    assert len({style.color for style in found.values()}) == len(names)
+    assert len({style.marker for style in found.values()}) == len(names)
+    many = agent_styles([f"agent {i}" for i in range(20)])
     assert len(set(many.values())) == 20
 
 
@@ -164,7 +154,7 @@ def test_a_line_of_worth_is_the_geometric_mean_beside_that_of_random_search():
 
 def test_the_bar_of_drift_leads_from_the_end_to_the_best_before():
     campaign = campaign_of([study(worth=(2, 32, 8)), study(loop="boost", worth=(2, 2, 8))])
-    figure = figures.along(campaign, campaign.settings, looks(campaign.agents))
+    figure = figures.along(campaign, campaign.settings)
     axes = figure.axes[0]
     assert line(axes, "GLISp").get_ydata() == pytest.approx([2, 8, 8])
     (bar,) = axes.collections
@@ -189,8 +179,7 @@ def test_many_agents_have_thin_lines_and_the_baseline_a_thick_one():
 
 def summarized(results):
     campaign = campaign_of(results)
-    rows, styles = worth_rows(campaign), looks(campaign.agents)
-    return figures.summary(campaign, rows, campaign.settings, styles)
+    return figures.summary(campaign, worth_rows(campaign), campaign.settings)
 
 
 def test_the_summary_is_sorted_by_worth_which_is_written_beside_it():
@@ -235,12 +224,9 @@ def test_a_strange_name_is_drawn_as_it_stands(name):
     assert drawn(name) in legend(figure)
 
 
-def test_every_agent_of_the_roster_has_a_look_that_can_be_drawn():
-    assert pixels(draw([result(agent, "p", 0, (1.0, 0.1)) for agent in AGENTS])[0]).std() > 1
-
-
-def test_pictures_have_ink_and_the_width_of_a_page():
-    image = pixels(draw(grid(FACTORS, problems=("bowl",)))[0])
+def test_every_agent_of_the_roster_has_a_look_that_can_be_drawn_as_wide_as_a_page():
+    image = pixels(draw([result(agent, "p", 0, (1.0, 0.1)) for agent in AGENTS])[0])
+    assert image.std() > 1
     assert 1000 <= image.shape[1] <= 1400
     blue = np.abs(image.astype(int) - [10, 102, 194]).sum(axis=2) < 20  # that of GLISp
     assert blue.sum() > 50

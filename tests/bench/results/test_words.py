@@ -6,8 +6,10 @@ from hypothesis import strategies as st
 
 from prefcal_bench.results.campaign import HUGE
 from prefcal_bench.results.pictures import file_names
+from prefcal_bench.results.statistics import MeanEstimate
 from prefcal_bench.results.words import (
     chance,
+    interval,
     plain_number,
     probability,
     ratio,
@@ -74,6 +76,8 @@ def test_intervals_are_in_brackets_if_there_are_any():
     assert chance(0.625, 0.5, 0.754) == "62 % [50, 75]"
     assert chance(0.625, None, None) == "62 %"
     assert chance(None, None, None) == "–"
+    assert interval(MeanEstimate(1.234, 1.0, 2.0), 2) == "1.23 [1.00, 2.00]"
+    assert interval(None) == "–"
 
 
 def test_a_name_loses_its_folder_alone():

@@ -5,9 +5,9 @@ import pytest
 
 from prefcal_env import End
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
-from prefcal_env.experiments.curves import bridged
 from prefcal_env.live import Journal, LiveKnob, LiveStart, Tag
 from prefcal_env.sources import Stage
+from prefcal_env.tables.curves import bridged
 from support.live import Memory, memory_rig
 
 THETA = np.array([4.0, 20.0])

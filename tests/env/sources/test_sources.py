@@ -8,7 +8,8 @@ import pytest
 from contracts.sources import attended, source_contract
 from prefcal_env import Channel, Channels, ClosedLoop, Maneuvers, Rig
 from prefcal_env.errors import RunError, ScenarioError
-from prefcal_env.sources import Function, Tracked, source_of
+from prefcal_env.experiments.tracking import Tracking
+from prefcal_env.sources import Function, Measured, source_of
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import OwnSource, isolation
 from support.device import Device
@@ -31,7 +32,7 @@ def a_run(theta, seed=0):
     ("source", "theta"),
     [
         (Function(a_run), PI),
-        (Tracked(Function(a_run)), PI),
+        (Measured(Function(a_run), Tracking()), PI),
         (source_of(ClosedLoop(tank_env, pi_of)), PI),
         (Maneuvers({"one": a_run, "other": a_run}), PI),
         (RIG, PI),
@@ -39,7 +40,7 @@ def a_run(theta, seed=0):
         (load("cstr").source, next(iter(load("cstr").references.values()))),
         (OwnSource(OWN, None), TOY),
     ],
-    ids=["function", "tracked", "loop", "maneuvers", "rig", "device", "built-in", "own"],
+    ids=["function", "measured", "loop", "maneuvers", "rig", "device", "built-in", "own"],
 )
 def test_source(clause, source, theta):
     clause(source, theta)

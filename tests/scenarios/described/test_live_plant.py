@@ -37,6 +37,13 @@ def test_the_file_of_the_page_is_a_live_plant(written):
     ]
 
 
+def test_a_formula_is_checked_before_the_plant_runs(written):
+    peak = TANK + '\n[kpis]\npeak = "max(level) - ref(level) + sum(abs(diff(valve)))"\n'
+    assert [kpi.name for kpi in load(written(peak)).kpis] == ["peak"]
+    with pytest.raises(ScenarioError, match=r"formula of KPI 'peak': signal 'levl': .*mean 'level'"):
+        load(written(peak.replace("max(level)", "max(levl)")))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -7,9 +7,8 @@ import pytest
 
 from prefcal_env.errors import ScenarioError, SettingsError, StudyError
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.options import words_of, words_to_resume
+from prefcal_scenarios.described.options import resumed_source, words_of, words_to_resume
 from prefcal_scenarios.described.plant import plant_at
-from prefcal_scenarios.described.resuming import resumed_source
 from prefcal_scenarios.names import is_own
 
 OVEN = """
@@ -80,6 +79,26 @@ def test_a_file_without_kpis_gets_them_and_one_that_says_none_has_none(written):
     assert load(written(f'kpis = "none"\n{KNOB}')).kpis == ()
 
 
+def test_a_file_defines_kpis_by_formulas(written):
+    lines = (
+        'peak = "max(temperature) - ref(temperature)"',
+        'heat = { formula = "integral(power)", unit = "% min", at_most = 900, title = "heating" }',
+        'seen = { formula = "last(time)", better = "higher" }',
+        '"overshoot of temperature" = { formula = "max(temperature, after=1)" }',
+    )
+    head, _, tail = OVEN.partition("[kpis]")
+    oven = load(written(head + "[kpis]\n" + "\n".join(lines) + "\n[panels]" + tail.partition("[panels]")[2]))
+    assert [(k.name, k.title, k.goal) for k in oven.kpis] == [
+        ("peak", "peak", "lower"),
+        ("heat", "heating", "lower"),
+        ("seen", "seen", "higher"),
+        ("overshoot of temperature", "overshoot of temperature", "lower"),
+    ]
+    record = "time [min],temperature [°C],power [%]\n0,20,100\n1,150,100\n2,200,30\n"
+    found = oven.run.read(record, np.array([2.0, 0.1])).kpis
+    assert [found[kpi.name] for kpi in oven.kpis] == [0.0, 200.0, 2.0, 200.0]
+
+
 def test_options_add_to_a_file_and_replace_what_it_says(written):
     source = f'{written(OVEN)} {{"knobs": {{"K_p": "1:2"}}, "reference": {{"temperature": 150}}}}'
     oven = load(source)
@@ -106,6 +125,9 @@ def test_options_add_to_a_file_and_replace_what_it_says(written):
         (KNOB.replace('"1:2"', "{ low = 1, hihg = 2 }"), "Did you mean 'high'?"),
         (f'{KNOB}[kpis]\n"overshot of a" = 1', "Did you mean 'overshoot of a'?"),
         (f"{KNOB}[kpis]\n'overshoot of a' = {{ at_mots = 1 }}", "Did you mean 'at_most'?"),
+        (f"{KNOB}[kpis]\npeak = 3", r"there is no KPI .*, or a formula such as 'peak' ="),
+        (f"{KNOB}[kpis]\npeak = 'mx(a)'", r"\[kpis\] 'peak': formula 'mx\(a\)': .*Did you mean 'max'"),
+        (f"{KNOB}[kpis]\npeak = 'max(b)'", "formula of KPI 'peak': signal 'b': no channel or signal"),
         (f"{KNOB}[panels]\nb = {{}}", "no channel or signal has this name"),
         (f"{KNOB}[starts]\nnow = {{ q = 1 }}", "expected a value for each of k, got q"),
         (f"stop_time = 3\n{KNOB}", "a rig has no stop_time"),

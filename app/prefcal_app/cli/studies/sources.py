@@ -6,8 +6,7 @@ from typing import Any
 
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.study import study_path
-from prefcal_scenarios.described.options import FLAGS, words_to_resume
-from prefcal_scenarios.described.resuming import resumed_source
+from prefcal_scenarios.described.options import FLAGS, resumed_source, words_to_resume
 from prefcal_scenarios.described.words import knob_of, listed, named_numbers
 from prefcal_scenarios.names import CONTROLLERS, is_built_in, is_described, is_own
 from prefcal_scenarios.own.source import joined_source, split_source, with_config_of

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -127,5 +128,5 @@ def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: flo
     return (*found, peak)
 
 
-def _lower(name: str, title: str, unit: str, about: str, **more: float) -> KPI:
+def _lower(name: str, title: str, unit: str, about: str, **more: Any) -> KPI:
     return KPI(name, title, unit, better="lower", about=about, **more)

@@ -1,1 +1,0 @@
-"""What Screening is judged by: which studies run, and what they are worth."""

@@ -1,0 +1,147 @@
+"""Compute a KPI by a formula of a run's signals, such as "max(level) - ref(level)"."""
+
+import ast
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial, reduce
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.errors import ScenarioError
+from prefcal_env.wording import did_you_mean
+
+from .experiment import Channels, Experiment
+from .panels import output_called, plot_called
+
+_LONGEST = 300  # characters; this also limits how deeply a formula nests
+_OPERATORS: Mapping[type, Callable[..., Any]] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+    ast.Pow: np.power,
+    ast.USub: np.negative,
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+}
+_NUMBERS: Mapping[str, Callable[..., Any]] = {
+    "max": lambda x, t: x.max(),
+    "min": lambda x, t: x.min(),
+    "mean": lambda x, t: _NUMBERS["integral"](x, t) / (t[-1] - t[0]) if len(t) > 1 else x[0],
+    "rms": lambda x, t: _NUMBERS["mean"](x**2, t) ** 0.5,
+    "sum": lambda x, t: x.sum(),
+    "first": lambda x, t: x[0],
+    "last": lambda x, t: x[-1],
+    "peak_to_peak": lambda x, t: np.ptp(x),
+    "integral": lambda x, t: x[:-1] @ np.diff(t),  # each value counts until the next, as in tracking_kpis
+}
+"""Functions of a curve x at instants t, both of shape (M,), that return a number."""
+_CURVES: Mapping[str, Any] = {"abs": np.abs, "sqrt": np.sqrt, "diff": lambda x: np.diff(x, prepend=x[:1])}
+"""Functions of a curve that return a curve of the same length."""
+_FUNCTIONS = (*_NUMBERS, *_CURVES, "ref")
+
+
+@dataclass(frozen=True, slots=True)
+class Formula:
+    """A formula, or a part of one; `formula_of` reads it.
+
+    Args:
+        compute: Function of an experiment with a record: a number, or a curve of shape (K,).
+        curve: Whether it is a curve of a signal.
+        names: Functions of channels and keys of signals that find what it names, or raise ScenarioError.
+    """
+
+    compute: Callable[[Experiment], Any]
+    curve: bool = False
+    names: tuple[Callable[[Channels, Collection[str]], Any], ...] = ()
+
+
+@lru_cache(maxsize=256)
+def formula_of(text: str) -> Formula:
+    """Return the formula that `text` says; nothing in it is ever executed as Python.
+
+    Raises:
+        ScenarioError: If it is no number made of signals by what docs/outcomes.md lists.
+    """
+    if not isinstance(text, str) or len(text) > _LONGEST:
+        raise ScenarioError(f"a formula must be at most {_LONGEST} characters of text, got {text!r:.80}")
+    try:
+        found = _read(ast.parse(text.strip(), mode="eval").body)
+    except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError) as error:
+        raise ScenarioError(f"formula {text!r:.80}: {getattr(error, 'msg', error)}") from error
+    if found.curve or not (found.names or "time" in text):
+        why = "is a curve: take its max(...), mean(...) or last(...)" if found.curve else "holds no signal"
+        raise ScenarioError(f"formula {text!r:.80} {why}")
+    return found
+
+
+def value_of(text: str, experiment: Experiment) -> float:
+    """Return the value of a formula in an experiment that has a record; NaN means unknown.
+
+    Raises ScenarioError if the experiment lacks a signal, or an output whose reference is needed.
+    """
+    with np.errstate(all="ignore"):
+        return float(np.atleast_1d(formula_of(text).compute(experiment))[-1])
+
+
+def _read(node: ast.AST) -> Formula:
+    """Return the part of a formula at a node of its syntax tree: this list is all that is known."""
+    match node:
+        case ast.Constant(int() | float() as number) if not isinstance(number, bool):
+            constant = np.float64(number)  # unlike an int, a power of it cannot grow without limit
+            return Formula(lambda run: constant)
+        case ast.Name("time"):
+            return Formula(lambda run: run.t - run.t[0], True)
+        case ast.Name(name) | ast.Constant(str(name)):
+            find = partial(plot_called, name)
+            return Formula(lambda run: find(run.channels, run.signals).values(run), True, (find,))
+        case ast.Call(ast.Name("ref"), [ast.Name(name) | ast.Constant(str(name))], []):
+            place = partial(output_called, name)
+            # Beside a curve it is one, too; beside a number its last value counts.
+            return Formula(lambda run: run.reference(place(run.channels)), False, (place,))
+        case ast.UnaryOp(op=op) | ast.BinOp(op=op) | ast.Compare(ops=[op]) if type(op) in _OPERATORS:
+            operands = [_read(each) for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr)]
+            return _joined(_OPERATORS[type(op)], operands)
+        case ast.Call(ast.Name(name), arguments, words):
+            return _called(name, [*map(_read, arguments)], {word.arg: _read(word.value) for word in words})
+    raise ScenarioError(
+        f"it cannot hold {ast.unparse(node)!r:.60}: write numbers, names of signals (in quotes if "
+        f"they hold more than letters, digits and _), + - * / **, <, >, and {', '.join(_FUNCTIONS)}"
+    )
+
+
+def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, Formula]) -> Formula:
+    """Return the call of one of the functions but `ref`."""
+    if name not in _FUNCTIONS:
+        hint = did_you_mean(name, _FUNCTIONS)
+        raise ScenarioError(f"there is no function {name!r}.{hint} Expected one of {', '.join(_FUNCTIONS)}")
+    if name in ("max", "min") and len(parts) > 1 and not window:
+        return _joined(np.maximum if name == "max" else np.minimum, parts)
+    one = len(parts) == 1 and (parts[0].curve or name in ("abs", "sqrt"))
+    if one and name in _CURVES and not window:
+        return _joined(_CURVES[name], parts)
+    timed = window.keys() <= {"after", "before"} and not any(end.curve for end in window.values())
+    if not one or name not in _NUMBERS or not timed:
+        raise ScenarioError(f"{name} takes one signal; {', '.join(_NUMBERS)} take after= and before=, too")
+    ends: Any = {"after": Formula(lambda run: -np.inf), "before": Formula(lambda run: np.inf)} | dict(window)
+
+    def compute(run: Experiment) -> Any:
+        t = run.t - run.t[0]
+        kept = (ends["after"].compute(run) <= t) & (t <= ends["before"].compute(run))
+        return _NUMBERS[name](parts[0].compute(run)[kept], t[kept]) if kept.any() else np.nan
+
+    return replace(_joined(np.add, [*parts, *window.values()]), compute=compute, curve=False)
+
+
+def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
+    """Return the formula that applies `function` to its part, or from the first of several to the last."""
+
+    def compute(run: Experiment) -> Any:
+        first, *others = (part.compute(run) for part in parts)
+        return np.asarray(reduce(function, others, first) if others else function(first), dtype=float)
+
+    names = tuple(name for part in parts for name in part.names)
+    return Formula(compute, any(part.curve for part in parts), names)

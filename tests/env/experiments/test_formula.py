@@ -1,0 +1,183 @@
+"""KPIs by formula: what they compute, what they refuse, and that nothing in them is ever executed."""
+
+import ast
+import builtins
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_env import recorded, tracking_kpis
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments import formula
+from prefcal_env.experiments.formula import formula_of, value_of
+from prefcal_env.experiments.maneuvers import without_record
+from prefcal_env.experiments.tracking import Formulas
+
+T = np.linspace(0.0, 10.0, 101)
+LEVEL = 2 * (1 - np.exp(-T) * np.cos(2 * T))
+RUN = recorded(
+    [1.0],
+    T,
+    {"level": LEVEL, "tank.T": 3 * LEVEL},
+    {"valve": np.sin(T)},
+    {"level": 2.0},
+    signals={"load": np.where(T < 5, 0.0, np.nan)},
+)
+
+
+def value(text):
+    return value_of(text, RUN)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("max(level) - ref(level)", LEVEL.max() - 2),
+        ("max(abs(level - ref(level)), after=5)", np.abs(LEVEL - 2)[50:].max()),
+        ("min(level, after=1, before=2)", LEVEL[10:21].min()),
+        ("first(level) + 2 * last(level) - -1", 2 * LEVEL[-1] + 1),
+        ("peak_to_peak('tank.T') / 3", np.ptp(LEVEL)),
+        ("mean(level)", LEVEL[:-1].mean()),
+        ("rms(valve) ** 2", (np.sin(T[:-1]) ** 2).mean()),
+        ("sqrt(max(time))", np.sqrt(10)),
+        ("integral(level > 2)", 0.1 * (LEVEL[:-1] > 2).sum()),
+        ("sum(max(level, 2, 2.1) - min(level, 2))", (np.maximum(LEVEL, 2.1) - np.minimum(LEVEL, 2)).sum()),
+        ("max(peak_to_peak(level <= 2), 0)", 1.0),
+        ("last(ref(level) + level)", 2 + LEVEL[-1]),
+    ],
+)
+def test_a_formula_computes_what_it_says(text, expected):
+    assert value(text) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("integrated error of level", "integral(abs(level - ref(level)))"),
+        ("late error of level", "integral(time * abs(level - ref(level)))"),
+        ("overshoot of level", "max(level) - ref(level)"),
+        ("total move of valve", "sum(abs(diff(valve)))"),
+        ("largest move of valve", "max(abs(diff(valve)))"),
+    ],
+)
+def test_tracking_kpis_can_be_written_as_formulas(name, text):
+    assert value(text) == pytest.approx(tracking_kpis(RUN)[name], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("1 / (first(level) - first(level))", np.inf),
+        ("(0 - 1) ** 0.5 + last(level)", np.nan),
+        ("9 ** 9 ** 9 ** 9 + last(level)", np.inf),
+        ("max(level, after=20)", np.nan),
+        ("max(load)", np.nan),
+        ("last('tank.T' - ref('tank.T'))", np.nan),
+    ],
+)
+def test_what_is_not_finite_is_data(text, expected):
+    assert value(text) == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_run_without_a_record_has_no_kpis():
+    kpis = Formulas((("peak", "max(level)"),))
+    assert kpis(RUN.with_kpis({}))["peak"] == LEVEL.max()
+    assert kpis(without_record(RUN)) == {}
+
+
+def test_a_wrong_name_is_said_with_the_kpi_if_only_the_run_shows_it():
+    with pytest.raises(ScenarioError, match=r"formula of KPI 'peak': signal 'levl': .*mean 'level'"):
+        Formulas((("peak", "max(levl)"),))(RUN)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("max(levl)", r"signal 'levl': .* there are inputs 'valve'; outputs 'level'.*mean 'level'"),
+        ("max(level - ref(valve))", "no output with a reference is called 'valve'; there are 'level'"),
+        ("mx(level)", r"there is no function 'mx'\. Did you mean 'max'"),
+        ("level - 2", r"is a curve: take its max"),
+        ("max(2)", "max takes one signal"),
+        ("max(level, until=2)", r"take after= and before=, too"),
+        ("max(level, after=level)", r"take after= and before=, too"),
+        ("diff(level, after=2)", "diff takes one signal"),
+        ("ref(level + 1)", "ref takes one signal"),
+        ("max(tank.T)", r"cannot hold 'tank\.T': .*in quotes"),
+        ("max(level", "formula 'max\\(level': "),
+        ("level == 2", "cannot hold"),
+        ("0 < max(level) < 2", "cannot hold"),
+        ("True", "cannot hold"),
+        ("0.1", "formula '0.1' holds no signal"),
+        ("2j", "cannot hold"),
+        ("", "invalid syntax"),
+        ("1" * 301, "at most 300 characters"),
+        (3, "at most 300 characters of text, got 3"),
+    ],
+)
+def test_a_wrong_formula_is_refused_in_clear_words(text, says):
+    with pytest.raises(ScenarioError, match=says):
+        value(text)
+
+
+def test_names_are_checked_before_anything_runs():
+    (find,) = formula_of("max(valv)").names
+    with pytest.raises(ScenarioError, match="Did you mean 'valve'"):
+        find(RUN.channels, ())
+
+
+EVIL = [
+    "__import__('os').system('x')",
+    "level.__class__",
+    "max(level).__class__.__mro__",
+    "(lambda: 1)()",
+    "[x for x in level]",
+    "max(level)[0]",
+    "f'{level}'",
+    "(x := 1)",
+    "max(*level)",
+    "max(**level)",
+    "open('x')",
+    "eval('1')",
+    "max(level, after=open('x'))",
+    "ref(open('x'))",
+    "{1: 2}",
+    "level if level else level",
+    "await level",
+    "(yield)",
+    "print",
+    "max(open)",
+    "not level",
+    "level @ level",
+    "level and level",
+]
+WORDS = [*"()+-*@<,.:[]{}'"]
+WORDS += ["level", "valve", "2", "max", "abs", "ref", "(level)", "**", "after=", ":=", "for ", "in ", "f'"]
+WORDS += ["__import__", "__class__", "open", "lambda", "'os'", "not ", "and "]
+
+
+@pytest.mark.parametrize("text", EVIL)
+def test_no_formula_reaches_python(text, monkeypatch):
+    formula_of.cache_clear()
+    with monkeypatch.context() as patched:
+        refused = []
+        for name in ("eval", "exec", "open", "__import__"):
+            patched.setattr(builtins, name, lambda *a, **k: refused.append(a))
+        with pytest.raises(ScenarioError):
+            value(text)
+        assert not refused
+
+
+@given(st.lists(st.sampled_from(WORDS) | st.text(max_size=3), max_size=12).map("".join))
+def test_any_text_is_refused_or_holds_nothing_but_arithmetic_of_signals(text):
+    try:
+        formula_of(text)
+    except ScenarioError:
+        return
+    kinds = ast.Attribute | ast.Subscript | ast.Lambda | ast.comprehension | ast.JoinedStr | ast.NamedExpr
+    for node in ast.walk(ast.parse(text.strip(), mode="eval")):
+        assert not isinstance(node, kinds)
+        if isinstance(node, ast.Call):
+            assert isinstance(node.func, ast.Name)
+            assert node.func.id in formula._FUNCTIONS
