@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from prefcal_agents import GLISp, RandomSearch
-from prefcal_app.report import Record
+from prefcal_app.report import StudyRecord
 from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import Scenario
@@ -22,7 +22,7 @@ def toy_scenario(name: str = "toy") -> Scenario:
 
 
 @cache
-def toy_record(name: str = "toy", *, n_max: int = 8, stop_after: int = 99, learn: bool = True) -> Record:
+def toy_record(name: str = "toy", *, n_max: int = 8, stop_after: int = 99, learn: bool = True) -> StudyRecord:
     """A study of the toy, perhaps stopped after some experiments."""
     scenario = toy_scenario(name)
     make: Any = GLISp if learn else RandomSearch
@@ -33,7 +33,7 @@ def toy_record(name: str = "toy", *, n_max: int = 8, stop_after: int = 99, learn
             comparisons.append(comparison)
             if len(comparisons) == stop_after:
                 break
-    return Record(
+    return StudyRecord(
         scenario=scenario,
         source=f"{TOY_FILE}:{name}",
         comparisons=tuple(comparisons),

@@ -11,10 +11,10 @@ from rich.console import Console
 from prefcal_app.cli.options import Options
 from prefcal_app.cli.report import as_json, record_of
 from prefcal_app.cli.studies.files import summary
-from prefcal_app.report.comparisons import comparisons_as_csv
 from prefcal_app.report.export import best_as_json
 from prefcal_app.report.html import page
-from prefcal_app.session import Choice, Counts
+from prefcal_app.report.tables import comparisons_as_csv
+from prefcal_app.session import Choice
 from prefcal_app.terminal.showing import show_status
 from prefcal_app.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
@@ -90,7 +90,6 @@ def test_comparisons_are_the_answers_that_stand(interview, record, told):
     assert f"{count} comparisons" in said(interview)
     rows = re.findall(r"^\d+,", comparisons_as_csv(record), re.MULTILINE)
     assert len(rows) == count
-    assert interview.counts.retracted == 1
 
 
 def test_the_best_is_the_same_everywhere(interview, record, told):
@@ -121,14 +120,9 @@ def record_of_now(interview, now):
     return record_of(Fixed(), OPTIONS, {})
 
 
-def test_verdicts_add_up(interview):
-    counts = Counts.of(interview.now().state)
-    assert sum(counts.verdicts.values()) == counts.comparisons
-
-
 def said(interview):
     console = Console(record=True, width=200, file=io.StringIO())
-    show_status(interview, console)
+    show_status(now_view(interview), status_view(interview), console)
     return console.export_text()
 
 

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from prefcal_app import figure
-from prefcal_app.report.comparisons import comparisons_as_csv
-from prefcal_app.report.course import course
+from prefcal_app.report.course import course, knobs
 from prefcal_app.report.html import page as page_of
-from prefcal_app.report.knobs import knobs
 from prefcal_app.report.pictures import PICTURES, Drawn, Picture
+from prefcal_app.report.tables import comparisons_as_csv
 from prefcal_app.report.write import write_report
 from prefcal_app.summary.outlook import Outlook
 from prefcal_app.view.sides import theta_view

@@ -10,9 +10,8 @@ from starlette.applications import Starlette
 
 from prefcal_app.session import Interview
 from prefcal_app.web.api import Api, Pace
-from prefcal_app.web.reports import Reports
+from prefcal_app.web.pages import Reports
 from prefcal_app.web.server.app import make_app
-from prefcal_app.web.watch import Watch
 
 TOKEN, PORT = "the-token", 8765
 HOST = f"127.0.0.1:{PORT}"
@@ -58,7 +57,7 @@ class Room:
     app: Starlette
     reports: Reports
     closed: threading.Event
-    watch: Watch
+    api: Api
     seen: list[str] = field(default_factory=list)
 
     def page(self, *, cookie: str = COOKIE, **headers: str) -> Page:
@@ -86,7 +85,6 @@ def make_room(interview: Interview, static: Path | None = None, *, pace: Pace | 
     """A room around `interview`, in which nobody is let wait."""
     reports, closed, seen = Reports(), threading.Event(), []
     pace = pace or Pace(poll=0.05, after_answer=0.0)
-    watch = Watch(interview)
-    api = Api(interview, reports, watch, closed, lambda waits: seen.append("poll"), pace)
+    api = Api(interview, reports, closed, lambda waits: seen.append("poll"), pace)
     app = make_app(api, token=TOKEN, port=PORT, static=static)
-    return Room(interview, app, reports, closed, watch, seen)
+    return Room(interview, app, reports, closed, api, seen)

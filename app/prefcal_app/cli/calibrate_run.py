@@ -64,7 +64,7 @@ def run(given: Mapping[str, Any]) -> int:
 def _check_address(options: Options) -> None:
     """Raise SettingsError if the page's port is taken, before the study starts."""
     # Imported here: unattended runs need no web server.
-    from prefcal_app.web.server.binding import bind
+    from prefcal_app.web.server.site import bind
 
     bind(options.host, options.port).close()
 

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from prefcal_app.report.export import versions
 from prefcal_app.report.ownership import Owner, Ownership, claim_default, claim_given
-from prefcal_app.report.record import Record
+from prefcal_app.report.record import StudyRecord
 from prefcal_app.session import Interview, Phase
 from prefcal_app.session.memory import as_studied, is_simulating
 from prefcal_app.simulating import Kept, Simulator, key_of, twin_of
@@ -97,7 +97,7 @@ class Calibration:
         """Print one line for the user, whatever is in it."""
         say(self.messages, text)
 
-    def write(self, *, failed: bool = False) -> Record:
+    def write(self, *, failed: bool = False) -> StudyRecord:
         """Write the report of the study as it stands, if there is anything to report.
 
         Args:
@@ -117,7 +117,7 @@ class Calibration:
             self._write(record)
         return record
 
-    def _write(self, record: Record) -> None:
+    def _write(self, record: StudyRecord) -> None:
         # Imported here: plotting takes half a second, and invalid options must fail fast.
         from prefcal_app.report.write import write_report
 
@@ -132,7 +132,7 @@ class Calibration:
                 "The study itself has lost nothing"
             ) from error
 
-    def tell(self, record: Record) -> None:
+    def tell(self, record: StudyRecord) -> None:
         """Print the result."""
         options = self.options
         report = self.claim.folder / "report.html" if self.reportable else None

@@ -283,9 +283,10 @@ def scenarios(
     if name is not None:
         from rich.console import Console
 
-        from prefcal_app.terminal.showing import show_scenario
+        from prefcal_app.terminal.showing import show_brief
+        from prefcal_app.view.brief import scenario_view
 
-        show_scenario(load(name), Console(emoji=False))
+        show_brief(scenario_view(load(name)), Console(emoji=False))
         return
     cases = [known for known in BUILT_IN if known not in CLOSED_LOOPS]
     width = max(map(len, cases)) + 2

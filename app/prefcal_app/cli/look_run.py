@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from prefcal_app.looking import Look
-from prefcal_app.looking.pair import Run, paired
+from prefcal_app.looking import SideBySide
+from prefcal_app.looking.pair import NamedRun
 from prefcal_app.looking.table import run_from
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
@@ -49,20 +49,20 @@ def run(options: "LookOptions") -> int:
         columns=_mapped("--columns", options.columns, "level=TI-101.PV"),
     )
     runs = _named([_run(words, about) for words in options.runs])
-    look = Look(paired(runs[0], runs[1], align=options.align or None))
+    look = SideBySide.of(runs[0], runs[1], align=options.align or None)
     picture = None if options.out is None else look.save(options.out)
     if options.json:
         written = {} if picture is None else {"picture": str(picture)}
         print(as_text(_as_dict(runs, look) | written), flush=True)
         return 0
-    for line in (*(f"{each.name}: {each.about}" for each in runs), *look.pair.notes):
+    for line in (*(f"{each.name}: {each.about}" for each in runs), *look.notes):
         print(printable(line), flush=True)
     if picture is not None:
         print(f"Picture: {picture}", flush=True)
     elif options.terminal:
         from prefcal_app.terminal.showing import show_kpis
 
-        names = {"left": look.pair.left.name, "right": look.pair.right.name}
+        names = {"left": look.left.name, "right": look.right.name}
         show_kpis(look.kpis(), Console(emoji=False), names)
     else:
         _serve(runs, options)
@@ -79,7 +79,7 @@ def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
     return found
 
 
-def _run(words: str, about: TableColumns) -> Run:
+def _run(words: str, about: TableColumns) -> NamedRun:
     """Return the run that a word names: a file, or an experiment of a study."""
     path, study = Path(words).expanduser(), EXPERIMENT.fullmatch(words)
     if study is not None and not path.is_file():
@@ -101,17 +101,17 @@ def _is_study(path: Path) -> bool:
         return file.read(len(_SQLITE)) == _SQLITE
 
 
-def _of_study(name: str, which: str) -> Run:
+def _of_study(name: str, which: str) -> NamedRun:
     with open_described(existing(name)) as file:
         state = file.state
         index = numbered(name, which, state)
         experiment = file.experiment(state.finished[index])
         kpis = tuple(KPI(**row) for row in state.configuration.get("kpis", ()))
     known = tuple(kpi for kpi in kpis if kpi.name in experiment.kpis)
-    return Run(f"{name}:{index + 1}", experiment, known, f"experiment {index + 1} of study {name}")
+    return NamedRun(f"{name}:{index + 1}", experiment, known, f"experiment {index + 1} of study {name}")
 
 
-def _named(runs: Sequence[Run]) -> list[Run]:
+def _named(runs: Sequence[NamedRun]) -> list[NamedRun]:
     """Return the runs with different names: files of the same name are numbered."""
     names = [run.name for run in runs]
     return [
@@ -122,7 +122,7 @@ def _named(runs: Sequence[Run]) -> list[Run]:
     ]
 
 
-def _as_dict(runs: Sequence[Run], look: Look) -> dict[str, Any]:
+def _as_dict(runs: Sequence[NamedRun], look: SideBySide) -> dict[str, Any]:
     return {
         "runs": [
             {
@@ -138,11 +138,11 @@ def _as_dict(runs: Sequence[Run], look: Look) -> dict[str, Any]:
             for run in runs
         ],
         "comparison": look.kpis(),
-        "notes": list(look.pair.notes),
+        "notes": list(look.notes),
     }
 
 
-def _serve(runs: Sequence[Run], options: "LookOptions") -> None:
+def _serve(runs: Sequence[NamedRun], options: "LookOptions") -> None:
     """Serve the page until Ctrl-C."""
     # Imported here: pictures need no web server.
     from prefcal_app.looking.window import LookWindow

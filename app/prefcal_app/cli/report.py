@@ -1,8 +1,9 @@
 """Record what a report says of a study, and print its result as a table or as JSON."""
 
 import json as json_
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -10,12 +11,12 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.report.export import jsonable
-from prefcal_app.report.record import Record
-from prefcal_app.report.tables import gain_rows, result_columns, result_rows
+from prefcal_app.report.record import StudyRecord
+from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.memory import trust_text
 from prefcal_app.session.view import GOOD_ENOUGH
-from prefcal_app.summary.gain import Baseline
+from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State
 from prefcal_scenarios.own.source import fingerprint
@@ -28,7 +29,7 @@ from .options import Options
 
 def record_of(
     interview: Interview, options: Options, references: Mapping[str, Experiment], name: str | None = None
-) -> Record:
+) -> StudyRecord:
     """Return the record of the study as it stands, for reports."""
     now = interview.now()
     state = now.state
@@ -36,7 +37,7 @@ def record_of(
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
     times = [recorded.at for recorded in interview.study.events()]
-    return Record(
+    return StudyRecord(
         scenario=interview.scenario,
         source=options.scenario,
         comparisons=interview.comparisons(),
@@ -56,7 +57,7 @@ def record_of(
         judged=follows_cost(options, interview.scenario),
         study=name or "",
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
-        baseline=Baseline.of(state),
+        baseline=baseline_of(state),
         fingerprint=_fingerprint(options, state),
     )
 
@@ -85,7 +86,7 @@ def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dic
 
 
 def as_json(
-    record: Record, options: Options, report: Path | None, study: str | None, simulated: int | None = 0
+    record: StudyRecord, options: Options, report: Path | None, study: str | None, simulated: int | None = 0
 ) -> str:
     """Return the result as strict, indented JSON, with null for missing numbers or no report."""
     best = record.best
@@ -109,56 +110,46 @@ def as_json(
     return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
 
 
-_MARKS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
+_SIGNS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
 """Sign and style of a value that meets its objective, or does not."""
-_STYLES = {"better": "green", "worse": "red", "": ""}
-"""Style of a change."""
+_STYLES = {"yes": "green", "no": "red"}
+"""Style of a cell by its last class."""
 
 
-def show(record: Record, report: Path, console: Console) -> None:
+def show(record: StudyRecord, report: Path, console: Console) -> None:
     """Print what was gained, the best θ next to the references, and the path of the report."""
     if record.best is not None:
-        if record.best.index != record.baseline.index:
-            console.print(_gain(record, record.best.number))
-        console.print(_result(record))
+        gain, result = gain_of(record), result_table(record)
+        if not gain["same"]:
+            console.print(_drawn(gain["title"], gain["table"]))
+        del result["columns"][2]  # the experiment before, which stands in the first table
+        for row in result["rows"]:
+            del row["cells"][1]
+        shown = _drawn(record.scenario.title, result)
+        shown.columns[1].style = "bold blue"
+        console.print(shown)
     if record.outlook is not None:
         for line in record.outlook.lines:
             console.print(line, soft_wrap=True, markup=False, highlight=False)
     console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
 
 
-def _gain(record: Record, number: int) -> Table:
-    """Return what was gained, largest change first."""
-    before = record.baseline.name
-    table = _table(f"What was gained over the {before}", [before, f"experiment {number}", "change"])
-    for row in gain_rows(record):
-        change = f"{row['change']} {row['verdict']}".strip()
-        table.add_row(
-            _plain(labeled(row["title"], row["unit"])),
-            row["before"],
-            Text.assemble(row["after"], _MARKS[row["met"]]),
-            Text(change, _STYLES[row["verdict"]]),
-        )
-    return table
-
-
-def _result(record: Record) -> Table:
-    """Return the result table of the report, without the experiment that was before."""
-    columns = {n: e for n, e in result_columns(record).items() if n != record.baseline.name}
-    table = _table(record.scenario.title, columns)
-    table.columns[1].style = "bold blue"
-    for row in result_rows(record, columns.values()):
-        cells = [Text.assemble(value.text, _MARKS[value.met]) for value in row.values]
-        table.add_row(_plain(labeled(row.name, row.unit)), *cells)
-    return table
-
-
-def _table(title: str, columns: Iterable[str]) -> Table:
-    """Return a table with a column of names, and columns of numbers."""
-    table = Table("", title=_plain(title), title_style="bold", title_justify="left")
-    for name in columns:
-        table.add_column(_plain(name), justify="right")
-    return table
+def _drawn(title: str, table: Mapping[str, Any]) -> Table:
+    """Return a table of the view for the console: a column of names, and columns of values."""
+    drawn = Table("", title=_plain(title), title_style="bold", title_justify="left")
+    for column in table["columns"][1:]:
+        drawn.add_column(_plain(column["name"]), justify="right")
+    signed = {k for row in table["rows"] for k, cell in enumerate(row["cells"]) if cell["met"] is not None}
+    for row in table["rows"]:
+        cells = [
+            Text.assemble(
+                (cell["text"], _STYLES.get(cell["kind"].rpartition(" ")[2], "")),
+                _SIGNS[cell["met"]] if k in signed else "",
+            )
+            for k, cell in enumerate(row["cells"])
+        ]
+        drawn.add_row(_plain(labeled(row["name"], row["unit"])), *cells)
+    return drawn
 
 
 def _plain(text: str) -> str:

@@ -1,5 +1,6 @@
 """Look at two runs: as plain data, a picture in a notebook, or the page in a browser."""
 
+from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
@@ -7,12 +8,17 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from prefcal_app.summary.compare import Spread, compared
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.presentation.wording import printable
+from prefcal_env.experiments.maneuvers import named
+from prefcal_env.experiments.notebook import table_of
+from prefcal_env.experiments.panels import Plot
+from prefcal_scenarios.presentation.wording import printable, with_unit
+from prefcal_scenarios.scenario import KPI
 
 from .kpis import measured_run
-from .pair import Pair, Run, paired
+from .pair import NamedRun, aligned
 
 
 def look(
@@ -21,7 +27,7 @@ def look(
     *,
     names: tuple[str, str] = ("left", "right"),
     align: bool | None = None,
-) -> "Look":
+) -> "SideBySide":
     """Compare two runs from anywhere: in a notebook, the result shows their picture and KPIs.
 
     Args:
@@ -41,43 +47,56 @@ def look(
                 "prefcal_env.from_frame makes one of a table"
             )
         runs.append(run_of(str(name), experiment))
-    return Look(paired(*runs, align=align))
+    return SideBySide.of(*runs, align=align)
 
 
-def run_of(name: str, experiment: Experiment, about: str = "") -> Run:
+def run_of(name: str, experiment: Experiment, about: str = "") -> NamedRun:
     """Return an experiment as a run to look at, with KPIs that every run has."""
     measured, kpis = measured_run(experiment)
-    return Run(name, measured, kpis, about)
+    return NamedRun(name, measured, kpis, about)
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """Two runs beside each other.
+class SideBySide:
+    """Two runs beside each other, with the same curves.
 
     Args:
-        pair: The runs, on the same panels.
+        left: Left run.
+        right: Right run.
+        panels: Panels from top to bottom; a run that lacks a curve has no values there.
+        known: KPIs that either run has.
+        notes: What was changed to make them comparable, in sentences.
     """
 
-    pair: Pair
+    left: NamedRun
+    right: NamedRun
+    panels: tuple[Plot, ...]
+    known: tuple[KPI, ...]
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, left: NamedRun, right: NamedRun, *, align: bool | None = None) -> "SideBySide":
+        """Return two runs beside each other; for `align`, see `aligned`."""
+        return cls(*aligned(left, right, align=align))
 
     def kpis(self) -> list[dict[str, Any]]:
         """Return the KPIs of both runs with their differences, the largest first."""
-        return self.pair.comparison()
+        return compared(self.left.experiment, self.right.experiment, self.known, Spread())
 
     def png(self) -> bytes:
         """Return the picture of both runs over each other; references are dotted."""
         # Imported here: plotting takes half a second to import.
-        from prefcal_app.report.trajectories import Curve, overlaid
+        from prefcal_app.report.trajectories import DrawnRun, overlaid
         from prefcal_scenarios.presentation.style import BEST, OTHERS, save, style
 
         looks = ((BEST, "-"), (OTHERS[0], (0, (5, 1.6))))
         curves = [
-            Curve(run.experiment, printable(run.name).replace("$", r"\$"), color, 1.7, dashes)
-            for run, (color, dashes) in zip((self.pair.left, self.pair.right), looks, strict=True)
+            DrawnRun(run.experiment, printable(run.name).replace("$", r"\$"), color, 1.7, dashes)
+            for run, (color, dashes) in zip((self.left, self.right), looks, strict=True)
         ]
         buffer = BytesIO()
         with style():
-            save(overlaid(self.pair.panels, curves), buffer)
+            save(overlaid(self.panels, curves), buffer)
         return buffer.getvalue()
 
     def save(self, path: str | Path) -> Path:
@@ -103,20 +122,14 @@ class Look:
 
         from .window import LookWindow
 
-        with LookWindow((self.pair.left, self.pair.right)) as window:
+        with LookWindow((self.left, self.right)) as window:
             print(window.link, flush=True)
             open_browser(window.link)
             wait()
 
     def _repr_html_(self) -> str:
         """Return picture and KPIs for a notebook, self-contained."""
-        from base64 import b64encode
-
-        from prefcal_env.experiments.maneuvers import named
-        from prefcal_env.experiments.notebook import table_of
-        from prefcal_scenarios.presentation.wording import with_unit
-
-        left, right = self.pair.left.name, self.pair.right.name
+        left, right = self.left.name, self.right.name
         rows = [
             (
                 # Without maneuvers there are no groups.

@@ -1,25 +1,23 @@
-"""Put two runs from anywhere on the same panels, time axis and KPIs, as plain data."""
+"""Bring two runs from anywhere to the same panels, time axis and KPIs."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.summary.compare import Spread, compared
-from prefcal_app.view import maneuvers
 from prefcal_app.view.seen import Seen
-from prefcal_app.view.sides import numbers_view, pair_view
+from prefcal_app.view.sides import pair_view
 from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.maneuvers import by_maneuver, combined, maneuvers_of
+from prefcal_env.experiments.maneuvers import by_maneuver, combined
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.tables.units import SECONDS
 from prefcal_scenarios.scenario import KPI
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class NamedRun:
     """A run to look at.
 
     Args:
@@ -34,67 +32,17 @@ class Run:
     kpis: tuple[KPI, ...] = ()
     about: str = ""
 
-    def changed(self, change: Callable[[Experiment], Experiment]) -> "Run":
+    def changed(self, change: Callable[[Experiment], Experiment]) -> "NamedRun":
         """Return this run with a change of its experiment, and of each of its maneuvers."""
         return replace(self, experiment=_each(self.experiment, change))
 
 
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """Two runs with the same curves, so that one set of panels draws both.
-
-    Args:
-        left: Left run.
-        right: Right run.
-        panels: Panels from top to bottom; a run that lacks a curve has no values there.
-        kpis: KPIs that either run has.
-        notes: What was changed to make them comparable, in sentences.
-    """
-
-    left: Run
-    right: Run
-    panels: tuple[Plot, ...]
-    kpis: tuple[KPI, ...]
-    notes: tuple[str, ...] = ()
-
-    def comparison(self) -> list[dict[str, Any]]:
-        """Return the KPIs of both runs with their differences, the largest first."""
-        return compared(self.left.experiment, self.right.experiment, self.kpis, Spread())
-
-    def view(self) -> dict[str, Any]:
-        """Return what the page shows: what `question_view` returns, without a study."""
-        parts = maneuvers_of(self.left.experiment, self.right.experiment)
-        first, *others = (
-            pair_view(maneuvers.Pair(name, left, right, self.panels), self.kpis, Seen())
-            for name, (left, right) in parts.items()
-        )
-        return {
-            "id": f"{self.left.name}\n{self.right.name}",
-            "time_unit": self.left.experiment.channels.time_unit,
-            "comparison": self.comparison(),
-            **first,
-            "left": {**self._side(self.left), **first["left"]},
-            "right": {**self._side(self.right), **first["right"]},
-            "others": others,
-            "notes": list(self.notes),
-        }
-
-    def _side(self, run: Run) -> dict[str, Any]:
-        """Return one run; it has no θ, no role and no marks."""
-        return {
-            **numbers_view(run.experiment, self.kpis),
-            "name": run.name,
-            "about": run.about,
-            "number": None,
-            "role": None,
-            "marks": None,
-            "counts_as_unsafe": False,
-            "theta": [],
-        }
+Aligned = tuple[NamedRun, NamedRun, tuple[Plot, ...], tuple[KPI, ...], tuple[str, ...]]
+"""Both runs, their panels from top to bottom, the KPIs that either has, and what was changed."""
 
 
-def paired(left: Run, right: Run, *, align: bool | None = None) -> Pair:
-    """Return two runs on the same panels.
+def aligned(left: NamedRun, right: NamedRun, *, align: bool | None = None) -> Aligned:
+    """Return two runs with the same curves, so that one set of panels draws both.
 
     Curves share a panel if name and unit are equal; a curve that only one run has gets a panel,
     too. The right run's times are converted to the unit of the left one.
@@ -115,7 +63,25 @@ def paired(left: Run, right: Run, *, align: bool | None = None) -> Pair:
     kpis = {kpi.name: kpi for run in (left, right) for kpi in run.kpis}
     panels = _panels([left.experiment, right.experiment])
     left, right = (run.changed(lambda each: _drawn(each, panels)) for run in (left, right))
-    return Pair(left, right, tuple(panels.values()), tuple(kpis.values()), notes)
+    return left, right, tuple(panels.values()), tuple(kpis.values()), notes
+
+
+def aligned_view(
+    left: NamedRun, right: NamedRun, panels: Sequence[Plot], kpis: Sequence[KPI], notes: Sequence[str]
+) -> dict[str, Any]:
+    """Return what the page shows of two aligned runs: what `question_view` returns, without a study."""
+    view = pair_view(left.experiment, right.experiment, lambda *_: panels, kpis, Seen())
+    nothing: dict[str, Any] = {
+        "number": None,
+        "role": None,
+        "marks": None,
+        "counts_as_unsafe": False,
+        "theta": [],
+    }
+    for side, run in (("left", left), ("right", right)):
+        view[side] |= {"name": run.name, "about": run.about, **nothing}
+    unit = left.experiment.channels.time_unit
+    return {**view, "id": f"{left.name}\n{right.name}", "time_unit": unit, "notes": list(notes)}
 
 
 def _each(experiment: Experiment, change: Callable[[Experiment], Experiment]) -> Experiment:
@@ -123,7 +89,7 @@ def _each(experiment: Experiment, change: Callable[[Experiment], Experiment]) ->
     return replace(change(experiment), runs=runs)
 
 
-def _in_unit_of(left: Run, right: Run) -> tuple[Run, tuple[str, ...]]:
+def _in_unit_of(left: NamedRun, right: NamedRun) -> tuple[NamedRun, tuple[str, ...]]:
     """Return the right run with its times in the unit of the left one, and what to say of it."""
     wanted, given = (run.experiment.channels.time_unit for run in (left, right))
     if wanted == given or not wanted or not given:
@@ -135,7 +101,7 @@ def _in_unit_of(left: Run, right: Run) -> tuple[Run, tuple[str, ...]]:
     return in_time_unit(right, wanted), (words,)
 
 
-def in_time_unit(run: Run, unit: str) -> Run:
+def in_time_unit(run: NamedRun, unit: str) -> NamedRun:
     """Return a run whose times, and KPIs that depend on time, are in `unit`, such as "s".
 
     A KPI in minutes becomes one in seconds, one in m min one in m s. Rates such as m/min stay.
@@ -172,7 +138,7 @@ def in_time_unit(run: Run, unit: str) -> Run:
     return replace(run.changed(scaled), kpis=tuple(kpis))
 
 
-def _with_maneuvers_of(run: Run, other: Run) -> Run:
+def _with_maneuvers_of(run: NamedRun, other: NamedRun) -> NamedRun:
     """Return `run` as one that does the same in each maneuver of the other one, if it has none."""
     names = [name for name in by_maneuver(other.experiment) if name]
     if not names or "" not in by_maneuver(run.experiment):
@@ -188,12 +154,12 @@ def _apart(left: Experiment, right: Experiment) -> bool:
     return bool(left.t[-1] < right.t[0] or right.t[-1] < left.t[0])
 
 
-def _from_zero(run: Run) -> Run:
+def _from_zero(run: NamedRun) -> NamedRun:
     start = run.experiment.t[0] if len(run.experiment.t) else 0.0
     return run.changed(lambda e: replace(e, t=e.t - start, t_control=e.t_control - start))
 
 
-def _with_other_kpis(run: Run, other: Run) -> Run:
+def _with_other_kpis(run: NamedRun, other: NamedRun) -> NamedRun:
     """Return `run` with other names for the KPIs that `other` has in another unit."""
     units = {kpi.name: kpi.unit for kpi in other.kpis}
     names = {

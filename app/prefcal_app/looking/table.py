@@ -15,13 +15,13 @@ from prefcal_env.tables.timing import gap_words, gaps, instants, time_unit_of, u
 from prefcal_env.tables.units import parts_of
 
 from .look import run_of
-from .pair import Run
+from .pair import NamedRun
 
 _MOST = 12
 """Number of columns shown if none are named: more panels are no longer readable."""
 
 
-def run_from(path: Path, about: TableColumns | None = None) -> Run:
+def run_from(path: Path, about: TableColumns | None = None) -> NamedRun:
     """Return the run in a file, with a sentence on what was taken for what.
 
     Args:
@@ -38,7 +38,7 @@ def run_from(path: Path, about: TableColumns | None = None) -> Run:
         raise RecordError(f"{path}: {error}") from error
 
 
-def _run_from(path: Path, about: TableColumns) -> Run:
+def _run_from(path: Path, about: TableColumns) -> NamedRun:
     sheet, time, mended = _timed_sheet(path, about)
     names = _names(sheet, about)
     reference = _references(sheet, about, names)

@@ -12,14 +12,13 @@ from starlette.routing import Route
 
 from prefcal_app.web.answers import as_json, encoded, error_response, refused
 from prefcal_app.web.bodies import digits, read_query
-from prefcal_app.web.pages import Pages
-from prefcal_app.web.reports import Reports
+from prefcal_app.web.pages import Pages, Reports
 from prefcal_app.web.server.app import guarded
 from prefcal_app.web.server.files import Assets
 from prefcal_app.web.server.hosts import Hosts
 from prefcal_app.web.server.site import Site
 
-from .pair import Run, paired
+from .pair import NamedRun, aligned, aligned_view
 
 _KEPT = 8
 """Number of pairs whose views are kept: each can take megabytes."""
@@ -30,7 +29,7 @@ class LookWindow(Site):
 
     Args:
         runs: At least two runs.
-        align: Whether both runs of a pair start at 0; see `paired`.
+        align: Whether both runs of a pair start at 0; see `aligned`.
         host: Name or address to listen on; keep the loopback address unless others need access.
         port: Port to listen on; 0 takes a free one.
 
@@ -39,7 +38,7 @@ class LookWindow(Site):
     """
 
     def __init__(
-        self, runs: Sequence[Run], *, align: bool | None = None, host: str = "127.0.0.1", port: int = 0
+        self, runs: Sequence[NamedRun], *, align: bool | None = None, host: str = "127.0.0.1", port: int = 0
     ) -> None:
         def make(*, token: str, port: int, hosts: Hosts) -> Starlette:
             pages = Pages(Assets(), Reports(), token, port, "look.html")
@@ -48,10 +47,10 @@ class LookWindow(Site):
         super().__init__(make, host=host, port=port)
 
 
-def _routes(runs: Sequence[Run], align: bool | None) -> list[Route]:
+def _routes(runs: Sequence[NamedRun], align: bool | None) -> list[Route]:
     @lru_cache(_KEPT)
     def pair(left: int, right: int) -> bytes:
-        return encoded(paired(runs[left], runs[right], align=align).view())
+        return encoded(aligned_view(*aligned(runs[left], runs[right], align=align)))
 
     def listed(query: bytes) -> bytes:
         return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})

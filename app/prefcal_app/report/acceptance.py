@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_app.summary.gain import FIRST
+from prefcal_app.view.end import FIRST
+from prefcal_app.view.tables import cell, row, table
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import knob_number, number, with_unit
 
 from .export import versions
 from .html import data_uri, environment
-from .record import Record
-from .tables import Column, Row, Table, Value, foremost, gain_rows, pid_forms_of
+from .record import StudyRecord
+from .tables import foremost, gain_rows, pid_forms_of
 from .trajectories import best_against
 
 FILE = "acceptance.html"
@@ -28,11 +29,13 @@ _HIGH, _LINE = 0.2, (50, 20, 16)
 and a value that stay on a line."""
 _PANELS = 3
 """Largest number of panels for which one page has room."""
+_KPI = ("title", "objective", "before", "after", "unit", "met")
+"""What the sheet says of a KPI."""
 _NEAR = 1e-6
 """Share of its size by which a value may miss a limit and still count as being at it."""
 
 
-def sheet(record: Record) -> str:
+def sheet(record: StudyRecord) -> str:
     """Return the text of the sheet, a self-contained page that prints on one A4 or Letter page.
 
     Raises:
@@ -40,8 +43,8 @@ def sheet(record: Record) -> str:
     """
     content = sheet_of(record)
     rows = [
-        (row.name, row.values[0].text, row.values[2].text)
-        for row in (*content["knobs"].rows, *content["kpis"].rows[:-1])
+        (each["name"], each["cells"][0]["text"], each["cells"][2]["text"])
+        for each in (*content["knobs"]["rows"], *content["kpis"]["rows"][:-1])
     ]
     lines = sum(1 + max(len(text) // room for text, room in zip(row, _LINE, strict=True)) for row in rows)
     picture = _curves(record, height=min(5.0, max(2.0, 2.4 + _HIGH * (2 * _MOST - lines))))
@@ -49,7 +52,7 @@ def sheet(record: Record) -> str:
     return template.render(record=record, sheet=content, curves=picture and data_uri(picture))
 
 
-def sheet_of(record: Record) -> dict[str, Any]:
+def sheet_of(record: StudyRecord) -> dict[str, Any]:
     """Return the content of the sheet of a study with a completed experiment.
 
     Returns:
@@ -60,36 +63,34 @@ def sheet_of(record: Record) -> dict[str, Any]:
     """
     assert record.best is not None
     before, after = record.before, record.best
-    knobs, kpis = list(_knobs(record)), list(_kpis(record))
+    knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gain_rows(record)]
     limits = list(limits_kept(before.experiment, after.experiment))[: _MOST - _LEAST]
     room = _MOST - len(limits)
-    shown = foremost(kpis, room, lambda row: row.values[0].text != "–")
+    shown = foremost(kpis, room, lambda kpi: kpi["cells"][0]["text"] != "–")
     ends = _row("run ended", "", before.experiment.end.value, after.experiment.end.value)
-    heads = [record.baseline.name, f"experiment {after.number}", "unit"]
+    heads = [record.baseline, f"experiment {after.number}", "unit"]
     rows, columns = [*shown, *limits, ends], ["KPI", "required", *heads, "met"]
     when = record.origin.get("when (UTC)")
     return {
         "facts": list(_facts(record)),
         "of": f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' if when else ''}",
-        "knobs": _table("Controller parameters", ["parameter", "range", *heads], knobs[:_MOST]),
-        "kpis": _table("Key performance indicators", columns, rows),
+        "knobs": table("Controller parameters", ["parameter", "range", *heads], knobs[:_MOST], kind="sheet"),
+        "kpis": table("Key performance indicators", columns, rows, kind="sheet"),
         "more_knobs": len(knobs[_MOST:]),
         "more_kpis": max(len(kpis) - room, 0),
     }
 
 
-def _table(label: str, headings: list[str], rows: list[Row]) -> Table:
-    return Table(label, "", [Column(name) for name in headings], rows, look="sheet")
-
-
-def _row(name: str, limits: str, before: str, after: str, unit: str = "", met: bool | None = None) -> Row:
+def _row(
+    name: str, limits: str, before: str, after: str, unit: str = "", met: bool | None = None
+) -> dict[str, Any]:
     """Return a line of the table of KPIs."""
     verdict, kind = {True: ("yes", "yes"), False: ("NO", "no"), None: ("–", "")}[met]
-    new = Value(after, kind="best")
-    return Row(name, (Value(limits or "–"), Value(before), new, Value(unit), Value(verdict, kind=kind)))
+    new = cell(after, kind="best")
+    return row(name, [cell(limits or "–"), cell(before), new, cell(unit), cell(verdict, kind=kind)])
 
 
-def _facts(record: Record) -> Iterator[str]:
+def _facts(record: StudyRecord) -> Iterator[str]:
     """Yield how much was tried, who answered, and how to get back, a paragraph each."""
     assert record.best is not None
     before, after = record.before.number, record.best.number
@@ -100,7 +101,7 @@ def _facts(record: Record) -> Iterator[str]:
     digits = record.origin.get("fingerprint of the scenario")
     made = f", fingerprint of the scenario {digits}" if digits else ""
     yield f"{counted}, prefcal {versions()['prefcal']}{made}{state}."
-    name = record.baseline.name
+    name = record.baseline
     words = f"Before: {name} (experiment {before}). After: experiment {after}."
     if before == after:
         none = f"No experiment was better than the {name}."
@@ -111,7 +112,7 @@ def _facts(record: Record) -> Iterator[str]:
         yield f"{words} To go back, set the parameters of the column “{name}”."
 
 
-def _knobs(record: Record) -> Iterator[Row]:
+def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
     """Yield a line for each knob, then the gains of a PID in its parallel form."""
     assert record.best is not None
     before, after = record.before.experiment, record.best.experiment
@@ -126,16 +127,10 @@ def _knobs(record: Record) -> Iterator[Row]:
     ]
     lines += [(p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived]
     for name, limits, old, new, unit in lines:
-        yield Row(name, (Value(limits), Value(old), Value(new, kind="best"), Value(unit)))
+        yield row(name, [cell(limits), cell(old), cell(new, kind="best"), cell(unit)])
 
 
-def _kpis(record: Record) -> Iterator[Row]:
-    for row in gain_rows(record):
-        values = (row["before"], row["after"], row["unit"], row["met"])
-        yield _row(row["title"], row["objective"], *values)
-
-
-def limits_kept(before: Experiment, after: Experiment) -> Iterator[Row]:
+def limits_kept(before: Experiment, after: Experiment) -> Iterator[dict[str, Any]]:
     """Yield a line for each input and output with limits: how long it was at or beyond one.
 
     An input saturates at a limit. An output is outside beyond one. Both are shares of the time;
@@ -188,7 +183,7 @@ def _is_there(values: Float[np.ndarray, " K"], channel: Channel, *, output: bool
     return outside
 
 
-def _curves(record: Record, *, height: float) -> bytes:
+def _curves(record: StudyRecord, *, height: float) -> bytes:
     """Return a PNG of the curves before and after; empty if neither run has a record.
 
     Args:

@@ -1,4 +1,4 @@
-"""Draw the KPIs of every experiment and of the best so far."""
+"""Draw what was tried: KPIs of every experiment and of the best so far, and costs along each knob."""
 
 from typing import Any
 
@@ -6,26 +6,30 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullLocator
 
+from prefcal_app.view.status import slices_view
+from prefcal_env.knobs.knob import Knob
 from prefcal_scenarios.presentation.style import BEST, FAINT, GOOD, LIMIT, canvas, legend, look
-from prefcal_scenarios.presentation.wording import labeled, mathtext
+from prefcal_scenarios.presentation.wording import knob_axis, knob_number, labeled, mathtext
 from prefcal_scenarios.scenario import KPI
 
-from .record import Record
+from .record import StudyRecord
 from .tables import foremost_kpis
 
 INDEX = KPI("performance index", "performance index (lower is better)", better="lower")
 """The score that the answers follow, drawn as a KPI."""
 _ROWS = 4
 """Maximum number of KPIs to draw."""
+_ACROSS = 3
+"""Number of knobs next to each other."""
 _LEAST = 10
 """Smallest span of an axis in differences that people can just see: fewer must not look large."""
 _INNER = (0.05, 0.9)
 """Quantiles of the experiments that are always within the scale."""
 
 
-def course(record: Record) -> Figure:
+def course(record: StudyRecord) -> Figure:
     """Draw each KPI in a row, with a dot per experiment and steps for the best.
 
     The performance index comes first if the answers follow it.
@@ -42,26 +46,26 @@ def course(record: Record) -> Figure:
     return figure
 
 
-def drawn_kpis(record: Record) -> list[KPI]:
+def drawn_kpis(record: StudyRecord) -> list[KPI]:
     """Return the KPIs that tell experiments apart, as many as fit, largest change first."""
     index = [INDEX] if record.shows_cost else []
     return index + foremost_kpis(record, _ROWS - len(index))
 
 
-def _values(record: Record, kpi: KPI) -> Float[np.ndarray, " N"]:
+def _values(record: StudyRecord, kpi: KPI) -> Float[np.ndarray, " N"]:
     """Return the KPI of every trial as read, or its cost; NaN if unknown."""
     if kpi is INDEX:
         return np.array([np.nan if t.cost is None else t.cost for t in record.trials])
     return record.read(kpi)
 
 
-def _held(record: Record, values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " H"]:
+def _held(record: StudyRecord, values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " H"]:
     """Return the value of the best so far after each comparison."""
     by_index = dict(zip((t.index for t in record.trials), values, strict=True))
     return np.array([by_index[t.index] for t in record.incumbents])
 
 
-def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
+def _kpi(axes: Axes, record: StudyRecord, kpi: KPI) -> None:
     numbers = np.array([t.number for t in record.trials])
     answered = np.array([c.query.challenger.index + 1 for c in record.comparisons])
     values = _values(record, kpi)
@@ -95,7 +99,7 @@ def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
     axes.set_title(labeled(mathtext(kpi.title), kpi.unit))
 
 
-def _scale(record: Record, kpi: KPI) -> tuple[float, float]:
+def _scale(record: StudyRecord, kpi: KPI) -> tuple[float, float]:
     """Return axis limits that include most experiments and every best one, but no outliers.
 
     Costs of the first experiments can be a hundred times the best one: the index has the scale of
@@ -125,3 +129,46 @@ def _widened(low: float, high: float, kpi: KPI) -> tuple[float, float]:
     lacking = max(_LEAST * max(kpi.step, digits) - (high - low), 0.0)
     down = lacking / 2 if low < 0 else min(lacking / 2, low)
     return low - down, high + lacking - down
+
+
+def knobs(record: StudyRecord) -> Figure:
+    """Draw each experiment along each knob, at its learned cost or else at its number."""
+    assert record.best is not None
+    space, best = record.scenario.space, record.best
+    across = min(len(space), _ACROSS)
+    down = -(-len(space) // across)
+    figure = canvas(0.4 + 2.5 * down)
+    grid = figure.subplots(down, across, squeeze=False)
+    for axes in grid.flat[len(space) :]:
+        axes.set_visible(False)
+    learned = record.surrogate and slices_view(space, best.experiment.theta, record.thetas, record.surrogate)
+    numbers = [trial.number for trial in record.trials]
+    dot: dict[str, Any] = {"marker": "o", "linestyle": "", "clip_on": False}
+    for k, (axes, knob) in enumerate(zip(grid.flat, space, strict=False)):
+        if learned:
+            x, y = learned[k]["x"], learned[k]["y"]
+            axes.plot(x, y, color=BEST, linewidth=2)
+            tried, height = learned[k]["samples"]["y"], np.interp(learned[k]["best"], x, y)
+        else:
+            tried, height = numbers, best.number
+            axes.yaxis.set_major_locator(MaxNLocator(6, integer=True))
+        axes.plot(record.thetas[:, k], tried, **dot, color=FAINT, alpha=0.5, ms=4, mew=0)
+        theta = best.experiment.theta[k]
+        axes.plot(theta, height, **dot, color=BEST, ms=8, mec="white", mew=1.2, zorder=5)
+        axes.set_title(f"best {knob_number(knob, theta)}", color=BEST, fontweight="bold")
+        _along(axes, knob)
+    words = "learned cost, square root\n(0: the lowest shown)" if learned else "experiment"
+    for axes in grid[:, 0]:
+        axes.set_ylabel(words)
+    return figure
+
+
+def _along(axes: Axes, knob: Knob) -> None:
+    """Show the whole range of a knob."""
+    axes.set_xlabel(knob_axis(knob))
+    if knob.scale == "log10":
+        axes.set_xscale("log")
+        axes.xaxis.set_minor_locator(NullLocator())
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=knob.integer))
+    axes.set_xlim(knob.low, knob.high)

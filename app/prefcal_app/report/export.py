@@ -18,7 +18,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
-from .record import Record
+from .record import StudyRecord
 
 FORMAT = 1
 """Format of best.json; raised when older versions of prefcal could not read a newer file."""
@@ -43,7 +43,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def best_as_json(record: Record) -> str:
+def best_as_json(record: StudyRecord) -> str:
     """Return the text of best.json: θ by knob name, the controller's settings, and their origin."""
     best, scenario = record.best, record.scenario
     if best is None:
@@ -71,11 +71,11 @@ def best_as_json(record: Record) -> str:
     return json.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _before(record: Record) -> dict[str, Any]:
+def _before(record: StudyRecord) -> dict[str, Any]:
     """Return the tuning that the result was compared with: the way back."""
     theta, scenario = record.before.experiment.theta, record.scenario
     return {
-        "what": record.baseline.name,
+        "what": record.baseline,
         "experiment": record.before.number,
         "theta": scenario.space.named(theta),
         "settings": {} if scenario.settings is None else scenario.settings(theta),
@@ -101,7 +101,10 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     content = _read(Path(path))
     settings = content["settings"]
     if isinstance(settings, Mapping) and settings.get("controller") in KINDS:
-        return _described(settings, path)
+        try:
+            return from_data(settings)
+        except SettingsError as error:
+            raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
     scenario = _scenario(content["scenario"], Path(path).parent)
     if scenario.controller is None:  # the run of an own scenario knows how
         make = scenario.source.controller
@@ -122,14 +125,6 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
         _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
     assert scenario.controller is not None
     return scenario.controller(values)
-
-
-def _described(settings: Mapping[str, Any], path: str | Path) -> Controller:
-    """Return the controller that the settings describe."""
-    try:
-        return from_data(settings)
-    except SettingsError as error:
-        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
 
 
 def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:

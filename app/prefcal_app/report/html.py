@@ -14,8 +14,8 @@ from prefcal_scenarios.presentation.wording import with_subscripts
 
 from .export import REBUILD, versions
 from .pictures import Drawn
-from .record import Record
-from .tables import comparison_table, experiment_table, gain_table, pid_table, result_table
+from .record import StudyRecord
+from .tables import comparison_table, experiment_table, gain_of, pid_table, result_table
 
 
 @cache
@@ -40,13 +40,13 @@ def environment(*packages: str) -> Environment:
     return made
 
 
-def page(record: Record, drawn: Sequence[Drawn]) -> str:
+def page(record: StudyRecord, drawn: Sequence[Drawn]) -> str:
     """Return the text of report.html."""
     view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD}
     if record.best is not None:
         theta = theta_view(record.scenario.space, record.best.experiment)
         view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}
-        view |= {"gain": gain_table(record), "result": result_table(record)}
+        view |= {"gain": gain_of(record), "result": result_table(record)}
     if record.asked and not record.scored:
         view["comparisons"] = comparison_table(record)
     template = environment().get_template("report/report.html.j2")
@@ -58,7 +58,7 @@ def data_uri(content: bytes) -> str:
     return f"data:image/png;base64,{b64encode(content).decode('ascii')}"
 
 
-def lead(record: Record) -> str:
+def lead(record: StudyRecord) -> str:
     """Return what the study consists of, as a sentence without its period."""
     tried = f"{len(record.trials)} experiments"
     if record.scored:

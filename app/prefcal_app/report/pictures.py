@@ -8,9 +8,8 @@ from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import measured, number, theta_text
 from prefcal_scenarios.scenario import Picture
 
-from .course import INDEX, course, drawn_kpis
-from .knobs import knobs
-from .record import Record
+from .course import INDEX, course, drawn_kpis, knobs
+from .record import StudyRecord
 from .trajectories import best_against, curves_of
 
 
@@ -24,7 +23,7 @@ class Drawn:
     caption: str = ""
 
 
-def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
+def draw(record: StudyRecord, extra: Sequence[Picture] = ()) -> list[Drawn]:
     """Draw every picture that applies, starting with the scenario's own ones in `extra`."""
     if record.best is None:
         return []
@@ -42,12 +41,12 @@ def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
     return drawn
 
 
-def _best_theta(record: Record) -> str:
+def _best_theta(record: StudyRecord) -> str:
     assert record.best is not None
     return theta_text(record.scenario.space, record.best.experiment.theta)
 
 
-def _best_alt(record: Record) -> str:
+def _best_alt(record: StudyRecord) -> str:
     assert record.best is not None
     kpis = [
         f"{k.title} {measured(k, record.best.experiment)} {k.unit}".rstrip()
@@ -60,7 +59,7 @@ def _best_alt(record: Record) -> str:
     )
 
 
-def _course_alt(record: Record) -> str:
+def _course_alt(record: StudyRecord) -> str:
     assert record.best is not None
     kpis = []
     for kpi in drawn_kpis(record):
@@ -71,17 +70,17 @@ def _course_alt(record: Record) -> str:
             texts = [measured(kpi, trial.experiment) for trial in sides]
         kpis.append(f"{kpi.title} {' to '.join(texts)} {kpi.unit}".rstrip())
     return (
-        f"Plots of the KPIs of {len(record.trials)} experiments. From the {record.baseline.name} "
+        f"Plots of the KPIs of {len(record.trials)} experiments. From the {record.baseline} "
         f"to the best: {', '.join(kpis)}."
     )
 
 
-def _knobs_alt(record: Record) -> str:
+def _knobs_alt(record: StudyRecord) -> str:
     names = ", ".join(record.scenario.space.names)
     return f"Plots of {len(record.trials)} θ along {names}; the best is {_best_theta(record)}."
 
 
-def _knobs_caption(record: Record) -> str:
+def _knobs_caption(record: StudyRecord) -> str:
     if record.surrogate is None:
         return "Each experiment at its number, along the whole range of each knob. Blue: the best."
     return (

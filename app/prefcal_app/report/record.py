@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_app.summary.counts import VERDICTS as VERDICTS
-from prefcal_app.summary.gain import Baseline
 from prefcal_app.summary.outlook import Outlook
+from prefcal_app.view.end import FIRST
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.own_line import in_words, located
 from prefcal_env.preferences.loop import Comparison
@@ -36,7 +36,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Record:
+class StudyRecord:
     """Study, complete or not, ready to be shown.
 
     Args:
@@ -60,7 +60,7 @@ class Record:
         outlook: Whether to continue; None if unknown.
         study: Name of the study; empty if it is not kept.
         dates: Times of the study's first and last event.
-        baseline: Experiment that the result is compared with.
+        baseline: What the first experiment is, with which the result is compared; see `baseline_of`.
         fingerprint: Fingerprint of the scenario's files; empty if unknown.
     """
 
@@ -83,7 +83,7 @@ class Record:
     outlook: Outlook | None = None
     study: str = ""
     dates: tuple[str, ...] = ()
-    baseline: Baseline = field(default_factory=Baseline)
+    baseline: str = FIRST
     fingerprint: str = ""
 
     @cached_property
@@ -96,7 +96,7 @@ class Record:
             experiments.setdefault(c.query.challenger.index, c.challenger)
         return tuple(Trial(i, e, self.cost(e)) for i, e in sorted(experiments.items()))
 
-    def costed(self) -> tuple["Record", str]:
+    def costed(self) -> tuple["StudyRecord", str]:
         """Return this record, without costs if the scenario's fails, and then how it failed."""
         try:
             self.trials, self.reference_costs  # noqa: B018  # both compute all costs
@@ -107,8 +107,8 @@ class Record:
 
     @property
     def before(self) -> Trial:
-        """Return the trial of the baseline."""
-        return next(t for t in self.trials if t.index == self.baseline.index)
+        """Return the first trial, with which the result is compared."""
+        return self.trials[0]
 
     @property
     def origin(self) -> dict[str, str]:
@@ -184,7 +184,7 @@ class Record:
     @cached_property
     def compared_with(self) -> dict[str, Experiment]:
         """Return the baseline, then the references; equal θ once, under all of their names."""
-        runs = {self.baseline.name: self.before.experiment}
+        runs = {self.baseline: self.before.experiment}
         runs |= {name: e for name, e in self.references.items() if name not in runs}
         names: dict[tuple[float, ...], list[str]] = {}
         for name, experiment in runs.items():

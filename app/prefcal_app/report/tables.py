@@ -1,15 +1,17 @@
-"""Tables of the report and of the acceptance sheet, as plain data: one template draws all."""
+"""List the tables of the report: the result, every experiment, and every comparison, also as CSV."""
 
+import csv
+import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from prefcal_app.summary.compare import Spread
 from prefcal_app.summary.counts import VERDICTS
-from prefcal_app.summary.gain import gained
-from prefcal_app.view.sides import theta_view
+from prefcal_app.view.end import gain_view, gained
+from prefcal_app.view.sides import theta_texts
+from prefcal_app.view.tables import cell, column, judged, row, table
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
 from prefcal_env.preferences.answer import Preference
@@ -19,104 +21,31 @@ from prefcal_scenarios.presentation.pid_forms import Parameter, pid_forms
 from prefcal_scenarios.presentation.wording import (
     ended_text,
     knob_number,
+    labeled,
     marks_text,
-    measured,
     number,
     objective,
 )
 from prefcal_scenarios.scenario import KPI
 
-from .record import Record
+from .record import StudyRecord
 
 _T = TypeVar("_T")
 _MOST = 3
 """Number of KPIs that the table of experiments shows."""
 
 
-@dataclass(frozen=True, slots=True)
-class Value:
-    """Cell of a table.
-
-    Args:
-        text: Text of the cell.
-        met: Whether the value meets its objective; None if there is none.
-        kind: Classes of the style sheet: "best", "words", "yes" or "no"; empty for none.
-    """
-
-    text: str
-    met: bool | None = None
-    kind: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """Row of a table.
-
-    Args:
-        name: Heading of the row.
-        values: Values, one for each column but the first.
-        unit: Unit of the values; empty for none.
-        aim: Objective as text; empty for none.
-        kind: Classes of the heading.
-    """
-
-    name: str
-    values: tuple[Value, ...]
-    unit: str = ""
-    aim: str = ""
-    kind: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """Heading of a column, with the unit of its values and its classes."""
-
-    name: str
-    unit: str = ""
-    kind: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table with its label for screen readers; `look` is its classes in the style sheet."""
-
-    label: str
-    caption: str
-    columns: Sequence[Column]
-    rows: Sequence[Row]
-    look: str = "result"
-
-
-def gain_rows(record: Record) -> list[dict[str, Any]]:
+def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:
     """Return what was gained, a row for each KPI, as the page shows it."""
     assert record.best is not None
     spread = Spread(trial.experiment.kpis for trial in record.trials)
     return gained(record.before.experiment, record.best.experiment, record.kpis, spread)
 
 
-def gain_table(record: Record) -> Table:
-    """Return what was gained over the baseline, largest change first."""
+def gain_of(record: StudyRecord) -> dict[str, Any]:
+    """Return what was gained over the baseline, as the page shows it."""
     assert record.best is not None
-    kinds = {"better": "words yes", "worse": "words no", "": ""}
-    rows = [
-        Row(
-            row["title"],
-            (
-                Value(row["before"]),
-                Value(row["after"], row["met"], "best"),
-                Value(row["change"]),
-                Value(row["verdict"], kind=kinds[row["verdict"]]),
-            ),
-            row["unit"],
-            row["objective"],
-        )
-        for row in gain_rows(record)
-    ]
-    before = f"{record.baseline.name} ({record.before.number})"
-    names = ("", before, f"best ({record.best.number})", "change", "")
-    columns = [Column(name) for name in names]
-    caption = "Largest change first. ✓ meets the objective, ✗ does not."
-    return Table("What was gained", caption, columns, rows)
+    return gain_view(record.baseline, record.best.index, gain_rows(record))
 
 
 def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -> list[_T]:
@@ -125,7 +54,7 @@ def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -
     return [ranked[i] for i in sorted(order[:room])]
 
 
-def foremost_kpis(record: Record, room: int) -> list[KPI]:
+def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
     """Return the KPIs that tell experiments apart, in the order of what was gained.
 
     Values that read the same are no difference. A KPI that is the same in all experiments tells
@@ -136,13 +65,13 @@ def foremost_kpis(record: Record, room: int) -> list[KPI]:
     return foremost([k for k in ranked if _tells(record, k)], room, lambda k: bool(objective(k)))
 
 
-def _tells(record: Record, kpi: KPI) -> bool:
+def _tells(record: StudyRecord, kpi: KPI) -> bool:
     values = np.unique(record.read(kpi))
     known = values[~np.isnan(values)]
     return len(known) > 1 or any(kpi.met(value) is False for value in known)
 
 
-def pid_forms_of(record: Record) -> list[tuple[Parameter, str, str]]:
+def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:
     """Return each parameter of a tuned PID in both forms, with its best value and that before.
 
     Empty for other controllers.
@@ -163,39 +92,37 @@ def pid_forms_of(record: Record) -> list[tuple[Parameter, str, str]]:
     return [(new, text(new), text(old)) for new, old in zip(best, before, strict=True)]
 
 
-def pid_table(record: Record) -> Table | None:
+def pid_table(record: StudyRecord) -> dict[str, Any] | None:
     """Return the tuned PID in the ISA and the parallel form; None for other controllers."""
-    before = record.baseline.name
+    before = record.baseline
     rows = [
-        Row(p.name, (Value(p.form, kind="words"), Value(new, kind="best"), Value(old)), p.unit)
+        row(p.name, (cell(p.form, kind="words"), cell(new, kind="best"), cell(old)), unit=p.unit)
         for p, new, old in pid_forms_of(record)
     ]
     caption = (
         "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Parallel form: K_i and "
         f"K_d in place of K_p/T_i and K_p T_d. To go back, set the values of the {before}."
     )
-    columns = [Column(name) for name in ("", "form", "best", before)]
-    return Table("The PID in both forms", caption, columns, rows) if rows else None
+    return table("The PID in both forms", ("", "form", "best", before), rows, caption) if rows else None
 
 
-def result_columns(record: Record) -> dict[str, Experiment]:
+def result_columns(record: StudyRecord) -> dict[str, Experiment]:
     """Return the experiments of the result table by heading: best, baseline, references."""
     assert record.best is not None
     return {"best": record.best.experiment, **record.compared_with}
 
 
-def result_rows(record: Record, experiments: Iterable[Experiment]) -> Iterator[Row]:
+def result_rows(record: StudyRecord, experiments: Iterable[Experiment]) -> Iterator[dict[str, Any]]:
     """Yield a row for each knob, the cost, each KPI, and how these experiments ended."""
     shown = list(experiments)
     for i, knob in enumerate(record.scenario.space):
-        yield Row(knob.name, tuple(Value(knob_number(knob, e.theta[i])) for e in shown), knob.unit)
+        yield row(knob.name, [cell(knob_number(knob, e.theta[i])) for e in shown], unit=knob.unit)
     if record.shows_cost:
-        yield Row("performance index", tuple(Value(number(record.cost(e))) for e in shown))
+        yield row("performance index", [cell(number(record.cost(e))) for e in shown])
     for part, kpi in _grouped(record.kpis, shown):
-        values = tuple(_judged(kpi, e) for e in shown)
         title = kpi.title if part in ("", WORST) else named(kpi.title, part)
-        yield Row(title, values, kpi.unit, objective(kpi))
-    yield Row("ended", tuple(Value(ended_text(e)) for e in shown))
+        yield row(title, [judged(kpi, e) for e in shown], unit=kpi.unit, aim=objective(kpi))
+    yield row("ended", [cell(ended_text(e)) for e in shown])
 
 
 def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple[str, KPI]]:
@@ -205,63 +132,103 @@ def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple
     return grouped(kpis, *shown)
 
 
-def result_table(record: Record) -> Table:
+def result_table(record: StudyRecord) -> dict[str, Any]:
     """Return the best experiment beside the baseline and the references."""
     columns = result_columns(record)
-    rows = [
-        replace(row, values=(replace(row.values[0], kind="best"), *row.values[1:]))
-        for row in result_rows(record, columns.values())
-    ]
-    headings = [Column(name) for name in ("", *columns)]
-    return Table("Result table", "✓ meets the objective, ✗ does not.", headings, rows)
+    rows = list(result_rows(record, columns.values()))
+    for each in rows:
+        each["cells"][0]["kind"] = "best"
+    return table("Result table", ("", *columns), rows, "✓ meets the objective, ✗ does not.")
 
 
-def experiment_table(record: Record) -> Table:
+def experiment_table(record: StudyRecord) -> dict[str, Any]:
     """Return every experiment with θ and the main KPIs, in the order of their numbers."""
     assert record.best is not None
     kpis = shown_values(record)
     rows = []
     for trial in record.trials:
         kind = "best" if trial.index == record.best.index else ""
-        theta = [Value(k["text"]) for k in theta_view(record.scenario.space, trial.experiment)]
-        values = (*theta, *(_judged(kpi, trial.experiment) for kpi in kpis))
-        cells = tuple(Value(v.text, v.met, kind) for v in values)
-        ended = Value(ended_text(trial.experiment), kind=f"words {kind}".strip())
-        rows.append(Row(str(trial.number), (*cells, ended), kind=kind))
-    named = [Column(k.name, k.unit) for k in record.scenario.space]
-    named += [Column(k.title, k.unit) for k in kpis]
-    columns = [Column("exp."), *named, Column("ended", kind="words")]
-    caption = "The tinted experiment is the best. ✓ meets the objective, ✗ does not."
-    return Table("Experiments", caption, columns, rows, "tight")
-
-
-def comparison_table(record: Record) -> Table:
-    """Return every question with its answer, in the order of the answers."""
-    rows = [
-        Row(str(row), tuple(_answered(comparison))) for row, comparison in enumerate(record.asked, start=1)
+        theta = theta_texts(record.scenario.space, trial.experiment.theta)
+        cells = [cell(text, kind=kind) for text in theta]
+        cells += [judged(kpi, trial.experiment, kind) for kpi in kpis]
+        cells.append(cell(ended_text(trial.experiment), kind=f"words {kind}".strip()))
+        rows.append(row(str(trial.number), cells, kind=kind))
+    knobs = [column(k.name, k.unit) for k in record.scenario.space]
+    columns: list[dict[str, Any] | str] = [
+        "exp.",
+        *knobs,
+        *(column(k.title, k.unit) for k in kpis),
+        column("ended", kind="words"),
     ]
-    words = [Column(name, kind="words") for name in ("verdict", "marks")]
-    columns = [Column("no."), *words, Column("newer experiment"), Column("compared with")]
+    caption = "The tinted experiment is the best. ✓ meets the objective, ✗ does not."
+    return table("Experiments", columns, rows, caption, "tight")
+
+
+def comparison_table(record: StudyRecord) -> dict[str, Any]:
+    """Return every question with its answer, in the order of the answers."""
+    rows = [row(str(k), list(_answered(comparison))) for k, comparison in enumerate(record.asked, start=1)]
+    words = [column(name, kind="words") for name in ("verdict", "marks")]
+    columns: list[dict[str, Any] | str] = ["no.", *words, "newer experiment", "compared with"]
     caption = (
         "The tinted experiment was preferred; its values are under Experiments. All KPIs and full "
         "precision are in comparisons.csv."
     )
-    return Table("Comparisons", caption, columns, rows, "tight")
+    return table("Comparisons", columns, rows, caption, "tight")
 
 
-def _answered(comparison: Comparison) -> Iterator[Value]:
+def _answered(comparison: Comparison) -> Iterator[dict[str, Any]]:
     query, answer = comparison.query, comparison.answer
     assert query.incumbent is not None
-    yield Value(VERDICTS[answer.preference], kind="words")
-    yield Value("; ".join(marks_text(answer)), kind="words")
+    yield cell(VERDICTS[answer.preference], kind="words")
+    yield cell("; ".join(marks_text(answer)), kind="words")
     for sample, wins in ((query.challenger, Preference.CHALLENGER), (query.incumbent, Preference.INCUMBENT)):
-        yield Value(str(sample.index + 1), kind="best" if answer.preference is wins else "")
+        yield cell(str(sample.index + 1), kind="best" if answer.preference is wins else "")
 
 
-def shown_values(record: Record) -> list[KPI]:
+def shown_values(record: StudyRecord) -> list[KPI]:
     """Return the KPIs that tell experiments apart, as many as fit into a table."""
     return foremost_kpis(record, _MOST)
 
 
-def _judged(kpi: KPI, experiment: Experiment) -> Value:
-    return Value(measured(kpi, experiment), kpi.met_by(experiment))
+def comparisons_as_csv(record: StudyRecord) -> str:
+    """Return the text of comparisons.csv."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_headings(record))
+    for k, comparison in enumerate(record.asked, start=1):
+        writer.writerow([k, *_cells(record, comparison)])
+    return text.getvalue()
+
+
+def _headings(record: StudyRecord) -> Iterator[str]:
+    yield from ("comparison", "verdict", "preference", "strength", "marks", "automatic marks")
+    scenario = record.scenario
+    for side in ("challenger", "incumbent"):
+        yield f"{side} experiment"
+        yield from (f"{side} {labeled(k.name, k.unit)}" for k in scenario.space)
+        yield from (f"{side} {labeled(k.title, k.unit)}" for k in record.kpis)
+        yield from (f"{side} cost", f"{side} ended")
+
+
+def _cells(record: StudyRecord, comparison: Comparison) -> Iterator[object]:
+    answer, query = comparison.answer, comparison.query
+    yield VERDICTS[answer.preference]
+    yield "" if answer.preference is None else int(answer.preference)
+    yield answer.strength
+    yield ", ".join(mark.value for mark in answer.marks)
+    yield ", ".join(mark.value for mark in answer.automatic)
+    assert query.incumbent is not None
+    assert comparison.incumbent is not None
+    yield query.challenger.index + 1
+    yield from _side(record, comparison.challenger)
+    yield query.incumbent.index + 1
+    yield from _side(record, comparison.incumbent)
+
+
+def _side(record: StudyRecord, experiment: Experiment) -> Iterator[object]:
+    scenario = record.scenario
+    yield from scenario.space.named(experiment.theta).values()
+    yield from (experiment.kpis.get(k.name, "") for k in record.kpis)
+    cost = record.cost(experiment)
+    yield "" if cost is None else cost
+    yield ended_text(experiment)

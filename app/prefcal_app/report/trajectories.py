@@ -28,7 +28,7 @@ from prefcal_scenarios.presentation.style import (
 from prefcal_scenarios.presentation.wording import knob_number, mathtext, number
 from prefcal_scenarios.scenario import Scenario, panels_of
 
-from .record import Record
+from .record import StudyRecord
 
 _ACROSS = 3
 """Largest number of maneuvers next to each other; more would be too narrow to read."""
@@ -37,7 +37,7 @@ _LINE = 76
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class DrawnRun:
     """A run to draw."""
 
     experiment: Experiment
@@ -47,12 +47,8 @@ class Curve:
     dashes: Any = "-"
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """A panel, or a zoom on the range around its target."""
-
-    panel: Plot
-    zoomed: bool = False
+_Row = tuple[Plot, bool]
+"""A panel, and whether it is a zoom on the range around its target."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,25 +57,25 @@ class _Block:
 
     heading: str
     rows: Sequence[_Row]
-    curves: Sequence[Curve]
+    curves: Sequence[DrawnRun]
 
 
-def curves_of(record: Record, *, references: bool = True) -> list[Curve]:
+def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]:
     """Return the baseline, the references and the best run, except runs without a record."""
     assert record.best is not None
     first, best = record.before, record.best
-    alone = {record.baseline.name: first.experiment}
+    alone = {record.baseline: first.experiment}
     (name, _), *others = (record.compared_with if references else alone).items()
-    curves = [Curve(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
+    curves = [DrawnRun(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
     for i, (name, experiment) in enumerate(others):
         color, dashes = look(i)
-        curves.append(Curve(experiment, name, color, 1.5, dashes))
-    curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
+        curves.append(DrawnRun(experiment, name, color, 1.5, dashes))
+    curves.append(DrawnRun(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
     return [curve for curve in curves if _has_record(curve.experiment)]
 
 
 def best_against(
-    record: Record, *, references: bool = True, panels: int | None = None, most: float = np.inf
+    record: StudyRecord, *, references: bool = True, panels: int | None = None, most: float = np.inf
 ) -> Figure | None:
     """Draw the best trajectory with what it is compared with; None without any record.
 
@@ -107,11 +103,11 @@ def figure(
         right: Right experiment.
         labels: Labels of the left and the right experiment.
     """
-    pair = (Curve(left, labels[0], BEST, 1.9), Curve(right, labels[1], OTHERS[0], 1.9))
+    pair = (DrawnRun(left, labels[0], BEST, 1.9), DrawnRun(right, labels[1], OTHERS[0], 1.9))
     parts = maneuvers_of(left, right)
     blocks = []
     for part, runs in parts.items():
-        rows = [_Row(panel) for panel in panels_of(scenario, *runs)]
+        rows = [(panel, False) for panel in panels_of(scenario, *runs)]
         for curve, run in zip(pair, runs, strict=True):
             heading = part if curve is pair[0] else ""
             blocks.append(_Block(heading, rows, [replace(curve, experiment=run)]))
@@ -135,11 +131,11 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
     """
     theta = "\n".join(_theta_lines(scenario, experiment.theta))
     with style():
-        curve = Curve(experiment, theta, BEST, 1.9)
+        curve = DrawnRun(experiment, theta, BEST, 1.9)
         return _together(partial(panels_of, scenario), [curve], zooms=True)
 
 
-def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
+def overlaid(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Figure:
     """Draw experiments over each other, a panel per signal, with the references that change.
 
     Several maneuvers are drawn next to each other.
@@ -153,7 +149,7 @@ def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
 
 def _together(
     panels: Callable[..., Sequence[Plot]],
-    curves: Sequence[Curve],
+    curves: Sequence[DrawnRun],
     *,
     zooms: bool = False,
     most: float = np.inf,
@@ -177,7 +173,7 @@ def _together(
         if found:
             drawn = panels(*(c.experiment for c in found))
             zoomed = zooms and len(parts) == 1
-            rows = list(_zoomed(drawn, found)) if zoomed else [_Row(panel) for panel in drawn]
+            rows = list(_zoomed(drawn, found)) if zoomed else [(panel, False) for panel in drawn]
             blocks.append(_Block(part, rows, found))
     across = min(len(blocks), _ACROSS)
     count = max(len(block.rows) for block in blocks) * -(-len(blocks) // across)
@@ -248,28 +244,28 @@ def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
     axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
-def _zoomed(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
+def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_Row]:
     """Yield every panel, followed by a zoom if its accepted band would look like a line."""
     for panel in panels:
-        yield _Row(panel)
+        yield panel, False
         every = np.concatenate([panel.values(c.experiment) for c in curves])
         spread = np.ptp(every[np.isfinite(every)]) if np.isfinite(every).any() else 0.0
         band = panel.channel.band
         if panel.channel.target is not None and band is not None and 2 * band < 0.15 * spread:
-            yield _Row(panel, zoomed=True)
+            yield panel, True
 
 
 def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
     """Draw the curves of a block; `short` titles name only the signal and its unit."""
-    for place, row in zip(axes, block.rows, strict=True):
-        channel = row.panel.channel
+    for place, (panel, zoomed) in zip(axes, block.rows, strict=True):
+        channel = panel.channel
         _limits(place, channel)
         for curve in block.curves:
-            _reference(place, row.panel, curve.experiment)
-            _draw(place, row.panel, curve)
+            _reference(place, panel, curve.experiment)
+            _draw(place, panel, curve)
         named = replace(channel, target=None, band=None, low=-np.inf, high=np.inf)
-        place.set_title(panel_title(named if short else channel, zoomed=row.zoomed))
-        if row.zoomed and channel.target is not None and channel.band is not None:
+        place.set_title(panel_title(named if short else channel, zoomed=zoomed))
+        if zoomed and channel.target is not None and channel.band is not None:
             place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
         place.margins(x=0.01)
     axes[-1].set_xlabel(f"time [{block.curves[0].experiment.channels.time_unit}]")
@@ -289,7 +285,7 @@ def _reference(axes: Axes, panel: Plot, experiment: Experiment) -> None:
         )
 
 
-def _draw(axes: Axes, panel: Plot, curve: Curve) -> None:
+def _draw(axes: Axes, panel: Plot, curve: DrawnRun) -> None:
     t, values = curve.experiment.t, panel.values(curve.experiment)
     if not np.isfinite(values).any():
         return

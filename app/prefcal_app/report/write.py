@@ -7,14 +7,14 @@ from prefcal_scenarios.presentation.folder import put
 from prefcal_scenarios.scenario import Picture
 
 from .acceptance import FILE, sheet
-from .comparisons import comparisons_as_csv
 from .export import best_as_json
 from .html import page
 from .pictures import PICTURES, draw
-from .record import Record
+from .record import StudyRecord
+from .tables import comparisons_as_csv
 
 
-def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) -> Path:
+def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = ()) -> Path:
     """Write the report's files into `folder`; return the path of report.html.
 
     Equal studies give equal bytes. Files of an earlier report in `folder` are replaced.

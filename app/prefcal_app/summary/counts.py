@@ -27,13 +27,11 @@ class Counts:
         comparisons: Number of standing answers about two experiments, including follow-up
             comparisons.
         verdicts: Number of comparisons by preference; they add up to `comparisons`.
-        retracted: Number of retracted answers; no other number includes them.
     """
 
     experiments: int
     comparisons: int
     verdicts: Mapping[Preference | None, int]
-    retracted: int
 
     @classmethod
     def of(cls, state: State) -> "Counts":
@@ -44,7 +42,6 @@ class Counts:
             experiments=len(state.finished),
             comparisons=len(given),
             verdicts={verdict: given.count(verdict) for verdict in verdicts},
-            retracted=sum(c.retracted for c in state.history.counting),
         )
 
 

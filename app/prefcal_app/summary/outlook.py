@@ -52,11 +52,6 @@ class Outlook:
         """Return all sentences, then the command."""
         return (*self.sentences, self.command) if self.command else self.sentences
 
-    @property
-    def text(self) -> str:
-        """Return everything on one line."""
-        return " ".join(self.lines)
-
 
 def others_unbeaten(history: History) -> str:
     """Return a sentence on the experiments besides the best that never lost; empty without any.

@@ -12,7 +12,7 @@ from rich.console import Console
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
 from prefcal_app.session.plant import LiveNow, Recovery
 from prefcal_app.session.view import GOOD_ENOUGH, UNSAFE
-from prefcal_app.view import Seen, preview_view
+from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.sources import Stage
 from prefcal_env.study import Suggested
@@ -80,7 +80,7 @@ class _Conversation:
     def run(self) -> None:
         """Ask until the study is over or stopped."""
         if self.interview.scenario.brief and self.interview.now().state.history.answered <= 1:
-            show_brief(self.interview, self.console)
+            show_brief(brief_view(self.interview), self.console)
         while (now := self.interview.now()).phase is not Phase.OVER:
             if now.phase is Phase.RUNNING:
                 self._wait(now)
@@ -125,7 +125,10 @@ class _Conversation:
         if now.question is None:  # it changed meanwhile
             return True
         if self.shown is not now.question:
-            show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
+            view = now_view(self.interview, blind=self.blind, seen=self.seen)
+            if view["question"] is None:
+                return True
+            show_question(view, self.console)
             self.shown = now.question
         self._unrestored(now)
         said = self._said()
@@ -173,11 +176,11 @@ class _Conversation:
         elif said in ("h", "w") and self.blind:
             self._say("That would show which experiment is which: end blind mode first (b).")
         elif said == "h":
-            show_history(self.interview, self.console)
+            show_history(history_view(self.interview)["answers"], self.console)
         elif said == "w":
-            show_status(self.interview, self.console)
+            show_status(now_view(self.interview), status_view(self.interview), self.console)
         elif said:
-            show_brief(self.interview, self.console)
+            show_brief(brief_view(self.interview), self.console)
             show_keys(self.console)
 
     def _undo(self, now: Now) -> None:

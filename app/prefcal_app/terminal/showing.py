@@ -1,6 +1,6 @@
 """Show a study in a terminal: its task, a question, answers, progress, and what a plant needs."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import isinf, isnan
 from typing import Any
 
@@ -10,25 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from prefcal_app.session import Interview, Now, Question, Side
-from prefcal_app.session.memory import trust_text
-from prefcal_app.view import Seen, comparison_view
-from prefcal_app.view.brief import current_tuning, how, knob_view, kpi_view
-from prefcal_app.view.history import history_view
-from prefcal_app.view.sides import theta_view
-from prefcal_app.view.simulated import screening_view
-from prefcal_app.view.status import in_words
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.presentation.wording import (
-    INTERRUPTED,
-    ended_text,
-    labeled,
-    printable,
-    printable_lines,
-    theta_text,
-    with_unit,
-)
-from prefcal_scenarios.scenario import Scenario
+from prefcal_app.session import Interview, Now
+from prefcal_scenarios.presentation.wording import INTERRUPTED, labeled, printable, printable_lines, with_unit
 
 NAMES = {"left": "LEFT", "right": "RIGHT"}
 STYLES = {"left": "blue", "right": "dark_orange3"}
@@ -59,30 +42,27 @@ def say(console: Console, *lines: str, style: str | None = None) -> None:
         console.print(printable_lines(line), style=style, markup=False, highlight=False, soft_wrap=True)
 
 
-def show_brief(interview: Interview, console: Console) -> None:
-    """Print everything that a person should know before the first question."""
-    show_scenario(interview.scenario, console)
-    console.print(Text(how(interview)))
-    if start := current_tuning(interview):
-        console.print(Text(start))
+def show_brief(brief: Mapping[str, Any], console: Console) -> None:
+    """Print everything that a person should know before the first question.
 
-
-def show_scenario(scenario: Scenario, console: Console) -> None:
-    """Print a scenario's task, knobs and KPIs."""
-    console.rule(Text(printable(scenario.title), style="bold"))
-    if scenario.brief:
-        console.print(Text(printable_lines(scenario.brief)))
-    knobs = [knob_view(knob) for knob in scenario.space]
-    kpis = [kpi_view(kpi) for kpi in scenario.shown_kpis]
+    Args:
+        brief: What `brief_view` returns; what `scenario_view` returns is enough.
+        console: Where to print.
+    """
+    console.rule(Text(printable(brief["title"]), style="bold"))
+    if brief["text"]:
+        console.print(Text(printable_lines(brief["text"])))
     for title, rows in (
-        ("Knobs", [(labeled(k["name"], k["unit"]), k["about"], k["range"]) for k in knobs]),
-        ("KPIs", [(labeled(k["title"], k["unit"]), k["about"], k["wanted"]) for k in kpis]),
+        ("Knobs", [(labeled(k["name"], k["unit"]), k["about"], k["range"]) for k in brief["knobs"]]),
+        ("KPIs", [(labeled(k["title"], k["unit"]), k["about"], k["wanted"]) for k in brief["kpis"]]),
     ):
         table = Table(title=title, title_justify="left", title_style="bold", box=None, show_header=False)
         for name, about, wanted in (map(printable, row) for row in rows):
             table.add_row(Text(name, style="bold"), Text(about), Text(wanted, style="dim"))
         if rows:
             console.print(table)
+    for words in filter(None, (brief.get("how"), brief.get("start"))):
+        console.print(Text(words))
 
 
 def show_keys(console: Console) -> None:
@@ -90,52 +70,48 @@ def show_keys(console: Console) -> None:
     say(console, *(f"{key:<6}{words}" for key, words in KEYS))
 
 
-def show_question(
-    interview: Interview, now: Now, console: Console, *, blind: bool, seen: Seen | None = None
-) -> None:
-    """Print a table of the KPIs of both sides, one of θ, and how to answer."""
-    question, scenario = now.question, interview.scenario
-    assert question is not None
-    seen = (Seen() if seen is None else seen).look(interview)
-    console.rule(_headline(interview, question))
-    if (told := screening_view(interview, now, blind=blind)) is not None:
-        offer = f"{told['offer']} (f, and f again, finishes)" if told["offer"] else ""
-        for line in filter(None, (told["why"], offer)):
-            console.print(Text(printable(line)))
-    for name, side in (("left", question.left), ("right", question.right)):
-        console.print(Text(_title(name, side, blind=blind), style=STYLES[name]))
-    if rows := comparison_view(question, scenario, seen):
-        show_kpis(rows, console, NAMES)
+def show_question(now: Mapping[str, Any], console: Console) -> None:
+    """Print the open question of what `now_view` returns: KPIs and θ of both sides, and the keys."""
+    question, screening = now["question"], now["screening"] or {"why": "", "offer": ""}
+    console.rule(_headline(now))
+    offer = f"{screening['offer']} (f, and f again, finishes)" if screening["offer"] else ""
+    for line in filter(None, (screening["why"], offer)):
+        console.print(Text(printable(line)))
+    for name in NAMES:
+        console.print(Text(_title(name, question[name]), style=STYLES[name]))
+    if question["comparison"]:
+        show_kpis(question["comparison"], console, NAMES)
     else:
         console.print("There are no KPIs to compare: the page draws the curves (no --terminal).")
-    if not blind:
-        _show_theta(question, scenario.space, console)
+    if not now["blind"]:
+        _show_theta(question["left"]["theta"], question["right"]["theta"], console)
     say(console, "l left, r right, = same, s can't tell, z undo, ? help, x stop")
 
 
-def _headline(interview: Interview, question: Question) -> str:
-    if question.repeats is not None:
+def _headline(now: Mapping[str, Any]) -> str:
+    if now["question"]["repeat"]:
         return "An earlier question again (z skips it): which experiment is better?"
-    head = interview.planned.place(over=False, further=question.further).capitalize()
-    seen = ", two that you have seen" if question.further else ""
-    return f"{head}{seen}: which experiment is better?"
+    seen = ", two that you have seen" if now["question"]["further"] else ""
+    return f"{now['progress']['text'].capitalize()}{seen}: which experiment is better?"
 
 
-def _title(name: str, side: Side, *, blind: bool) -> str:
-    title = name.upper()
-    if not blind:
-        title += f" · experiment {side.index + 1}" + (f" · {side.role}" if side.role else "")
-    if side.marks:
-        title += f" · marked {', '.join(sorted(side.marks))}"
-    if side.counts_as_unsafe:
-        title += f" · {INTERRUPTED}"
-    elif side.experiment.end.interrupted:
-        title += f" · {ended_text(side.experiment)}"
-    return title
+def _title(name: str, side: Mapping[str, Any]) -> str:
+    parts = [name.upper()]
+    if side["number"] is not None:
+        parts.append(f"experiment {side['number']}")
+    if side["role"]:
+        parts.append(side["role"])
+    if side["marks"]:
+        parts.append(f"marked {', '.join(side['marks'])}")
+    if side["counts_as_unsafe"]:
+        parts.append(INTERRUPTED)
+    elif side["interrupted"]:
+        parts.append(side["ended"])
+    return " · ".join(parts)
 
 
 def show_kpis(rows: Iterable[Mapping[str, Any]], console: Console, names: Mapping[str, str]) -> None:
-    """Print the KPIs of two sides, as `comparison_view` returns them; the better one is bold.
+    """Print the KPIs of two sides, as `compared` returns them; the better one is bold.
 
     The title of each group, such as a maneuver, is on a line of its own.
 
@@ -166,11 +142,12 @@ def show_kpis(rows: Iterable[Mapping[str, Any]], console: Console, names: Mappin
     console.print(table)
 
 
-def _show_theta(question: Question, space: KnobSpace, console: Console) -> None:
+def _show_theta(
+    left: Iterable[Mapping[str, Any]], right: Iterable[Mapping[str, Any]], console: Console
+) -> None:
     """Print θ of both sides; brackets, not only style, mark values that differ."""
     table = _side_by_side("θ", NAMES)
-    left, right = (side.experiment for side in (question.left, question.right))
-    for knobs in zip(theta_view(space, left, right), theta_view(space, right, left), strict=True):
+    for knobs in zip(left, right, strict=True):
         differs = knobs[0]["differs"]
         values = [with_unit(each["text"], each["unit"]) for each in knobs]
         texts = [
@@ -189,9 +166,8 @@ def _side_by_side(heading: str, names: Mapping[str, str]) -> Table:
     return table
 
 
-def show_history(interview: Interview, console: Console) -> None:
-    """Print every answer."""
-    answers = history_view(interview)["answers"]
+def show_history(answers: Sequence[Mapping[str, Any]], console: Console) -> None:
+    """Print every answer of what `history_view` returns."""
     if not answers:
         console.print("No answers yet.")
         return
@@ -212,24 +188,27 @@ def show_history(interview: Interview, console: Console) -> None:
     console.print(table)
 
 
-def show_status(interview: Interview, console: Console) -> None:
-    """Print the best so far, the progress, and how consistent the answers are."""
-    now, counts = interview.now(), interview.counts
-    plural = "" if counts.comparisons == 1 else "s"
-    say(
-        console,
-        f"{counts.experiments} of {interview.n_max} experiments, {counts.comparisons} comparison{plural}",
-    )
-    if now.simulated is not None:
-        say(console, now.simulated.line)
-    if now.incumbent is not None:
-        best = theta_text(interview.scenario.space, interview.experiment(now.incumbent).theta)
-        say(console, f"best so far, experiment {now.incumbent + 1}: {best}")
-    say(console, in_words(interview.consistency))
-    if (outlook := interview.outlook) is not None:
-        say(console, *outlook.lines)
-    if (index := interview.index) is not None:
-        say(console, trust_text(index))
+def show_status(now: Mapping[str, Any], status: Mapping[str, Any], console: Console) -> None:
+    """Print the best so far, the progress, and how consistent the answers are.
+
+    Args:
+        now: What `now_view` returns.
+        status: What `status_view` returns.
+        console: Where to print.
+    """
+    progress, best, outlook = now["progress"], status["best"], status["outlook"]
+    given = progress["given"]
+    plural = "" if given == 1 else "s"
+    lines = [f"{progress['experiments']} of {progress['n_max']} experiments, {given} comparison{plural}"]
+    if status["simulated"] is not None:
+        lines.append(status["simulated"]["line"])
+    if best is not None:
+        theta = " · ".join(f"{k['name']} {with_unit(k['text'], k['unit'])}" for k in best["theta"])
+        lines.append(f"best so far, experiment {best['number']}: {theta}")
+    lines.append(status["consistency"]["text"])
+    if outlook is not None:
+        lines += [*outlook["sentences"], outlook["command"]]
+    say(console, *filter(None, [*lines, status["trust"]]))
 
 
 def show_next(interview: Interview, now: Now, console: Console) -> None:

@@ -3,35 +3,32 @@
 from typing import Any
 
 from prefcal_app.session import Interview
-from prefcal_env.knobs.knob import Knob
-from prefcal_scenarios.presentation.wording import limits_text, number
-from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.presentation.wording import limits_text
+from prefcal_scenarios.scenario import KPI, Scenario
+
+from .sides import knob_view
 
 _SECONDS = 15
 """Seconds for one comparison at a calm pace."""
 
 
 def brief_view(interview: Interview) -> dict[str, Any]:
-    """Return BRIEF for page and terminal."""
-    scenario = interview.scenario
+    """Return the task, what the person is asked to do, and how a tuning in use is compared."""
+    return {**scenario_view(interview.scenario), "how": _how(interview), "start": _current_tuning(interview)}
+
+
+def scenario_view(scenario: Scenario) -> dict[str, Any]:
+    """Return the task, the knobs and the KPIs of a scenario in words."""
     return {
         "title": scenario.title,
         "text": scenario.brief,
-        "how": how(interview),
-        "start": current_tuning(interview),
         "knobs": [knob_view(knob) for knob in scenario.space],
-        "kpis": [kpi_view(kpi) for kpi in scenario.shown_kpis],
+        "kpis": [_kpi_view(kpi) for kpi in scenario.shown_kpis],
         "panels": [panel.title or panel.name for panel in scenario.panels],
     }
 
 
-def knob_view(knob: Knob) -> dict[str, str]:
-    """Return a knob in words."""
-    between = f"{number(knob.low)} to {number(knob.high)}"
-    return {"name": knob.name, "unit": knob.unit, "about": knob.about, "range": between}
-
-
-def how(interview: Interview) -> str:
+def _how(interview: Interview) -> str:
     """Return what the person is asked to do, and how long it takes."""
     planned = interview.planned
     asked = (
@@ -48,7 +45,7 @@ def how(interview: Interview) -> str:
     )
 
 
-def current_tuning(interview: Interview) -> str:
+def _current_tuning(interview: Interview) -> str:
     """Return how to compare with the tuning in use; empty if the study starts from a given one."""
     if interview.study.state.configuration["options"].get("start"):
         return ""
@@ -60,7 +57,7 @@ def current_tuning(interview: Interview) -> str:
     )
 
 
-def kpi_view(kpi: KPI) -> dict[str, str]:
+def _kpi_view(kpi: KPI) -> dict[str, str]:
     """Return a KPI in words, with its objective."""
     direction = "" if kpi.goal is None else f"{kpi.goal} is better"
     wanted = limits_text(kpi) or direction

@@ -1,12 +1,37 @@
-"""Show the end: what was gained, the report, and what to do next."""
+"""Show the end: what was gained over the experiment to beat, the report, and what to do next."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from prefcal_app.session import Interview, Now, Outlook
-from prefcal_app.summary.gain import Baseline, gained
+from prefcal_app.summary.compare import Spread, compared, row_of
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.study import State
+from prefcal_scenarios.kpis import WORST
+from prefcal_scenarios.presentation.wording import MISSING
+from prefcal_scenarios.scenario import KPI
 
+from . import tables
 from .seen import Seen
+
+FIRST, CURRENT = "first experiment", "current tuning"
+"""Names of the first experiment: without and with a tuning that the person gave."""
+
+_SLIGHT = 0.05
+"""Share of a usual difference in the study below which a change is neither better nor worse."""
+
+
+def baseline_of(state: State) -> str:
+    """Return what the first experiment is, with which the result is compared.
+
+    That is "current tuning" if the person gave its values, the name of a reference of the scenario
+    if the study started with that, or "first experiment".
+    """
+    start = state.configuration["options"].get("start") or ()
+    if not start:
+        return FIRST
+    return CURRENT if "=" in start[0] else str(start[0])
 
 
 def over_view(
@@ -16,24 +41,90 @@ def over_view(
     return {
         "reason": now.state.ended,
         "best": best,
-        "gain": None if now.incumbent is None else gain_view(interview, now.incumbent, now, seen),
+        "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen),
         "report": report_view(report),
         "command": command,
         "next": next_view(interview, now, report),
     }
 
 
-def gain_view(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
-    """Return the KPIs of the baseline next to those of the best experiment."""
-    baseline = Baseline.of(now.state)
-    before, after = interview.experiment(baseline.index), interview.experiment(best)
-    kpis = interview.scenario.shown_kpis
+def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
+    both = interview.experiment(0), interview.experiment(best)
+    rows = gained(*both, interview.scenario.shown_kpis, seen.look(interview).spread)
+    return gain_view(baseline_of(now.state), best, rows)
+
+
+def gain_view(baseline: str, best: int, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the KPIs of the baseline next to those of the best experiment.
+
+    Args:
+        baseline: What the first experiment is; see `baseline_of`.
+        best: Index of the best experiment.
+        rows: What `gained` returns of both.
+    """
+    kinds = {"better": "words yes", "worse": "words no", "": ""}
+    lines = [
+        tables.row(
+            row["title"],
+            [
+                tables.cell(row["before"]),
+                tables.cell(row["after"], row["met"], "best"),
+                tables.cell(row["change"]),
+                tables.cell(row["verdict"], kind=kinds[row["verdict"]]),
+            ],
+            unit=row["unit"],
+            aim=row["objective"],
+            about=row["about"],
+        )
+        for row in rows
+    ]
+    heads = ("", f"{baseline} (1)", f"best ({best + 1})", "change", "")
+    caption = "Largest change first. ✓ meets the objective, ✗ does not."
     return {
-        "before": baseline.name,
-        "number": baseline.index + 1,
-        "after": best + 1,
-        "same": best == baseline.index,
-        "kpis": gained(before, after, kpis, seen.look(interview).spread),
+        "title": f"What was gained over the {baseline}",
+        "none": f"No experiment was better than the {baseline}: experiment {best + 1} is still the best.",
+        "same": best == 0,
+        "table": tables.table("What was gained", heads, lines, caption),
+    }
+
+
+def gained(
+    before: Experiment, after: Experiment, kpis: Sequence[KPI], spread: Spread
+) -> list[dict[str, Any]]:
+    """Return a row for each KPI before and after, largest change first, unmeasured ones last.
+
+    An objective that is met only before or only after comes before all others. Otherwise a change
+    is large if it is so in the study and beside the value itself: people know by how many percent
+    a KPI changed, and not what is usual.
+
+    The only comparison of the result with what was before: page, terminal, report and acceptance
+    sheet show these rows. `change` is empty if a value is missing or infinite, or both meet their
+    target alike; `verdict` is "better", "worse", or empty for a slight change and without a goal.
+
+    Args:
+        before: Experiment of the baseline.
+        after: Best experiment.
+        kpis: KPIs to show.
+        spread: What is usual in the study.
+    """
+    rows = [row for row in compared(before, after, kpis, spread) if row["group"] in ("", WORST)]
+    rows.sort(key=lambda row: (row["left"]["met"] == row["right"]["met"], -row["change"]))
+    found = [_row(row) for row in rows]
+    missing = [kpi for kpi in kpis if not {kpi.name} & {*before.kpis, *after.kpis}]
+    return found + [_row(row_of(kpi, before, after, 0.0)) for kpi in missing]
+
+
+def _row(row: dict[str, Any]) -> dict[str, Any]:
+    verdict = {"left": "worse", "right": "better", None: ""}[row["better"]]
+    before, after = row["left"], row["right"]
+    same = "no change" if before["text"] == after["text"] != MISSING else ""
+    return {
+        **{name: row[name] for name in ("title", "about", "unit", "objective")},
+        "before": before["text"],
+        "after": after["text"],
+        "met": after["met"],
+        "change": row["difference"] or same,
+        "verdict": verdict if row["size"] >= _SLIGHT else "",
     }
 
 

@@ -1,16 +1,13 @@
-"""Pair the maneuvers of two experiments, and find when things happen and where they differ."""
+"""Find when things happen in a maneuver of two experiments, and where both differ."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_env.experiments.panels import Plot
-from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .panels import limits_of, reference_of
 from .seen import Range, snapped
@@ -24,32 +21,6 @@ _COARSE = 3
 in a tenth of the time."""
 _NEARLY_ALL = 0.8
 """Share of the whole time from which all of it is shown."""
-
-
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """One maneuver of two experiments.
-
-    Args:
-        name: Name of the maneuver; "" if the experiments have only one.
-        left: Left run; without a record if that experiment lacks this maneuver.
-        right: Right run, in the same way.
-        panels: What is drawn of both.
-    """
-
-    name: str
-    left: Experiment
-    right: Experiment
-    panels: tuple[Plot, ...]
-
-
-def pairs_of(scenario: Scenario, left: Experiment, right: Experiment) -> list[Pair]:
-    """Return the maneuvers of two experiments in order; just one without a name if there are none.
-
-    A run that failed without a record, or that ran before a maneuver was added, has no curves in
-    the maneuvers that it lacks.
-    """
-    return [Pair(name, a, b, panels_of(scenario, a, b)) for name, (a, b) in maneuvers_of(left, right).items()]
 
 
 def largest_difference(

@@ -39,38 +39,30 @@ def now_view(
         report: Folder of the finished report.
         seen: Results computed earlier for this study's experiments; none if None.
     """
-    now, scenario = interview.now(), interview.scenario
+    now, scenario, seen = interview.now(), interview.scenario, Seen() if seen is None else seen
+    question, over = now.question, now.phase is Phase.OVER
+    time_unit = "" if question is None else question.left.experiment.channels.time_unit
     return {
         "version": now.version,
         "phase": now.phase.value,
         "blind": blind,
-        "scenario": {"name": scenario.name, "title": scenario.title, "time_unit": _time(now)},
+        "scenario": {"name": scenario.name, "title": scenario.title, "time_unit": time_unit},
         "study": {"place": interview.study.path, "again": again},
         "progress": _progress(interview, now),
         "simulated": simulated_view(now),
         "can_undo": now.can_undo,
-        "question": None
-        if now.question is None
-        else question_view(now.question, scenario, blind=blind, seen=(seen or Seen()).look(interview)),
+        "question": question and question_view(question, scenario, blind=blind, seen=seen.look(interview)),
         "problem": now.problem,
         "stopping": _stopping(now),
-        "preparing": _preparing(now),
+        "preparing": None if now.preparing is None else asdict(now.preparing),
         "draft": now.draft,
         "rig": _rig(scenario, now.state),
         "live": live_view(scenario, now.live),
         "pending": _pending(now.pending, scenario, blind=blind),
         "good_enough": _good_enough(now, blind=blind),
         "screening": screening_view(interview, now, blind=blind),
-        "over": None
-        if now.phase is not Phase.OVER
-        else over_view(interview, now, best_view(interview, now), command, report, seen or Seen()),
+        "over": over_view(interview, now, best_view(interview, now), command, report, seen) if over else None,
     }
-
-
-def _preparing(now: Now) -> dict[str, Any] | None:
-    """Return what is being compiled before the first experiment; None once that is done."""
-    part = now.preparing
-    return None if part is None else {"part": part.part, "parts": part.parts, "title": part.title}
 
 
 def _stopping(now: Now) -> str | None:
@@ -83,10 +75,6 @@ def _stopping(now: Now) -> str | None:
     return (
         f"{limit} (--run-timeout). After a stop, try again or count the run as failed: the study continues."
     )
-
-
-def _time(now: Now) -> str:
-    return "" if now.question is None else now.question.left.experiment.channels.time_unit
 
 
 def _progress(interview: Interview, now: Now) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .panels import panel_view
 from .seen import Seen
-from .sides import run_view, side_view
+from .sides import numbers_view, run_view, side_view
 
 
 def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
@@ -27,6 +27,7 @@ def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
         "panels": [panel_view(panel) for panel in panels],
         "axes": study.frame(panels, experiment),
         "side": {
+            **numbers_view(experiment, scenario.shown_kpis),
             **side_view(side, experiment, scenario, blind=False),
             **run_view(experiment, panels, scenario.shown_kpis, study),
         },

@@ -1,19 +1,25 @@
-"""Show one side of a question, and a question with both sides."""
+"""Show two experiments beside each other: a question, and any other pair."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 from prefcal_app.session import Question, Side
 from prefcal_app.summary.compare import compared, words_of
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_env.experiments.panels import Plot
+from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.presentation.wording import ended_text, knob_number, measured, objective
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.presentation.wording import ended_text, knob_number, measured, number, objective
+from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 
-from .maneuvers import Pair, eventful, largest_difference, pairs_of
+from .maneuvers import eventful, largest_difference
 from .panels import panel_view
 from .seen import Seen
+
+Draws = Callable[[Experiment, Experiment], Sequence[Plot]]
+"""Function of two runs that returns the panels which show both."""
 
 
 def question_view(
@@ -23,40 +29,49 @@ def question_view(
 
     Axes and large differences are based on all experiments `seen` so far.
     """
-    seen = Seen() if seen is None else seen
     left, right = question.left, question.right
-    pairs = pairs_of(scenario, left.experiment, right.experiment)
-    first, *others = (pair_view(pair, scenario.shown_kpis, seen) for pair in pairs)
-    return {
-        "id": question.id,
-        "number": question.number,
-        "repeat": question.repeats is not None,
-        "further": question.further,
-        "comparison": comparison_view(question, scenario, seen),
-        **first,
-        "left": {**side_view(left, right.experiment, scenario, blind=blind), **first["left"]},
-        "right": {**side_view(right, left.experiment, scenario, blind=blind), **first["right"]},
-        "others": others,
-    }
+    draws, seen = partial(panels_of, scenario), Seen() if seen is None else seen
+    view = pair_view(left.experiment, right.experiment, draws, scenario.shown_kpis, seen)
+    view["left"] |= side_view(left, right.experiment, scenario, blind=blind)
+    view["right"] |= side_view(right, left.experiment, scenario, blind=blind)
+    repeat = question.repeats is not None
+    known = {"id": question.id, "number": question.number, "repeat": repeat, "further": question.further}
+    return {**known, **view}
 
 
-def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[dict[str, Any]]:
-    """Return a row for each KPI that either side has, see `compared`."""
-    sides = question.left.experiment, question.right.experiment
-    return compared(*sides, scenario.shown_kpis, seen.spread)
+def pair_view(
+    left: Experiment, right: Experiment, draws: Draws, kpis: Sequence[KPI], seen: Seen
+) -> dict[str, Any]:
+    """Return two experiments beside each other: their KPIs, and the curves of each maneuver.
+
+    `comparison` has a row for each KPI that either side has, see `compared`; `others` are the
+    maneuvers after the first one. Without maneuvers there is one part, whose name is empty.
+    A run that failed without a record, or that ran before a maneuver was added, has no curves in
+    the maneuvers that it lacks.
+    """
+    first, *others = (
+        _maneuver_view(name, pair, draws(*pair), kpis, seen)
+        for name, pair in maneuvers_of(left, right).items()
+    )
+    first["left"] |= numbers_view(left, kpis)
+    first["right"] |= numbers_view(right, kpis)
+    return {"comparison": compared(left, right, kpis, seen.spread), **first, "others": others}
 
 
-def pair_view(pair: Pair, kpis: Sequence[KPI], seen: Seen) -> dict[str, Any]:
+def _maneuver_view(
+    name: str, pair: Sequence[Experiment], panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen
+) -> dict[str, Any]:
     """Return one maneuver of two experiments: its panels and axes, and the curves of both."""
-    axes = seen.frame(pair.panels, pair.left, pair.right, maneuver=pair.name)
+    left, right = pair
+    axes = seen.frame(panels, left, right, maneuver=name)
     return {
-        "maneuver": pair.name,
-        "panels": [panel_view(panel) for panel in pair.panels],
+        "maneuver": name,
+        "panels": [panel_view(panel) for panel in panels],
         "axes": axes,
-        "window": eventful(pair.panels, axes, pair.left, pair.right),
-        "differ": largest_difference(pair.panels, axes["y"], pair.left, pair.right),
-        "left": run_view(pair.left, pair.panels, kpis, seen),
-        "right": run_view(pair.right, pair.panels, kpis, seen),
+        "window": eventful(panels, axes, left, right),
+        "differ": largest_difference(panels, axes["y"], left, right),
+        "left": run_view(left, panels, kpis, seen),
+        "right": run_view(right, panels, kpis, seen),
     }
 
 
@@ -67,15 +82,13 @@ def run_view(run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen:
 
 
 def side_view(side: Side, other: Experiment, scenario: Scenario, *, blind: bool) -> dict[str, Any]:
-    """Return one experiment of two, without its curves."""
-    experiment = side.experiment
+    """Return the part of an experiment in a question: its number, role, marks and θ."""
     return {
-        **numbers_view(experiment, scenario.shown_kpis),
         "number": None if blind else side.index + 1,
         "role": None if blind else side.role,
         "marks": sorted(side.marks),
         "counts_as_unsafe": side.counts_as_unsafe,
-        "theta": [] if blind else theta_view(scenario.space, experiment, other),
+        "theta": [] if blind else theta_view(scenario.space, side.experiment, other),
     }
 
 
@@ -91,6 +104,16 @@ def numbers_view(experiment: Experiment, kpis: Sequence[KPI]) -> dict[str, Any]:
             {**words_of(kpi), "text": measured(kpi, experiment), "met": kpi.met_by(experiment)}
             for kpi in shown
         ],
+    }
+
+
+def knob_view(knob: Knob) -> dict[str, Any]:
+    """Return what a knob is, with its range as numbers and in words."""
+    return {
+        **{name: getattr(knob, name) for name in ("name", "unit", "about", "scale", "integer")},
+        "low": float(knob.low),
+        "high": float(knob.high),
+        "range": f"{number(knob.low)} to {number(knob.high)}",
     }
 
 

@@ -9,12 +9,11 @@ from jaxtyping import Float
 from prefcal_app.session import Consistency, Interview, Now
 from prefcal_app.session.memory import trust_text
 from prefcal_app.session.order import to_repeat
-from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 
 from .end import outlook_view
 from .now import best_view, marks_of, simulated_view
-from .sides import theta_texts
+from .sides import knob_view, theta_texts
 
 _POINTS = 81
 """Number of points of a slice through the surrogate."""
@@ -52,23 +51,12 @@ def in_words(consistency: Consistency) -> str:
     return f"{repeats} Preferred in a circle: {circles}."
 
 
-def _knob_view(knob: Knob) -> dict[str, Any]:
-    return {
-        "name": knob.name,
-        "unit": knob.unit,
-        "scale": knob.scale,
-        "low": float(knob.low),
-        "high": float(knob.high),
-        "integer": bool(knob.integer),
-    }
-
-
 def _tried(interview: Interview, now: Now) -> dict[str, Any]:
     state, space = now.state, interview.scenario.space
     winners = set(state.history.incumbents())
     interrupted = state.history.unsafe(automatic=True)
     return {
-        "knobs": [_knob_view(knob) for knob in space],
+        "knobs": [knob_view(knob) for knob in space],
         "experiments": [
             {
                 "number": index + 1,
@@ -117,7 +105,7 @@ def slices_view(
     seen, *lines = (np.sqrt(np.maximum(cost - lowest, 0.0)).tolist() for cost in costs)
     return [
         {
-            "knob": _knob_view(knob),
+            "knob": knob_view(knob),
             "x": paths[k][:, k].tolist(),
             "y": lines[k],
             "samples": {"x": tried[:, k].tolist(), "y": seen},

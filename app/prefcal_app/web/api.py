@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 import anyio
+import anyio.to_thread
 from msgspec import Struct
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
@@ -29,16 +30,28 @@ from prefcal_app.view import (
 )
 from prefcal_env.errors import StaleError
 
-from .actions import ACTIONS, Nothing
 from .answers import Handler, as_json, encoded, error_response, refused
-from .bodies import MalformedError, bit, digits, number_of_answer, numbers, read_json, read_query
-from .reports import Reports
-from .watch import Watch
-
-PLAIN: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
-    {"brief": brief_view, "history": history_view, "status": status_view}
+from .bodies import (
+    ACTIONS,
+    MalformedError,
+    Nothing,
+    bit,
+    digits,
+    number_of_answer,
+    numbers,
+    read_json,
+    read_query,
 )
-"""Views that follow from the interview alone: what a study is about, and where it is."""
+from .pages import Reports
+
+VIEWS: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
+    {"brief": brief_view, "history": history_view, "status": status_view, "simulated": map_view}
+)
+"""Branches of the view that follow from the interview alone."""
+_TABS = 100
+"""Number of pages that wait for a change at the same time; more take turns."""
+_SLICE, _PAUSE = 0.2, 0.01
+"""Seconds that a page waits in a row, and between two waits: a closed interview returns at once."""
 _BLIND = {"blind": bit}
 _RECORD = {"index": digits, "unsafe": bit, "again": bit, "theta": numbers, **_BLIND}
 
@@ -63,23 +76,25 @@ class Api:
     Args:
         interview: Interview to answer.
         reports: Location of its report, known at the end.
-        watch: Watcher for changes of the interview.
         closed: Event to set when the person closes the window.
         seen: Function to call whenever a page asks for the current state; its argument says
             whether the page waits for a change.
         pace: How long pages may wait.
         again: Command that resumes the study.
         command: Command that repeats the study from the start.
+        stopping: Event to set when no page may wait any more.
+        waiting: What limits the pages that wait: theirs are not the threads of answers.
     """
 
     interview: Interview
     reports: Reports
-    watch: Watch
     closed: threading.Event
     seen: Callable[[bool], None]
     pace: Pace = field(default_factory=Pace)
     again: str = ""
     command: str = ""
+    stopping: threading.Event = field(default_factory=threading.Event)
+    waiting: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(_TABS))
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _drawing: threading.Lock = field(default_factory=threading.Lock)
     _seen: Seen = field(default_factory=Seen)
@@ -108,7 +123,7 @@ class Api:
         after = query.get("after")
         self.seen(after is not None)
         if after is not None and (await self._now()).version == after:
-            await self.watch.changed(after, self.pace.poll)
+            await self._change(after, self.pace.poll)
             self.seen(True)
         return await self._shown(query)
 
@@ -123,22 +138,16 @@ class Api:
             raise HTTPException(404) from error
 
     async def show(self, request: Request, name: str) -> Response:
-        """Return one of the views `PLAIN`."""
+        """Return one of `VIEWS`; it is made once per version."""
         _query(request, _BLIND)
-        return as_json(await run_in_threadpool(lambda: encoded(PLAIN[name](self.interview))))
-
-    async def simulated(self, request: Request) -> Response:
-        """Return the simulated θ; null until the agent knows them."""
-        _query(request, _BLIND)
-        return as_json(await run_in_threadpool(self._simulated))
+        return as_json(await run_in_threadpool(self._view, name))
 
     async def look(self, request: Request) -> Response:
         """Simulate a θ and return it beside the best so far; nothing is recorded."""
         query = _query(request, {"theta": numbers, **_BLIND})
         if "theta" not in query:
             raise MalformedError("The request does not say which θ to look at.")
-        look = partial(look_view, self.interview, query["theta"])
-        return as_json(await run_in_threadpool(lambda: encoded(look())))
+        return as_json(await run_in_threadpool(lambda: encoded(look_view(self.interview, query["theta"]))))
 
     async def act(self, request: Request, name: str) -> Response:
         """Do the action `name`, whose fields are the JSON body."""
@@ -197,10 +206,9 @@ class Api:
         with self._lock:
             return self._once(blind, (self.interview.now().version, report), view)
 
-    def _simulated(self) -> bytes:
+    def _view(self, name: str) -> bytes:
         with self._drawing:
-            version = self.interview.now().version
-            return self._once("simulated", version, partial(map_view, self.interview))
+            return self._once(name, self.interview.now().version, partial(VIEWS[name], self.interview))
 
     def _asked(self, answer: int, blind: bool) -> bytes:
         with self._lock:  # all threads share `_seen`
@@ -217,11 +225,23 @@ class Api:
     async def _done(self, query: dict[str, Any], do: Callable[[], Now]) -> Response:
         """Call `do`, then return the next question if it is ready soon."""
         now = await run_in_threadpool(do)
-        with anyio.move_on_after(self.pace.after_answer):
-            while now.phase is Phase.RUNNING:
-                await self.watch.changed(now.version, self.pace.after_answer)
-                now = await self._now()
+        end = anyio.current_time() + self.pace.after_answer
+        while now.phase is Phase.RUNNING and anyio.current_time() < end:
+            await self._change(now.version, end - anyio.current_time())
+            now = await self._now()
         return await self._shown(query)
+
+    async def _change(self, version: int, timeout: float) -> None:
+        """Return when the version differs from `version` or the report is there, or after `timeout` s."""
+        report, end = self.reports.folder, anyio.current_time() + timeout
+        while self.reports.folder is report and not self.stopping.is_set():
+            left = end - anyio.current_time()
+            if left <= 0:
+                return
+            wait = partial(self.interview.wait, version, min(left, _SLICE))
+            if (await anyio.to_thread.run_sync(wait, limiter=self.waiting)).version != version:
+                return
+            await anyio.sleep(_PAUSE)
 
 
 def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:

@@ -1,14 +1,17 @@
-"""Check strictly what a page sends: exact names, exact types, bounded sizes."""
+"""Say what a page can do, and check strictly what it sends: exact names and types, bounded sizes."""
 
 import re
 import sys
 from collections.abc import Callable, Mapping
 from math import isfinite
-from typing import Annotated, Any
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
 from urllib.parse import parse_qsl
 
 import msgspec
-from msgspec import Meta
+from msgspec import Meta, Struct, defstruct
+
+from prefcal_app.session import Choice
 
 LARGEST_NUMBER = 2**53 - 1
 """Largest whole number that JavaScript, JSON and SQLite all hold exactly."""
@@ -23,6 +26,44 @@ Text = Annotated[
     str, Meta(max_length=LONGEST_TEXT, pattern=r"^[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]*\Z")
 ]
 
+MOST_MORE = 10_000
+"""Maximum number of additional experiments per request."""
+MOST_QUESTIONS = 99
+"""Maximum number of comparisons for each experiment; no ranking needs more."""
+
+_FIELDS: dict[str, dict[str, Any]] = {
+    "answer": {"question": Whole, "choice": Choice, "comment": Text, "blind": bool},
+    "mark": {
+        "question": Whole,
+        "side": Literal["left", "right"],
+        "mark": Literal["unsafe", "good enough"],
+        "on": bool,
+    },
+    "undo": {"version": Whole},
+    "retract": {"answer": Signed},
+    "repeat": {},
+    "pace": {"questions": Annotated[int, Meta(ge=1, le=MOST_QUESTIONS)]},
+    "ask_for": {"theta": tuple[Real, ...]},
+    "stop_run": {"index": Whole},
+    "write_and_start": {"index": Whole},
+    "retry": {},
+    "fail": {"index": Whole, "reason": Text},
+    "finish": {},
+    "go_on": {"more": Annotated[int, Meta(ge=0, le=MOST_MORE)]},
+}
+ACTIONS: Mapping[str, type[Struct]] = MappingProxyType(
+    {
+        name: defstruct(name, list(fields.items()), forbid_unknown_fields=True)
+        for name, fields in _FIELDS.items()
+    }
+)
+"""Bodies of the requests, by the name of the interview's method; every field is required."""
+
+
+class Nothing(Struct, forbid_unknown_fields=True):
+    """Body without fields."""
+
+
 Check = Callable[[str, str], Any]
 """Function of a parameter's name and text that returns its value or raises MalformedError."""
 
@@ -31,7 +72,7 @@ class MalformedError(ValueError):
     """A request that prefcal's page never sends; the text is a sentence for the person."""
 
 
-def read_json(body: bytes, kind: type[msgspec.Struct]) -> dict[str, Any]:
+def read_json(body: bytes, kind: type[Struct]) -> dict[str, Any]:
     """Return the JSON object in `body`, which must have exactly the fields of `kind`.
 
     Raises:

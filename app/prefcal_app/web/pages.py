@@ -1,6 +1,8 @@
 """Serve the page, its files, and the files of the finished report."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -10,7 +12,37 @@ from starlette.responses import PlainTextResponse, Response
 from prefcal_app.web.server.files import Assets
 from prefcal_app.web.server.security import NO_COOKIE, REPORT_POLICY, cookie, same
 
-from .reports import Reports
+TYPES: Mapping[str, str] = {
+    ".png": "image/png",
+    ".csv": "text/csv; charset=utf-8",
+    ".json": "application/json",
+    ".html": "text/html; charset=utf-8",
+}
+
+
+@dataclass(slots=True)
+class Reports:
+    """The location of the finished report, known only at the end.
+
+    Args:
+        folder: Folder of the report; None until it is written.
+    """
+
+    folder: Path | None = None
+
+    def read(self, name: str) -> tuple[bytes, str] | None:
+        """Return content and type of the report's file `name`, or None if it cannot be shown."""
+        media_type = TYPES.get(Path(name).suffix)
+        if self.folder is None or media_type is None or name.startswith("."):
+            return None
+        try:
+            # Compare with existing names instead of joining paths: no name can leave the folder.
+            for path in self.folder.iterdir():
+                if path.name == name and path.is_file() and not path.is_symlink():
+                    return path.read_bytes(), media_type
+        except OSError:
+            pass
+        return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from prefcal_app import look
-from prefcal_app.looking.pair import Run, in_time_unit
-from prefcal_app.report.trajectories import Curve, overlaid
+from prefcal_app.looking.pair import NamedRun, aligned_view, in_time_unit
+from prefcal_app.report.trajectories import DrawnRun, overlaid
 from prefcal_env import recorded
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.maneuvers import combined
@@ -28,14 +28,18 @@ def run(speed=0.2, n=101, unit="m", start=0.0, time_unit="s", **more):
     )
 
 
+def shown(found):
+    return aligned_view(found.left, found.right, found.panels, found.known, found.notes)
+
+
 def titles(found):
-    return [(p.channel.name, p.channel.unit) for p in found.pair.panels]
+    return [(p.channel.name, p.channel.unit) for p in found.panels]
 
 
 def test_curves_share_a_panel_by_name_and_unit_whatever_their_instants():
     found = look(run(), run(0.1, n=77))
     assert titles(found) == [("level", "m"), ("valve", "")]
-    view = found.pair.view()
+    view = shown(found)
     assert [len(view[side]["curves"][0][0]["t"]) for side in ("left", "right")] == [101, 77]
 
 
@@ -49,7 +53,7 @@ def test_another_unit_gets_a_panel_and_kpis_of_its_own():
 
 def test_a_curve_of_one_run_only_is_drawn_there():
     found = look(run(), run(flow=np.ones(101)))
-    view = found.pair.view()
+    view = shown(found)
     assert titles(found) == [("level", "m"), ("flow", ""), ("valve", "")]
     assert view["left"]["curves"][1] == []
     assert len(view["right"]["curves"][1]) == 1
@@ -66,22 +70,22 @@ def test_differences_are_those_of_tracking_kpis():
 
 def test_runs_at_other_times_start_together_and_this_is_said():
     found = look(run(), run(start=1000.0))
-    assert found.pair.right.experiment.t[0] == 0
-    assert "start at 0" in found.pair.notes[0]
-    assert look(run(), run(start=10.0)).pair.right.experiment.t[0] == 10
+    assert found.right.experiment.t[0] == 0
+    assert "start at 0" in found.notes[0]
+    assert look(run(), run(start=10.0)).right.experiment.t[0] == 10
 
 
 def test_times_are_converted_to_the_unit_of_the_left_run():
     found = look(run(), run(time_unit="min"))
-    assert found.pair.right.experiment.t[-1] == pytest.approx(3000)
-    assert found.pair.right.experiment.channels.time_unit == "s"
+    assert found.right.experiment.t[-1] == pytest.approx(3000)
+    assert found.right.experiment.channels.time_unit == "s"
 
 
 def test_different_constant_references_are_both_drawn():
     other = recorded(
         [0.0], np.arange(3.0), {"level": np.ones(3)}, reference={"level": 1.0}, units={"level": "m"}
     )
-    view = look(run(), other).pair.view()
+    view = shown(look(run(), other))
     assert view["panels"][0]["target"] is None
     assert [view[s]["references"][0]["y"][0] for s in ("left", "right")] == [2, 1]
 
@@ -101,15 +105,15 @@ def test_runs_in_minutes_and_seconds_share_the_rows_of_their_kpis():
     found = look(run(), run(0.2 * 60, time_unit="min"))
     rows = [r for r in found.kpis() if r["title"] == "late error of level"]
     assert [(r["unit"], "–" in (r["left"]["text"], r["right"]["text"])) for r in rows] == [("m s²", False)]
-    settled = found.pair.right.experiment.kpis["settling time of level"]
-    assert found.pair.right.experiment.t[-1] == 3000
+    settled = found.right.experiment.kpis["settling time of level"]
+    assert found.right.experiment.t[-1] == 3000
     assert settled == pytest.approx(60 * run(12.0).kpis["settling time of level"])
 
 
 def test_limits_of_kpis_are_converted_with_the_time():
     limited = KPI("rise", "rise", "min", at_most=2.0)
     made = run(time_unit="min").with_kpis({"rise": 1.5, "rise (load)": 1.0})
-    converted = in_time_unit(Run("", made, (limited,)), "s")
+    converted = in_time_unit(NamedRun("", made, (limited,)), "s")
     (kpi,) = converted.kpis
     assert (kpi.unit, kpi.at_most) == ("s", 120)
     assert dict(converted.experiment.kpis) == {"rise": 90, "rise (load)": 60}
@@ -133,7 +137,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
     found = look(maneuvers(0.2), maneuvers(0.1))
     groups = dict.fromkeys(row["group"] for row in found.kpis())
     assert list(groups) == ["worst", "mean", "step", "load"]
-    view = found.pair.view()
+    view = shown(found)
     assert [part["maneuver"] for part in (view, *view["others"])] == ["step", "load"]
     # The target of the first maneuver must not be drawn in the second one.
     assert view["panels"][0]["target"] is None
@@ -141,7 +145,7 @@ def test_every_maneuver_has_kpis_and_references_of_its_own():
 
 
 def test_a_run_without_maneuvers_stands_beside_each_of_the_other():
-    view = look(run(0.3), maneuvers(0.1)).pair.view()
+    view = shown(look(run(0.3), maneuvers(0.1)))
     parts = (view, *view["others"])
     assert [part["maneuver"] for part in parts] == ["step", "load"]
     assert all(not part["left"]["empty"] for part in parts)
@@ -157,7 +161,7 @@ def test_what_has_no_direction_has_no_worst_maneuver():
 
 
 def test_the_picture_draws_every_maneuver():
-    pair = look(maneuvers(0.2), maneuvers(0.1)).pair
-    drawn = overlaid(pair.panels, [Curve(pair.left.experiment, "a", "k")])
+    pair = look(maneuvers(0.2), maneuvers(0.1))
+    drawn = overlaid(pair.panels, [DrawnRun(pair.left.experiment, "a", "k")])
     places = [axes for axes in drawn.axes if axes.get_visible()]
     assert len(places) == 2 * len(pair.panels)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from prefcal_app.report.acceptance import limits_kept, sheet, sheet_of
-from prefcal_app.summary.gain import CURRENT, Baseline
+from prefcal_app.view.end import CURRENT
 from prefcal_scenarios import KPI
 from support.browser import CHROMIUM, FLAGS
 from toy_study import toy_record
@@ -64,7 +64,7 @@ def test_the_sheet_names_study_version_values_and_dates():
     assert text.count('<th scope="row">') == rows + 2  # how the run ended, and the valve's limits
     assert "valve saturated" in text
     assert "the tuning in use was not given" in text
-    tuned = replace(record, baseline=Baseline(0, CURRENT), fingerprint="0123456789abcdef")
+    tuned = replace(record, baseline=CURRENT, fingerprint="0123456789abcdef")
     text = sheet(tuned)
     assert f'<th scope="col">{CURRENT}</th><th scope="col">experiment' in text
     assert "To go back, set the parameters" in text
@@ -80,7 +80,7 @@ def test_a_kpi_with_an_objective_stays_on_a_sheet_without_room_for_all():
     for trial in record.trials:
         object.__setattr__(trial, "experiment", replace(trial.experiment, kpis=changed))
     content = sheet_of(record)
-    met = {row.name: row.values[-1].text for row in content["kpis"].rows}
+    met = {row["name"]: row["cells"][-1]["text"] for row in content["kpis"]["rows"]}
     assert met["sensitivity peak M_s"] == "NO"
     assert content["more_kpis"] > 0
 
@@ -91,8 +91,8 @@ def test_the_sheet_says_how_long_an_input_was_at_its_limit(low, high, words):
     channel = replace(e.channels.u[0], low=low, high=high)
     e = replace(e, channels=replace(e.channels, u=(channel,)))
     row = next(iter(limits_kept(e, e)))
-    limits, before, after, *_ = (value.text for value in row.values)
-    assert (row.name, limits) == ("valve saturated", f"0 to {high:g} %")
+    limits, before, after, *_ = (cell["text"] for cell in row["cells"])
+    assert (row["name"], limits) == ("valve saturated", f"0 to {high:g} %")
     assert before == after == words
 
 

@@ -25,16 +25,18 @@ def precise():
 
 
 def test_theta_reads_in_the_report_as_on_the_page_and_best_json_keeps_all_digits(precise):
-    rows = {row.name: row for row in result_rows(precise, result_columns(precise).values())}
-    assert rows["gain"].values[0].text == "2.72"
-    assert [row.values[2].text for row in sheet_of(precise)["knobs"].rows if row.name == "gain"] == ["2.72"]
+    rows = {row["name"]: row["cells"] for row in result_rows(precise, result_columns(precise).values())}
+    assert rows["gain"][0]["text"] == "2.72"
+    assert [r["cells"][2]["text"] for r in sheet_of(precise)["knobs"]["rows"] if r["name"] == "gain"] == [
+        "2.72"
+    ]
     assert "2.72 <small>m/%" in page(precise, [])
     assert "2.716" not in page(precise, [])
     assert "2.7164" in best_as_json(precise)
 
 
 def test_theta_of_every_experiment_reads_as_on_the_page():
-    gains = [row.values[2].text for row in experiment_table(toy_record()).rows]
+    gains = [row["cells"][2]["text"] for row in experiment_table(toy_record())["rows"]]
     assert all(len(text.strip("0.").replace(".", "")) <= 3 for text in gains)
 
 

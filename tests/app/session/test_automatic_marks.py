@@ -9,9 +9,9 @@ import pytest
 from rich.console import Console
 
 from prefcal_agents.history.lessons import Marks
-from prefcal_app.report import Record
-from prefcal_app.report.comparisons import comparisons_as_csv
+from prefcal_app.report import StudyRecord
 from prefcal_app.report.html import page
+from prefcal_app.report.tables import comparisons_as_csv
 from prefcal_app.session import Choice, Phase, flow
 from prefcal_app.session import view as moment
 from prefcal_app.terminal.showing import show_history, show_question
@@ -132,8 +132,8 @@ def test_every_view_says_so_and_why():
     for name in ("left", "right"):
         assert view[name]["counts_as_unsafe"] == getattr(question, name).counts_as_unsafe
     console = Console(file=io.StringIO(), width=200, record=True)
-    show_history(interview, console)
-    show_question(interview, interview.now(), console, blind=False)
+    show_history(history_view(interview)["answers"], console)
+    show_question(now_view(interview), console)
     out = console.export_text()
     assert f"first: {WORDS}" in out
     assert out.split("History")[1].count(f"· {WORDS}") == sum(
@@ -144,7 +144,7 @@ def test_every_view_says_so_and_why():
 def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):
     interview = studied()
     held = interview.now().state.history.incumbents()
-    record = Record(touchy, "toy", interview.comparisons(), held)
+    record = StudyRecord(touchy, "toy", interview.comparisons(), held)
     assert f"first: {WORDS}" in page(record, [])
     rows = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
     told = [c.answer for c in interview.comparisons()[1:]]

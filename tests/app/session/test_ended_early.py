@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from prefcal_agents import GLIS
-from prefcal_app.report import Record
-from prefcal_app.report.comparisons import comparisons_as_csv
+from prefcal_app.report import StudyRecord
 from prefcal_app.report.html import page
+from prefcal_app.report.tables import comparisons_as_csv
 from prefcal_app.session import Phase, unattended
 from prefcal_app.view import asked_view, history_view
 from prefcal_env import End
@@ -66,7 +66,7 @@ def test_page_report_and_export_say_when_and_why(tmp_path):
     shown = asked_view(study, index)["question"]
     assert after in [shown[side]["ended"] for side in ("left", "right")]
     held = study.now().state.history.incumbents()
-    record = Record(study.scenario, "toy", study.comparisons(), held)
+    record = StudyRecord(study.scenario, "toy", study.comparisons(), held)
     assert "first: run cut short" in page(record, [])
     table = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
     assert after in [row["challenger ended"] for row in table if row["automatic marks"]]

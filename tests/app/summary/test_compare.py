@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice
-from prefcal_app.view import Seen, comparison_view
+from prefcal_app.view import Seen, question_view
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked, toy
 
@@ -27,7 +27,7 @@ def rows(left, right, seen=None):
         for side, kpis in ((question.left, left), (question.right, right))
     ]
     asked_now = replace(question, left=both[0], right=both[1])
-    return comparison_view(asked_now, SCENARIO, seen or Seen())
+    return question_view(asked_now, SCENARIO, blind=False, seen=seen)["comparison"]
 
 
 def seen_of(*kpis):

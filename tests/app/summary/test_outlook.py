@@ -40,7 +40,7 @@ def said(theta, promise=PROMISE, place="/tmp/mine.prefcal", scenario="cstr", mis
 
 def test_inside_the_ranges_there_is_one_sentence_and_no_more():
     found = said(MIDDLE)
-    assert (found.text, found.ends, found.command) == (PROMISE, "", "")
+    assert (found.lines, found.ends, found.command) == ((PROMISE,), "", "")
     assert said(MIDDLE, "").sentences == ()  # nothing is simulated unseen
 
 
@@ -85,7 +85,7 @@ def test_missed_objectives_come_first(theta, place):
     )
     one = said(theta, place=place, missed=["overshoot"])
     assert one.sentences[0].startswith("The best experiment misses the objective for overshoot: ")
-    assert PROMISE[1:] in one.text
+    assert PROMISE[1:] in one.promise
 
 
 @pytest.mark.parametrize(

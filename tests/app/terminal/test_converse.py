@@ -11,7 +11,7 @@ from prefcal_app.session import Background, Phase
 from prefcal_app.terminal.converse import _Conversation, _waiting
 from prefcal_app.terminal.lines import END
 from prefcal_app.terminal.showing import KEYS
-from prefcal_app.view import Seen, comparison_view
+from prefcal_app.view import now_view
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channels
@@ -80,7 +80,7 @@ def test_t_shows_all_kpis_once_more_those_that_differ_most_first(interview):
     assert out.count("right − left") == 2
     table = out[out.rindex("right − left") :]
     assert "settling time t_f" in table
-    rows = comparison_view(interview.now().question, interview.scenario, Seen())
+    rows = now_view(interview)["question"]["comparison"]
     places = [table.index(row["title"]) for row in rows]
     assert places == sorted(places)
 

@@ -13,12 +13,14 @@ from prefcal_app import figure, look
 from prefcal_app.cli.checkup import Checkup
 from prefcal_app.report.trajectories import alone
 from prefcal_app.terminal.showing import show_kpis
-from prefcal_app.view.maneuvers import largest_difference, pairs_of
+from prefcal_app.view.maneuvers import largest_difference
 from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_env.study import export_csv
 from prefcal_scenarios import KPI
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.scenario import panels_of
 from support.interviews import begin, proceed
 from support.talking import console_of, talk
 
@@ -88,20 +90,21 @@ def test_one_side_that_left_no_record_has_no_curves_in_any_maneuver(tank, pair):
     arrays = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
     nothing = {name: getattr(pair[0], name)[:0] for name in arrays}
     failed = replace(pair[0], **nothing, y=None, runs=(), kpis={}, signals={})
-    pairs = pairs_of(tank, failed, pair[1])
-    assert [p.name for p in pairs] == ["step", "load", "warm"]
-    assert all(len(p.left.t) == 0 < len(p.right.t) for p in pairs)
-    spans = [(0.0, 1.0)] * len(pairs[0].panels)
-    assert largest_difference(pairs[0].panels, spans, pairs[0].left, pairs[0].right) is None
+    parts = maneuvers_of(failed, pair[1])
+    assert list(parts) == ["step", "load", "warm"]
+    assert all(len(left.t) == 0 < len(right.t) for left, right in parts.values())
+    panels = panels_of(tank, *parts["step"])
+    assert largest_difference(panels, [(0.0, 1.0)] * len(panels), *parts["step"]) is None
 
 
 def test_the_largest_difference_is_measured_on_the_axis(tank, pair):
-    one = pairs_of(tank, *pair)[0]
-    found = largest_difference(one.panels, [(0.0, 50.0), (0.0, 1.0)], one.left, one.right)
-    apart = np.abs(one.left.x[:, 0] - np.interp(one.left.t, one.right.t, one.right.x[:, 0]))
+    left, right = maneuvers_of(*pair)["step"]
+    panels = panels_of(tank, left, right)
+    found = largest_difference(panels, [(0.0, 50.0), (0.0, 1.0)], left, right)
+    apart = np.abs(left.x[:, 0] - np.interp(left.t, right.t, right.x[:, 0]))
     assert found["panel"] == 0  # the heater does not count
     assert found["size"] == pytest.approx(apart.max() / 50, abs=1e-3)
-    assert largest_difference(one.panels, [(0, 1)] * 2, one.left, one.left) is None
+    assert largest_difference(panels, [(0, 1)] * 2, left, left) is None
 
 
 def test_kpis_come_by_group_and_a_mean_has_no_objective(tank, pair):

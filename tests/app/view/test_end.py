@@ -7,8 +7,8 @@ import pytest
 
 from prefcal_app.session import Choice
 from prefcal_app.summary.compare import Spread
-from prefcal_app.summary.gain import Baseline, gained
 from prefcal_app.view import now_view
+from prefcal_app.view.end import baseline_of, gained
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked
 
@@ -21,16 +21,16 @@ def over(tmp_path=None, choice=Choice.LEFT):
 def test_every_kpi_of_the_result_stands_beside_the_first_experiment_largest_change_first():
     interview, now, view = over()
     gain = view["gain"]
-    assert (gain["before"], gain["number"]) == ("first experiment", 1)
-    assert gain["after"] == now.incumbent + 1
+    heads = [column["name"] for column in gain["table"]["columns"]]
+    assert heads == ["", "first experiment (1)", f"best ({now.incumbent + 1})", "change", ""]
     assert gain["same"] == (now.incumbent == 0)
     before, after = interview.experiment(0), interview.experiment(now.incumbent)
-    rows = {row["title"]: row for row in gain["kpis"]}
+    rows = {row["name"]: row["cells"] for row in gain["table"]["rows"]}
     assert set(rows) == {"settling time t_f", "final level", "largest move"}
-    settled = rows["settling time t_f"]
-    assert settled["before"] == f"{before.kpis['t_f']:.4g}"
-    assert settled["after"] == f"{after.kpis['t_f']:.4g}"
-    assert settled["met"] == (after.kpis["t_f"] <= 20)
+    old, new, *_ = rows["settling time t_f"]
+    assert old["text"] == f"{before.kpis['t_f']:.4g}"
+    assert new["text"] == f"{after.kpis['t_f']:.4g}"
+    assert new["met"] == (after.kpis["t_f"] <= 20)
 
 
 def row(before, after, *, kpi=None, study=()):
@@ -90,13 +90,18 @@ def test_the_result_is_compared_with_the_tuning_that_the_person_gave(start, name
     _, now = asked()
     options = {**now.state.configuration["options"], "start": start}
     state = replace(now.state, configuration={**now.state.configuration, "options": options})
-    assert Baseline.of(state) == Baseline(0, name)
+    assert baseline_of(state) == name
 
 
 def test_the_report_opens_and_the_controller_can_be_downloaded(tmp_path):
     (tmp_path / "best.json").write_text("{}")
     _, _, view = over(tmp_path)
-    assert view["report"]["link"] == "/report/report.html"
+    assert view["report"] == {
+        "place": str(tmp_path / "report.html"),
+        "link": "/report/report.html",
+        "acceptance": "/report/acceptance.html",
+    }
+    assert over()[2]["report"] is None
     assert view["next"]["download"] == "/report/best.json"
     assert str(tmp_path / "best.json") in view["next"]["python"]
     _, _, without = over(tmp_path / "nowhere")

@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 
 from prefcal_app.session import Choice, Phase
 from prefcal_app.view import now_view
-from prefcal_app.view.end import report_view
 from prefcal_scenarios.scenario import Scenario
 from support.interviews import begin, proceed
 from support.looks import SPACE, answer, asked, run, toy
@@ -63,13 +62,6 @@ def test_the_end_shows_the_best_with_theta_to_copy_and_the_commands():
     assert [line.split(" = ")[0] for line in best["copy"].splitlines()] == ["T_s", "N_p", "gain"]
     assert (view["over"]["command"], view["study"]["again"]) == ("repeat it", "go on")
     assert view["over"]["reason"] == "all compared"
-
-
-def test_a_report_is_its_page_and_the_acceptance_sheet(tmp_path):
-    view = report_view(tmp_path)
-    assert view["place"] == str(tmp_path / "report.html")
-    assert (view["link"], view["acceptance"]) == ("/report/report.html", "/report/acceptance.html")
-    assert report_view(None) is None
 
 
 def test_good_enough_offers_to_finish_and_blind_does_not_say_which():

@@ -209,7 +209,7 @@ def test_the_picture_is_made_once_per_version(monkeypatch):
     made = []
     from prefcal_app.web import api
 
-    monkeypatch.setattr(api, "map_view", lambda interview: made.append(1) or {"n": 1})
+    monkeypatch.setattr(api, "VIEWS", {"simulated": lambda interview: made.append(1) or {"n": 1}})
     for _ in range(3):
         assert room.page().get("/api/simulated").json() == {"n": 1}
     assert len(made) == 1

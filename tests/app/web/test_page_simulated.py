@@ -103,7 +103,7 @@ def test_the_picture_shows_the_simulated_and_the_best(browser, screen, theme):
 
 def test_a_chosen_point_is_looked_at_and_records_nothing(browser, screen):
     served = screen()
-    watched = opened(browser, served)
+    watched = opened(browser, served, color_scheme="light")
     page, before = watched.page, served.state
     assert "Experiment 2" in chosen(page)[0]  # the new one of the open question
     assert page.is_disabled("#ask-for")
@@ -209,16 +209,3 @@ def test_it_fits_every_width(browser, screen):
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= width
         assert box["width"] > 0.4 * width
-
-
-def test_nothing_serious_is_found_by_axe(browser, screen):
-    watched = opened(browser, screen(), color_scheme="light")
-    page = watched.page
-    never_shown(page)
-    page.click("#look-at")
-    page.wait_for_selector("#look .js-line")
-    assert serious(page) == []
-    page.keyboard.press("Escape")
-    watched.answer("ArrowLeft")
-    page.wait_for_selector("#offer:visible")
-    assert serious(page) == []

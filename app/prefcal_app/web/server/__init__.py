@@ -1,1 +1,1 @@
-"""Serve the query window: binding, security, static files."""
+"""Serve the query window: socket, security, static files."""

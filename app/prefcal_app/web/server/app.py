@@ -8,9 +8,9 @@ from starlette.middleware import Middleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import Route
 
-from prefcal_app.web.actions import ACTIONS
 from prefcal_app.web.answers import http_error
-from prefcal_app.web.api import PLAIN, Api
+from prefcal_app.web.api import VIEWS, Api
+from prefcal_app.web.bodies import ACTIONS
 from prefcal_app.web.pages import Pages
 
 from .files import Assets
@@ -51,7 +51,13 @@ def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = Fals
         framed: Whether pages of this machine may show the window in a frame.
     """
     app = Starlette(
-        routes=[*_of_pages(pages), *api],
+        routes=[
+            Route("/", pages.index),
+            Route("/open/{token}", pages.open),
+            Route("/static/{file}", pages.static),
+            Route("/report/{file}", pages.report),
+            *api,
+        ],
         middleware=[
             Middleware(Guard, token=pages.token, hosts=hosts, framed=framed),
             # Through a tunnel plotly.js would take seconds otherwise.
@@ -64,21 +70,12 @@ def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = Fals
     return app
 
 
-def _of_pages(pages: Pages) -> list[Route]:
-    return [
-        Route("/", pages.index),
-        Route("/open/{token}", pages.open),
-        Route("/static/{file}", pages.static),
-        Route("/report/{file}", pages.report),
-    ]
-
-
 def _of_api(api: Api) -> list[Route]:
-    gets = {"now": api.now, "history/{answer}": api.asked, "simulated": api.simulated, "look": api.look}
+    gets = {"now": api.now, "history/{answer}": api.asked, "look": api.look}
     posts = {"preview": api.preview, "record": api.record, "close": api.close}
     return [
         *(Route(f"/api/{name}", api.answering(do)) for name, do in gets.items()),
-        *(Route(f"/api/{name}", api.answering(api.show, name)) for name in PLAIN),
+        *(Route(f"/api/{name}", api.answering(api.show, name)) for name in VIEWS),
         *(Route(f"/api/{name}", api.answering(do), methods=["POST"]) for name, do in posts.items()),
         *(Route(f"/api/{name}", api.answering(api.act, name), methods=["POST"]) for name in ACTIONS),
     ]

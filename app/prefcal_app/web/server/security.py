@@ -1,6 +1,5 @@
 """Check every request before a handler sees it, and add security headers to every response."""
 
-import json
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from http import HTTPStatus
 from types import MappingProxyType
 
 import anyio
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .hosts import Hosts
@@ -106,9 +106,9 @@ class Guard:
                 return None  # the client disconnected
             refusal = body if isinstance(body, Refusal) else None
         if refusal is not None:
-            return await _answer(send, scope, refusal)
+            return await _answer(scope, receive, send, refusal)
         assert isinstance(body, bytes)
-        return await self._app(scope, _Replayed(body, receive), send)
+        return await self._app(scope, _replayed(body, receive), send)
 
     def _refuse(self, scope: Scope) -> Refusal | None:
         if scope["method"] not in _METHODS:
@@ -146,18 +146,14 @@ def same(given: str, token: str) -> bool:
     return secrets.compare_digest(given.encode("utf-8", "replace"), token.encode())
 
 
-class _Replayed:
-    """A `receive` that returns a body that was already read, then any later messages."""
+def _replayed(body: bytes, receive: Receive) -> Receive:
+    """Return a `receive` for a body that was already read, then any later messages."""
+    messages = [{"type": "http.request", "body": body, "more_body": False}]
 
-    def __init__(self, body: bytes, receive: Receive) -> None:
-        self._body: bytes | None = body
-        self._receive = receive
+    async def replay() -> Message:
+        return messages.pop() if messages else await receive()
 
-    async def __call__(self) -> Message:
-        if self._body is None:
-            return await self._receive()
-        body, self._body = self._body, None
-        return {"type": "http.request", "body": body, "more_body": False}
+    return replay
 
 
 def _head(scope: Scope) -> int:
@@ -195,17 +191,13 @@ async def _body(scope: Scope, receive: Receive, limit: int) -> bytes | Refusal |
     return b"".join(parts)
 
 
-async def _answer(send: Send, scope: Scope, refusal: Refusal) -> None:
+async def _answer(scope: Scope, receive: Receive, send: Send, refusal: Refusal) -> None:
     """Send a refusal: JSON to the page's script, a plain sentence to a person."""
-    api = scope["path"].startswith("/api/")
-    data = {"error": refusal.error, "kind": refusal.kind, "now": None}
-    body = json.dumps(data) if api else refusal.error
-    kind = b"application/json" if api else b"text/plain; charset=utf-8"
-    content = body.encode()
-    headers = [(b"content-type", kind), (b"content-length", str(len(content)).encode())]
-    await send({"type": "http.response.start", "status": refusal.status, "headers": headers})
-    shown = b"" if scope["method"] == "HEAD" else content
-    await send({"type": "http.response.body", "body": shown})
+    response: Response = PlainTextResponse(refusal.error, refusal.status)
+    if scope["path"].startswith("/api/"):
+        told = {"error": refusal.error, "kind": refusal.kind, "now": None}
+        response = JSONResponse(told, refusal.status)
+    await response(scope, receive, send)
 
 
 def _framed(headers: Mapping[bytes, bytes]) -> dict[bytes, bytes]:

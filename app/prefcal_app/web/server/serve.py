@@ -8,8 +8,7 @@ from pathlib import Path
 
 from prefcal_app.session import Interview
 from prefcal_app.web.api import Api
-from prefcal_app.web.reports import Reports
-from prefcal_app.web.watch import Watch
+from prefcal_app.web.pages import Reports
 
 from .app import make_app
 from .site import Site
@@ -73,11 +72,9 @@ class Window(Site):
         self._presence = Presence(clock)
         self.closed = threading.Event()
         self._reports = Reports()
-        self._watch = Watch(interview)
-        self._reports.changed = self._watch.wake
         seen = self._presence.seen
-        api = Api(interview, self._reports, self._watch, self.closed, seen, again=again, command=command)
-        super().__init__(partial(make_app, api, framed=framed), host=host, port=port)
+        self._api = Api(interview, self._reports, self.closed, seen, again=again, command=command)
+        super().__init__(partial(make_app, self._api, framed=framed), host=host, port=port)
 
     @property
     def reports(self) -> Path | None:
@@ -86,7 +83,7 @@ class Window(Site):
 
     @reports.setter
     def reports(self, folder: Path | None) -> None:
-        self._reports.put(folder)
+        self._reports.folder = folder
 
     def away(self) -> float | None:
         """Return the seconds since a page was last open; None before the first page."""
@@ -95,8 +92,8 @@ class Window(Site):
     @property
     def waiting(self) -> int:
         """Return the number of pages that wait for a change."""
-        return self._watch.waiting
+        return self._api.waiting.borrowed_tokens
 
     def release(self) -> None:
         """Answer the pages that wait for a change."""
-        self._watch.stop()
+        self._api.stopping.set()

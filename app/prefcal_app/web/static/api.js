@@ -28,16 +28,22 @@ export async function get(path) {
   return result(await fetch(path, { cache: "no-store" }));
 }
 
+// Return the answer; if there is none, say so in `place` and return null.
+export async function fetched(place, path) {
+  try {
+    return await get(path);
+  } catch (error) {
+    fill(place, el("p", { class: "problem", role: "alert" }, error.message));
+    return null;
+  }
+}
+
 // Fill a view with what `draw` returns of the answer, below its title; until then with what is there.
 export async function load(view, title, path, draw) {
   if (!view.firstChild) fill(view, title, el("p", {}, "Loading…"));
-  let found;
-  try {
-    found = await get(path);
-  } catch (error) {
-    return fill(view, title, el("p", {}, error.message));
-  }
-  return fill(view, title, draw(found));
+  const place = el("div", {});
+  const found = await fetched(place, path);
+  fill(view, title, found ? draw(found) : place);
 }
 
 export async function post(name, fields, blind) {

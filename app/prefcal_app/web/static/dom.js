@@ -36,6 +36,16 @@ export function table(heads, rows, { kinds = [], label = "", ...properties } = {
   return el("div", { class: "scroll", ...(label && { tabindex: "0", role: "region", "aria-label": label }) }, made);
 }
 
+// Return the sign of an objective that is met or missed, and the words of it for screen readers.
+export const verdict = (met) => (typeof met !== "boolean" ? null : [el("span", { "aria-hidden": "true", class: met ? "yes" : "no" }, met ? " ✓" : " ✗"),
+  el("span", { class: "hidden" }, ` (objective ${met ? "met" : "missed"})`)]);
+
+// Return a table of the server's view, with the unit at each value.
+export const shownTable = ({ columns, rows }) => table(columns.map(({ name }) => name), rows.map(({ name, aim, about, unit, cells }) => ({
+  title: about || null, cells: [[symbol(name), aim ? el("small", { class: "faint" }, ` (${aim})`) : null],
+    ...cells.map(({ text, met, kind }) => el("span", { class: kind.split(" ").at(-1) }, withUnit(text, unit), verdict(met) ?? []))] })),
+{ class: "kpi-table", kinds: ["", ...columns.slice(1).map(() => "number")] });
+
 // Return names with their values, large: θ of an experiment.
 export const values = (knobs, kind = "") => el("dl", { class: `values ${kind}` }, knobs.map(({ name, text, unit, title }) =>
   el("div", { title }, el("dt", {}, symbol(name)), el("dd", {}, withUnit(text, unit)))));

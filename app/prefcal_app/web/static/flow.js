@@ -114,7 +114,7 @@ function settle() {
   }
 }
 
-function banner(text) {
+export function banner(text) {
   $("banner").hidden = !text;
   if ($("banner").textContent !== text) $("banner").textContent = text; // screen readers read it again whenever it is set
 }

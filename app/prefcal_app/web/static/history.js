@@ -1,7 +1,7 @@
 // List every question and answer, to look at again or retract.
 
-import { get, load } from "./api.js";
-import { $, ask, button, el, fill, table, when } from "./dom.js";
+import { fetched, load } from "./api.js";
+import { $, ask, button, el, table, when } from "./dom.js";
 import { WORDS } from "./flow.js";
 import { showAgain } from "./maneuvers.js";
 
@@ -40,14 +40,10 @@ function confirm(which, act) {
 
 async function lookAgain(which) {
   const place = $("again");
-  let asked;
-  try {
-    asked = await get(`/api/history/${which.answer}`);
-  } catch (error) {
-    return fill(place, el("p", { class: "problem" }, error.message));
-  }
+  const asked = await fetched(place, `/api/history/${which.answer}`);
+  if (!asked) return;
   const { question, verdict, comment } = asked;
   const heading = `${named(which).replace(/^./, (first) => first.toUpperCase())}: ${WORDS[verdict]}`;
   const head = (name, title) => [title, `experiment ${question[name].number}`, verdict === name ? "preferred" : ""];
-  return showAgain(place, heading, asked, { left: head("left", "Left"), right: head("right", "Right") }, comment);
+  showAgain(place, heading, asked, { left: head("left", "Left"), right: head("right", "Right") }, comment);
 }

@@ -2,6 +2,7 @@
 
 import { get } from "./api.js";
 import { $, ask, el, fill, say } from "./dom.js";
+import { banner } from "./flow.js";
 import { QUESTION, keyTable, keyboard, maneuver } from "./keys.js";
 import * as question from "./question.js";
 
@@ -42,11 +43,6 @@ async function show() {
   question.show({ question: pair, scenario: { time_unit: pair.time_unit } }, false);
   question.fit();
   say(`${names}. ${question.inWords(pair)}`);
-}
-
-function banner(text) {
-  $("banner").hidden = !text;
-  $("banner").textContent = text;
 }
 
 function choose(left, right) {

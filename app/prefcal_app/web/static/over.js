@@ -1,6 +1,6 @@
 // Show the end: what was gained, where the report is, and what to do next.
 
-import { $, ask, button, copying, el, fill, symbol, table, withUnit } from "./dom.js";
+import { $, ask, button, copying, el, fill, shownTable, symbol } from "./dom.js";
 import { bestCard } from "./status.js";
 
 const REASONS = {
@@ -30,17 +30,9 @@ export function showOver(now, act) {
 
 // Show all KPIs before and after, the largest change first.
 function gained(gain) {
-  if (!gain || !gain.kpis.length) return null;
-  if (gain.same) {
-    return el("div", { class: "card gain" }, el("h3", {}, "What was gained"),
-      el("p", {}, `No experiment was better than the ${gain.before}: experiment ${gain.number} is still the best.`));
-  }
-  const rows = gain.kpis.map((kpi) => ({ kind: kpi.verdict, title: kpi.about || null, cells: [
-    [symbol(kpi.title), kpi.objective ? el("small", { class: "faint" }, ` (${kpi.objective})`) : null], withUnit(kpi.before, kpi.unit),
-    [withUnit(kpi.after, kpi.unit), el("span", { class: "met" }, { true: " ✓", false: " ✗" }[kpi.met])], kpi.change, kpi.verdict] }));
-  return el("div", { class: "card gain" }, el("h3", {}, `What was gained over the ${gain.before}`),
-    table(["", gain.before, `experiment ${gain.after}`, "change", ""], rows,
-      { class: "kpi-table", kinds: ["", "number", "number", "number change", "change"] }));
+  if (!gain || !gain.table.rows.length) return null;
+  return el("div", { class: "card gain" }, el("h3", {}, gain.same ? "What was gained" : gain.title),
+    gain.same ? el("p", {}, gain.none) : shownTable(gain.table));
 }
 
 // Show what to do next: continue, use the controller, widen a range, or close.

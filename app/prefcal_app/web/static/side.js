@@ -1,7 +1,7 @@
 // Show one experiment: title, KPIs, θ and marks, with space for its curves.
 
 import { mark } from "./flow.js";
-import { $, button, el, fill, symbol, withUnit } from "./dom.js";
+import { $, button, el, fill, symbol, verdict, withUnit } from "./dom.js";
 import { toggle } from "./table.js";
 
 const MARKS = { unsafe: { left: "Q", right: "E", words: "Unsafe or very bad", short: "Unsafe" },
@@ -76,13 +76,9 @@ export function headline(kpis, { comparison }) {
 }
 
 export function item(kpi) {
-  const verdict = { true: "met", false: "missed" }[kpi.met] ?? "";
-  const sign = { met: " ✓", missed: " ✗" }[verdict] ?? "";
   const told = [kpi.about, kpi.objective ? `objective: ${kpi.objective}` : ""].filter(Boolean).join(" · ");
-  return el("div", { class: verdict, title: told || null },
-    el("dt", {}, symbol(kpi.title)), el("dd", {}, withUnit(kpi.text, kpi.unit),
-      sign ? el("span", { "aria-hidden": "true" }, sign) : null,
-      verdict ? el("span", { class: "hidden" }, ` (objective ${verdict})`) : null));
+  return el("div", { class: { true: "met", false: "missed" }[kpi.met], title: told || null },
+    el("dt", {}, symbol(kpi.title)), el("dd", {}, withUnit(kpi.text, kpi.unit), verdict(kpi.met)));
 }
 
 export function thetas(side) {

@@ -1,6 +1,6 @@
 // Show what was simulated unseen: a picture of it, and each point to look at or to ask for.
 
-import { get } from "./api.js";
+import { fetched, get } from "./api.js";
 import { $, button, el, fill, symbol, table, values, withUnit } from "./dom.js";
 import { open } from "./flow.js";
 import { draw, drawn, step } from "./map.js";
@@ -16,7 +16,7 @@ let over = false;
 export async function showSimulated(now, act) {
   [send, over] = [act, now.phase === "over"];
   if (!$("map")) build();
-  let found;
+  let found = null;
   try {
     found = await get("/api/simulated");
   } catch (error) {
@@ -157,15 +157,10 @@ async function lookAt(event) {
   const [place, button] = [$("look"), event.target];
   const { theta, number } = data.points[row];
   button.disabled = true;
-  let found;
-  try {
-    found = await get(`/api/look?theta=${encodeURIComponent(theta.join(","))}`);
-  } catch (error) {
-    return fill(place, el("p", { class: "problem", role: "alert" }, error.message));
-  } finally {
-    button.disabled = false;
-  }
+  const found = await fetched(place, `/api/look?theta=${encodeURIComponent(theta.join(","))}`);
+  button.disabled = false;
+  if (!found) return;
   const title = number === null ? "Simulated for a look: nothing is recorded" : `Experiment ${number} beside the best so far`;
-  return showAgain(place, title, found, { left: ["Best so far", `experiment ${found.question.left.number}`],
+  showAgain(place, title, found, { left: ["Best so far", `experiment ${found.question.left.number}`],
     right: ["This one", number === null ? "never shown" : `experiment ${number}`] });
 }

@@ -1,7 +1,7 @@
 // Show the status: the best so far, what was tried and learned, and how consistent the answers are.
 
 import { load } from "./api.js";
-import { $, button, copying, el, symbol, table, values, withUnit } from "./dom.js";
+import { $, button, copying, el, symbol, table, values, verdict, withUnit } from "./dom.js";
 import { open } from "./flow.js";
 import { GROUPS, named, slice, tried } from "./miniature.js";
 
@@ -41,10 +41,8 @@ export function bestCard(best, title = "Best so far", numbers = true) {
     values(best.theta), numbers && best.kpis.length ? kpiTable(best.kpis) : null);
 }
 
-const kpiTable = (kpis) => table(["KPI", "value", "objective", "verdict"], kpis.slice(0, MOST).map((kpi) => ({
-  kind: { true: "met", false: "missed" }[kpi.met],
-  cells: [symbol(kpi.title), withUnit(kpi.text, kpi.unit), kpi.objective, { true: "✓ met", false: "✗ missed" }[kpi.met] ?? ""],
-})), { class: "kpi-table", kinds: ["", "number", "faint"] });
+const kpiTable = (kpis) => table(["KPI", "value", "objective"], kpis.slice(0, MOST).map((kpi) =>
+  [symbol(kpi.title), [withUnit(kpi.text, kpi.unit), verdict(kpi.met)], kpi.objective]), { class: "kpi-table", kinds: ["", "number", "faint"] });
 
 // Show whether to continue and, if the best is at the end of a range, how to widen it.
 function outlook(found) {

@@ -1,6 +1,6 @@
 // Compare two experiments KPI by KPI in one table, an objective that only one misses, then the largest difference.
 
-import { $, el, fill, keep, kept, symbol, table, withUnit } from "./dom.js";
+import { $, el, fill, keep, kept, symbol, table, verdict, withUnit } from "./dom.js";
 
 const NAMES = { worst: "Worst maneuver", mean: "Mean of all maneuvers" };
 let open = false;
@@ -61,8 +61,6 @@ function row({ title, about, unit, objective, left, right, difference, better, s
 }
 
 function value({ text, met }, unit, better) {
-  const verdict = { true: "met", false: "missed" }[met] ?? "";
-  return el("span", { class: `${verdict}${better ? " better" : ""}` }, withUnit(text, unit),
-    verdict ? el("span", { "aria-hidden": "true" }, verdict === "met" ? " ✓" : " ✗") : null,
-    el("span", { class: "hidden" }, `${verdict ? ` (objective ${verdict})` : ""}${better ? " (better)" : ""}`));
+  return el("span", { class: `${{ true: "met", false: "missed" }[met] ?? ""}${better ? " better" : ""}` }, withUnit(text, unit),
+    verdict(met), better ? el("span", { class: "hidden" }, " (better)") : null);
 }

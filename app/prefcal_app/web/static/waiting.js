@@ -1,24 +1,16 @@
 // Show what there is while no question is: the briefing, progress, and an experiment that could not run.
 
-import { get } from "./api.js";
+import { fetched, get } from "./api.js";
 import { $, button, el, fill, symbol, table, values } from "./dom.js";
 
 let known = null;
 let closed = false;
 
-async function brief() {
-  known ??= await get("/api/brief");
-  return known;
-}
-
 // Return the full briefing, for the dialog and the page that waits for the first experiments.
 export async function briefing() {
-  let told;
-  try {
-    told = await brief();
-  } catch (error) {
-    return [el("p", { class: "problem" }, error.message)];
-  }
+  const place = el("div", {});
+  const told = known ??= await fetched(place, "/api/brief");
+  if (!told) return [place];
   const words = (title, rows) => (rows.length ? el("section", {}, el("h3", {}, title), table(null, rows.map(([name, about, range]) =>
     [symbol(name), symbol(about), range]), { class: "words", kinds: ["", "", "faint"] })) : null);
   return [
@@ -61,7 +53,8 @@ export async function intro(now) {
   const due = now.progress.answered === 0 && !now.question.repeat && !closed;
   if (!due) place.hidden = true;
   if (!due || place.firstChild) return;
-  const { text } = await brief();
+  known ??= await get("/api/brief");
+  const { text } = known;
   if (!text || closed) return;
   const show = (shown) => {
     place.hidden = !shown;

@@ -41,7 +41,7 @@ def shown(record: Any) -> tuple[ShownDrive, ...]:
     runs = (ShownDrive(best.experiment, f"best (experiment {best.number})", BEST),)
     if best.index == before.index:
         return runs
-    label = f"{record.baseline.name} ({before.number})"
+    label = f"{record.baseline} ({before.number})"
     return *runs, ShownDrive(before.experiment, label, FIRST)
 
 
@@ -139,7 +139,7 @@ def _alt(record: Any) -> str:
     assert record.best is not None
     experiment = record.best.experiment
     kpis = experiment.kpis
-    beside = f", beside the {record.baseline.name}" if len(shown(record)) > 1 else ""
+    beside = f", beside the {record.baseline}" if len(shown(record)) > 1 else ""
     return (
         "Path with the vehicles at five moments, speed and steering angle along the road, of the "
         f"best run{beside}. "

@@ -44,7 +44,7 @@ def test_the_report_is_there_once_it_is_written(room, tmp_path):
         (folder / name).write_bytes(b"content")
     (folder / "link.json").symlink_to(tmp_path / "secret.json")
     (folder / "folder.png").mkdir()
-    room.reports.put(folder)
+    room.reports.folder = folder
     picture = page.get("/report/a.png")
     assert (picture.content, picture.headers["content-type"]) == (b"content", "image/png")
     policy = page.get("/report/b.html").headers["content-security-policy"]
@@ -59,15 +59,14 @@ def test_the_report_wakes_the_pages(toy, static, tmp_path):
     interview = begin(toy)
     proceed(interview)
     room = make_room(interview, static, pace=Pace(poll=60.0))
-    room.reports.changed = room.watch.wake
     version = interview.now().version
 
     async def meet() -> httpx.Response:
         async with room.page().client() as client:
             poll = asyncio.create_task(client.get(f"/api/now?after={version}"))
-            while not room.watch.waiting:
+            while not room.api.waiting.borrowed_tokens:
                 await asyncio.sleep(0)
-            room.reports.put(tmp_path)
+            room.reports.folder = tmp_path
             return await asyncio.wait_for(poll, 20)
 
     assert asyncio.run(meet()).status_code == 200

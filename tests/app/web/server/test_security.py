@@ -27,23 +27,13 @@ def untouched(room, ask):
     return response
 
 
-@pytest.mark.parametrize(
-    "host",
-    [
-        "evil.example",
-        f"evil.example:{PORT}",
-        "127.0.0.1",
-        f"127.0.0.1:{PORT + 1}",
-        "",
-        f"127.0.0.1.evil.example:{PORT}",
-        f"localhost:{PORT}:{PORT}",
-        f"127.0.0.1:{PORT}x",
-        f"192.168.0.9:{PORT}",
-        f"evil@127.0.0.1:{PORT}",
-        "127.0.0.1:\u0661",
-        f"[::2]:{PORT}",
-    ],
+FOREIGN = (
+    f"evil.example evil.example:{PORT} 127.0.0.1 127.0.0.1:{PORT + 1} 127.0.0.1.evil.example:{PORT} "
+    f"localhost:{PORT}:{PORT} 127.0.0.1:{PORT}x 192.168.0.9:{PORT} evil@127.0.0.1:{PORT} [::2]:{PORT}"
 )
+
+
+@pytest.mark.parametrize("host", [*FOREIGN.split(), "", "127.0.0.1:\u0661"])
 def test_a_foreign_name_is_refused_even_with_the_cookie(room, host):
     given = {"cookie": COOKIE, "host": host.encode("utf-8")}
     page = room.page()
@@ -57,20 +47,13 @@ def test_the_names_of_the_loopback_device_are_ours(room, host):
     assert room.page(host=host, origin=f"http://{host}").get("/api/now").status_code == 200
 
 
-@pytest.mark.parametrize(
-    "origin",
-    [
-        "null",
-        "http://evil.example",
-        f"https://{HOST}",
-        "http://127.0.0.1",
-        f"{ORIGIN}/",
-        f"http://127.0.0.1:{PORT + 1}",
-        f"http://localhost:{PORT}",
-        ORIGIN + ".evil.example",
-        "*",
-    ],
+ORIGINS_OF_OTHERS = (
+    f"null http://evil.example https://{HOST} http://127.0.0.1 {ORIGIN}/ http://127.0.0.1:{PORT + 1} "
+    f"http://localhost:{PORT} {ORIGIN}.evil.example *"
 )
+
+
+@pytest.mark.parametrize("origin", ORIGINS_OF_OTHERS.split())
 def test_a_foreign_origin_is_refused(room, origin):
     page = room.page(origin=origin)
     response = untouched(room, lambda: page.post("/api/answer", json=answer(room)))
@@ -86,20 +69,14 @@ def test_a_post_without_an_origin_is_refused(room):
     assert page.get("/api/now").status_code == 200
 
 
-@pytest.mark.parametrize(
-    "cookie",
-    [
-        "",
-        f"prefcal_{PORT}=",
-        f"prefcal_{PORT}={TOKEN}x",
-        f"prefcal_{PORT}={TOKEN[:-1]}",
-        f"prefcal_{PORT + 1}={TOKEN}",
-        f"prefcal={TOKEN}",
-        TOKEN,
-        f"x=prefcal_{PORT}={TOKEN}",
-        f"prefcal_{PORT}={TOKEN.upper()}",
-    ],
+NAME = f"prefcal_{PORT}"
+WRONG = (
+    f"{NAME}= {NAME}={TOKEN}x {NAME}={TOKEN[:-1]} prefcal_{PORT + 1}={TOKEN} prefcal={TOKEN} {TOKEN} "
+    f"x={NAME}={TOKEN} {NAME}={TOKEN.upper()}"
 )
+
+
+@pytest.mark.parametrize("cookie", ["", *WRONG.split()])
 @pytest.mark.parametrize("path", ["/", "/api/now", "/static/main.js", "/report/x.png", "/nowhere"])
 def test_without_the_cookie_nothing_is_shown_but_a_sentence(room, cookie, path):
     response = room.page(cookie=cookie).get(path)
@@ -137,12 +114,8 @@ def test_a_wrong_link_is_refused(room, token):
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [
-        ("GET", "/", 200),
-        ("GET", f"/open/{TOKEN}", 200),
-        ("GET", "/api/now", 200),
-        ("GET", "/static/main.js", 200),
-        ("GET", "/nowhere", 404),
-        ("GET", "/api/nowhere", 404),
+        *(("GET", path, 200) for path in ("/", f"/open/{TOKEN}", "/api/now", "/static/main.js")),
+        *(("GET", path, 404) for path in ("/nowhere", "/api/nowhere")),
         ("GET", "/api/answer", 405),
         ("POST", "/api/answer", 415),
         ("PUT", "/api/answer", 405),
@@ -155,9 +128,8 @@ def test_every_response_bears_the_policy_and_is_not_kept(room, method, path, sta
     response = room.page().request(method, path)
     assert response.status_code == status
     assert response.headers["content-security-policy"] == POLICY
-    assert response.headers["x-content-type-options"] == "nosniff"
-    assert response.headers["referrer-policy"] == "no-referrer"
-    assert response.headers["cross-origin-opener-policy"] == "same-origin"
+    named = ("x-content-type-options", "referrer-policy", "cross-origin-opener-policy")
+    assert [response.headers[name] for name in named] == ["nosniff", "no-referrer", "same-origin"]
     assert response.headers["cross-origin-resource-policy"] == "same-origin"
     kept = "no-cache" if path in ("/", f"/open/{TOKEN}", "/static/main.js") else "no-store"
     assert method != "GET" or response.headers["cache-control"] == kept

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from prefcal_agents import RandomSearch
-from prefcal_app.report.record import Record
+from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.write import write_report
 from prefcal_env.experiments.experiment import End
 from prefcal_env.preferences.answer import Preference
@@ -41,7 +41,7 @@ def record(first=SLUGGISH, second=PAPER, preference=Preference.CHALLENGER):
     agent = RandomSearch(overtake.space, n_init=2, n_max=2, seed=0)
     comparisons = tuple(calibrate(agent, lambda theta: next(runs), Always(preference)))
     held = agent.state.history.incumbents()
-    return Record(overtake, "overtake", comparisons, held, n_max=2)
+    return StudyRecord(overtake, "overtake", comparisons, held, n_max=2)
 
 
 def until(experiment, k):
