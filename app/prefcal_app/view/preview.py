@@ -69,11 +69,11 @@ def live_view(scenario: Scenario, live: LiveNow | None) -> dict[str, Any] | None
 def _change(change: Change) -> dict[str, str]:
     """Return a value to write, in words."""
     return {
-        "name": change.name,
-        "unit": change.unit,
+        "name": change.quantity.name,
+        "unit": change.quantity.unit,
         "old": "unknown" if isnan(change.old) else f"{change.old:.6g}",
         "new": f"{change.new:.6g}",
-        "limits": f"{change.low:g} to {change.high:g}",
+        "limits": f"{change.quantity.low:g} to {change.quantity.high:g}",
         "rate": "any" if isinf(change.rate) else f"{change.rate:g}",
     }
 
@@ -94,8 +94,8 @@ def _running(live: LiveNow) -> dict[str, Any] | None:
         "times": list(live.times),
         "outputs": [
             {
-                "name": curve.name,
-                "unit": curve.unit,
+                "name": curve.channel.name,
+                "unit": curve.channel.unit,
                 "values": [_plain(value) for value in curve.values],
                 "reference": [_plain(value) for value in curve.reference],
             }
