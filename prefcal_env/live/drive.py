@@ -118,11 +118,11 @@ class Drive:
         self._check_types()
         changes = tuple(w.changed(values[name], new[name]) for name, w in self.written.items())
         for change in changes:
-            name = change.quantity.name
+            name = change.name
             if name in self.start and change.seconds >= self.rig.duration:
                 raise LiveError(
                     f"{name} takes {change.seconds:g} s from {change.old:g} to {change.new:g} "
-                    f"{change.quantity.unit}, as long as the run or longer: the duration "
+                    f"{change.unit}, as long as the run or longer: the duration "
                     f"must be above that, got {self.rig.duration:g} s"
                 )
         return changes
@@ -220,7 +220,7 @@ class Drive:
         # Again, since the person may have taken minutes, and on the disk before the first write.
         if [c.old for c in self.look()] != [c.old for c in changes]:
             raise LiveError("the plant's values changed before they were confirmed: look again")
-        old = {change.quantity.name: change.old for change in changes}
+        old = {change.name: change.old for change in changes}
         self.journal.save(old)
         self.old = old
         self._next = self.hands.clock()

@@ -57,6 +57,16 @@ class Change:
     rate: float = inf
 
     @property
+    def name(self) -> str:
+        """Name of the quantity."""
+        return self.quantity.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values."""
+        return self.quantity.unit
+
+    @property
     def seconds(self) -> float:
         """Shortest duration of the change, in seconds."""
         return abs(self.new - self.old) / self.rate

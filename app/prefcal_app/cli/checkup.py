@@ -391,7 +391,7 @@ def _asked(source: Source, run: Run) -> Iterator[Finding]:
         yield Finding("plant", False, run.problem)
         return
     known = [c for c in run.changes if not np.isnan(c.old)]
-    shown = (f"{c.quantity.name} = {quantity(c.old, c.quantity.unit)}" for c in known)
+    shown = (f"{each.name} = {quantity(each.old, each.unit)}" for each in known)
     has = f"it is reachable and has {', '.join(shown)}" if known else "it does not say what it has now"
     yield Finding("plant", True, has)
     if left := source.left:

@@ -69,8 +69,8 @@ def live_view(scenario: Scenario, live: LiveNow | None) -> dict[str, Any] | None
 def _change(change: Change) -> dict[str, str]:
     """Return a value to write, in words."""
     return {
-        "name": change.quantity.name,
-        "unit": change.quantity.unit,
+        "name": change.name,
+        "unit": change.unit,
         "old": "unknown" if isnan(change.old) else f"{change.old:.6g}",
         "new": f"{change.new:.6g}",
         "limits": f"{change.quantity.low:g} to {change.quantity.high:g}",

@@ -26,7 +26,7 @@ def test_a_run_ramps_records_and_puts_the_old_values_back(tmp_path):
     plant, seen = Memory(), []
     rig = memory_rig(plant, tmp_path)
     driven = drive(rig, plant, lambda changes: seen.append(changes) or True)
-    assert [(c.quantity.name, c.old, c.new) for c in seen[0]] == [
+    assert [(c.name, c.old, c.new) for c in seen[0]] == [
         ("K_p", 1.0, 4.0),
         ("T_i", 10.0, 20.0),
         ("set-point", 1.0, 2.0),
