@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -32,6 +33,10 @@ _OVERWRITTEN = (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOT
 _DAMAGED = "It is damaged: nothing was changed; use an earlier copy or an export"
 
 
+_UNBEGUN = State(MappingProxyType({}), "", 0)
+"""State before the first event."""
+
+
 class StudyFile:
     """Open study, made by `create` or `open`. Methods can be called from any thread.
 
@@ -48,7 +53,8 @@ class StudyFile:
         self._place: tuple[int, int] | None = None  # device and inode; None if only read
         self._content = b""  # of the file, should others remove or overwrite it
         self._saved: tuple[int, Path] | None = None  # number of the last event, and the copy
-        self._state: State | None = None
+        self.state = _UNBEGUN
+        """State of the study after all events."""
         self._experiments: dict[bytes, int] = {}
 
     @classmethod
@@ -148,19 +154,11 @@ class StudyFile:
     def _take(self, recorded: Recorded) -> None:
         """Apply one event to the state."""
         seq, at, event = recorded.seq, recorded.at, recorded.event
-        if self._state is None:
-            self._state = begin(seq, at, event)
-        else:
-            self._state = step(self._state, seq, at, event)
+        unbegun = self.state is _UNBEGUN
+        self.state = begin(seq, at, event) if unbegun else step(self.state, seq, at, event)
         if isinstance(event, Finished):
-            theta = self._state.history.samples[event.index].theta
-            self._experiments[theta_key(theta)] = self._state.finished[event.index]
-
-    @property
-    def state(self) -> State:
-        """Return the state of the study after all events."""
-        assert self._state is not None
-        return self._state
+            theta = self.state.history.samples[event.index].theta
+            self._experiments[theta_key(theta)] = self.state.finished[event.index]
 
     def events(self) -> Iterator[Recorded]:
         """Yield all events in order, without payloads."""
