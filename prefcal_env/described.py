@@ -80,7 +80,8 @@ def _fields(table: Any) -> Keys:
         return table
     if issubclass(table, msgspec.Struct):
         return {f.name: (f.type, f.required) for f in msgspec.structs.fields(table)}
-    return {p.name: (p.annotation, p.default is p.empty) for p in signature(table).parameters.values()}
+    arguments = [p for p in signature(table).parameters.values() if p.kind is not p.VAR_KEYWORD]
+    return {p.name: (p.annotation, p.default is p.empty) for p in arguments}
 
 
 def _value(value: Any, type_: Any, where: str, error: type[PrefcalError]) -> Any:

@@ -61,7 +61,7 @@ def live_rig(description: Mapping[str, Any], *, plant: Callable[[str], LivePlant
 
     Raises:
         SettingsError: If a name is unknown, missing or of the wrong type; the message says where.
-        KnobError: If a knob is not valid.
+        KnobError: If a knob, or the range of a start value, is not valid.
         LiveError: If the address is none of OPC UA.
         MissingExtraError: If asyncua is not installed.
     """
@@ -73,27 +73,30 @@ def live_rig(description: Mapping[str, Any], *, plant: Callable[[str], LivePlant
     )
     return LiveRig(
         plant=_connection(given) if plant is None else plant(given["url"]),
-        knobs=tuple(_knob(name, entry) for name, entry in given["knobs"].items()),
+        knobs=tuple(_knob(name, entry, f"knobs.{name}") for name, entry in given["knobs"].items()),
         tags=tuple(
             checked(entry, Tag, f"{role}s.{name}", SettingsError, name=name, role=role)
             for role, tags in roles
             for name, entry in tags.items()
         ),
-        start=tuple(
-            checked(entry, LiveStart, f"start.{name}", SettingsError, name=name)
-            for name, entry in given.get("start", {}).items()
-        ),
+        start=tuple(_start(name, entry, f"start.{name}") for name, entry in given.get("start", {}).items()),
         journal=_journal(given["journal"]) if "journal" in given else None,
         **{name: value for name, value in given.items() if name in _RIG},
     )
 
 
-def _knob(name: str, entry: dict[str, Any]) -> LiveKnob:
+def _knob(name: str, entry: dict[str, Any], where: str) -> LiveKnob:
     plain = entry | {"scale": "log10"} if entry.get("scale") == "log" else entry
-    known, where = ("name", "knob"), f"knobs.{name}"
-    found = entries(plain, (LiveKnob, Knob), where, SettingsError, known=known)
+    found = entries(plain, (LiveKnob, Knob), where, SettingsError, known=("name", "knob"))
     node, rate = found.pop("node"), found.pop("rate")
     return LiveKnob(Knob(name, **found), node, rate)
+
+
+def _start(name: str, entry: dict[str, Any], where: str) -> LiveStart:
+    tuned_only = ("scale", "step", "about")
+    found = entries(entry, (LiveStart, Knob), where, SettingsError, known=("name", "knob", *tuned_only))
+    node, rate, value = (found.pop(key) for key in ("node", "rate", "value"))
+    return LiveStart(Knob(name, **found), node, rate, value=value)
 
 
 def _connection(given: Mapping[str, Any]) -> OPCUAPlant:

@@ -265,7 +265,7 @@ class Drive:
         while not self._holds(ready):
             if self.hands.clock() >= deadline:
                 wanted = ", ".join(
-                    f"{self.tags[key].name} in [{low:g}, {high:g}] {self.tags[key].channel.unit}"
+                    f"{self.tags[key].name} in [{low:g}, {high:g}] {self.tags[key].unit}"
                     for key, (low, high) in ready.items()
                 )
                 raise LiveError(
@@ -336,7 +336,7 @@ class Drive:
                 if not within(value, tag.abort):
                     raise _EndedError(
                         End.UNSAFE,
-                        f"{tag.name} = {value:g} {tag.channel.unit} is outside its abort limits "
+                        f"{tag.name} = {value:g} {tag.unit} is outside its abort limits "
                         f"[{tag.abort[0]:g}, {tag.abort[1]:g}]",
                     )
             elif now - self._seen_at.setdefault(key, now) > self.rig.blind:

@@ -33,7 +33,7 @@ def experiment_of(
     outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
     nothing = bool(never_good(rig, rows))
     kept = slice(0, 0) if nothing else slice(None)
-    drawn = [tag.channel for tag in rig.tags if tag.role != "reference"]
+    drawn = [tag for tag in rig.tags if tag.role != "reference"]
     t = np.array([instant for instant, _ in rows])[kept]
     curves = {
         role: {

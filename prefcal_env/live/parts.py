@@ -1,11 +1,11 @@
 """Describe the nodes of a live plant: knobs and start values that are written, and records."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
-from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.sources.run import Change
@@ -63,55 +63,36 @@ class LiveKnob:
         return float(int(allowed + 1e-9)) if self.knob.integer else allowed
 
 
-@dataclass(frozen=True, slots=True, init=False)
+@dataclass(frozen=True, slots=True)
 class LiveStart(LiveKnob):
     """A knob that is not tuned: it is written to start a run, and taken back at its end.
 
     Its name, for example "set-point", differs from the knobs' names; an integer may be a switch.
 
     Args:
-        name: Name, as shown to people.
-        node: Address of the node.
-        low: Smallest value that may be written, in `unit`.
-        high: Largest value that may be written, in `unit`.
-        rate: Largest rate of change, in `unit` per second.
-        unit: Unit of the values.
-        integer: Whether only whole numbers are valid.
-        value: Value that starts the run, in `unit`.
+        value: Value that starts the run, in the knob's unit.
 
     Raises:
-        SettingsError: If the value is outside the limits, or a limit or the rate is not valid.
+        SettingsError: If the value is outside the knob's range, or as for a `LiveKnob`.
     """
 
-    value: float
+    value: float = field(kw_only=True)
 
-    def __init__(
-        self,
-        name: str,
-        node: str,
-        low: float,
-        high: float,
-        rate: float,
-        unit: str = "",
-        integer: bool = False,
-        *,
-        value: float,
-    ) -> None:
-        try:
-            knob = Knob(name, low, high, unit, integer=integer)
-        except KnobError as error:
-            raise SettingsError(f"start value: {error}") from error
-        LiveKnob.__init__(self, knob, node, rate)
-        object.__setattr__(self, "value", value)
-        if not low <= value <= high:
-            raise SettingsError(f"start value {name!r} must be in [{low}, {high}] {unit}, got {value}")
-        if integer and value != round(value):
-            raise SettingsError(f"start value {name!r} must be an integer, got {value}")
+    def __post_init__(self) -> None:
+        LiveKnob.__post_init__(self)  # slots make a new class, which super() does not know
+        knob = self.knob
+        if not knob.low <= self.value <= knob.high:
+            raise SettingsError(
+                f"start value {knob.name!r} must be in [{knob.low}, {knob.high}] {knob.unit}, "
+                f"got {self.value}"
+            )
+        if knob.integer and self.value != round(self.value):
+            raise SettingsError(f"start value {knob.name!r} must be an integer, got {self.value}")
 
 
-@dataclass(frozen=True, slots=True, init=False)
-class Tag:
-    """A node that is recorded: a channel, where it is on the plant, and its role.
+@dataclass(frozen=True, slots=True, kw_only=True, init=False)
+class Tag(Channel):
+    """A channel that is recorded: where it is on the plant, and its role.
 
     Args:
         name: Name, as shown to people; a reference has the name of its output.
@@ -121,12 +102,12 @@ class Tag:
         low: Lower limit that is drawn and counts in KPIs, in `unit`.
         high: Upper limit that is drawn and counts in KPIs, in `unit`.
         abort: Limits (low, high) in `unit`; a value outside stops the run as unsafe.
+        look: Target, band and symbol of the `Channel`; they are not drawn of a live plant.
 
     Raises:
         SettingsError: If the node is empty, the role is unknown, or limits do not increase.
     """
 
-    channel: Channel
     node: str
     role: Role
     abort: tuple[float, float]
@@ -140,6 +121,7 @@ class Tag:
         low: float = -inf,
         high: float = inf,
         abort: tuple[float, float] = (-inf, inf),
+        **look: Any,
     ) -> None:
         _check_node(name, node)
         if role not in get_args(Role):
@@ -149,15 +131,10 @@ class Tag:
                 raise SettingsError(
                     f"{what} of {name!r} must be low < high, got [{between[0]}, {between[1]}] {unit}".rstrip()
                 )
-        object.__setattr__(self, "channel", Channel(name, unit, low, high))
+        Channel.__init__(self, name, unit, low, high, **look)
         object.__setattr__(self, "node", node)
         object.__setattr__(self, "role", role)
         object.__setattr__(self, "abort", abort)
-
-    @property
-    def name(self) -> str:
-        """Name of its channel."""
-        return self.channel.name
 
     @property
     def key(self) -> str:

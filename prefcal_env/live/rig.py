@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import LiveError, SettingsError
-from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.run import Change
@@ -125,7 +125,8 @@ class LiveRig(Source):
     def _channels(self) -> Channels:
         """Return the channels; those in `y` are the outputs with a recorded reference."""
         by_role = {
-            role: tuple(tag.channel for tag in self.tags if tag.role == role) for role in ("output", "input")
+            role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
+            for role in ("output", "input")
         }
         aimed = {tag.name for tag in self.tags if tag.role == "reference"}
         y = tuple(channel for channel in by_role["output"] if channel.name in aimed)
@@ -195,7 +196,7 @@ class LiveRig(Source):
 
     def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
         """Yield which formulas of KPIs name what is not recorded, before a run is spent on it."""
-        outputs = tuple(tag.channel for tag in self.tags if tag.role == "output")
+        outputs = tuple(tag for tag in self.tags if tag.role == "output")
         yield from formula_problems(kpis, replace(self.channels, x=outputs), ())
 
     @property

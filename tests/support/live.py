@@ -72,7 +72,7 @@ def memory_rig(plant: Memory, folder: Path, **changes: object) -> LiveRig:
             Tag("valve", "valve", "input", "%"),
             Tag("level", "sp", "reference"),
         ),
-        "start": (LiveStart("set-point", "sp", 0.5, 2.5, 10.0, "m", value=2.0),),
+        "start": (LiveStart(Knob("set-point", 0.5, 2.5, "m"), "sp", 10.0, value=2.0),),
         "duration": 10.0,
         "period": 1.0,
         "journal": Journal(folder / "old.json"),

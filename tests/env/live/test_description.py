@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.errors import LiveError, SettingsError
+from prefcal_env.errors import KnobError, LiveError, SettingsError
 from prefcal_env.live import live_rig
 from support.live import Memory
 
@@ -141,12 +141,12 @@ def test_a_wrong_description_is_refused_with_its_place(change, words):
         ({"rate": 0}, "'sp': rate must be above 0 m per second and finite, got 0"),
         ({"value": 2.5}, r"'sp' must be in \[0.0, 2.0\] m, got 2.5"),
         ({"value": 0.5, "integer": True}, "'sp' must be an integer, got 0.5"),
-        ({"scale": "log"}, "no key 'scale'. Expected node, low, high, rate, unit, integer, value"),
+        ({"scale": "log"}, "no key 'scale'. Expected node, rate, value, low, high, unit, integer"),
     ],
 )
 def test_a_wrong_start_value_is_refused_with_its_numbers(change, words):
     start = {"node": "sp", "low": 0, "high": 2, "rate": 1, "value": 1, "unit": "m"}
-    with pytest.raises(SettingsError, match=words):
+    with pytest.raises((KnobError, SettingsError), match=words):
         made(FULL | {"start": {"sp": start | change}})
 
 

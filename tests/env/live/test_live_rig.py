@@ -1,9 +1,11 @@
 """A live rig writes within limits and rates, and puts back what it found, whatever happens."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from prefcal_env import End
+from prefcal_env import End, Knob
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
 from prefcal_env.live import Journal, LiveKnob, LiveStart, Tag
 from prefcal_env.sources import Stage
@@ -294,7 +296,7 @@ def test_a_start_value_that_is_never_reached_is_no_completed_run(tmp_path):
 
 def test_a_start_value_that_takes_longer_than_the_run_is_refused_before_it(tmp_path):
     plant = Memory()
-    slow = LiveStart("set-point", "sp", 0.5, 2.5, 0.1, "m", value=2.0)
+    slow = LiveStart(Knob("set-point", 0.5, 2.5, "m"), "sp", 0.1, value=2.0)
     driven = drive(memory_rig(plant, tmp_path, start=(slow,)), plant)
     assert "set-point takes 10 s from 1 to 2 m" in driven.why
     assert plant.writes == []
@@ -363,6 +365,15 @@ def test_a_live_rig_refuses_to_run_unattended(tmp_path):
 def test_an_impossible_rig_is_refused(tmp_path, changes, words):
     with pytest.raises(SettingsError, match=words):
         memory_rig(Memory(), tmp_path, **changes)
+
+
+def test_tags_and_start_values_can_be_changed_like_all_data(tmp_path):
+    rig = memory_rig(Memory(), tmp_path)
+    level = replace(rig.tags[0], abort=(0.0, 2.0))
+    assert (level.name, level.unit, level.role, level.abort) == ("level", "m", "output", (0.0, 2.0))
+    assert replace(rig.start[0], rate=5.0).value == 2.0
+    with pytest.raises(SettingsError, match="abort of 'level' must be low < high"):
+        replace(level, abort=(2.0, 0.0))
 
 
 def test_gaps_are_interpolated_in_outputs_and_held_in_inputs():

@@ -171,7 +171,7 @@ def drawn(seed: int, folder: Path) -> Session:
     if rng.random() < 0.3:
         mode = Knob("mode", 0, 4, integer=True)
         knobs.append(LiveKnob(mode, "mode", float(rng.uniform(0.3, 3) / period)))
-    start = LiveStart("set-point", "setpoint", 0.5, 3.0, rng.uniform(0.2, 3) / period, value=2.0)
+    start = LiveStart(Knob("set-point", 0.5, 3.0), "setpoint", rng.uniform(0.2, 3) / period, value=2.0)
     tags = [
         Tag("level", "level", abort=(0.0, rng.uniform(1.8, 4.0))),
         Tag("valve", "valve", "input"),
