@@ -37,7 +37,13 @@ class StudyFile:
 
     An event is on the disk, in the study's own file, when `append` returns. The file is locked
     until `close`: others can read it, but not write to it.
+
+    Attributes:
+        path: Path of the file, or ":memory:".
+        state: State of the study after all events.
     """
+
+    state: State
 
     def __init__(self, connection: sqlite3.Connection, path: str, clock: Clock) -> None:
         self._connection, self.path, self._clock = connection, path, clock
@@ -48,7 +54,6 @@ class StudyFile:
         self._place: tuple[int, int] | None = None  # device and inode; None if only read
         self._content = b""  # of the file, should others remove or overwrite it
         self._saved: tuple[int, Path] | None = None  # number of the last event, and the copy
-        self._state: State | None = None
         self._experiments: dict[bytes, int] = {}
 
     @classmethod
@@ -148,19 +153,10 @@ class StudyFile:
     def _take(self, recorded: Recorded) -> None:
         """Apply one event to the state."""
         seq, at, event = recorded.seq, recorded.at, recorded.event
-        if self._state is None:
-            self._state = begin(seq, at, event)
-        else:
-            self._state = step(self._state, seq, at, event)
+        self.state = begin(seq, at, event) if seq == 1 else step(self.state, seq, at, event)
         if isinstance(event, Finished):
-            theta = self._state.history.samples[event.index].theta
-            self._experiments[theta_key(theta)] = self._state.finished[event.index]
-
-    @property
-    def state(self) -> State:
-        """Return the state of the study after all events."""
-        assert self._state is not None
-        return self._state
+            theta = self.state.history.samples[event.index].theta
+            self._experiments[theta_key(theta)] = self.state.finished[event.index]
 
     def events(self) -> Iterator[Recorded]:
         """Yield all events in order, without payloads."""

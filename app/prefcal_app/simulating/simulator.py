@@ -73,6 +73,8 @@ class Simulator:
         self._helps = not own
         self._kept = kept
         self._known = {} if kept is None else dict(kept.known)
+        self.failed = sum(not kpis for kpis in self._known.values())
+        """Number of simulations that failed."""
         self._batch = threading.Lock()  # held while a batch runs
         self._abandoned = False
         self._told_at = 0.0
@@ -91,11 +93,6 @@ class Simulator:
     def count(self) -> int:
         """Return the number of simulated θ."""
         return len(self._known)
-
-    @property
-    def failed(self) -> int:
-        """Return the number of simulations that failed."""
-        return sum(not kpis for kpis in list(self._known.values()))
 
     @property
     def busy(self) -> bool:
@@ -185,8 +182,10 @@ class Simulator:
         failure = result.why if isinstance(result, FailedRun) else None
         if isinstance(result, FailedRun):
             self.failure = result.words
-        self._known[key] = Outcome({}) if failure else screened(self.scenario, result)
+        kpis = Outcome({}) if failure else screened(self.scenario, result)
+        self.failed += key not in self._known and not kpis
+        self._known[key] = kpis
         # A run that took too long, or whose process ended, may succeed another time.
         if self._kept is not None and failure in (None, "raised"):
-            self._kept.add(theta, self._known[key])
+            self._kept.add(theta, kpis)
         return key
