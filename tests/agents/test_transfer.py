@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, latent, run
-from prefcal_agents import Earlier, GLISp, RandomSearch
+from prefcal_agents import GLISp, RandomSearch
+from prefcal_agents.transfer import Earlier
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.constraints import LinearConstraint
 from prefcal_env.knobs.knob import Knob

@@ -10,8 +10,8 @@ from prefcal_agents.models.learned_cost import CostTerm, LearnedCost
 from prefcal_app.session.memory import trust_text
 from prefcal_env import End
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios import KPI, load, outcome, screened, simulate_many, simulator
-from prefcal_scenarios.kpis import INTERRUPTED
+from prefcal_scenarios import KPI, load, outcome, simulate_many, simulator
+from prefcal_scenarios.kpis import INTERRUPTED, screened
 from prefcal_scenarios.many.results import FailedRun
 from support.interviews import answer_all, begin
 from toy_study import toy_scenario

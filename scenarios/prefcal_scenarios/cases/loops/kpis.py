@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from prefcal_env.experiments.kpis import entered
 
 from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.tracking import entered
 from prefcal_scenarios.scenario import KPI
 
 _BAND = 0.05

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from prefcal_env.experiments.kpis import entered
 
 from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.tracking import entered
 from prefcal_scenarios.scenario import KPI
 
 from .design import Design, Single
