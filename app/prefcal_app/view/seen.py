@@ -55,7 +55,7 @@ class Seen:
 
         Each look reads a limited number, newest first, so a long study loads in several looks.
         """
-        finished = interview.now().state.finished.items()
+        finished = interview.study.state.finished.items()
         new = sorted((index, seq) for index, seq in finished if seq not in self._reach)
         for index, seq in new[-_AT_ONCE:]:
             experiment = interview.experiment(index)
