@@ -2,8 +2,7 @@
 
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import MISSING, is_dataclass
-from dataclasses import fields as fields_of
+from inspect import signature
 from typing import Any, TypeVar
 
 import msgspec
@@ -27,7 +26,8 @@ def checked(
 
     Args:
         values: Plain data by key.
-        table: Dataclass or `msgspec.Struct` whose fields are the known keys, with their types.
+        table: Class with the known keys as its arguments, with their types, or `msgspec.Struct` with
+            them as its fields.
         where: Place of the data, for messages; empty if the caller names it.
         error: Error to raise.
         hint: Function that suggests one of the known names for an unknown one, as a sentence with
@@ -78,13 +78,9 @@ def _fields(table: Any) -> Keys:
     """Return type of each field, and whether it is required."""
     if isinstance(table, Mapping):
         return table
-    if not is_dataclass(table):
+    if issubclass(table, msgspec.Struct):
         return {f.name: (f.type, f.required) for f in msgspec.structs.fields(table)}
-    return {
-        f.name: (f.type, f.default is MISSING and f.default_factory is MISSING)
-        for f in fields_of(table)
-        if f.init
-    }
+    return {p.name: (p.annotation, p.default is p.empty) for p in signature(table).parameters.values()}
 
 
 def _value(value: Any, type_: Any, where: str, error: type[PrefcalError]) -> Any:

@@ -1,4 +1,4 @@
-"""Phrase messages for people: the name that was probably meant, and how many more there are."""
+"""Phrase messages for people: the name that was probably meant, its unit, and how many more there are."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -34,6 +34,11 @@ def did_you_mean(word: str, names: Iterable[str]) -> str:
 def and_more(count: int) -> str:
     """Return " (and 2 more)" if a message names the first of 3; nothing if there is only one."""
     return f" (and {count - 1} more)" if count > 1 else ""
+
+
+def labeled(name: str, unit: str) -> str:
+    """Return a name with its unit, for headings and axes in plain text."""
+    return f"{name} [{unit}]" if unit else name
 
 
 def _plain(name: str) -> str:

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from .baselines.random_search import RandomSearch as RandomSearch
     from .glisp.agent import GLISp as GLISp
     from .glisp.settings import GLISpSettings as GLISpSettings
-    from .history.agent_state import AgentState as AgentState
     from .minimize import minimize_by_preference as minimize_by_preference
     from .registry import restore as restore
     from .screening.agent import Screening as Screening

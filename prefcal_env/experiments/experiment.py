@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NoReturn, Self
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_env.errors import ExperimentError
+from prefcal_env.wording import labeled
 
 from .end import End as End
 
@@ -48,7 +49,14 @@ class Channel:
     @property
     def label(self) -> str:
         """Name with unit, for the axis of a plot."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+        return labeled(self.name, self.unit)
+
+    def scaled(self, factor: float, offset: float = 0.0) -> Self:
+        """Return the channel with each value v as factor · v + offset, under the same unit."""
+        low, high = sorted((factor * self.low + offset, factor * self.high + offset))
+        target = None if self.target is None else factor * self.target + offset
+        band = None if self.band is None else abs(factor) * self.band
+        return replace(self, low=low, high=high, target=target, band=band)
 
 
 @dataclass(frozen=True, slots=True)

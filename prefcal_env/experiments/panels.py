@@ -179,7 +179,7 @@ class Panel:
         return Plot(self._look(Channel(self.name)), "signal", self.name)
 
     def _dressed(self, plot: Plot) -> Plot:
-        look = self._look(_scaled(plot.channel, self.scale))
+        look = self._look(plot.channel.scaled(self.scale))
         return replace(
             plot,
             channel=look,
@@ -311,14 +311,6 @@ def _data(experiment: Experiment, plot: Plot) -> Float[np.ndarray, " K"] | None:
         return experiment.output(places[plot.nth])
     array = experiment.x if plot.kind == "x" else experiment.u
     return np.asarray(array[:, places[plot.nth]])
-
-
-def _scaled(channel: Channel, scale: float) -> Channel:
-    """Return `channel` with its numbers converted by the factor `scale`."""
-    low, high = sorted((scale * channel.low, scale * channel.high))
-    target = None if channel.target is None else scale * channel.target
-    band = None if channel.band is None else abs(scale) * channel.band
-    return replace(channel, low=low, high=high, target=target, band=band)
 
 
 def _quoted(names: Collection[str]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import MissingExtraError, PlantError
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.wording import did_you_mean
 
 from .units import AS_IT_IS, Scales, UnitScale, display_units, plain
@@ -24,37 +25,35 @@ _LISTED = 12
 """Number of names that a message lists at most."""
 
 
-@dataclass(frozen=True, slots=True)
-class Variable:
-    """A scalar variable of an FMU.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variable(Channel):
+    """A scalar variable of an FMU: a channel and what FMI says of it.
+
+    Its name, unit and limits are those of the FMU; without a unit or a limit there, they are empty
+    or infinite.
 
     Args:
-        name: Name in the FMU.
         reference: Value reference.
         type: Type as in FMI, "Real" or "Float64" for example.
         causality: For example "parameter", "input", "output" or "local".
         variability: For example "tunable", "fixed" or "continuous".
-        unit: Unit; empty if the FMU declares none.
-        low: Smallest value, in `unit`; infinite if the FMU declares none.
-        high: Largest value, in `unit`; infinite if the FMU declares none.
         start: Start value, in `unit`; None if the FMU declares none.
         about: Description.
         units: Other units in which the FMU says that it can be given.
         scale: Conversion from the FMU's unit, if `unit` is another one.
     """
 
-    name: str
     reference: int
     type: str
     causality: str
     variability: str
-    unit: str = ""
-    low: float = -np.inf
-    high: float = np.inf
     start: float | None = None
     about: str = ""
     units: Scales = field(default_factory=dict)
     scale: UnitScale = AS_IT_IS
+
+    def __post_init__(self) -> None:
+        """Accept any limits: an FMU may declare equal ones, and only what is shown must have a range."""
 
     def within(self, unit: str) -> "Variable | None":
         """Return the variable in a unit that the FMU defines for it; None if it defines none.
@@ -66,9 +65,8 @@ class Variable:
         scale = next((s for name, s in self.units.items() if plain(name) == plain(unit)), None)
         if scale is None:
             return None
-        low, high = sorted((scale.shown(self.low), scale.shown(self.high)))
         start = None if self.start is None else scale.shown(self.start)
-        return replace(self, unit=unit, low=low, high=high, start=start, scale=scale)
+        return replace(self.scaled(scale.factor, scale.offset), unit=unit, start=start, scale=scale)
 
     @property
     def every_unit(self) -> str:
@@ -247,10 +245,10 @@ def _variable(v: Any, units: Mapping[str, Scales]) -> Variable:
         low, high = 0.0, 1.0
     return Variable(
         v.name,
-        v.valueReference,
-        v.type,
-        v.causality or "local",
-        v.variability or "continuous",
+        reference=v.valueReference,
+        type=v.type,
+        causality=v.causality or "local",
+        variability=v.variability or "continuous",
         unit=unit or "",
         low=-np.inf if low is None else low,
         high=np.inf if high is None else high,

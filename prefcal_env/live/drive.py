@@ -60,9 +60,9 @@ class Drive:
 
     def __init__(self, rig: "LiveRig", theta: Mapping[str, float], journal: Journal, hands: Hands) -> None:
         self.rig, self.theta, self.journal, self.hands = rig, theta, journal, hands
-        parts = [*(knob.written for knob in rig.knobs), *rig.start]
-        self.plant, self.written = rig.plant, {part.name: part for part in parts}
-        self.start = {start.name: float(start.value) for start in rig.start}
+        self.plant = rig.plant
+        self.written = {part.knob.name: part for part in (*rig.knobs, *rig.start)}
+        self.start = {start.knob.name: float(start.value) for start in rig.start}
         self.tags = {tag.key: tag for tag in rig.tags}
         self.writer = Writer(self.plant, self.written, rig.period, hands.clock)
         self.old: dict[str, float] = {}
@@ -108,11 +108,12 @@ class Drive:
         # A record that cannot be read must be noticed before anything is written.
         self.plant.read([tag.node for tag in self.tags.values()])
         for name, written in self.written.items():
-            if not within(values[name], (written.low, written.high)):
+            knob = written.knob
+            if not within(values[name], (knob.low, knob.high)):
                 got = "no good value" if isnan(values[name]) else f"{values[name]:g}"
                 raise LiveError(
-                    f"the plant has {got} for {name}, expected one in [{written.low:g}, "
-                    f"{written.high:g}] {written.unit}: set it there, or widen the range"
+                    f"the plant has {got} for {name}, expected one in [{knob.low:g}, "
+                    f"{knob.high:g}] {knob.unit}: set it there, or widen the range"
                 )
         self._check_types()
         changes = tuple(w.changed(values[name], new[name]) for name, w in self.written.items())
@@ -128,13 +129,13 @@ class Drive:
 
     def _check_types(self) -> None:
         """Refuse nodes that cannot hold the values between, before the first of them is written."""
-        real = [w for w in self.written.values() if not w.integer]
+        real = [w for w in self.written.values() if not w.knob.integer]
         if not (real and isinstance(self.plant, TypedPlant)):
             return
         for written, whole in zip(real, self.plant.whole([w.node for w in real]), strict=True):
             if whole:
                 raise LiveError(
-                    f"the node {written.node!r} of {written.name} holds whole numbers only: "
+                    f"the node {written.node!r} of {written.knob.name} holds whole numbers only: "
                     "declare integer = true"
                 )
 
@@ -250,7 +251,7 @@ class Drive:
         shown = {n: self._now.get(n, self.old.get(n, nan)) for n in targets}
         wrong = [
             f"{n} = {'no good value' if isnan(shown[n]) else format(shown[n], 'g')} "
-            f"instead of {v:g} {self.written[n].unit}"
+            f"instead of {v:g} {self.written[n].knob.unit}"
             for n, v in targets.items()
             if not self.written[n].same(shown[n], v)
         ]
@@ -264,7 +265,7 @@ class Drive:
         while not self._holds(ready):
             if self.hands.clock() >= deadline:
                 wanted = ", ".join(
-                    f"{self.tags[key].name} in [{low:g}, {high:g}] {self.tags[key].unit}"
+                    f"{self.tags[key].name} in [{low:g}, {high:g}] {self.tags[key].channel.unit}"
                     for key, (low, high) in ready.items()
                 )
                 raise LiveError(
@@ -305,9 +306,8 @@ class Drive:
         for name, value in targets.items():
             shown, written = self._now[name], self.written[name]
             if not isnan(shown) and not written.same(shown, value):
-                raise _EndedError(
-                    End.FAILED, f"{name} was changed on the plant to {shown:g} {written.unit} during the run"
-                )
+                now = f"{shown:g} {written.knob.unit}"
+                raise _EndedError(End.FAILED, f"{name} was changed on the plant to {now} during the run")
 
     def _sample(self, stage: Stage) -> None:
         """Wait for the next sampling instant, read everything, and check the abort limits."""
@@ -336,7 +336,7 @@ class Drive:
                 if not within(value, tag.abort):
                     raise _EndedError(
                         End.UNSAFE,
-                        f"{tag.name} = {value:g} {tag.unit} is outside its abort limits "
+                        f"{tag.name} = {value:g} {tag.channel.unit} is outside its abort limits "
                         f"[{tag.abort[0]:g}, {tag.abort[1]:g}]",
                     )
             elif now - self._seen_at.setdefault(key, now) > self.rig.blind:

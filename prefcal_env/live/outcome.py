@@ -33,7 +33,7 @@ def experiment_of(
     outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
     nothing = bool(never_good(rig, rows))
     kept = slice(0, 0) if nothing else slice(None)
-    drawn = [tag for tag in rig.tags if tag.role != "reference"]
+    drawn = [tag.channel for tag in rig.tags if tag.role != "reference"]
     t = np.array([instant for instant, _ in rows])[kept]
     curves = {
         role: {
@@ -49,8 +49,8 @@ def experiment_of(
         curves["output"],
         curves["input"],
         curves["reference"],
-        {tag.name: tag.unit for tag in drawn},
-        {tag.name: (tag.low, tag.high) for tag in drawn if tag.low > -np.inf or tag.high < np.inf},
+        {c.name: c.unit for c in drawn},
+        {c.name: (c.low, c.high) for c in drawn},
         signals={
             f"{name} as read": values[kept]
             for name, values in outputs.items()

@@ -1,11 +1,12 @@
 """Describe the nodes of a live plant: knobs and start values that are written, and records."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Literal, get_args
 
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.sources.run import Change
 
@@ -15,8 +16,58 @@ _CLOSE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
-    """A node that prefcal may write to.
+class LiveKnob:
+    """A knob on a live plant: a node that prefcal may write to.
+
+    Args:
+        knob: Knob, whose range limits what is written.
+        node: Address of the node, for example "ns=2;s=PI.Kp".
+        rate: Largest rate of change, in the knob's unit per second.
+
+    Raises:
+        SettingsError: If the node is empty, or the rate is not above 0 and finite.
+    """
+
+    knob: Knob
+    node: str
+    rate: float
+
+    def __post_init__(self) -> None:
+        _check_node(self.knob.name, self.node)
+        if not (isfinite(self.rate) and self.rate > 0):
+            raise SettingsError(
+                f"{self.knob.name!r}: rate must be above 0 {self.knob.unit or '1'} per second and finite, "
+                f"got {self.rate}"
+            )
+
+    def changed(self, old: float, new: float) -> Change:
+        """Return what writing `new` in place of `old` changes, in the knob's unit."""
+        return Change(self.knob, new, old, self.rate)
+
+    def same(self, one: float, other: float) -> bool:
+        """Return whether two values are equal up to single precision."""
+        size = max(abs(one), abs(other))
+        return abs(one - other) <= _CLOSE * size + 1e-9 * (self.knob.high - self.knob.low)
+
+    def step(self, elapsed: float, period: float) -> float:
+        """Return the largest change now, in the knob's unit.
+
+        Args:
+            elapsed: Time since the last change, in seconds.
+            period: Sampling period in seconds. A pause does not allow a larger jump than one
+                period does, except that an integer may always move by 1 once its rate allows it.
+        """
+        one = 1.0 if self.knob.integer else 0.0
+        allowed = min(self.rate * max(elapsed, 0.0), max(self.rate * period, one))
+        # Rounding must not cost a whole number.
+        return float(int(allowed + 1e-9)) if self.knob.integer else allowed
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class LiveStart(LiveKnob):
+    """A knob that is not tuned: it is written to start a run, and taken back at its end.
+
+    Its name, for example "set-point", differs from the knobs' names; an integer may be a switch.
 
     Args:
         name: Name, as shown to people.
@@ -26,113 +77,41 @@ class Written:
         rate: Largest rate of change, in `unit` per second.
         unit: Unit of the values.
         integer: Whether only whole numbers are valid.
-
-    Raises:
-        SettingsError: If the node is empty, the limits are not finite and increasing, or the rate
-            is not above 0.
-    """
-
-    name: str
-    node: str
-    low: float
-    high: float
-    rate: float
-    unit: str = ""
-    integer: bool = False
-
-    def __post_init__(self) -> None:
-        _check_node(self.name, self.node)
-        if not (isfinite(self.low) and isfinite(self.high) and self.low < self.high):
-            raise SettingsError(
-                f"{self.name!r} needs finite limits low < high, got "
-                f"[{self.low}, {self.high}] {self.unit}".rstrip()
-            )
-        if not (isfinite(self.rate) and self.rate > 0):
-            raise SettingsError(
-                f"{self.name!r}: rate must be above 0 {self.unit or '1'} per second and finite, "
-                f"got {self.rate}"
-            )
-
-    def changed(self, old: float, new: float) -> Change:
-        """Return what writing `new` in place of `old` changes, in `unit`."""
-        return Change(self.name, new, old, self.unit, self.low, self.high, self.rate)
-
-    def same(self, one: float, other: float) -> bool:
-        """Return whether two values are equal up to single precision."""
-        size = max(abs(one), abs(other))
-        return abs(one - other) <= _CLOSE * size + 1e-9 * (self.high - self.low)
-
-    def step(self, elapsed: float, period: float) -> float:
-        """Return the largest change now, in `unit`.
-
-        Args:
-            elapsed: Time since the last change, in seconds.
-            period: Sampling period in seconds. A pause does not allow a larger jump than one
-                period does, except that an integer may always move by 1 once its rate allows it.
-        """
-        one = 1.0 if self.integer else 0.0
-        allowed = min(self.rate * max(elapsed, 0.0), max(self.rate * period, one))
-        # Rounding must not cost a whole number.
-        return float(int(allowed + 1e-9)) if self.integer else allowed
-
-
-@dataclass(frozen=True, slots=True)
-class LiveKnob:
-    """A knob on a live plant.
-
-    Args:
-        knob: Knob, whose range limits what is written.
-        node: Address of the node, for example "ns=2;s=PI.Kp".
-        rate: Largest rate of change, in the knob's unit per second.
-
-    Raises:
-        SettingsError: If the node is empty or the rate is not above 0.
-    """
-
-    knob: Knob
-    node: str
-    rate: float
-
-    def __post_init__(self) -> None:
-        _ = self.written
-
-    @property
-    def written(self) -> Written:
-        """Return the node as one that may be written to."""
-        k = self.knob
-        low, high = float(k.low), float(k.high)
-        return Written(k.name, self.node, low, high, self.rate, k.unit, k.integer)
-
-
-@dataclass(frozen=True, slots=True)
-class LiveStart(Written):
-    """A value that is written to start a run, such as a set-point, and taken back at its end.
-
-    Its name differs from the knobs' names; it may be an integer, for example of a switch.
-
-    Args:
         value: Value that starts the run, in `unit`.
 
     Raises:
         SettingsError: If the value is outside the limits, or a limit or the rate is not valid.
     """
 
-    value: float = field(kw_only=True)
+    value: float
 
-    def __post_init__(self) -> None:
-        Written.__post_init__(self)  # slots make a new class, which super() does not know
-        if not self.low <= self.value <= self.high:
-            raise SettingsError(
-                f"start value {self.name!r} must be in [{self.low}, {self.high}] {self.unit}, "
-                f"got {self.value}"
-            )
-        if self.integer and self.value != round(self.value):
-            raise SettingsError(f"start value {self.name!r} must be an integer, got {self.value}")
+    def __init__(
+        self,
+        name: str,
+        node: str,
+        low: float,
+        high: float,
+        rate: float,
+        unit: str = "",
+        integer: bool = False,
+        *,
+        value: float,
+    ) -> None:
+        try:
+            knob = Knob(name, low, high, unit, integer=integer)
+        except KnobError as error:
+            raise SettingsError(f"start value: {error}") from error
+        LiveKnob.__init__(self, knob, node, rate)
+        object.__setattr__(self, "value", value)
+        if not low <= value <= high:
+            raise SettingsError(f"start value {name!r} must be in [{low}, {high}] {unit}, got {value}")
+        if integer and value != round(value):
+            raise SettingsError(f"start value {name!r} must be an integer, got {value}")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, init=False)
 class Tag:
-    """A node that is recorded.
+    """A node that is recorded: a channel, where it is on the plant, and its role.
 
     Args:
         name: Name, as shown to people; a reference has the name of its output.
@@ -147,25 +126,38 @@ class Tag:
         SettingsError: If the node is empty, the role is unknown, or limits do not increase.
     """
 
-    name: str
+    channel: Channel
     node: str
-    role: Role = "output"
-    unit: str = ""
-    low: float = -inf
-    high: float = inf
-    abort: tuple[float, float] = (-inf, inf)
+    role: Role
+    abort: tuple[float, float]
 
-    def __post_init__(self) -> None:
-        _check_node(self.name, self.node)
-        if self.role not in get_args(Role):
-            raise SettingsError(
-                f"role of {self.name!r} must be one of {', '.join(get_args(Role))}, got {self.role!r}"
-            )
-        for what, (low, high) in (("limits", (self.low, self.high)), ("abort", self.abort)):
-            if not low < high:
+    def __init__(
+        self,
+        name: str,
+        node: str,
+        role: Role = "output",
+        unit: str = "",
+        low: float = -inf,
+        high: float = inf,
+        abort: tuple[float, float] = (-inf, inf),
+    ) -> None:
+        _check_node(name, node)
+        if role not in get_args(Role):
+            raise SettingsError(f"role of {name!r} must be one of {', '.join(get_args(Role))}, got {role!r}")
+        for what, between in (("limits", (low, high)), ("abort", abort)):
+            if not between[0] < between[1]:
                 raise SettingsError(
-                    f"{what} of {self.name!r} must be low < high, got [{low}, {high}] {self.unit}".rstrip()
+                    f"{what} of {name!r} must be low < high, got [{between[0]}, {between[1]}] {unit}".rstrip()
                 )
+        object.__setattr__(self, "channel", Channel(name, unit, low, high))
+        object.__setattr__(self, "node", node)
+        object.__setattr__(self, "role", role)
+        object.__setattr__(self, "abort", abort)
+
+    @property
+    def name(self) -> str:
+        """Name of its channel."""
+        return self.channel.name
 
     @property
     def key(self) -> str:

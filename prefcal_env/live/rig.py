@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import LiveError, SettingsError
-from prefcal_env.experiments.experiment import Channel, Channels, Experiment
+from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.run import Change
@@ -100,9 +100,9 @@ class LiveRig(Source):
         object.__setattr__(self, "afterward", kept)
 
     def _check_names(self) -> None:
-        written = [*(knob.written for knob in self.knobs), *self.start]
+        written = (*self.knobs, *self.start)
         for what, found in (
-            ("name of a knob or start value", [w.name for w in written]),
+            ("name of a knob or start value", [w.knob.name for w in written]),
             ("node that is written to", [w.node for w in written]),
             ("output or input", [tag.name for tag in self.tags if tag.role != "reference"]),
             ("reference", [tag.name for tag in self.tags if tag.role == "reference"]),
@@ -125,8 +125,7 @@ class LiveRig(Source):
     def _channels(self) -> Channels:
         """Return the channels; those in `y` are the outputs with a recorded reference."""
         by_role = {
-            role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
-            for role in ("output", "input")
+            role: tuple(tag.channel for tag in self.tags if tag.role == role) for role in ("output", "input")
         }
         aimed = {tag.name for tag in self.tags if tag.role == "reference"}
         y = tuple(channel for channel in by_role["output"] if channel.name in aimed)
@@ -196,7 +195,7 @@ class LiveRig(Source):
 
     def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
         """Yield which formulas of KPIs name what is not recorded, before a run is spent on it."""
-        outputs = tuple(Channel(tag.name, tag.unit) for tag in self.tags if tag.role == "output")
+        outputs = tuple(tag.channel for tag in self.tags if tag.role == "output")
         yield from formula_problems(kpis, replace(self.channels, x=outputs), ())
 
     @property

@@ -35,8 +35,7 @@ class _Followed(Run):
         referenced = {tag.name for tag in tags if tag.role == "reference"}
         curves = tuple(
             Curve(
-                tag.name,
-                tag.unit,
+                tag.channel,
                 tuple(row.values[tag.key] for row in rows),
                 tuple(row.values[f"reference {tag.name}"] for row in rows if tag.name in referenced),
             )

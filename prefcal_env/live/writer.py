@@ -6,7 +6,7 @@ from math import copysign, inf, isfinite
 
 from prefcal_env.errors import LiveError
 
-from .parts import Written
+from .parts import LiveKnob
 from .plant import LivePlant
 
 _ROUNDING = 1e-9
@@ -36,7 +36,7 @@ class Writer:
     """
 
     def __init__(
-        self, plant: LivePlant, written: Mapping[str, Written], period: float, clock: Callable[[], float]
+        self, plant: LivePlant, written: Mapping[str, LiveKnob], period: float, clock: Callable[[], float]
     ) -> None:
         self._plant, self._written = plant, written
         self._period, self._clock = period, clock
@@ -88,25 +88,25 @@ class Writer:
             elif allowed:
                 self._write(written, known, known.value + copysign(allowed, way))
 
-    def _write(self, written: Written, known: _Known, value: float) -> None:
+    def _write(self, written: LiveKnob, known: _Known, value: float) -> None:
         """Check one value against limits and rate, then write it."""
-        now = self._clock()
+        now, knob = self._clock(), written.knob
         allowed = written.step(now - known.since, self._period)
-        if not (isfinite(value) and written.low <= value <= written.high):
+        if not (isfinite(value) and knob.low <= value <= knob.high):
             raise LiveError(
-                f"{written.name} = {value:g} {written.unit} is outside "
-                f"[{written.low:g}, {written.high:g}]: nothing was written"
+                f"{knob.name} = {value:g} {knob.unit} is outside "
+                f"[{knob.low:g}, {knob.high:g}]: nothing was written"
             )
         if abs(value - known.value) > allowed * (1 + 2 * _ROUNDING):
             raise LiveError(
-                f"{written.name} may change by {allowed:g} {written.unit} now, got "
+                f"{knob.name} may change by {allowed:g} {knob.unit} now, got "
                 f"{known.value:g} to {value:g}: nothing was written"
             )
         try:
             self._plant.write(written.node, value)
         finally:
             # After an error, too: the value may have arrived, at the latest now.
-            self._known[written.name] = _Known(value, self._clock(), known.value)
+            self._known[knob.name] = _Known(value, self._clock(), known.value)
 
 
 SLACK = 10
@@ -129,7 +129,7 @@ class Way:
         since: Time of the latest progress, in seconds; at first, of the beginning.
     """
 
-    written: Mapping[str, Written]
+    written: Mapping[str, LiveKnob]
     targets: Mapping[str, float]
     period: float
     since: float
@@ -149,7 +149,7 @@ class Way:
         self._steps += 1
         for name, target in self.targets.items():
             left, least = abs(values.get(name, inf) - target), self._left.get(name, inf)
-            span = self.written[name].high - self.written[name].low
+            span = self.written[name].knob.high - self.written[name].knob.low
             if left < least - 1e-9 * span:  # never true of NaN
                 self._left[name] = left
                 self._steps, self.since, self._waiting = 0, now, now
@@ -167,5 +167,5 @@ class Way:
 
     def _slowest(self) -> float:
         """Return the longest time in seconds between two steps: integers cannot move by less."""
-        rates = [self.written[n].rate for n in self.targets if self.written[n].integer]
+        rates = [self.written[n].rate for n in self.targets if self.written[n].knob.integer]
         return max((1.0 / rate for rate in rates), default=0.0)

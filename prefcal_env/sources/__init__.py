@@ -4,9 +4,6 @@ A function, a closed loop, a rig that a person runs, a live plant, maneuvers, an
 process stand behind the same calls. Nobody asks a source what it is: it says what it asks of people.
 """
 
-from .function import Function as Function
-from .function import source_of as source_of
-from .function import with_space as with_space
 from .maneuvers import Maneuvers as Maneuvers
 from .rig import Rig as Rig
 from .run import Change as Change
@@ -15,5 +12,4 @@ from .run import Progress as Progress
 from .run import Run as Run
 from .run import Stage as Stage
 from .run import Table as Table
-from .source import Measured as Measured
 from .source import Source as Source

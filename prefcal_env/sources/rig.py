@@ -16,7 +16,7 @@ from prefcal_env.experiments.rollout import computed
 from prefcal_env.tables import timing
 from prefcal_env.tables.sheet import Sheet, Table, sheet_of
 from prefcal_env.tables.units import parts_of, same_unit
-from prefcal_env.wording import and_more
+from prefcal_env.wording import and_more, labeled
 
 from .run import Change, Run
 from .run import Table as Given
@@ -76,7 +76,7 @@ class Rig(Source):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "computes_kpis", self.kpis is not None)
-        object.__setattr__(self, "columns", tuple(_heading(*each) for each in self._units.items()))
+        object.__setattr__(self, "columns", tuple(labeled(*each) for each in self._units.items()))
         object.__setattr__(self, "y_ref", tuple(map(float, self.y_ref)))
         if len(self.y_ref) != len(self.channels.y) or not np.all(np.isfinite(self.y_ref)):
             raise SettingsError(
@@ -192,7 +192,7 @@ class Rig(Source):
             # Text without a line end is a path only if it ends like one.
             source = source if Path(source).suffix.lower() in _FILES else source + "\n"
         known = {**self._units, **self._optional}
-        wanted = {*known, *(_heading(n, u) for n, u in known.items())}
+        wanted = {*known, *(labeled(n, u) for n, u in known.items())}
         stamps = () if self.time_format is None else (self._called(TIME),)
         sheet = sheet_of(source, wanted, stamps)
         places, count = self._places(sheet, known), len(sheet.frame)
@@ -323,10 +323,6 @@ def _computed(kpis: Callable[[Experiment], Mapping[str, float]], made: Experimen
             "the scenario cannot compute the KPIs of this record "
             f"({type(error).__name__}: {error}): fix the record or the scenario"
         ) from error
-
-
-def _heading(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
 
 
 def _refuse(problems: list[str]) -> None:

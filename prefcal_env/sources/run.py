@@ -6,7 +6,8 @@ from enum import Enum
 from math import inf, nan
 
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.knobs.knob import Knob
 
 
 class Stage(Enum):
@@ -44,22 +45,26 @@ class Change:
     """A value that a run is to write to a plant, for a person to confirm.
 
     Args:
-        name: Name of the value, for example of a knob.
-        new: Value to write.
+        quantity: What has the value, with the limits of what may be written: a knob, for example.
+        new: Value to write, in the unit of `quantity`.
         old: Value on the plant now; NaN if it is not known.
-        unit: Unit of the values.
-        low: Smallest value that may be written.
-        high: Largest value that may be written.
-        rate: Largest rate of change, in `unit` per second.
+        rate: Largest rate of change, in the unit of `quantity` per second.
     """
 
-    name: str
+    quantity: Knob | Channel
     new: float
     old: float = nan
-    unit: str = ""
-    low: float = -inf
-    high: float = inf
     rate: float = inf
+
+    @property
+    def name(self) -> str:
+        """Name of the quantity."""
+        return self.quantity.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values."""
+        return self.quantity.unit
 
     @property
     def seconds(self) -> float:
@@ -72,14 +77,12 @@ class Curve:
     """An output that is recorded, as far as it is known.
 
     Args:
-        name: Name of the output.
-        unit: Its unit.
+        channel: Channel of the output.
         values: Values at the recorded instants; NaN for bad quality.
         reference: Values of its reference; empty if it has none.
     """
 
-    name: str
-    unit: str
+    channel: Channel
     values: tuple[float, ...]
     reference: tuple[float, ...] = ()
 

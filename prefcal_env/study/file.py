@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -32,18 +33,16 @@ _OVERWRITTEN = (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOT
 _DAMAGED = "It is damaged: nothing was changed; use an earlier copy or an export"
 
 
+_UNBEGUN = State(MappingProxyType({}), "", 0)
+"""State before the first event."""
+
+
 class StudyFile:
     """Open study, made by `create` or `open`. Methods can be called from any thread.
 
     An event is on the disk, in the study's own file, when `append` returns. The file is locked
     until `close`: others can read it, but not write to it.
-
-    Attributes:
-        path: Path of the file, or ":memory:".
-        state: State of the study after all events.
     """
-
-    state: State
 
     def __init__(self, connection: sqlite3.Connection, path: str, clock: Clock) -> None:
         self._connection, self.path, self._clock = connection, path, clock
@@ -54,6 +53,8 @@ class StudyFile:
         self._place: tuple[int, int] | None = None  # device and inode; None if only read
         self._content = b""  # of the file, should others remove or overwrite it
         self._saved: tuple[int, Path] | None = None  # number of the last event, and the copy
+        self.state = _UNBEGUN
+        """State of the study after all events."""
         self._experiments: dict[bytes, int] = {}
 
     @classmethod
@@ -153,7 +154,8 @@ class StudyFile:
     def _take(self, recorded: Recorded) -> None:
         """Apply one event to the state."""
         seq, at, event = recorded.seq, recorded.at, recorded.event
-        self.state = begin(seq, at, event) if seq == 1 else step(self.state, seq, at, event)
+        unbegun = self.state is _UNBEGUN
+        self.state = begin(seq, at, event) if unbegun else step(self.state, seq, at, event)
         if isinstance(event, Finished):
             theta = self.state.history.samples[event.index].theta
             self._experiments[theta_key(theta)] = self.state.finished[event.index]

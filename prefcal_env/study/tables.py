@@ -13,6 +13,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import plots_of
 from prefcal_env.preferences.history import Comparison
+from prefcal_env.wording import labeled
 
 from .fold import State
 
@@ -45,7 +46,7 @@ class Column:
     @property
     def heading(self) -> str:
         """Return the name with its unit."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+        return labeled(self.name, self.unit)
 
 
 def frame_of(study: StudyFile, *, answers: bool = False) -> Any:

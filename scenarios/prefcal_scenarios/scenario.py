@@ -16,8 +16,8 @@ from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.experiments.tracking import Formulas, Tracking, found_kpis
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
-from prefcal_env.sources import Source, source_of, with_space
-from prefcal_env.sources.source import KPIsOf
+from prefcal_env.sources.function import source_of, with_space
+from prefcal_env.sources.source import KPIsOf, Source
 from prefcal_scenarios.own.checks import check_parts
 
 if TYPE_CHECKING:

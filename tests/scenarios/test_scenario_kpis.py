@@ -10,7 +10,8 @@ from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Maneuver
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.tracking import Tracking, found_kpis
 from prefcal_env.plants import FunctionPlant
-from prefcal_env.sources import Function, Measured
+from prefcal_env.sources.function import Function
+from prefcal_env.sources.source import Measured
 from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 from toy_study import toy_scenario
 

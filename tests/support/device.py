@@ -23,9 +23,7 @@ class Device(Source):
 class DeviceRun(Run):
     def __init__(self, theta: np.ndarray) -> None:
         self.theta, self.waits = theta, True
-        self.changes = tuple(
-            Change(k.name, v, unit=k.unit, low=k.low, high=k.high) for k, v in zip(SPACE, theta, strict=True)
-        )
+        self.changes = tuple(Change(knob, value) for knob, value in zip(SPACE, theta, strict=True))
 
     def supply(self, given: object) -> None:
         self.waits, self.moves_plant = False, True

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, cast
 
-from prefcal_agents import AgentState, restore
+from prefcal_agents import restore
+from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.history.lessons import Memory, judged
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import Agent

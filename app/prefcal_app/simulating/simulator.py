@@ -182,10 +182,10 @@ class Simulator:
         failure = result.why if isinstance(result, FailedRun) else None
         if isinstance(result, FailedRun):
             self.failure = result.words
-        kpis = Outcome({}) if failure else screened(self.scenario, result)
-        self.failed += key not in self._known and not kpis
-        self._known[key] = kpis
+        known = Outcome({}) if failure else screened(self.scenario, result)
+        self.failed += not known
+        self._known[key] = known
         # A run that took too long, or whose process ended, may succeed another time.
         if self._kept is not None and failure in (None, "raised"):
-            self._kept.add(theta, kpis)
+            self._kept.add(theta, self._known[key])
         return key

@@ -5,6 +5,7 @@ from typing import Any
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.wording import labeled
 from prefcal_scenarios.kpis import has_goals
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
@@ -49,7 +50,7 @@ def twin_of(plant: Scenario, model: Scenario) -> Scenario:
 
 
 def _knobs(space: KnobSpace) -> list[str]:
-    return [f"{knob.name} [{knob.unit}]" if knob.unit else knob.name for knob in space]
+    return [labeled(knob.name, knob.unit) for knob in space]
 
 
 def _kpis(scenario: Scenario) -> list[str]:

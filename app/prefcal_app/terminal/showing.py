@@ -231,7 +231,7 @@ def show_changes(interview: Interview, now: Now, console: Console) -> None:
     console.rule(f"Experiment {sample.index + 1}: confirm what is written to the plant")
     for change in live.changes or ():
         rate = "" if isinf(change.rate) else f", at most {change.rate:g} per second"
-        limits = f"limits {change.low:g} to {change.high:g}{rate}"
+        limits = f"limits {change.quantity.low:g} to {change.quantity.high:g}{rate}"
         new = with_unit(f"{change.new:.6g}", change.unit)
         old = "" if isnan(change.old) else f"{change.old:.6g} → "
         say(console, f"  {change.name}: {old}{new}   ({limits})", style="bold")

@@ -73,7 +73,7 @@ def _change(change: Change) -> dict[str, str]:
         "unit": change.unit,
         "old": "unknown" if isnan(change.old) else f"{change.old:.6g}",
         "new": f"{change.new:.6g}",
-        "limits": f"{change.low:g} to {change.high:g}",
+        "limits": f"{change.quantity.low:g} to {change.quantity.high:g}",
         "rate": "any" if isinf(change.rate) else f"{change.rate:g}",
     }
 
@@ -94,8 +94,8 @@ def _running(live: LiveNow) -> dict[str, Any] | None:
         "times": list(live.times),
         "outputs": [
             {
-                "name": curve.name,
-                "unit": curve.unit,
+                "name": curve.channel.name,
+                "unit": curve.channel.unit,
                 "values": [_plain(value) for value in curve.values],
                 "reference": [_plain(value) for value in curve.reference],
             }

@@ -1,6 +1,6 @@
 """Show what a screening agent simulated, why it asks, and whether it offers to stop."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from jaxtyping import Float
 from prefcal_app.session import Interview, Now, Question, Side
 from prefcal_app.simulating import Screened, as_shown, why
 from prefcal_app.summary.outlook import after_a_slip
+from prefcal_env.knobs.knob import Knob
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .seen import Seen
@@ -95,17 +96,22 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
 class _Axis:
     """One KPI or knob of all simulated θ, in the values that people see; NaN if it has none."""
 
-    name: str
-    title: str
-    unit: str
+    of: KPI | Knob
     values: Float[np.ndarray, " m"]
     log: bool
-    knob: bool = False
-    about: str = ""
+
+    @property
+    def title(self) -> str:
+        return self.of.name if isinstance(self.of, Knob) else self.of.title
 
     def as_json(self) -> dict[str, Any]:
-        names = ("title", "unit", "log", "knob", "about")
-        return {name: getattr(self, name) for name in names}
+        return {
+            "title": self.title,
+            "unit": self.of.unit,
+            "log": self.log,
+            "knob": isinstance(self.of, Knob),
+            "about": self.of.about,
+        }
 
 
 def _axes(screened: Screened, scenario: Scenario) -> list[_Axis]:
@@ -113,29 +119,27 @@ def _axes(screened: Screened, scenario: Scenario) -> list[_Axis]:
     bank, kpis = screened.bank, {kpi.name: kpi for kpi in scenario.kpis}
     order = [name for name in kpis if name in bank.names]
     order += [name for name in bank.names if name not in kpis]
-    found = [_of_kpi(n, kpis.get(n), bank.kpis[:, bank.names.index(n)]) for n in order]
+    about = [kpis.get(name, KPI(name, name.replace("_", " "))) for name in order]
+    found = [_of_kpi(kpi, bank.kpis[:, bank.names.index(kpi.name)]) for kpi in about]
     for knob, values in zip(scenario.space, bank.thetas.T, strict=True):
-        log = knob.scale == "log10"
-        found.append(_Axis(knob.name, knob.name, knob.unit, values, log, True, knob.about))
+        found.append(_Axis(knob, values, log=knob.scale == "log10"))
     return found
 
 
-def _of_kpi(name: str, kpi: KPI | None, badness: Float[np.ndarray, " m"]) -> _Axis:
+def _of_kpi(kpi: KPI, badness: Float[np.ndarray, " m"]) -> _Axis:
     """Return the axis of a KPI: logarithmic if its values are positive and span two decades."""
     values = np.where(np.isfinite(badness), badness, np.nan)
-    if kpi is not None and kpi.goal == "higher":
+    if kpi.goal == "higher":
         values = -values
     known = values[np.isfinite(values)]
     log = len(known) > 0 and bool(0 < known.min() < known.max() / _SPAN)
-    if kpi is None:
-        return _Axis(name, name.replace("_", " "), "", values, log)
     title = f"{kpi.title}: distance from its target" if kpi.goal == "target" else kpi.title
-    return _Axis(name, title, kpi.unit, values, log, about=kpi.about)
+    return _Axis(replace(kpi, title=title), values, log)
 
 
 def _chosen(screened: Screened, axes: list[_Axis]) -> list[int]:
     """Return the two axes shown first: the KPIs that matter most, else the first ones."""
-    reason, names = screened.reason, [axis.name for axis in axes]
+    reason, names = screened.reason, [axis.of.name for axis in axes]
     by = () if reason is None else (*reason.better_in, *reason.worse_in)
     places = [names.index(name) for name in by if name in names]
     return list(dict.fromkeys([*places, *range(len(names))]))[:2]

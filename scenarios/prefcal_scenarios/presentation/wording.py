@@ -9,6 +9,7 @@ from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.wording import labeled as labeled
 from prefcal_scenarios.scenario import KPI
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
@@ -115,11 +116,6 @@ def printable(text: object) -> str:
 def printable_lines(text: str) -> str:
     """Return `text` of several lines without other control characters."""
     return "\n".join(map(printable, text.split("\n")))
-
-
-def labeled(name: str, unit: str) -> str:
-    """Return a name with its unit, for headings in plain text."""
-    return f"{name} [{unit}]" if unit else name
 
 
 def theta_text(space: KnobSpace, theta: object) -> str:

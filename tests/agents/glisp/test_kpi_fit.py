@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_agents import AgentState, GLISp, GLISpSettings, restore
+from prefcal_agents import GLISp, GLISpSettings, restore
 from prefcal_agents.acquisition.penalty import unsafe_penalty
 from prefcal_agents.glisp.kpi_fit import kpi_fits, most_promising
 from prefcal_agents.glisp.questions import follow_up
 from prefcal_agents.glisp.selection import ModelSelection
+from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.space.setup import Setup
 from prefcal_agents.utility.posterior import DRAWS
 from prefcal_env.knobs.constraints import LinearConstraint

@@ -11,7 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import HALF, MIXED, RARE, SMALL, TINY, judge, run
-from prefcal_agents import AgentState, Screening, restore
+from prefcal_agents import Screening, restore
+from prefcal_agents.history.agent_state import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError, SimulationError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, judge, latent, run
-from prefcal_agents import GLIS, AgentState, GLISp, RandomSearch, restore
+from prefcal_agents import GLIS, GLISp, RandomSearch, restore
 from prefcal_agents.baselines.latin_hypercube import LatinHypercube
+from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.registry import AGENTS as ROWS
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob

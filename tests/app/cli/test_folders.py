@@ -46,6 +46,14 @@ def test_a_folder_of_another_study_is_refused_before_anything_runs(prefcal, tmp_
     assert "--out here holds the report of study 'first'" in err
 
 
+def test_a_folder_with_files_of_somebody_else_may_be_used(prefcal, tmp_path):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "notes.txt").write_text("mine")
+    assert prefcal(*QUICK, "--out", "here")[0] == 0
+    assert (tmp_path / "here" / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "here" / "report.html").is_file()
+
+
 def test_a_report_whose_study_is_not_known_is_not_replaced(tmp_path):
     (tmp_path / "report.html").write_text("of an older version, or of another program")
     with pytest.raises(SettingsError, match="holds a report whose study is not known"):

@@ -111,5 +111,13 @@ def test_channel_label_has_the_unit():
     assert Channel("ratio").label == "ratio"
 
 
+def test_a_channel_is_converted_with_its_limits_target_and_band():
+    warm = Channel("T", "°F", low=32.0, target=68.0, band=9.0).scaled(5 / 9, -160 / 9)
+    assert (warm.low, warm.target, warm.band) == pytest.approx((0.0, 20.0, 5.0))
+    assert warm.high == np.inf
+    turned = Channel("force", "N", low=-1.0, high=3.0, band=0.5).scaled(-2.0)
+    assert turned == Channel("force", "N", low=-6.0, high=2.0, band=1.0)
+
+
 def test_variants_are_part_of_the_value():
     assert replace(experiment(), runs=(experiment(),)) != experiment()

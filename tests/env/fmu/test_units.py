@@ -5,6 +5,7 @@ import pytest
 
 from prefcal_env import FMULoop, Knob
 from prefcal_env.errors import KnobError, PlantError
+from prefcal_env.fmu import read_model
 from prefcal_env.fmu.units import display_units
 from support.fmus import built, changed
 
@@ -81,6 +82,14 @@ def test_the_limits_of_the_fmu_hold_in_the_other_unit(tank):
         FMULoop(tank, [Knob("T_i", 0.05, 1.0, "min")], ["level"])
     with pytest.raises(KnobError, match=r"T_i must lie in \[0.1, 1\] min"):
         FMULoop(tank, [T_I], ["level"])(np.array([6.0]))
+
+
+def test_an_fmu_with_limits_that_leave_no_range_can_be_read(tank, tmp_path):
+    both = ('<Real unit="s" min="6" max="60" start="10"/>', '<Real unit="s" min="10" max="10" start="10"/>')
+    fixed = changed(tank, tmp_path / "fixed.fmu", replace=[both])
+    assert read_model(fixed).variable("T_i [min]").low == pytest.approx(1 / 6)
+    with pytest.raises(KnobError, match=r"its range must lie in \[10, 10\] s, the limits of the FMU"):
+        FMULoop(fixed, [Knob("T_i", 5.0, 20.0, "s")], ["level"])
 
 
 def test_another_unit_is_refused_with_those_that_the_fmu_defines(tank):

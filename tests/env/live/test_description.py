@@ -132,6 +132,38 @@ def test_a_wrong_description_is_refused_with_its_place(change, words):
         made(FULL | change)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"node": " "}, "'sp' needs the address of its node, got ' '"),
+        ({"low": 3}, r"'sp': low must be below high, got \[3.0, 2.0\] m"),
+        ({"high": float("inf")}, r"'sp': low and high must be finite, got \[0.0, inf\] m"),
+        ({"rate": 0}, "'sp': rate must be above 0 m per second and finite, got 0"),
+        ({"value": 2.5}, r"'sp' must be in \[0.0, 2.0\] m, got 2.5"),
+        ({"value": 0.5, "integer": True}, "'sp' must be an integer, got 0.5"),
+        ({"scale": "log"}, "no key 'scale'. Expected node, low, high, rate, unit, integer, value"),
+    ],
+)
+def test_a_wrong_start_value_is_refused_with_its_numbers(change, words):
+    start = {"node": "sp", "low": 0, "high": 2, "rate": 1, "value": 1, "unit": "m"}
+    with pytest.raises(SettingsError, match=words):
+        made(FULL | {"start": {"sp": start | change}})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"node": ""}, "'y' needs the address of its node, got ''"),
+        ({"low": 2, "high": 2}, r"limits of 'y' must be low < high, got \[2.0, 2.0\] m"),
+        ({"abort": [3, 0]}, r"abort of 'y' must be low < high, got \[3.0, 0.0\] m"),
+        ({"band": 1}, "no key 'band'. Expected node, unit, low, high, abort"),
+    ],
+)
+def test_a_wrong_output_is_refused_with_its_numbers(change, words):
+    with pytest.raises(SettingsError, match=words):
+        made(FULL | {"outputs": {"y": {"node": "y", "unit": "m"} | change}})
+
+
 @pytest.mark.servers
 def test_an_address_or_a_time_limit_that_opc_ua_cannot_have_is_refused():
     pytest.importorskip("asyncua")

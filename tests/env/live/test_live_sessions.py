@@ -12,9 +12,9 @@ def test_random_sessions_keep_every_promise():
 
 
 def test_the_check_sees_a_write_that_is_too_fast(monkeypatch):
-    from prefcal_env.live.parts import Written
+    from prefcal_env.live.parts import LiveKnob
 
-    monkeypatch.setattr(Written, "step", lambda self, elapsed, period: 1e9)
+    monkeypatch.setattr(LiveKnob, "step", lambda self, elapsed, period: 1e9)
     with pytest.raises(simulated_sessions.Broken, match="is faster than"):
         simulated_sessions.run(20)
 
@@ -32,11 +32,11 @@ def test_a_real_server_that_loses_its_connection_gets_its_old_values_back():
 def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(monkeypatch):
     pytest.importorskip("asyncua")
     from prefcal_env.live.drive import Drive
-    from prefcal_env.live.parts import Written
+    from prefcal_env.live.parts import LiveKnob
     from support.live_sessions import server_sessions
 
     with monkeypatch.context() as changed:
-        changed.setattr(Written, "step", lambda self, elapsed, period: 1e9)
+        changed.setattr(LiveKnob, "step", lambda self, elapsed, period: 1e9)
         found = server_sessions.run(10.0, most=6)
         assert any("is faster than" in words for words in found.broken)
     moved, calls = Drive._moved_to, []

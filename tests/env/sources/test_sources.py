@@ -9,7 +9,8 @@ from contracts.sources import attended, source_contract
 from prefcal_env import Channel, Channels, ClosedLoop, Maneuvers, Rig
 from prefcal_env.errors import RunError, ScenarioError
 from prefcal_env.experiments.tracking import Tracking
-from prefcal_env.sources import Function, Measured, source_of
+from prefcal_env.sources.function import Function, source_of
+from prefcal_env.sources.source import Measured
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import OwnSource, isolation
 from support.device import Device

@@ -33,7 +33,7 @@ from prefcal_agents import RandomSearch
 from prefcal_app.session import Choice, Interview, Now, Phase
 from prefcal_app.session.memory import agent_as_dict, knobs_as_dicts
 from prefcal_env.live import LiveRig, live_rig
-from prefcal_env.live.parts import Written
+from prefcal_env.live.parts import LiveKnob
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.scenario import Scenario
 
@@ -97,7 +97,7 @@ class Study:
         self.scenario = Scenario("tank", "A tank", self.rig.space, self.rig)
         self.path = self.folder / "study.prefcal"
         self.old = dict(self.watch.values)
-        parts = [*(k.written for k in self.rig.knobs), *self.rig.start]
+        parts = [*self.rig.knobs, *self.rig.start]
         self.written = dict(zip(WRITTEN, parts, strict=True))
 
     def sessions(self, count: int) -> Iterator[str]:
@@ -172,8 +172,8 @@ class Study:
     def _check_plant(self) -> None:
         for write in self.watch.writes:
             part = self.written[write.name]
-            if not part.low <= write.new <= part.high:
-                raise Broken(f"{write} is outside [{part.low}, {part.high}]")
+            if not part.knob.low <= write.new <= part.knob.high:
+                raise Broken(f"{write} is outside [{part.knob.low}, {part.knob.high}]")
         for name in WRITTEN:
             writes = [write for write in self.watch.writes if write.name == name]
             for before, write in zip([None, *writes], writes, strict=False):
@@ -237,7 +237,7 @@ def _back_at(
     writes: list[Write],
     then: dict[str, float],
     old: dict[str, float],
-    written: dict[str, Written],
+    written: dict[str, LiveKnob],
     since: float,
 ) -> float:
     """Return when all nodes had their old values again, in seconds."""

@@ -25,7 +25,6 @@ import numpy as np
 from prefcal_env import Knob
 from prefcal_env.errors import ConnectionLostError
 from prefcal_env.live import Driven, Journal, LiveKnob, LiveRig, LiveStart, Tag
-from prefcal_env.live.parts import Written
 
 
 class Killed(BaseException):
@@ -50,7 +49,7 @@ class World:
     """
 
     rng: np.random.Generator
-    written: dict[str, Written]
+    written: dict[str, LiveKnob]
     period: float
     values: dict[str, float]
     down: tuple[tuple[float, float], ...] = ()
@@ -128,10 +127,10 @@ class World:
         part, before = self.written[node], self.values[node]
         last = max((t for t, n, _, _ in self.writes if n == node), default=-np.inf)
         allowed = part.rate * min(self.now - last, self.period)
-        if part.integer:
+        if part.knob.integer:
             allowed = max(allowed, 1.0 if part.rate * (self.now - last) >= 1 - 1e-9 else 0.0)
-        if not part.low <= value <= part.high:
-            raise Broken(f"{node} = {value} is outside [{part.low}, {part.high}]")
+        if not part.knob.low <= value <= part.knob.high:
+            raise Broken(f"{node} = {value} is outside [{part.knob.low}, {part.knob.high}]")
         if abs(value - before) > allowed * (1 + 1e-6):
             raise Broken(f"{node}: {before} to {value} is faster than {part.rate} per second")
         self.values[node] = value
@@ -178,7 +177,7 @@ def drawn(seed: int, folder: Path) -> Session:
         Tag("valve", "valve", "input"),
         Tag("level", "setpoint", "reference"),
     ]
-    written = {p.node: p for p in (*(knob.written for knob in knobs), start)}
+    written = {p.node: p for p in (*knobs, start)}
     values = {"K": rng.uniform(0.5, 5), "T": 10.0, "mode": 2.0, "setpoint": 1.0, "level": 1.0, "valve": 1.0}
     duration = period * int(rng.integers(5, 25))
     span = duration + 15 * period
@@ -245,7 +244,7 @@ def _check_restored_soon(world: World, old: dict[str, float], killed: float | No
         for node, value in old.items():
             part, way = world.written[node], abs(world.at(node, regained, value) - value)
             step = part.rate * world.period
-            step = max(float(int(step + 1e-9)), min(step, 1.0)) if part.integer else step
+            step = max(float(int(step + 1e-9)), min(step, 1.0)) if part.knob.integer else step
             steps = max(steps, ceil(way / step - 1e-6))
         # The first of the steps is among the two samples.
         until = regained + (2 + steps - 1) * world.period + 1e-6
