@@ -1,6 +1,7 @@
 """A linear quadratic regulator that estimates the state from measured outputs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -13,8 +14,10 @@ from prefcal_env.plants.systems.matrices import held
 
 from .linearized import Linearized
 from .lqr import LQR, output
+from .stored import as_data, storable
 
 
+@storable
 class LQG:
     """An `LQR` with a Kalman filter: it reads measured outputs, and never the plant's state.
 
@@ -55,6 +58,16 @@ class LQG:
     def estimate(self) -> Float[np.ndarray, " n_x"] | None:
         """State as estimated at the last measurement, shape (n_x,); None before the first."""
         return None if self._estimate is None else self.lqr.model.x0 + self._estimate.mean
+
+    def as_data(self) -> dict[str, Any]:
+        """Return regulator and deviations as JSON-able data."""
+        deviations = {"noise": self.noise.tolist(), "process": self.process.tolist()}
+        return {"lqr": as_data(self.lqr), **deviations}
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any]) -> Self:
+        """Return the LQG that `as_data` describes. Raises SettingsError or KeyError for other data."""
+        return cls(LQR.of_data(data["lqr"]), data["noise"], data["process"])
 
     def move(self, measurement: Measurement) -> Move:
         """Estimate the state from the measured outputs, then decide the inputs."""

@@ -1,7 +1,8 @@
 """State feedback by a linear quadratic regulator, sampled, with integral action if wanted."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -15,8 +16,10 @@ from prefcal_env.plants.systems.matrices import held
 
 from .linearized import Linearized, linearized
 from .measured import index_of, reference_of
+from .stored import finite, infinite, storable
 
 
+@storable
 class LQR:
     """A state feedback that minimizes Σ x'Qx + u'Ru of the plant linearized at a steady state.
 
@@ -86,6 +89,28 @@ class LQR:
     def T_s(self) -> float:
         """Sampling time, in the plant's unit of time."""
         return self._T_s
+
+    def as_data(self) -> dict[str, Any]:
+        """Return model and weights as JSON-able data; None for infinite limits."""
+        model = {f.name: getattr(self.model, f.name).tolist() for f in fields(Linearized)}
+        for name in ("low", "high"):
+            model[name] = [finite(limit) for limit in model[name]]
+        weights = {name: getattr(self, name).tolist() for name in ("Q", "R", "Q_i")}
+        return {"model": model, "T_s": self.T_s, "integral": list(self.integral), **weights}
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any]) -> Self:
+        """Return the LQR that `as_data` describes. Raises SettingsError or KeyError for other data."""
+        model = dict(data["model"])
+        n_x, n_u, n_y = (len(model[name]) for name in ("x0", "u0", "y0"))
+        for name in ("low", "high"):
+            model[name] = [infinite(name, value) for value in model[name]]
+        # Lists without rows have no columns.
+        for name, shape in {"A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x)}.items():
+            model[name] = np.reshape(model[name], shape)
+        integral = data["integral"]
+        Q_i = np.reshape(data["Q_i"], (len(integral),) * 2)
+        return cls(Linearized(**model), data["Q"], data["R"], T_s=data["T_s"], integral=integral, Q_i=Q_i)
 
     def move(self, measurement: Measurement) -> Move:
         """Decide the inputs from the measured state."""

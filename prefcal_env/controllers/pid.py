@@ -1,7 +1,7 @@
 """A PID controller of the standard form, as it runs in industry, and several side by side."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from prefcal_env.plants.plant import Plant
 
 from .measured import index_of, outputs_of, reference_of
 from .pid_law import PIDLaw
+from .stored import as_data, finite, from_data, infinite, storable
 
 
+@storable
 class PID:
     """A PID of the standard (ISA) form with two degrees of freedom, sampled.
 
@@ -110,6 +112,16 @@ class PID:
         """Sampling time, in the plant's unit of time."""
         return float(self.parameters["T_s"])
 
+    def as_data(self) -> dict[str, Any]:
+        """Return channels and parameters as JSON-able data; None for infinite numbers."""
+        channels = {"output": self.output, "input": self.input}
+        return channels | {name: finite(value) for name, value in self.parameters.items()}
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any]) -> Self:
+        """Return the PID that `as_data` describes. Raises SettingsError or TypeError for other data."""
+        return cls(**{name: infinite(name, value) for name, value in data.items()})
+
     def move(self, measurement: Measurement) -> Move:
         """Decide the input; a reference that is NaN leaves it as it is."""
         r = float(reference_of(measurement)[self.output])
@@ -138,6 +150,7 @@ class PID:
         return float(p["K_p"] * (p["b"] * self._r - self._y))
 
 
+@storable
 class Decentralized:
     """A `Controller` made of PIDs, each with an output and an input of its own.
 
@@ -164,6 +177,16 @@ class Decentralized:
     def T_s(self) -> float:
         """Sampling time, in the plant's unit of time."""
         return self.pids[0].T_s
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the PIDs as JSON-able data."""
+        return {"pids": [as_data(pid) for pid in self.pids]}
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any]) -> Self:
+        """Return the PIDs that `as_data` describes. Raises SettingsError or KeyError for other data."""
+        pids = [from_data(each) for each in data["pids"]]
+        return cls([pid for pid in pids if isinstance(pid, PID)])
 
     def move(self, measurement: Measurement) -> Move:
         """Let each PID decide its input; inputs without a PID stay as they are."""

@@ -1,9 +1,9 @@
 """The record of one closed-loop run of one θ, frozen."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -69,30 +69,28 @@ class Channels:
     time_unit: str = "s"
 
 
-class FrozenMapping(Mapping[str, Any]):
+class FrozenMapping(dict[str, Any]):
     """An immutable mapping that compares by value (arrays too) and can be pickled."""
 
-    def __init__(self, items: Mapping[str, Any] | None = None) -> None:
-        self._items = dict(items or {})
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError(f"a {type(self).__name__} cannot be changed: make a new one")
 
-    def __getitem__(self, key: str) -> Any:
-        return self._items[key]
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    update = setdefault = pop = popitem = clear = _refuse
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._items)
-
-    def __len__(self) -> int:
-        return len(self._items)
+    def __reduce__(self) -> tuple[type[Self], tuple[dict[str, Any]]]:
+        """Return how to make it again: pickle would fill it item by item."""
+        return type(self), (dict(self),)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Mapping):
             return NotImplemented
         return self.keys() == other.keys() and all(_same(v, other[k]) for k, v in self.items())
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self._items!r})"
+        return f"{type(self).__name__}({dict(self)!r})"
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Key performance indicators (KPIs): what they are called, when they are good, and how they are read."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -53,6 +53,11 @@ class KPI:
         formula: Formula that computes it from the signals of a run, such as "max(level) - ref(level)"
             (see docs/outcomes.md); "" if the run returns it.
 
+    Attributes:
+        goal: Direction of improvement; "target" is the middle of the objective's range; None if
+            there is no direction.
+        step: Smallest difference that is shown, in `unit`; 0 if only digits limit it.
+
     Raises:
         ScenarioError: If `better` is not "lower", "higher" or None, if `at_least` is above
             `at_most`, `resolution` is not above 0, or `formula` cannot be read.
@@ -67,6 +72,8 @@ class KPI:
     about: str = ""
     resolution: float | None = None
     formula: str = ""
+    goal: Literal["lower", "higher", "target"] | None = field(init=False, repr=False, compare=False)
+    step: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.formula:
@@ -85,10 +92,10 @@ class KPI:
                 f"KPI {self.name!r}: at_least must not be above at_most, "
                 f"got {self.at_least} and {self.at_most} {self.unit}".rstrip()
             )
+        object.__setattr__(self, "goal", self._goal())
+        object.__setattr__(self, "step", self._step())
 
-    @property
-    def goal(self) -> Literal["lower", "higher", "target"] | None:
-        """Return the direction of improvement; "target" is the middle of the objective's range."""
+    def _goal(self) -> Literal["lower", "higher", "target"] | None:
         if self.better is not None:
             return self.better
         if np.isfinite(self.at_most) and np.isfinite(self.at_least):
@@ -97,9 +104,7 @@ class KPI:
             return "lower"
         return "higher" if np.isfinite(self.at_least) else None
 
-    @property
-    def step(self) -> float:
-        """Return the smallest difference that is shown, in `unit`; 0 if only digits limit it."""
+    def _step(self) -> float:
         if self.resolution is not None:
             return self.resolution
         width = self.at_most - self.at_least

@@ -49,6 +49,15 @@ class Plot:
         found = _data(experiment, self) if len(experiment.t) else np.zeros(0)
         return np.full(len(experiment.t), np.nan) if found is None else self.scale * found
 
+    def beside(self, experiment: Experiment) -> tuple[Float[np.ndarray, " K"] | None, ...]:
+        """Return the reference and both limits that change, each on `experiment.t`, shape (K,).
+
+        They are in the panel's unit; None for each that it does not name or the experiment lacks.
+        """
+        there = experiment.signals if len(experiment.t) else {}
+        names = (self.reference, self.low_signal, self.high_signal)
+        return tuple(self.scale * np.asarray(there[key]) if key and key in there else None for key in names)
+
 
 @dataclass(frozen=True, slots=True)
 class Panel:

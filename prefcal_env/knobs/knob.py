@@ -97,6 +97,29 @@ class Knob:
             return np.asarray(np.log(values / self.low) / np.log1p(step))
         return np.asarray(values / step)
 
+    def choices(self, low: float, high: float) -> Float[np.ndarray, " m"]:
+        """Return the values, in `unit`, that are proposed in this part of the range, increasing, (m,).
+
+        Raises:
+            KnobError: If the knob has no step, and the part is not one value.
+        """
+        if low == high:
+            return np.array([low])
+        first, last = self.steps(np.array([low, high]))
+        inside = np.arange(np.ceil(first), np.floor(last) + 1)
+        if self.scale == "log10" and not self.integer:
+            values = self.low * (1 + self.resolution) ** inside
+        else:
+            values = inside * self.resolution
+        values = np.array([low, *(self.round(float(v)) for v in values), high])
+        values = np.clip(values, low, high)
+        counts, kept = self.steps(values).tolist(), [0]
+        for index, count in enumerate(counts):
+            # The ends are proposed too, unless a neighbor is almost equal.
+            if count - counts[kept[-1]] > 1 - 1e-6:
+                kept.append(index)
+        return np.asarray(values[kept])
+
     def decode(self, z: float) -> float:
         """Return the physical value, in `unit`, at `z` in [0, 1]; integers round half up."""
         if self.scale == "log10":

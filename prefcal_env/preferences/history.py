@@ -5,7 +5,7 @@ every change returns a new one.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from operator import or_
 
@@ -166,6 +166,10 @@ class History:
         follow_ups: Answers about two samples whose queries were closed, in the order given.
         repeats: Answers to questions that were asked again; agents do not learn from them.
         leads: What an agent held for the best against single answers, in order.
+
+    Attributes:
+        answered: Number of samples whose query is closed: the index of the next one.
+        pending: Sample that takes the next number; None if none is proposed yet.
     """
 
     samples: tuple[Sample, ...] = ()
@@ -173,18 +177,15 @@ class History:
     follow_ups: tuple[Comparison, ...] = ()
     repeats: tuple[Comparison, ...] = ()
     leads: tuple[Lead, ...] = ()
+    answered: int = field(init=False, repr=False, compare=False)
+    pending: Sample | None = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        answered = len(self.comparisons)
+        object.__setattr__(self, "answered", answered)
+        object.__setattr__(self, "pending", self.samples[answered] if len(self.samples) > answered else None)
 
     # Conclusions from the record.
-
-    @property
-    def answered(self) -> int:
-        """Return the number of samples whose query is closed: the index of the next one."""
-        return len(self.comparisons)
-
-    @property
-    def pending(self) -> Sample | None:
-        """Return the sample that takes the next number; None if none is proposed yet."""
-        return self.samples[self.answered] if len(self.samples) > self.answered else None
 
     @property
     def waits(self) -> bool:

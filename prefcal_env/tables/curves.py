@@ -144,6 +144,29 @@ def curve_of(
     return Curve(what, base[:kept], found[:kept], held, own, kept < len(found), gaps)
 
 
+def curves_of(
+    what: str,
+    given: Mapping[str, Any],
+    t: Float[np.ndarray, " K"] | None,
+    unit: str,
+    *,
+    held: bool = False,
+    gaps: bool = False,
+) -> list[Curve]:
+    """Return `curve_of` each of the curves `given` by name; `what` they are is for messages."""
+    return [curve_of(f"{what} {n!r}", v, t, unit, held=held, gaps=gaps) for n, v in given.items()]
+
+
+def table_of(curves: Sequence[Curve], t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n"]:
+    """Return the values of all curves at other instants, which they must cover, a column for each."""
+    return table([curve.at(t) for curve in curves], t)
+
+
+def table(columns: Sequence[Float[np.ndarray, " K"]], t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n"]:
+    """Return columns at `t` as one table, which has no column if there are none."""
+    return np.stack(columns, axis=1) if len(columns) else np.zeros((len(t), 0))
+
+
 def _finite_rows(what: str, t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], unit: str) -> int:
     """Return how many rows come before the values that are not finite at the end."""
     finite = np.isfinite(values)
@@ -208,20 +231,3 @@ def check_covers(curve: Curve, t: Float[np.ndarray, " K"], unit: str) -> None:
 
 def _span(t: Float[np.ndarray, " K"]) -> float:
     return float(t[-1] - t[0]) if len(t) else 0.0
-
-
-def named(what: str, given: object) -> Mapping[str, Any]:
-    """Return a mapping of names to curves.
-
-    Raises:
-        ExperimentError: If it is something else.
-    """
-    if not isinstance(given, Mapping):
-        raise ExperimentError(
-            f"{what}s must be a mapping from names to curves, such as {{'level': values}}, "
-            f"got {type(given).__name__}"
-        )
-    wrong = [name for name in given if not isinstance(name, str) or not name]
-    if wrong:
-        raise ExperimentError(f"the name of an {what} must be text, got {wrong[0]!r}")
-    return given

@@ -13,7 +13,18 @@ from prefcal_env.experiments.rollout import computed
 from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.wording import did_you_mean
 
-from .curves import Curve, check_covers, common_instants, curve_of, held_rows, instants_of, named, numbers
+from .curves import (
+    Curve,
+    check_covers,
+    common_instants,
+    curve_of,
+    curves_of,
+    held_rows,
+    instants_of,
+    numbers,
+    table,
+    table_of,
+)
 
 Limits = tuple[float | None, float | None]
 _Look = tuple[Mapping[str, str], Mapping[str, Limits], Mapping[str, float]]
@@ -72,26 +83,26 @@ def recorded(
         ExperimentError: If a curve has the wrong shape, is not numeric or has a gap, instants do
             not increase, or a name is unknown. The message names the curve and the place.
     """
-    y, u = named("output", outputs), named("input", {} if inputs is None else inputs)
+    y, u = _named("output", outputs), _named("input", {} if inputs is None else inputs)
     reference, signals = reference or {}, signals or {}
     look: _Look = (units or {}, limits or {}, bands or {})
     _check_names(y, u, signals, reference, look)
     base = None if t is None else instants_of("t", t, time_unit)
-    curves = [curve_of(f"output {n!r}", v, base, time_unit) for n, v in y.items()]
-    held = [curve_of(f"input {n!r}", v, base, time_unit, held=True) for n, v in u.items()]
+    curves = curves_of("output", y, base, time_unit)
+    held = curves_of("input", u, base, time_unit, held=True)
     instants = _instants(base, curves, held, time_unit)
     references = _references(list(y), reference, base, instants, time_unit)
     channel_u = tuple(_channel(name, look) for name in u)
     channel_y = tuple(_channel(name, look, r) for name, r in zip(y, references, strict=True))
     channels = Channels((), channel_u, channel_y, time_unit)
-    moves = _table([c.at(instants) for c in held], instants)
+    moves = table_of(held, instants)
     made = Experiment(
         theta=_theta(theta),
         t=instants,
         x=np.zeros((len(instants), 0)),
         u=moves,
-        y=_table([curve.at(instants) for curve in curves], instants),
-        **_steps(held, instants, moves, _table(references, instants)),
+        y=table_of(curves, instants),
+        **_steps(held, instants, moves, table(references, instants)),
         channels=channels,
         end=_end(instants, [*curves, *held]) if end is None else end,
         signals=_drawn(channels, references) | _extra(signals, base, instants, time_unit),
@@ -124,8 +135,8 @@ def _extra(
     unit: str,
 ) -> dict[str, Float[np.ndarray, " M"]]:
     """Return additional signals at `instants`."""
-    curves = {name: curve_of(f"signal {name!r}", v, t, unit, gaps=True) for name, v in signals.items()}
-    return {name: curve.at(instants) for name, curve in curves.items()}
+    curves = curves_of("signal", signals, t, unit, gaps=True)
+    return {name: curve.at(instants) for name, curve in zip(signals, curves, strict=True)}
 
 
 def _drawn(
@@ -150,12 +161,6 @@ def _decided(
     changed = (np.diff(latest, axis=0) != 0).any(axis=1)
     changed |= (np.diff(np.nan_to_num(y_ref), axis=0) != 0).any(axis=1)
     return np.flatnonzero(np.concatenate([np.ones(min(len(t), 1), dtype=bool), changed]))
-
-
-def _table(
-    columns: Sequence[Float[np.ndarray, " K"]], t: Float[np.ndarray, " K"]
-) -> Float[np.ndarray, "K n"]:
-    return np.stack(columns, axis=1) if len(columns) else np.zeros((len(t), 0))
 
 
 def _theta(theta: ArrayLike) -> Float[np.ndarray, " n"]:
@@ -210,6 +215,23 @@ def _references(
     return found
 
 
+def _named(what: str, given: object) -> Mapping[str, Any]:
+    """Return a mapping of names to curves.
+
+    Raises:
+        ExperimentError: If it is something else.
+    """
+    if not isinstance(given, Mapping):
+        raise ExperimentError(
+            f"{what}s must be a mapping from names to curves, such as {{'level': values}}, "
+            f"got {type(given).__name__}"
+        )
+    wrong = [name for name in given if not isinstance(name, str) or not name]
+    if wrong:
+        raise ExperimentError(f"the name of an {what} must be text, got {wrong[0]!r}")
+    return given
+
+
 def _channel(name: str, look: _Look, reference: Float[np.ndarray, " K"] | None = None) -> Channel:
     """Return a channel; a constant reference is its target."""
     units, limits, bands = look
@@ -234,7 +256,7 @@ def _check_names(
     """Refuse names that are used twice, and properties of names that do not exist."""
     if not outputs:
         raise ExperimentError("outputs must hold one curve or more, such as {'level': values}")
-    names = [*outputs, *inputs, *named("signal", signals)]
+    names = [*outputs, *inputs, *_named("signal", signals)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ExperimentError(

@@ -7,7 +7,7 @@ from types import ModuleType
 from prefcal_env.errors import ScenarioError
 from prefcal_env.wording import did_you_mean
 
-from .names import BUILT_IN, CASES, NAMES, is_built_in, is_described, is_own
+from .names import BUILT_IN, CASES, CONTROLLERS, NAMES, either, is_built_in, is_described, is_own
 from .own.own_file import module_at
 from .own.source import split_source
 from .scenario import Scenario
@@ -52,7 +52,7 @@ def load(name: str) -> Scenario:
         return _scenario_in(import_module(f"prefcal_scenarios.cases.{case}"), name, name)
     raise ScenarioError(
         f"no scenario is called {name!r}.{did_you_mean(name, BUILT_IN)} "
-        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, pid or lqr "
+        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, {either(CONTROLLERS)} "
         "(see `prefcal scenarios`)"
     )
 

@@ -109,8 +109,8 @@ def simulator(scenario: Scenario | str, *, seed: int = 0) -> Callable[[Float[np.
 
 def _known(scenario: Scenario, experiment: Result) -> dict[str, float]:
     """Return the KPIs that agents learn from, all infinite if the run was stopped."""
-    if has_goals(scenario):
-        kpis = [(k, experiment.kpis.get(k.name)) for k in scenario.kpis if k.goal is not None]
+    kpis = [(k, experiment.kpis.get(k.name)) for k in scenario.kpis if k.goal is not None]
+    if kpis:
         if experiment.end.interrupted:
             return {kpi.name: np.inf for kpi, _ in kpis}
         return {k.name: k.badness(float(v)) for k, v in kpis if v is not None}

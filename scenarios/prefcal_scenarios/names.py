@@ -1,6 +1,7 @@
 """What a scenario may be called: those that come with prefcal, and people's own."""
 
 import re
+from collections.abc import Iterable, Mapping
 
 CASES = ("cstr", "overtake")
 """Names of the paper's case studies."""
@@ -25,9 +26,19 @@ CLOSED_LOOPS = (
 BUILT_IN = (*CASES, *CLOSED_LOOPS)
 NAMES = ", ".join([*CASES, "a closed loop such as servo"])
 """What a scenario may be called, for messages: the closed loops are too many to list."""
-CONTROLLERS = ("pid", "lqr")
-"""Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes."""
+CONTROLLERS: Mapping[str, str] = {"pid": "PID", "lqr": "LQR"}
+"""Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes, and their classes.
+
+A new one is `described/NAME_scenario.py` and a row here: a function NAME_scenario, called as
+`pid_scenario` is, and, unless `prefcal_env.controllers` has it, the class, decorated as `storable`.
+"""
 _RANDOM_LOOP = re.compile(r"(loop|rough)-(0|[1-9]\d*)", re.ASCII)
+
+
+def either(words: Iterable[str]) -> str:
+    """Return the words as a choice: "a, b or c"."""
+    *others, last = words
+    return f"{', '.join(others)} or {last}" if others else last
 
 
 def is_built_in(source: str) -> bool:

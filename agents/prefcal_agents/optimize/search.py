@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.space.capacity import capacity, choices
+from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.feasible import Region, random_points
 from prefcal_env.errors import ProtocolError
 from prefcal_env.knobs.space import KnobSpace
@@ -216,7 +216,7 @@ class Tried:
 
     def _first_free(self) -> Float[np.ndarray, " n"]:
         # Few θ are left, so the space is small: at most a few times the number of samples.
-        values = [choices(*each) for each in zip(self._space, self._space.within, strict=True)]
+        values = [knob.choices(*part) for knob, part in zip(self._space, self._space.within, strict=True)]
         for theta in product(*values):
             z = self._space.encode(np.array(theta, dtype=float))
             if self.may_run(z):

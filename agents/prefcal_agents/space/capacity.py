@@ -3,7 +3,6 @@
 from math import prod
 
 import numpy as np
-from jaxtyping import Float
 
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.knob import Knob
@@ -26,7 +25,7 @@ def capacity(space: KnobSpace) -> float:
     if not space.constraints or total > _COUNTED:
         return float(total)
     every = np.meshgrid(
-        *(choices(knob, part) for knob, part in zip(space, space.within, strict=True)), indexing="ij"
+        *(knob.choices(*part) for knob, part in zip(space, space.within, strict=True)), indexing="ij"
     )
     allowed = np.count_nonzero(space.allows(np.stack(every, axis=-1).reshape(-1, len(space))))
     if not allowed:
@@ -35,31 +34,10 @@ def capacity(space: KnobSpace) -> float:
     return float(allowed)
 
 
-def choices(knob: Knob, part: tuple[float, float]) -> Float[np.ndarray, " m"]:
-    """Return the values of `knob` that are proposed in `part` of its range, increasing, (m,)."""
-    low, high = part
-    if low == high:
-        return np.array([low])
-    first, last = knob.steps(np.array([low, high]))
-    inside = np.arange(np.ceil(first), np.floor(last) + 1)
-    if knob.scale == "log10" and not knob.integer:
-        values = knob.low * (1 + knob.resolution) ** inside
-    else:
-        values = inside * knob.resolution
-    values = np.array([low, *(knob.round(float(v)) for v in values), high])
-    values = np.clip(values, low, high)
-    kept = [0]
-    for index, count in enumerate(knob.steps(values)):
-        # The ends are proposed too, unless a neighbor is almost equal.
-        if count - knob.steps(values[kept[-1:]])[0] > 1 - 1e-6:
-            kept.append(index)
-    return np.asarray(values[kept])
-
-
 def _count(knob: Knob, low: float, high: float) -> float:
     if low == high:
         return 1
     if knob.resolution == 0:
         return np.inf
     first, last = knob.steps(np.array([low, high]))
-    return np.inf if last - first > _MANY else len(choices(knob, (low, high)))
+    return np.inf if last - first > _MANY else len(knob.choices(low, high))

@@ -38,7 +38,7 @@ class Described:
 
     Args:
         scenario: A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu,
-            or pid or lqr with --plant.
+            or a controller such as pid with --plant.
         knob: Knob of an FMU or a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example
             "K_p=0.1:50:log %/m". Repeat the option for more.
         show: Curves to show, for example level,valve; of an FMU also in another unit, "T \[degC]".

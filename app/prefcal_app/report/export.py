@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.controllers.stored import KINDS, from_data
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.catalog import load
+from prefcal_scenarios.described.making import controller_of
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
 from .record import StudyRecord
@@ -100,11 +100,12 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     """
     content = _read(Path(path))
     settings = content["settings"]
-    if isinstance(settings, Mapping) and settings.get("controller") in KINDS:
-        try:
-            return from_data(settings)
-        except SettingsError as error:
-            raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
+    try:
+        described = controller_of(settings) if isinstance(settings, Mapping) else None
+    except SettingsError as error:
+        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
+    if described is not None:
+        return described
     scenario = _scenario(content["scenario"], Path(path).parent)
     if scenario.controller is None:  # the run of an own scenario knows how
         make = scenario.source.controller

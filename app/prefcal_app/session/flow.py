@@ -78,16 +78,14 @@ class Flow:
     """What the latest question was chosen from, by simulations."""
     thinking: History | None = None
     """The record whose next query is being chosen in the background."""
+    source: Source = field(init=False)
+    """What turns θ into experiments."""
     plant: Plant = field(init=False)
     """What must be done on the plant before anything else."""
 
     def __post_init__(self) -> None:
+        self.source = self.store.scenario.source
         self.plant = Plant(self.source)
-
-    @property
-    def source(self) -> Source:
-        """Return what turns θ into experiments."""
-        return self.store.scenario.source
 
     @property
     def run(self) -> Run | None:

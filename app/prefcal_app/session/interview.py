@@ -145,7 +145,7 @@ class Interview:
                 run_limit=flow.source.limit,
                 simulated=self._simulated(),
                 running=len(flow.runs) if flow.at_once > 1 else 0,
-                live=flow.plant.now(flow.run),
+                live=flow.plant.now(flow.run) if flow.source.asks == "confirm" else None,
             )
 
     def wait(self, version: int, timeout: float) -> Now:

@@ -92,10 +92,8 @@ class Plant:
 
         return restore
 
-    def now(self, run: Run | None) -> LiveNow | None:
-        """Return what a front end shows, given the run of the pending sample; None of a simulation."""
-        if self._source.asks != "confirm":
-            return None
+    def now(self, run: Run | None) -> LiveNow:
+        """Return what a front end shows of a live plant, given the run of the pending sample."""
         shown = self.run or run
         times, curves = ((), ()) if shown is None else shown.recorded
         return LiveNow(

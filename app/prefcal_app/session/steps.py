@@ -81,7 +81,8 @@ def can_undo(flow: Flow) -> bool:
     """Return whether there is an answer to undo; a repeated question can always be skipped."""
     if flow.question is not None and flow.question.repeats is not None:
         return True
-    state, repeats = flow.state, flow.state.history.repeats
+    state = flow.state
+    repeats = state.history.repeats
     last_was_repeat = bool(repeats) and state.answers[-1] is repeats[-1]
     return state.history.answered > 1 and not last_was_repeat
 

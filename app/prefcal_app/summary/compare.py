@@ -68,14 +68,15 @@ def one_misses(kpi: KPI, left: Experiment, right: Experiment) -> bool:
 
 def row_of(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str, Any]:
     """Return the row of one KPI, without its group."""
+    a, b = _pair(kpi, left, right)
     return {
         **words_of(kpi),
         "left": _value(kpi, left),
         "right": _value(kpi, right),
-        "difference": _difference(kpi, left, right) if size else "",
-        "better": _better(kpi, left, right) if size else None,
+        "difference": _difference(kpi, a, b) if size else "",
+        "better": _better(kpi, a, b) if size else None,
         "size": round(min(size, 1.0), 3),
-        "change": round(min(size, _share(kpi, left, right)), 3),
+        "change": round(min(size, _share(a, b)), 3),
     }
 
 
@@ -106,16 +107,15 @@ def _size(kpi: KPI, left: Experiment, right: Experiment, spread: Spread) -> floa
     return abs(b - a) / usual
 
 
-def _share(kpi: KPI, left: Experiment, right: Experiment) -> float:
+def _share(a: float, b: float) -> float:
     """Return the difference as a share of the larger value; 1 if one is infinite or missing."""
-    a, b = _pair(kpi, left, right)
     if not (isfinite(a) and isfinite(b)):
         return 1.0
     return abs(b - a) / (max(abs(a), abs(b)) or 1.0)
 
 
-def _difference(kpi: KPI, left: Experiment, right: Experiment) -> str:
-    a, b = _pair(kpi, left, right)
+def _difference(kpi: KPI, a: float, b: float) -> str:
+    """Return the right value `b` minus the left one, with sign and unit; "" if it is not a number."""
     if not (isfinite(a) and isfinite(b)):
         return ""
     size = kpi.read(abs(b - a))
@@ -123,10 +123,11 @@ def _difference(kpi: KPI, left: Experiment, right: Experiment) -> str:
     return with_unit(("+" if b > a else "−") + text, kpi.unit)
 
 
-def _better(kpi: KPI, left: Experiment, right: Experiment) -> str | None:
+def _better(kpi: KPI, a: float, b: float) -> str | None:
+    """Return the side whose value, `a` on the left or `b`, is better; None if that is not known."""
     if kpi.goal is None:
         return None
-    a, b = (kpi.judged(v) for v in _pair(kpi, left, right))
-    if isnan(a) or isnan(b) or a == b:
+    left, right = kpi.judged(a), kpi.judged(b)
+    if isnan(left) or isnan(right) or left == right:
         return None
-    return "left" if a < b else "right"
+    return "left" if left < right else "right"

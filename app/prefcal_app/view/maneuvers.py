@@ -9,7 +9,6 @@ from jaxtyping import Float
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Plot
 
-from .panels import limits_of, reference_of
 from .seen import Range, snapped
 
 _STILL = 0.02
@@ -97,7 +96,7 @@ def _movements(panel: Plot, run: Experiment, still: float) -> list[Range]:
     if channel.target is not None and channel.band:
         still = min(still, channel.band)
     found = []
-    for values in (panel.values(run), reference_of(panel, run), *limits_of(panel, run)):
+    for values in (panel.values(run), *panel.beside(run)):
         if values is None or not (known := np.isfinite(values)).any():
             continue
         t, y = run.t[known], values[known]

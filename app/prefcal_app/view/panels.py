@@ -35,11 +35,12 @@ def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any
     """Return curves, changing references and limits, and each panel in words."""
     empty = not len(experiment.t)
     first = experiment.runs[0] if experiment.runs else experiment
+    beside = [[_held(values, first) for values in panel.beside(first)] for panel in panels]
     return {
         "runs": max(len(experiment.runs), 1),
         "curves": [curves(p, experiment) for p in panels] if not empty else [[] for _ in panels],
-        "references": [_held(reference_of(p, first), first) for p in panels],
-        "limits": [[_held(limit, first) for limit in limits_of(p, first)] for p in panels],
+        "references": [reference for reference, _, _ in beside],
+        "limits": [limits for _, *limits in beside],
         "stories": [story(p, first) for p in panels],
     }
 
@@ -54,23 +55,6 @@ def curves(panel: Plot, experiment: Experiment) -> list[dict[str, Any]]:
 def _held(values: Float[np.ndarray, " K"] | None, experiment: Experiment) -> dict[str, Any] | None:
     """Return the curve of a reference or limit that changes; None if the panel names none."""
     return None if values is None else curve(experiment.t, values, held=True)
-
-
-def reference_of(panel: Plot, experiment: Experiment) -> Float[np.ndarray, " K"] | None:
-    """Return the values of the time-varying reference, in the panel's unit."""
-    return _signal(panel, panel.reference, experiment)
-
-
-def limits_of(panel: Plot, experiment: Experiment) -> list[Float[np.ndarray, " K"] | None]:
-    """Return the values of the time-varying lower and upper limits, in the panel's unit."""
-    return [_signal(panel, key, experiment) for key in (panel.low_signal, panel.high_signal)]
-
-
-def _signal(panel: Plot, key: str, experiment: Experiment) -> Float[np.ndarray, " K"] | None:
-    """Return a scaled signal, or None if the panel names none or the experiment lacks it."""
-    if not key or not len(experiment.t) or key not in experiment.signals:
-        return None
-    return panel.scale * np.asarray(experiment.signals[key])
 
 
 def curve(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"], *, held: bool) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.scenario import panels_of
 
-from .panels import curves_view, limits_of, reference_of
+from .panels import curves_view
 
 _PAD = 0.04
 """Share of an axis left free at each end."""
@@ -55,7 +55,7 @@ class Seen:
 
         Each look reads a limited number, newest first, so a long study loads in several looks.
         """
-        finished = interview.now().state.finished.items()
+        finished = interview.study.state.finished.items()
         new = sorted((index, seq) for index, seq in finished if seq not in self._reach)
         for index, seq in new[-_AT_ONCE:]:
             experiment = interview.experiment(index)
@@ -102,9 +102,9 @@ def _reach(experiment: Experiment, panels: Sequence[Plot]) -> _Reach:
 
 def _ranges(panel: Plot, runs: Sequence[Experiment]) -> Iterator[Range]:
     for run in runs:
-        beside = (reference_of(panel, run), *limits_of(panel, run))
-        for values in (panel.values(run), *(b for b in beside if b is not None)):
-            yield _range(values)
+        for values in (panel.values(run), *panel.beside(run)):
+            if values is not None:
+                yield _range(values)
 
 
 def _range(values: Float[np.ndarray, " K"]) -> Range:

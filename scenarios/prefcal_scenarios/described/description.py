@@ -10,11 +10,14 @@ import msgspec
 from prefcal_env.described import Keys, checked, entries
 from prefcal_env.errors import ScenarioError
 from prefcal_env.wording import did_you_mean
+from prefcal_scenarios.names import CONTROLLERS, either
 
 _MERGED = ("knobs", "reference", "kpis", "panels", "starts")
 """Tables to which options add entries; they replace any other value of a file."""
 _SUBJECTS = ("fmu", "controller", "rig", "opcua")
 """Keys of which a description has exactly one."""
+_CONTROLLER = "controller = " + either(f'"{word}"' for word in CONTROLLERS)
+"""What names a standard controller, for messages."""
 
 
 class Description(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,13 +101,10 @@ def _check_subject(description: Description, where: str) -> None:
     if len(there) != 1:
         got = " and ".join(there) or "none"
         raise ScenarioError(
-            f'{where}: expected one of fmu = "loop.fmu", controller = "pid" or "lqr", [rig] and '
-            f"[opcua], got {got}"
+            f'{where}: expected one of fmu = "loop.fmu", {_CONTROLLER}, [rig] and [opcua], got {got}'
         )
     if description.plant is not None and description.controller is None:
-        raise ScenarioError(
-            f'{where}: a plant needs controller = "pid" or "lqr" to be calibrated, or leave it out'
-        )
+        raise ScenarioError(f"{where}: a plant needs {_CONTROLLER} to be calibrated, or leave it out")
 
 
 def stated(

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from prefcal_env.controllers.stored import KINDS, from_data
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
+from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.experiments.tracking import every_tracking_kpi, found_kpis
 from prefcal_env.knobs.knob import Knob
@@ -75,8 +77,7 @@ def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
             f"the controller {d.controller!r} needs a plant: add --plant model.py:plant, or "
             'plant = "model.py:plant" in a file'
         )
-    module = import_module(f"prefcal_scenarios.described.{d.controller}_scenario")
-    made: Scenario = getattr(module, f"{d.controller}_scenario")(
+    made: Scenario = _maker(d.controller)(
         plant_at(d.plant),
         knobs=knobs,
         reference=d.reference or None,
@@ -84,6 +85,25 @@ def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
         title=d.title,
         brief=d.brief,
     )
+    return made
+
+
+def controller_of(settings: Mapping[str, Any]) -> Controller | None:
+    """Return the controller that the settings of a best.json describe; None if they need the scenario.
+
+    Raises:
+        SettingsError: If they describe one that cannot be.
+    """
+    kind = settings.get("controller")
+    for word in (word for word, controller in CONTROLLERS.items() if controller == kind):
+        _maker(word)  # its module says how the data are read
+    return from_data(settings) if kind in KINDS else None
+
+
+def _maker(word: str) -> Callable[..., Scenario]:
+    """Return the function that makes the scenario of a standard controller for a plant."""
+    module = import_module(f"prefcal_scenarios.described.{word}_scenario")
+    made: Callable[..., Scenario] = getattr(module, f"{word}_scenario")
     return made
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from prefcal_app.session import Choice
 from prefcal_app.view import asked_view, now_view
-from prefcal_app.view.panels import limits_of, panel_view, reference_of
+from prefcal_app.view.panels import panel_view
 from prefcal_app.view.sides import numbers_view, question_view
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import panels_of
@@ -86,18 +86,18 @@ def test_the_overtaking_draws_the_reference_and_the_limit_that_held():
     experiment = scenario.run(scenario.references["paper, preferences"])
     overtaking = experiment.signals["phase"] == 1
     lateral, speed, _ = panels_of(scenario, experiment)
-    assert {round(float(v)) for v in reference_of(speed, experiment)} == {50, 60}  # km/h
+    assert {round(float(v)) for v in speed.beside(experiment)[0]} == {50, 60}  # km/h
     assert lateral.channel.target is None
-    reference = reference_of(lateral, experiment)
+    reference = lateral.beside(experiment)[0]
     assert set(reference[overtaking]) == {3.0}
     assert set(reference[~overtaking]) == {0.0}
-    low, high = limits_of(speed, experiment)
+    _, low, high = speed.beside(experiment)
     assert {round(float(v)) for v in low[overtaking]} == {50}
     assert {round(float(v)) for v in low[~overtaking]} == {40}
     assert high is None
     assert panel_view(speed)["high"] == 70.0
     old = replace(experiment, signals={"phase": experiment.signals["phase"]})
-    assert reference_of(lateral, old) is None  # a study from before the signal existed
+    assert lateral.beside(old) == (None, None, None)  # a study from before the signal existed
 
 
 def test_a_closed_question_is_shown_as_it_was_with_its_verdict():
