@@ -66,10 +66,8 @@ def control(algorithm, steps):
         # Driven by the policy, an episode is an experiment as any other.
         experiment = rollout(env, Policy(model, env), theta=np.zeros(1))
         index = round(performance_index(experiment), 3)
-        print(
-            f"{name}, {model.num_timesteps} steps: {experiment.end.value} "
-            f"after {experiment.duration:g} h, index: {index}"
-        )
+        ended = f"{experiment.end.value} after {experiment.duration:g} h"
+        print(f"{name}, {model.num_timesteps} steps: {ended}, index: {index}")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import LiveError, RunError
+from prefcal_env.errors import ConnectionLostError, LiveError, RunError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.sources.run import Change, Curve, Progress, Run, Stage, Table
@@ -112,6 +112,8 @@ class LiveRun(_Followed):
     def _look(self) -> None:
         try:
             self.changes = self._rig.look(self._theta) or None
+        except ConnectionLostError as error:
+            self.problem = f"the server is not reachable: {error}"
         except LiveError as error:
             self.problem = str(error)
         self.waits = True

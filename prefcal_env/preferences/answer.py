@@ -11,7 +11,6 @@ from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.arrays import number
 from prefcal_env.errors import PreferenceError
 from prefcal_env.knobs.knob import is_number
 from prefcal_env.knobs.space import KnobSpace
@@ -90,7 +89,8 @@ class Answer:
     def __post_init__(self) -> None:
         if self.preference is not None:
             object.__setattr__(self, "preference", _preference(self.preference))
-        number("strength", self.strength, strict=True, error=PreferenceError)
+        if not (is_number(self.strength) and 0 < self.strength < np.inf):
+            raise PreferenceError(f"strength must be finite and above 0, got {self.strength!r}")
         if not self.preference and self.strength != 1:  # a tie or an abstention
             object.__setattr__(self, "strength", 1)
         object.__setattr__(self, "marks", tuple(self.marks))

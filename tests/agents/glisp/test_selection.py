@@ -55,7 +55,7 @@ def history_of(count, *, kpis_from=None, wrong=(), further=(), n=2, cost=cost):
 
 def selecting(options=QUICK, *, n=2, n_init=START):
     space = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"[:n]])
-    return ModelSelection(Setup(space, n_init, 0, options))
+    return ModelSelection(Setup(space, n_init, 0, options, n_max=MANY))
 
 
 HISTORY = history_of(11, kpis_from=0, wrong=(6, 9), further=(7, 10))

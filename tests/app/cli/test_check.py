@@ -14,8 +14,7 @@ import sys
 sys.path.insert(0, {str(TOY_FILE.parent)!r})
 import numpy as np
 import toy_scenario as t
-from prefcal_env import Channels, Constraint, KnobSpace, Rig
-from prefcal_env.experiments.panels import Panel
+from prefcal_env import Channels, Constraint, KnobSpace, Panel, Rig
 from prefcal_scenarios import KPI
 count = []
 """
