@@ -1,13 +1,14 @@
 """Experiments: checked at birth, frozen, equal by value, timings excluded."""
 
 import pickle
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from prefcal_env.errors import ExperimentError
-from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, FrozenMapping
 
 CHANNELS = Channels(x=(Channel("position", "m"),), u=(Channel("force", "N"),), y=(Channel("position", "m"),))
 
@@ -121,3 +122,20 @@ def test_a_channel_is_converted_with_its_limits_target_and_band():
 
 def test_variants_are_part_of_the_value():
     assert replace(experiment(), runs=(experiment(),)) != experiment()
+
+
+def test_a_frozen_mapping_refuses_every_change_and_survives_a_copy():
+    kept = FrozenMapping({"a": 1.0, "b": np.arange(2.0)})
+    for change in (
+        lambda: kept.update(a=2.0),
+        lambda: kept.pop("a"),
+        lambda: kept.setdefault("c", 0.0),
+        lambda: kept.clear(),
+        lambda: kept.__setitem__("a", 2.0),
+        lambda: kept.__delitem__("a"),
+        lambda: kept.__ior__({"a": 2.0}),
+    ):
+        with pytest.raises(TypeError, match="cannot be changed"):
+            change()
+    assert pickle.loads(pickle.dumps(kept)) == deepcopy(kept) == kept
+    assert type(deepcopy(kept)) is FrozenMapping
