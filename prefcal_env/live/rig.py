@@ -21,7 +21,7 @@ from .journal import Journal
 from .parts import LiveKnob, LiveStart, Tag
 from .plant import LivePlant
 from .progress import Confirm, Driven, Tell
-from .run import LiveRun, Recovery
+from .run import LiveRun, RestoringRun
 
 Limits = Mapping[str, tuple[float, float]]
 
@@ -136,9 +136,9 @@ class LiveRig(Source):
         """Return a run of θ, physical, shape (n,), that asks for a confirmation before it writes."""
         return LiveRun(self, theta)
 
-    def recovery(self) -> Recovery:
+    def recovery(self) -> RestoringRun:
         """Return the run that restores what an interrupted one left."""
-        return Recovery(self)
+        return RestoringRun(self)
 
     def close(self) -> None:
         """Close the connection to the plant."""

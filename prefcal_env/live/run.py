@@ -9,7 +9,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ConnectionLostError, LiveError, RunError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.sources.run import Change, Curve, Progress, Run, Stage, Table
+from prefcal_env.sources.run import Change, LiveCurve, Progress, Run, Stage, Table
 
 if TYPE_CHECKING:
     from .rig import LiveRig
@@ -28,13 +28,13 @@ class _Followed(Run):
         self._rows: list[Progress] = []
 
     @property
-    def recorded(self) -> tuple[tuple[float, ...], tuple[Curve, ...]]:
+    def recorded(self) -> tuple[tuple[float, ...], tuple[LiveCurve, ...]]:
         with self._lock:
             rows = self._rows[:: max(1, -(-len(self._rows) // _DRAWN))]
         tags = self._rig.tags
         referenced = {tag.name for tag in tags if tag.role == "reference"}
         curves = tuple(
-            Curve(
+            LiveCurve(
                 tag,
                 tuple(row.values[tag.key] for row in rows),
                 tuple(row.values[f"reference {tag.name}"] for row in rows if tag.name in referenced),
@@ -119,7 +119,7 @@ class LiveRun(_Followed):
         self.waits = True
 
 
-class Recovery(_Followed):
+class RestoringRun(_Followed):
     """Restores what an interrupted run left on the plant; it has no experiment."""
 
     def advance(self) -> None:

@@ -112,7 +112,7 @@ class Source:
 
         Unless it says otherwise, one that asks something of a person computes its KPIs alone.
         """
-        return self if self.asks else Measured(self, kpis_of(self.channels))
+        return self if self.asks else WithKPIs(self, kpis_of(self.channels))
 
     @property
     def elsewhere(self) -> "Source":
@@ -146,7 +146,7 @@ class Source:
         """Release what the source holds, such as a connection."""
 
 
-class Measured(Source):
+class WithKPIs(Source):
     """A source whose experiments have more KPIs than their own.
 
     Args:
@@ -166,12 +166,12 @@ class Measured(Source):
 
     def within(self, space: KnobSpace) -> Source:
         """Return the same for the ranges of `space`, if the source takes them."""
-        return Measured(self.source.within(space), self.kpis)
+        return WithKPIs(self.source.within(space), self.kpis)
 
     def measured(self, kpis_of: KPIsOf) -> Source:
         """Return the same source with more KPIs; those of the same type take the place of these."""
         kpis = kpis_of(self.channels)
-        return Measured(self.source if type(kpis) is type(self.kpis) else self, kpis)
+        return WithKPIs(self.source if type(kpis) is type(self.kpis) else self, kpis)
 
 
 def with_own(own: KPIs | None, kpis: KPIs) -> KPIs:

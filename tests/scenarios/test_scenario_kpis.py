@@ -11,7 +11,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.tracking import Tracking, found_kpis
 from prefcal_env.plants import FunctionPlant
 from prefcal_env.sources.function import Function
-from prefcal_env.sources.source import Measured
+from prefcal_env.sources.source import WithKPIs
 from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 from toy_study import toy_scenario
 
@@ -109,9 +109,9 @@ def test_many_outputs_leave_few_enough_kpis_to_read(count):
 
 
 def test_a_tracked_run_passes_on_what_is_no_experiment_and_can_be_pickled():
-    tracked = pickle.loads(pickle.dumps(Measured(Function(float), Tracking(("a",)))))
+    tracked = pickle.loads(pickle.dumps(WithKPIs(Function(float), Tracking(("a",)))))
     assert tracked.kpis.names == ("a",)
-    assert Measured(Function(lambda theta, seed: None), Tracking())(np.zeros(1)) is None
+    assert WithKPIs(Function(lambda theta, seed: None), Tracking())(np.zeros(1)) is None
 
 
 PEAK = KPI("peak", "Peak", "m", at_most=2.5, formula="max(level) - ref(level)")

@@ -36,7 +36,7 @@ from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore
 from .order import challenger_left
-from .plant import Plant
+from .plant import PlantCare
 from .prefetch import Prefetch
 from .view import Phase, Question, Side
 
@@ -80,12 +80,12 @@ class Flow:
     """The record whose next query is being chosen in the background."""
     source: Source = field(init=False)
     """What turns θ into experiments."""
-    plant: Plant = field(init=False)
+    plant: PlantCare = field(init=False)
     """What must be done on the plant before anything else."""
 
     def __post_init__(self) -> None:
         self.source = self.store.scenario.source
-        self.plant = Plant(self.source)
+        self.plant = PlantCare(self.source)
 
     @property
     def run(self) -> Run | None:

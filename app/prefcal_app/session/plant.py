@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from prefcal_env.sources.run import Change, Curve, Progress, Run
+from prefcal_env.sources.run import Change, LiveCurve, Progress, Run
 from prefcal_env.sources.source import Source
 
 Attempt = Callable[[], Callable[[], None]]
@@ -39,12 +39,12 @@ class LiveNow:
     problem: str
     progress: Progress | None
     times: tuple[float, ...]
-    curves: tuple[Curve, ...]
+    curves: tuple[LiveCurve, ...]
     stopping: bool
     recovery: Recovery = Recovery.DONE
 
 
-class Plant:
+class PlantCare:
     """What must be done on a plant before anything else: restore what an interrupted run left.
 
     Args:

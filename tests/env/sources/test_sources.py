@@ -10,7 +10,7 @@ from prefcal_env import Channel, Channels, ClosedLoop, Maneuvers, Rig
 from prefcal_env.errors import RunError, ScenarioError
 from prefcal_env.experiments.tracking import Tracking
 from prefcal_env.sources.function import Function, source_of
-from prefcal_env.sources.source import Measured
+from prefcal_env.sources.source import WithKPIs
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import OwnSource, isolation
 from support.device import Device
@@ -33,7 +33,7 @@ def a_run(theta, seed=0):
     ("source", "theta"),
     [
         (Function(a_run), PI),
-        (Measured(Function(a_run), Tracking()), PI),
+        (WithKPIs(Function(a_run), Tracking()), PI),
         (source_of(ClosedLoop(tank_env, pi_of)), PI),
         (Maneuvers({"one": a_run, "other": a_run}), PI),
         (RIG, PI),
