@@ -74,7 +74,7 @@ class LiveRig(Source):
     kpis: Callable[[Experiment], Mapping[str, float]] = tracking_kpis
 
     asks = "confirm"
-    recovers = True
+    stops = recovers = True
     channels: Channels = field(init=False, repr=False, compare=False)
     """Channels of its experiments; those in `y` are the outputs with a recorded reference."""
 

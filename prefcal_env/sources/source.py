@@ -44,7 +44,8 @@ class Source:
         computes_kpis: Whether the experiments have KPIs.
         controller: Function that builds the controller of a θ; None if there is none.
         maneuvers: Sources of the maneuvers by name; empty for a single run.
-        limit: Time limit of a run in seconds; None if a run cannot be stopped.
+        stops: Whether a run can be stopped.
+        limit: Time limit of a run in seconds; None if it has none that is known.
         recovers: Whether an interrupted run may have left a plant changed; see `recovery`.
         columns: Headings of the record that a person supplies.
         instructions: What a person is told before they run or confirm an experiment.
@@ -58,6 +59,7 @@ class Source:
     computes_kpis: bool = True
     controller: Callable[..., Any] | None = None
     maneuvers: "Mapping[str, Source]" = MappingProxyType({})
+    stops: bool = False
     limit: float | None = None
     recovers: bool = False
     columns: tuple[str, ...] = ()

@@ -253,10 +253,12 @@ def stop(flow: Flow, index: int) -> None:
     if flow.source.asks:
         if pending is None or pending.index != index or not flow.moves_plant:
             raise StaleError(f"experiment {index + 1} is not running: nothing was changed")
+        if not flow.source.stops:
+            raise ScenarioError("this run cannot be stopped from here")
         flow.version += 1
     else:
         key = theta_key(awaited(flow, index, Phase.RUNNING).theta)
-        if flow.source.limit is None:
+        if not flow.source.stops:
             raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
         for other in (other for name, other in flow.runs.items() if flow.at_once == 1 and name != key):
             other.stop("given up")  # it runs in the only process

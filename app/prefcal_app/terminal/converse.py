@@ -98,7 +98,7 @@ class _Conversation:
                     self.compiles = True
                     self._say(now.preparing.words)
                 status.update(_waiting(now))
-                can_stop = now.run_limit is not None or now.live is not None
+                can_stop = self.interview.scenario.source.stops
                 if self.typed() == STOP_RUN and can_stop and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
                         self.interview.stop_run(now.pending.index)

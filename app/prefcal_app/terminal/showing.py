@@ -238,6 +238,6 @@ def show_changes(interview: Interview, now: Now, console: Console) -> None:
     recorded = "" if isinf(source.duration) else f"Then {source.duration:g} s are recorded. "
     say(
         console,
-        f"{recorded}Afterward {source.afterward}; k and Enter stops the run.",
+        f"{recorded}Afterward {source.afterward}{'; k and Enter stops the run' if source.stops else ''}.",
         *filter(None, (source.instructions, live.problem)),
     )

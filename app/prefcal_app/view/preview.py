@@ -62,6 +62,7 @@ def live_view(scenario: Scenario, live: LiveNow | None) -> dict[str, Any] | None
         "instructions": source.instructions,
         "duration": _plain(source.duration),
         "afterward": source.afterward,
+        "stops": source.stops,
         "running": _running(live),
     }
 

@@ -36,6 +36,8 @@ class Isolated(Source):
         space: Ranges of the study, if they were changed; those of the scenario if None.
     """
 
+    stops = True
+
     def __init__(
         self, own: Source, path: str, workers: Sequence[Worker], space: KnobSpace | None = None
     ) -> None:

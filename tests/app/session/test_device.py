@@ -28,6 +28,7 @@ def test_each_run_is_confirmed_and_compared():
     assert view["live"]["changes"][0]["old"] == "unknown"
     assert view["live"]["instructions"] == "Is the tank closed?"
     assert view["live"]["duration"] is None
+    assert not view["live"]["stops"]
     for _ in range(2):
         question = confirmed(interview).question
         assert question.left.experiment.kpis["integrated error of level"] > 0
@@ -35,6 +36,14 @@ def test_each_run_is_confirmed_and_compared():
         while interview.work():
             pass
     assert interview.now().phase is Phase.OVER
+
+
+def test_a_run_that_cannot_be_stopped_says_so():
+    interview = begin(SCENARIO)
+    interview.write_and_start(0)
+    with pytest.raises(ScenarioError, match="cannot be stopped from here"):
+        interview.stop_run(0)
+    assert interview.work()
 
 
 def test_nothing_runs_on_it_unseen():

@@ -7,7 +7,7 @@ const [WIDE, HIGH] = [600, 120]; // of a curve, in its own units
 let drawn = ""; // which page is drawn; its parts are then changed in place, so that the focus stays
 
 // Return whether a run is in progress on the plant, which can be stopped.
-export const drives = (now) => Boolean(now?.live?.running) && !now.live.running.recovers && !now.live.running.restores;
+export const drives = (now) => Boolean(now?.live?.running) && now.live.stops && !now.live.running.recovers && !now.live.running.restores;
 
 // Return whether the page of the plant is the one to show.
 export const inPlace = (now) => Boolean(now?.live) && (now.phase === "confirm" || (now.phase === "running" && Boolean(now.live.running)));
@@ -63,7 +63,7 @@ function confirming({ live, pending }) {
   return fill($("view-live"), title,
     live.instructions ? el("p", { class: "instructions" }, live.instructions) : null,
     live.problem ? el("p", { class: "problem", role: "alert" }, live.problem) : null, written(live.changes),
-    el("p", {}, `${live.duration ? `The run records for at most ${seconds(live.duration)}. ` : ""}Afterward ${live.afterward}. You can stop it at any time.`),
+    el("p", {}, `${live.duration ? `The run records for at most ${seconds(live.duration)}. ` : ""}Afterward ${live.afterward}.${live.stops ? " You can stop it at any time." : ""}`),
     el("p", { class: "actions" }, button("Write and start", () => act("write_and_start", { index: pending.index }), { id: "write-and-start", class: "primary" }), again, skip),
     el("p", { class: "faint" }, "Nothing is written before you confirm."));
 }
@@ -82,7 +82,7 @@ function running({ live, pending }) {
     el("p", { hidden: recovers || restores }, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration ?? 1, value: 0 }), " ",
       el("span", { id: "live-left" })),
     el("p", { id: "live-problem", class: "problem", role: "alert", hidden: true }),
-    el("p", { class: "actions", hidden: recovers || restores }, 
+    el("p", { class: "actions", hidden: recovers || restores || !live.stops }, 
       button(["Stop and restore the old values ", el("kbd", {}, "K")], stopLive, { id: "live-stop", class: "danger" })),
     el("div", { id: "live-curves" }));
 }
