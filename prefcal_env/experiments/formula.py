@@ -28,20 +28,26 @@ _OPERATORS: Mapping[type, Callable[..., Any]] = {
     ast.GtE: np.greater_equal,
 }
 _NUMBERS: Mapping[str, Callable[..., Any]] = {
-    "max": lambda x, t: x.max(),
-    "min": lambda x, t: x.min(),
-    "mean": lambda x, t: _NUMBERS["integral"](x, t) / (t[-1] - t[0]) if len(t) > 1 else x[0],
-    "rms": lambda x, t: _NUMBERS["mean"](x**2, t) ** 0.5,
-    "sum": lambda x, t: x.sum(),
-    "first": lambda x, t: x[0],
-    "last": lambda x, t: x[-1],
-    "peak_to_peak": lambda x, t: np.ptp(x),
-    "integral": lambda x, t: x[:-1] @ np.diff(t),  # each value counts until the next, as in tracking_kpis
+    "max": np.max,
+    "min": np.min,
+    "sum": np.sum,
+    "first": lambda x: x[0],
+    "last": lambda x: x[-1],
+    "peak_to_peak": np.ptp,
 }
-"""Functions of a curve x at instants t, both of shape (M,), that return a number."""
+"""Functions of the samples of a curve, shape (M,), that return a number."""
+_OVER_TIME: Mapping[str, Callable[..., Any]] = {
+    "integral": lambda x, dt: x @ dt,
+    "mean": lambda x, dt: x @ dt / dt.sum(),
+    "rms": lambda x, dt: np.sqrt(x**2 @ dt / dt.sum()),
+}
+"""Functions of values and how long each is held, shape (M,): until the next one, as in tracking_kpis."""
 _CURVES: Mapping[str, Any] = {"abs": np.abs, "sqrt": np.sqrt, "diff": lambda x: np.diff(x, prepend=x[:1])}
 """Functions of a curve that return a curve of the same length."""
-_FUNCTIONS = (*_NUMBERS, *_CURVES, "ref")
+_ALL = (*_NUMBERS, *_OVER_TIME)
+_FUNCTIONS = (*_ALL, *_CURVES, "ref")
+_ROUNDING = 1e-9
+"""Share of a run's duration by which an instant may miss the end of a window."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +103,7 @@ def _read(node: ast.AST) -> Formula:
             return Formula(lambda run: run.t - run.t[0], True)
         case ast.Name(name) | ast.Constant(str(name)):
             find = partial(plot_called, name)
-            return Formula(lambda run: find(run.channels, run.signals).values(run), True, (find,))
+            return Formula(lambda run: _values(name, run), True, (find,))
         case ast.Call(ast.Name("ref"), [ast.Name(name) | ast.Constant(str(name))], []):
             place = partial(output_called, name)
             # Beside a curve it is one, too; beside a number its last value counts.
@@ -124,16 +130,37 @@ def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, For
     if one and name in _CURVES and not window:
         return _joined(_CURVES[name], parts)
     timed = window.keys() <= {"after", "before"} and not any(end.curve for end in window.values())
-    if not one or name not in _NUMBERS or not timed:
-        raise ScenarioError(f"{name} takes one signal; {', '.join(_NUMBERS)} take after= and before=, too")
-    ends: Any = {"after": Formula(lambda run: -np.inf), "before": Formula(lambda run: np.inf)} | dict(window)
+    if not one or name not in _ALL or not timed:
+        raise ScenarioError(f"{name} takes one signal; {', '.join(_ALL)} take after= and before=, too")
 
     def compute(run: Experiment) -> Any:
-        t = run.t - run.t[0]
-        kept = (ends["after"].compute(run) <= t) & (t <= ends["before"].compute(run))
-        return _NUMBERS[name](parts[0].compute(run)[kept], t[kept]) if kept.any() else np.nan
+        ends = {word: float(np.atleast_1d(end.compute(run))[-1]) for word, end in window.items()}
+        span = ends.get("after", -np.inf), ends.get("before", np.inf)
+        return _in_window(name, parts[0].compute(run), run.t - run.t[0], *span)
 
     return replace(_joined(np.add, [*parts, *window.values()]), compute=compute, curve=False)
+
+
+def _values(name: str, run: Experiment) -> Any:
+    """Return the curve of a signal; of an output what is measured, also where a state has its name."""
+    outputs = [channel.name for channel in run.channels.y]
+    measured = run.output(outputs.index(name)) if name in outputs else None
+    return plot_called(name, run.channels, run.signals).values(run) if measured is None else measured
+
+
+def _in_window(name: str, x: Any, t: Any, after: float, before: float) -> Any:
+    """Return a function of curve x, shape (K,), at the instants t from `after` to `before`."""
+    slack = _ROUNDING * t[-1]
+    kept = (after - slack <= t) & (t <= before + slack)
+    if name in _OVER_TIME:
+        held = np.diff(np.clip(t, after, before))
+        counts = held > 0
+        if counts.any():
+            return _OVER_TIME[name](x[:-1][counts], held[counts])
+        if name == "integral":
+            return 0.0 if kept.any() else np.nan
+        return _OVER_TIME[name](x[kept][:1], np.ones(1)) if kept.any() else np.nan
+    return _NUMBERS[name](x[kept]) if kept.any() else np.nan
 
 
 def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:

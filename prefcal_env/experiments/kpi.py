@@ -76,6 +76,8 @@ class KPI:
     step: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.formula, str):
+            raise ScenarioError(f"formula of KPI {self.name!r} must be a text, got {self.formula!r}")
         if self.formula:
             formula_of(self.formula)
         if self.resolution is not None and not 0 < self.resolution < np.inf:
@@ -128,7 +130,7 @@ class KPI:
             return abs(value - (self.at_most + self.at_least) / 2)
         if self.goal == "higher":
             return np.nan if value == np.inf else -value
-        return value
+        return np.nan if value == -np.inf else value  # nothing is infinitely good
 
     def met(self, value: float) -> bool | None:
         """Return whether `value`, as read, meets the objective; None if there is no objective."""

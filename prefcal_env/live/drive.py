@@ -220,6 +220,8 @@ class Drive:
         # Again, since the person may have taken minutes, and on the disk before the first write.
         if [c.old for c in self.look()] != [c.old for c in changes]:
             raise LiveError("the plant's values changed before they were confirmed: look again")
+        if self.hands.stop() or self.hands.closing():
+            raise _EndedError(End.FAILED, "it was stopped: nothing was written", stopped=True)
         old = {change.name: change.old for change in changes}
         self.journal.save(old)
         self.old = old

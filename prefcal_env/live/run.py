@@ -72,7 +72,8 @@ class LiveRun(_Followed):
 
     def supply(self, given: Table | tuple[Change, ...]) -> None:
         """Let the run start with the changes that a person confirmed."""
-        assert isinstance(given, tuple)
+        if not given or not isinstance(given, tuple):
+            raise LiveError(self.problem or "nothing was confirmed")
         self._agreed, self.problem = given, ""
         self.waits, self.moves_plant = False, True
         self.progress = Progress(Stage.CONNECTING, 0.0, 0.0)

@@ -79,7 +79,7 @@ class Source:
         """
 
         def refuse(run: Run) -> Given:
-            raise ScenarioError(_ONLY_A_PERSON[self.asks])
+            raise ScenarioError(_ONLY_A_PERSON.get(self.asks, "this run waits: say for what with asks"))
 
         return self.attend(theta, refuse, seed=seed)
 
@@ -110,11 +110,8 @@ class Source:
         return self
 
     def measured(self, kpis_of: KPIsOf) -> "Source":
-        """Return the same source, whose experiments have more KPIs than their own.
-
-        Unless it says otherwise, one that asks something of a person computes its KPIs alone.
-        """
-        return self if self.asks else WithKPIs(self, kpis_of(self.channels))
+        """Return the same source, whose experiments have more KPIs than their own."""
+        return WithKPIs(self, kpis_of(self.channels))
 
     @property
     def elsewhere(self) -> "Source":
@@ -148,23 +145,61 @@ class Source:
         """Release what the source holds, such as a connection."""
 
 
+_DECLARED = (
+    "asks",
+    "channels",
+    "signals",
+    "controller",
+    "stops",
+    "limit",
+    "recovers",
+    "columns",
+    "instructions",
+    "duration",
+    "afterward",
+)
+"""What a source says of itself, and is the same with more KPIs."""
+
+
 class WithKPIs(Source):
     """A source whose experiments have more KPIs than their own.
 
     Args:
-        source: Source that asks nothing of a person.
+        source: Source that does the runs.
         kpis: Function that returns all KPIs of an experiment that has its own.
     """
 
     def __init__(self, source: Source, kpis: KPIs) -> None:
         self.source, self.kpis = source, kpis
-        self.channels, self.signals = source.channels, source.signals
-        self.controller = source.controller
+        for name in _DECLARED:
+            setattr(self, name, getattr(source, name))
+
+    def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Run:
+        """Return the source's run of θ, physical, shape (n,), which adds the KPIs at its end."""
+        run = self.source.begin(theta, seed=seed)
+        advance = run.advance
+        run.advance = lambda: self._with_kpis(advance())  # type: ignore[method-assign]
+        return run
 
     def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, physical, shape (n,); what is no experiment is returned as it is."""
-        made = self.source.run(theta, seed=seed)
+        return cast(Experiment, self._with_kpis(self.source.run(theta, seed=seed)))
+
+    def _with_kpis(self, made: Experiment | None) -> Experiment | None:
         return made.with_kpis(self.kpis(made)) if isinstance(made, Experiment) else made
+
+    @property
+    def left(self) -> Mapping[str, float] | None:
+        """Old values that an interrupted run of the source left."""
+        return self.source.left
+
+    def recovery(self) -> Run:
+        """Return the source's run that restores them."""
+        return self.source.recovery()
+
+    def close(self) -> None:
+        """Release what the source holds."""
+        self.source.close()
 
     def within(self, space: KnobSpace) -> Source:
         """Return the same for the ranges of `space`, if the source takes them."""

@@ -130,8 +130,13 @@ class Worker:
                 self._due, self._why = due, why
                 self._bell.set()
 
-    def run(self, request: Any, name: Hashable = "") -> Any:
+    def run(self, request: Any, name: Hashable = "", begin: Callable[[], None] = lambda: None) -> Any:
         """Run a request, and return its result.
+
+        Args:
+            request: The request.
+            name: What `busy_with` and `stop` know it by.
+            begin: Function that is called once it is this request's turn, and may raise instead.
 
         Raises:
             RunError: If it has none; the message says why.
@@ -139,6 +144,11 @@ class Worker:
         with self._running:
             if not self.busy_with(name):
                 self.reserve(name)
+            try:
+                begin()
+            except BaseException:
+                self._name = None
+                raise
             begun, found = time.monotonic(), list[Found]()
             try:
                 self.give([(0, request)])

@@ -66,7 +66,9 @@ class AgentState:
         Raises:
             SettingsError: If something is missing or malformed.
         """
-        history = from_plain(data.get("history"), History, SettingsError, "the state of an agent")
+        if "history" not in data:
+            raise SettingsError("the state of an agent lacks its history: resume the study's file instead")
+        history = from_plain(data["history"], History, SettingsError, "the state of an agent")
         return cls.of(data, history)
 
     @classmethod

@@ -473,7 +473,6 @@ def one_thread() -> AbstractContextManager[Any]:
 def __getattr__(name: str) -> Any:
     if name in ("PreferenceBased", "ValueBased"):
         also = ", with `by_value = True`" if name == "ValueBased" else ""
-        raise ImportError(
-            f"{name} is now Agent: write `from prefcal_agents import Agent`{also}, and `propose`"
-        )
+        where = "from prefcal_agents.protocol.agent import Agent"
+        raise ImportError(f"{name} is now Agent: write `{where}`{also}, and `propose`")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

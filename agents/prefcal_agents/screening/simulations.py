@@ -126,6 +126,8 @@ class Simulations:
         try:
             for theta in new.values():
                 found.append(self._one(theta))
+                if not isinstance(found[-1], Mapping | None):
+                    break  # no KPIs: what follows would be refused, too
         finally:  # the person may have stopped it
             self._keep(new, found)
 
@@ -155,16 +157,14 @@ class Simulations:
         try:
             kpis = list(map(numbers, found))
         except PreferenceError:
-            self._refuse(found, list(new.values()))
-            raise
-        self._known.update(zip(new, kpis, strict=False))
+            return self._keep_until_refused(new, found)
+        return self._known.update(zip(new, kpis, strict=False))
 
-    @staticmethod
-    def _refuse(found: Sequence[Any], thetas: Sequence[Theta]) -> None:
-        """Raise SimulationError about the first of `found` that is no KPIs."""
-        for each, theta in zip(found, thetas, strict=False):
+    def _keep_until_refused(self, new: Mapping[bytes, Theta], found: Sequence[Any]) -> None:
+        """Keep the KPIs before the first of `found` that are none; raise SimulationError about it."""
+        for (key, theta), each in zip(new.items(), found, strict=False):
             try:
-                numbers(each)
+                self._known[key] = numbers(each)
             except PreferenceError as error:
                 raise SimulationError(
                     f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "

@@ -387,6 +387,9 @@ def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
 
 def _asked(source: Source, run: Run) -> Iterator[Finding]:
     """Yield whether a run on a plant could begin; nothing is written."""
+    if source.asks == "record":
+        yield Finding("run", None, "only a person can run it, so nothing else is checked")
+        return
     if run.changes is None:
         yield Finding("plant", False, run.problem)
         return

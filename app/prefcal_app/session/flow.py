@@ -98,7 +98,8 @@ class Flow:
     @property
     def moves_plant(self) -> bool:
         """Return whether a run changes a plant, or is about to."""
-        return self.awaited is not None and self.awaited[1].moves_plant
+        awaited = self.awaited  # read once, since no lock is held
+        return awaited is not None and awaited[1].moves_plant
 
     @property
     def twin(self) -> Scenario | None:
@@ -306,12 +307,13 @@ class Flow:
     def end(self, theta: Float[np.ndarray, " n"], result: Experiment | Exception | None) -> None:
         """Take note that the run of θ is over or, without a result, asks something of a person."""
         key = theta_key(theta)
-        run = self.runs.pop(key)
+        run = self.runs.pop(key, None)
         if result is None:
             self.version += 1
             return
-        if self.awaited is not None and self.awaited[1] is run:
-            self.awaited = None
+        if self.awaited is None or self.awaited[0] != key:
+            return
+        run, self.awaited = run or self.awaited[1], None
         if isinstance(result, Exception):
             self.partial = run.partial
         # After an error nobody knows how far the run came, but what it left on the disk tells.
@@ -373,7 +375,7 @@ class Flow:
         index = next((s.index for s in self.unfinished if s.theta == sample.theta), None)
         if index is None or self.phase is Phase.OVER:
             return None
-        if self.phase is not Phase.RUNNING:
+        if self.phase not in (Phase.RUNNING, Phase.RECORD, Phase.CONFIRM):
             return self._ran_beside(index, result, theta)
         try:
             if isinstance(result, Experiment):

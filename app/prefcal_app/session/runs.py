@@ -82,10 +82,10 @@ def _running(flow: Flow, sample: Suggested) -> Attempt:
     """Run a pending sample, unless its result is known already."""
     theta = np.array(sample.theta)
     known = flow.prefetch.experiment(theta) or flow.prefetch.take_failure(theta)
-    run = flow.begin(theta)
+    run = None if known else flow.begin(theta)
 
     def advance() -> Callable[[], None]:
-        result = known or attempt(flow, run, theta)
+        result = known if run is None else attempt(flow, run, theta)
         given_up = isinstance(result, RunError) and result.why == "given up"
 
         def done() -> None:
@@ -130,7 +130,7 @@ def attempt(
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        if attended and not isinstance(error, Exception):
+        if attended and not isinstance(error, Exception | SystemExit):
             raise
         return as_exception(error)
     if twin is None:
@@ -170,9 +170,9 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
 def _looked_at(
     flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]
 ) -> Experiment | Exception | None:
-    run = (flow.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.seed)
     key = b"look " + theta_key(theta)
     with lock:
+        run = (flow.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.seed)
         flow.runs[key] = run  # so that it makes way for what is waited for
     try:
         return attempt(flow, run, theta, flow.twin)
@@ -236,9 +236,10 @@ def confirm(flow: Flow, index: int) -> None:
         raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was written")
     if flow.plant.recovery is Recovery.FAILED:
         raise StaleError("the plant does not have its old values yet: nothing was written")
-    if run is None or run.changes is None:
+    if run is None or run.changes is None or flow.plant.recovery is not Recovery.DONE:
         raise StaleError("the plant's present values are not known yet: nothing was written")
     run.supply(run.changes)
+    run.waits, run.moves_plant = False, True
     flow.move(Phase.RUNNING)
 
 

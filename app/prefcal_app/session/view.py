@@ -143,7 +143,7 @@ class Now:
         state: State of the study file.
         draft: Comment of the answer that was just undone.
         preparing: Part that is being compiled before the first experiment; None when done.
-        run_limit: Time limit of a run in seconds; None if runs cannot be stopped.
+        run_limit: Time limit of a run in seconds; None if it has none.
         simulated: Numbers of what was simulated unseen; None if the agent simulates nothing.
         live: What is known of the live plant; None if the scenario has none.
         running: Number of experiments that are running, if several can; 0 if one runs at a time.

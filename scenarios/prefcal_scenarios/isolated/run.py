@@ -80,17 +80,13 @@ class _WorkerRun(Run):
     ) -> None:
         self._request, self._workers, self._idle = request, workers, idle
         self._name, self._why = object(), ""
-        if len(workers) == 1 and workers[0].is_idle:
-            workers[0].reserve(self._name)  # so that it can be stopped before it is advanced
 
     def advance(self) -> Experiment:
         """Run θ in a worker. Raises RunError if there is no experiment."""
-        if self._why:
-            raise RunError("you stopped the run before it began", self._why)
         alone = len(self._workers) == 1  # then it may wait for a run that is being ended
         worker = self._workers[0] if alone else self._idle.get()
         try:
-            return decode(worker.run(self._request, self._name))
+            return decode(worker.run(self._request, self._name, self._begin))
         except RunError:
             worker.start()  # so that it loads the file while people read
             raise
@@ -100,11 +96,16 @@ class _WorkerRun(Run):
 
     def stop(self, why: str, within: float = 0.0) -> None:
         """Stop the run, also before it began."""
-        worker = next((w for w in self._workers if w.busy_with(self._name)), None)
-        if worker is None:
-            self._why = why
-        else:
-            worker.stop(why, within)
+        self._why = why
+        for worker in self._workers:
+            if worker.busy_with(self._name):
+                worker.stop(why, within)
+
+    def _begin(self) -> None:
+        """Raise RunError if the run was stopped while it waited for a worker."""
+        if self._why:
+            who = "you stopped the run" if self._why == "stopped" else "the run was given up"
+            raise RunError(f"{who} before it began", self._why)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import pytest
 from prefcal_app.session import Choice, Phase
 from prefcal_app.view import now_view
 from prefcal_env.errors import ScenarioError, StaleError
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import KPI, Scenario
 from support.device import SPACE, Device
 from support.interviews import begin
 
@@ -44,6 +44,40 @@ def test_a_run_that_cannot_be_stopped_says_so():
     with pytest.raises(ScenarioError, match="cannot be stopped from here"):
         interview.stop_run(0)
     assert interview.work()
+
+
+def test_a_formula_reads_the_signals_of_a_device():
+    peak = KPI("peak", "peak", "m", formula="max(level) - ref(level)")
+    interview = begin(Scenario("device", "A device", SPACE, Device(), kpis=(peak,)), n_max=3)
+    assert confirmed(interview).question.left.experiment.kpis["peak"] < 0
+
+
+def test_a_look_that_fails_is_shown_and_can_be_tried_again():
+    class Broken(Device):
+        def begin(self, theta, seed=0):
+            run = super().begin(theta)
+            run.waits = False
+            run.advance = lambda: 1 / 0
+            return run
+
+    interview = begin(Scenario("device", "A device", SPACE, Broken()))
+    assert interview.work()
+    assert interview.now().phase is Phase.FAILED
+    assert "ZeroDivisionError" in interview.now().problem
+    assert interview.retry().phase is Phase.RUNNING
+
+
+def test_nothing_is_confirmed_before_the_old_values_are_back():
+    class Unrestored(Device):
+        recovers = True
+
+        def recovery(self):
+            raise OSError
+
+    interview = begin(Scenario("device", "A device", SPACE, Unrestored()))
+    with pytest.raises(StaleError, match="not known yet"):
+        interview.write_and_start(0)
+    assert not interview.drives
 
 
 def test_nothing_runs_on_it_unseen():

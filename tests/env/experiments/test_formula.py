@@ -2,13 +2,14 @@
 
 import ast
 import builtins
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_env import recorded, tracking_kpis
+from prefcal_env import Channel, Channels, recorded, tracking_kpis
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments import formula
 from prefcal_env.experiments.formula import formula_of, value_of
@@ -181,3 +182,40 @@ def test_any_text_is_refused_or_holds_nothing_but_arithmetic_of_signals(text):
         if isinstance(node, ast.Call):
             assert isinstance(node.func, ast.Name)
             assert node.func.id in formula._FUNCTIONS
+
+
+COARSE = recorded(
+    [1.0], [0.0, 10.0, 20.0, 30.0], {"y": [0.0, 1.0, 2.0, 3.0]}, {"u": [0.0, 100.0, 100.0, 0.0]}
+)
+FINE = recorded([1.0], np.arange(10) * 0.1, {"y": np.arange(10.0)})
+
+
+@pytest.mark.parametrize(
+    ("run", "text", "expected"),
+    [
+        (COARSE, "integral(u, before=15)", 500.0),
+        (COARSE, "integral(u, before=15) + integral(u, after=15)", 2000.0),
+        (COARSE, "mean(u, after=12, before=18)", 100.0),
+        (COARSE, "rms(u, after=5, before=15) ** 2", 5000.0),
+        (COARSE, "mean(y, after=30)", 3.0),
+        (COARSE, "mean(y, after=31)", np.nan),
+        (FINE, "last(y, before=0.3)", 3.0),
+        (FINE, "integral(y, before=0.3)", 0.3),
+    ],
+)
+def test_a_window_counts_each_value_for_as_long_as_it_is_held_in_it(run, text, expected):
+    assert value_of(text, run) == pytest.approx(expected, rel=1e-12, nan_ok=True)
+
+
+def test_an_output_is_what_is_measured_also_where_a_state_has_its_name():
+    level = Channel("level", "m")
+    run = replace(
+        RUN,
+        channels=Channels((level,), (), (level,)),
+        x=np.zeros((101, 1)),
+        u=RUN.u[:, :0],
+        u_control=RUN.u_control[:, :0],
+        y=LEVEL[:, None],
+        y_ref=RUN.y_ref[:, :1],
+    )
+    assert value_of("max(level)", run) == LEVEL.max()

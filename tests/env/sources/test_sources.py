@@ -1,5 +1,7 @@
 """Every source keeps the contract; a run of its own can be written in a page."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +70,27 @@ def test_a_run_that_was_stopped_before_it_began_says_so():
         assert running.advance().kpis
         with pytest.raises(RunError, match="before it began"):
             waiting.advance()
+
+
+def test_a_run_that_is_stopped_while_it_waits_for_its_worker_does_not_begin():
+    with isolation(OWN) as isolated, ThreadPoolExecutor(1) as pool:
+        source = isolated(load(OWN)).source
+        run = source.begin(TOY)
+        with source._workers[0]._running:  # another run is in progress
+            waiting = pool.submit(run.advance)
+            time.sleep(0.2)
+            run.stop("stopped")
+        with pytest.raises(RunError, match="before it began"):
+            waiting.result(20)
+        assert source.run(TOY).kpis
+
+
+def test_more_kpis_leave_a_source_what_it_is():
+    device = WithKPIs(Device(), lambda made: {**made.kpis, "one": 1.0})
+    assert (device.asks, device.stops, device.afterward) == ("confirm", False, Device.afterward)
+    run = device.begin(np.array([2.0, 30.0]))
+    run.supply(run.changes)
+    assert run.advance().kpis["one"] == 1.0
 
 
 def test_what_a_function_declares_is_known_beforehand():
