@@ -1,10 +1,7 @@
 """A KPI of one's own stays easy to follow, from a scenario file to the next question on the page."""
 
-import os
-import sys
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
@@ -17,11 +14,9 @@ from prefcal_app.session import Choice
 from prefcal_app.view import now_view
 from prefcal_scenarios.catalog import load
 from support.interviews import begin, proceed
+from support.traces import entered_files
 
-HOMES = tuple(
-    f"{Path(p.__file__).parent}{os.sep}"
-    for p in (prefcal_env, prefcal_agents, prefcal_scenarios, prefcal_app)
-)
+PACKAGES = (prefcal_env, prefcal_agents, prefcal_scenarios, prefcal_app)
 OWN = """
 import numpy as np
 from prefcal_env import Knob, KnobSpace, recorded
@@ -39,22 +34,6 @@ def run(theta, seed=0):
 knobs = KnobSpace([Knob("K_p", 0.1, 5.0), Knob("T_i", 0.1, 5.0)])
 own = Scenario("own", "Own", knobs, run, kpis=(KPI("effort", "Effort", "%", better="lower"),))
 """
-
-
-def path(work):
-    """Return the files of ours that the calls of `work` enter, in order."""
-    entered = []
-
-    def watch(frame, event, _):
-        if event == "call" and frame.f_code.co_filename.startswith(HOMES):
-            entered.append(frame.f_code.co_filename)
-
-    sys.setprofile(watch)
-    try:
-        work()
-    finally:
-        sys.setprofile(None)
-    return entered
 
 
 def from_file_to_the_next_question(file, agent):
@@ -77,6 +56,6 @@ def test_an_own_kpi_takes_few_ways_between_files(tmp_path, agent, files, crossin
         (tmp_path / f"{name}.py").write_text(OWN, encoding="utf-8")
     # Modules that are imported when they are first used do not count.
     from_file_to_the_next_question(tmp_path / "first.py", agent)
-    entered = path(lambda: from_file_to_the_next_question(tmp_path / "own.py", agent))
+    entered = entered_files(lambda: from_file_to_the_next_question(tmp_path / "own.py", agent), PACKAGES)
     assert 0 < len(set(entered)) <= files
     assert 0 < sum(a != b for a, b in pairwise(entered)) <= crossings

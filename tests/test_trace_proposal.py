@@ -1,10 +1,7 @@
 """One proposal stays easy to follow: it enters few files and seldom changes between them."""
 
-import os
-import sys
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
@@ -12,25 +9,10 @@ import prefcal_agents
 import prefcal_env
 from prefcal_agents import GLISp, Screening
 from prefcal_scenarios.cases.functions import FUNCTIONS
+from support.traces import entered_files
 
-HOMES = tuple(f"{Path(p.__file__).parent}{os.sep}" for p in (prefcal_env, prefcal_agents))
+PACKAGES = (prefcal_env, prefcal_agents)
 FILES, CROSSINGS = 20, 300
-
-
-def path(work):
-    """Return the files of ours that the calls of `work` enter, in order."""
-    entered = []
-
-    def watch(frame, event, _):
-        if event == "call" and frame.f_code.co_filename.startswith(HOMES):
-            entered.append(frame.f_code.co_filename)
-
-    sys.setprofile(watch)
-    try:
-        work()
-    finally:
-        sys.setprofile(None)
-    return entered
 
 
 def simulated(theta):
@@ -59,6 +41,6 @@ def test_a_proposal_enters_few_files(make, experiment):
 
     for _ in range(experiment - 1):
         ask_and_tell()
-    entered = path(ask_and_tell)
+    entered = entered_files(ask_and_tell, PACKAGES)
     assert 0 < len(set(entered)) <= FILES
     assert 0 < sum(a != b for a, b in pairwise(entered)) <= CROSSINGS

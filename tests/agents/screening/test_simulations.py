@@ -89,6 +89,21 @@ def test_a_result_that_is_no_kpis_is_refused_with_its_theta(result):
             Simulations(simulate)(THETAS)
 
 
+def test_a_result_that_is_no_kpis_ends_the_batch_and_what_was_found_is_kept():
+    ran = []
+
+    def simulate(theta):
+        ran.append(theta[0])
+        return 3.5 if theta[0] == 3.0 else quick(theta)
+
+    simulations = Simulations(simulate)
+    with pytest.raises(SimulationError, match=r"\[3. 4.\]"):
+        simulations(THETAS)
+    assert ran == [1.0, 3.0]
+    assert simulations(THETAS[:1]) == [quick(THETAS[0])]
+    assert ran == [1.0, 3.0]  # nothing ran again
+
+
 @pytest.mark.parametrize("results", [[], [{"a": 1.0}], [{"a": 1.0}] * 4, None, 3])
 def test_a_batch_with_another_number_of_results_is_refused(results):
     simulate = ManyAtOnce()

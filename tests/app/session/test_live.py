@@ -6,7 +6,7 @@ import pytest
 from prefcal_app.session import Choice, Phase
 from prefcal_app.session.plant import Recovery
 from prefcal_env import End
-from prefcal_env.errors import StaleError
+from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.live import Journal, LiveRig
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import begin, reopened
@@ -199,6 +199,29 @@ def test_a_run_that_raised_has_its_old_values_restored_before_anything_else(scen
     assert interview.work()
     assert interview.now().live.recovery is Recovery.DONE
     assert plant.values["kp"] == pytest.approx(1.0)
+
+
+def test_an_experiment_that_could_not_be_saved_is_saved_later_without_another_run(
+    scenario, plant, monkeypatch
+):
+    interview = begin(scenario)
+    waited_for(interview)
+
+    def full(*events):
+        raise StudyError("the disk is full")
+
+    interview.write_and_start(0)
+    with monkeypatch.context() as changed:
+        changed.setattr(interview.study, "append", full)
+        assert interview.work()
+    assert interview.now().phase is Phase.FAILED
+    assert not interview.now().state.finished
+    before = len(plant.writes)
+    interview.retry()
+    while not interview.now().state.finished:
+        assert interview.work()
+    assert len(plant.writes) == before
+    assert len(interview.experiment(0).t)
 
 
 class KilledError(BaseException):
