@@ -15,7 +15,7 @@ from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.checks import check_experiment
 
 from .flow import Flow
-from .view import Phase
+from .study.now import Phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def preview(flow: Flow, given: Given) -> Preview:
     theta = _dialed(flow, given)
     if theta is None:
         theta = np.array(flow.state.history.samples[given.index].theta)
-    run = flow.source.begin(theta, seed=flow.seed)
+    run = flow.underway.source.begin(theta, seed=flow.study.seed)
     run.supply(Table(given.content, given.unsafe))
     experiment = run.advance()
     experiment = check_experiment(flow.store.scenario, theta, experiment)
@@ -102,8 +102,8 @@ def record(flow: Flow, given: Given) -> None:
 
 def _check_due(flow: Flow, index: int) -> None:
     """Refuse a record that is neither waited for nor can replace one."""
-    pending = flow.pending
-    if flow.source.asks != "record":
+    pending = flow.study.pending
+    if flow.underway.source.asks != "record":
         raise StaleError("the plant is simulated and takes no record")
     if flow.phase is Phase.RECORD and pending is not None and pending.index == index:
         return

@@ -7,12 +7,13 @@ from prefcal_agents import GLISp
 from prefcal_env.errors import PreferenceError, SettingsError, StaleError, StudyError
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison
-from prefcal_env.study import Adjusted, Answered, Marked, Retracted, Shown, Undone
+from prefcal_env.study import Adjusted, Answered, Marked, Requested, Retracted, Shown, Undone
 
-from .flow import Flow
-from .memory import QUESTIONS
-from .order import to_repeat
-from .view import GOOD_ENOUGH, MARKS, Choice, Phase, Question
+from .flow import Flow, Latest
+from .study.memory import QUESTIONS
+from .study.now import Phase
+from .study.order import to_repeat
+from .study.question import GOOD_ENOUGH, MARKS, Choice, Question
 
 
 def open_question(flow: Flow, question: int) -> Question:
@@ -54,7 +55,7 @@ def _close(flow: Flow, asked: Question, given: Answer, comment: str = "", blind:
         flow.answered(given)
     else:
         flow.proceed()
-    flow.draft, flow.answered_at = "", flow.version
+    flow.latest = Latest(flow.version)
 
 
 def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
@@ -74,7 +75,7 @@ def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
         )
     if on != (mark in which.marks):
         flow.append(Marked(which.index, mark, on))
-        flow.refresh()
+        flow.show()
 
 
 def can_undo(flow: Flow) -> bool:
@@ -94,14 +95,14 @@ def undo(flow: Flow, version: int) -> None:
     """
     if not can_undo(flow):
         raise StaleError("there is no answer to undo")
-    if version < flow.answered_at:
+    if version < flow.latest.version:
         raise StaleError("an answer was given or undone since you looked")
+    draft = flow.latest.draft
     if flow.question is None or flow.question.repeats is None:
-        comment = flow.state.history.latest[-1].comment
+        draft = flow.state.history.latest[-1].comment
         flow.append(Undone())
-        flow.draft = comment
     flow.proceed()
-    flow.answered_at = flow.version
+    flow.latest = Latest(flow.version, draft)
 
 
 def closed(flow: Flow, answer: int) -> Comparison:
@@ -124,12 +125,12 @@ def retract(flow: Flow, answer: int) -> None:
     """Forget what an answer taught (see `closed`); all samples stay, including the open one."""
     if closed(flow, answer).retracted:
         raise StaleError(f"answer {answer} is retracted already")
-    if flow.phase is Phase.RUNNING and flow.must_think:
+    if flow.phase is Phase.RUNNING and flow.study.must_think:
         raise StaleError("the next experiment is being chosen: retract the answer once it is shown")
-    if flow.phase is Phase.FAILED and flow.must_think:
+    if flow.phase is Phase.FAILED and flow.study.must_think:
         # Choosing the next experiment may fail again, after the retraction is written.
         raise StaleError("the last step failed: try it again first")
-    if flow.phase is Phase.RUNNING and flow.pending is None:
+    if flow.phase is Phase.RUNNING and flow.study.pending is None:
         # Propose the open sample first: it must not depend on this retraction.
         flow.proceed()
     flow.append(Retracted(answer))
@@ -151,14 +152,15 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> N
     """
     if flow.phase is Phase.OVER:
         raise StaleError("the study has ended: continue it first")
-    twin, pending, asked = flow.agent.copy(), flow.pending, flow.question
+    twin, pending, asked = flow.agent.copy(), flow.study.pending, flow.question
     twin.replace_pending(np.array(theta))
     sample = twin.history.pending  # others may be pending behind it
     assert sample is not None
     shown = asked is None or asked.challenger.index == flow.state.history.answered
     if pending is not None and pending.theta == sample.theta and shown:
         return  # it is the next one already
-    flow.request(sample)
+    index = flow.state.history.answered
+    flow.append(Requested(index, sample.z, sample.theta), *flow.finished(index, np.array(sample.theta)))
     flow.proceed()
 
 
@@ -181,17 +183,17 @@ def pace(flow: Flow, questions: int) -> None:
     flow.agent = changed
     if flow.phase is not Phase.QUESTION:
         flow.version += 1
-    elif flow.is_overtaken():
+    elif flow.study.is_overtaken:
         flow.proceed()
     else:
-        flow.refresh()  # discards what was prefetched for this question
+        flow.show()  # discards what was prefetched for this question
 
 
 def repeat(flow: Flow) -> None:
     """Show an earlier question again, with its sides swapped; the answer teaches nothing."""
-    again = to_repeat(flow.state, flow.seed)
+    again = to_repeat(flow.state, flow.study.seed)
     if again is None or flow.phase is not Phase.QUESTION:
         raise StaleError("there is no earlier question to ask again now")
     assert again.incumbent is not None
     left = not again.challenger_left
-    flow.show_again(Shown(again.challenger, again.incumbent, left, again.question))
+    flow.show(Shown(again.challenger, again.incumbent, left, again.question))

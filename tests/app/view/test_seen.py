@@ -14,7 +14,7 @@ def test_axes_cover_every_experiment_so_far_and_only_grow():
     seen, axes = Seen(), []
     for choice in (Choice.LEFT, Choice.RIGHT, Choice.LEFT, None):
         axes.append(now_view(interview, seen=seen)["question"]["axes"])
-        finished = [interview.experiment(i) for i in interview.now().state.finished]
+        finished = [interview.past.experiment(i) for i in interview.now().state.finished]
         for i, values in enumerate(([e.x[:, 0] for e in finished], [e.u[:, 0] for e in finished])):
             low, high = axes[-1]["y"][i]
             assert low < min(v.min() for v in values)
