@@ -17,8 +17,8 @@ from .study.experiments import ExperimentStore
 from .study.now import Phase
 from .study.question import Question, Side
 from .study.study import Ask, Over, Settle, Study, Think, Wait, Write
-from .thoughts import Thoughts
-from .underway import UnderWay
+from .volatile.thoughts import Thoughts
+from .volatile.underway import UnderWay
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,8 @@ from prefcal_env.own_line import in_words
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
-from . import records, runs, steps
+from . import records, runs
+from .can import possible
 from .flow import Flow
 from .guarded import Guarded
 from .known import Known, simulated
@@ -23,7 +24,7 @@ from .records import Given, Preview
 from .study.experiments import ExperimentStore
 from .study.memory import agent_of, as_studied, is_simulating
 from .study.now import Now, Phase
-from .thoughts import Thoughts
+from .volatile.thoughts import Thoughts
 
 
 class Interview:
@@ -111,7 +112,7 @@ class Interview:
                 problem=None if flow.problem is None else in_words(flow.problem),
                 pending=study.pending,
                 incumbent=study.best,
-                can_undo=steps.can_undo(flow),
+                can=possible(flow),
                 state=flow.state,
                 preparing=self._preparing,
                 draft=flow.latest.draft,

@@ -4,9 +4,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Concatenate, ParamSpec
 
-from prefcal_env.errors import StaleError
-
-from . import records, runs, steps
+from . import can, records, runs, steps
 from .flow import Flow
 from .guarded import Guarded
 from .study.now import Now
@@ -14,14 +12,15 @@ from .study.now import Now
 P = ParamSpec("P")
 
 
-def _step(step: Callable[Concatenate[Flow, P], None]) -> Callable[Concatenate["Steps", P], Now]:
-    """Return a method that takes a step, and returns what is to be seen after it."""
+def _step(name: str, step: Callable[Concatenate[Flow, P], None]) -> Callable[Concatenate["Steps", P], Now]:
+    """Return a method that takes a step if that is possible now, and returns what is then to be seen."""
 
     @wraps(step)
     def take(self: "Steps", /, *args: P.args, **kwargs: P.kwargs) -> Now:
         with self._guarded.changing() as flow:
-            if flow.underway.moves_plant and step is not runs.stop:
-                raise StaleError("a run on the plant is in progress: stop it first")
+            refused = can.refusal(flow, name)
+            if refused is not None:
+                raise refused
             step(flow, *args, **kwargs)
             return self._now()
 
@@ -42,9 +41,18 @@ class Steps:
     def __init__(self, guarded: Guarded, now: Callable[[], Now]) -> None:
         self._guarded, self._now = guarded, now
 
-    answer, give = _step(steps.answer), _step(steps.give)
-    mark, undo, retract = _step(steps.mark), _step(steps.undo), _step(steps.retract)
-    repeat, pace, ask_for = _step(steps.repeat), _step(steps.pace), _step(steps.ask_for)
-    record, write_and_start = _step(records.record), _step(runs.confirm)
-    fail, stop_run, retry = _step(runs.fail), _step(runs.stop), _step(runs.retry)
-    finish, go_on = _step(runs.finish), _step(runs.go_on)
+    answer = _step("answer", steps.answer)
+    give = _step("give", steps.give)
+    mark = _step("mark", steps.mark)
+    undo = _step("undo", steps.undo)
+    retract = _step("retract", steps.retract)
+    repeat = _step("repeat", steps.repeat)
+    pace = _step("pace", steps.pace)
+    ask_for = _step("ask_for", steps.ask_for)
+    record = _step("record", records.record)
+    write_and_start = _step("write_and_start", runs.confirm)
+    stop_run = _step("stop_run", runs.stop)
+    fail = _step("fail", runs.fail)
+    retry = _step("retry", runs.retry)
+    finish = _step("finish", runs.finish)
+    go_on = _step("go_on", runs.go_on)

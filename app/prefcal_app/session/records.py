@@ -14,6 +14,7 @@ from prefcal_env.study import Dialed, Finished, Replaced
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.checks import check_experiment
 
+from .can import refusal
 from .flow import Flow
 from .study.now import Phase
 
@@ -102,12 +103,12 @@ def record(flow: Flow, given: Given) -> None:
 
 def _check_due(flow: Flow, index: int) -> None:
     """Refuse a record that is neither waited for nor can replace one."""
+    refused = refusal(flow, "record")
+    if refused is not None:
+        raise refused
     pending = flow.study.pending
-    if flow.underway.source.asks != "record":
-        raise StaleError("the plant is simulated and takes no record")
-    if flow.phase is Phase.RECORD and pending is not None and pending.index == index:
-        return
-    if index not in flow.state.finished or flow.phase not in (Phase.RECORD, Phase.QUESTION):
+    due = flow.phase is Phase.RECORD and pending is not None and pending.index == index
+    if not due and index not in flow.state.finished:
         raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
 
 

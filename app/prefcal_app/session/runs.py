@@ -18,10 +18,10 @@ from prefcal_scenarios.scenario import Scenario
 
 from . import thinking
 from .flow import Flow
-from .plant import Attempt
 from .study.memory import agent_of
 from .study.now import Phase, Recovery
 from .study.question import GOOD_ENOUGH
+from .volatile.plant import Attempt
 
 UNBIDDEN = ("late", "died")
 """Reasons for a run without an experiment that neither the person nor their code gave."""
@@ -220,53 +220,32 @@ def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
     return flow.file.find_experiment(theta) is not None or flow.thoughts.prefetch.is_known(theta)
 
 
-def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
-    """Return the pending sample. Raises StaleError unless its index and the phase match."""
+def _pending(flow: Flow, index: int) -> Suggested:
+    """Return the pending sample. Raises StaleError unless its index is `index`."""
     pending = flow.study.pending
-    if pending is None or pending.index != index or flow.phase not in phases:
+    if pending is None or pending.index != index:
         raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
     return pending
 
 
 def confirm(flow: Flow, index: int) -> None:
-    """Let the run of the pending sample start, with the values that the person was shown.
-
-    Raises:
-        StaleError: If it is not waited for, or the plant's present values are not known.
-    """
-    underway, pending = flow.underway, flow.study.pending
-    run = underway.of(pending)
-    if pending is None or pending.index != index or flow.phase is not Phase.CONFIRM:
-        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was written")
-    if underway.plant.recovery is Recovery.FAILED:
-        raise StaleError("the plant does not have its old values yet: nothing was written")
-    if run is None or run.changes is None or underway.plant.recovery is not Recovery.DONE:
-        raise StaleError("the plant's present values are not known yet: nothing was written")
+    """Let the run of the pending sample start, with the values that the person was shown."""
+    run = flow.underway.of(_pending(flow, index))
+    assert run is not None
+    assert run.changes is not None
     run.supply(run.changes)
     run.waits, run.moves_plant = False, True
     flow.move(Phase.RUNNING)
 
 
 def stop(flow: Flow, index: int) -> None:
-    """Stop the run of the pending sample, which then counts as failed.
-
-    Raises:
-        StaleError: If it does not run.
-        ScenarioError: If it runs inside prefcal's own process, as built-in scenarios do.
-    """
-    underway, pending = flow.underway, flow.study.pending
-    run = underway.of(pending)
+    """Stop the run of the pending sample, which then counts as failed."""
+    underway, pending = flow.underway, _pending(flow, index)
+    run, key = underway.of(pending), theta_key(pending.theta)
     if underway.source.asks:
-        if pending is None or pending.index != index or not underway.moves_plant:
-            raise StaleError(f"experiment {index + 1} is not running: nothing was changed")
-        if not underway.source.stops:
-            raise ScenarioError("this run cannot be stopped from here")
         flow.version += 1
-    else:
-        key = theta_key(awaited(flow, index, Phase.RUNNING).theta)
-        if not underway.source.stops:
-            raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
-        for other in (run for name, run in underway.going.items() if flow.at_once == 1 and name != key):
+    elif flow.at_once == 1:
+        for other in (run for name, run in underway.going.items() if name != key):
             other.stop("given up")  # it runs in the only process
     if run is not None:
         run.stop("stopped")
@@ -287,12 +266,8 @@ def make_way(flow: Flow) -> None:
 
 def fail(flow: Flow, index: int, reason: str = "") -> None:
     """Count the run of the pending sample as failed: an experiment without a record."""
-    awaited(flow, index, Phase.RECORD, Phase.CONFIRM, Phase.FAILED)
-    if index in flow.state.finished:
-        # A later step failed, for example on a full disk: this experiment must not be replaced.
-        raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
+    key = theta_key(_pending(flow, index).theta)
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
-    key = theta_key(flow.state.history.samples[index].theta)
     partial = flow.underway.partial.pop(key, None)
     flow.append(*noted, (Finished(index), partial or flow.store.failed(index)))
     flow.proceed()
@@ -314,14 +289,10 @@ def retry(flow: Flow) -> None:
         flow.move(Phase.RUNNING)
         if study.pending is not None and not underway.source.asks:
             underway.wait_for(study.pending, study.unfinished)
-    elif not on_the_plant:
-        raise StaleError("nothing has failed, so there is nothing to try again")
 
 
 def finish(flow: Flow) -> None:
     """End the study at the person's request."""
-    if flow.phase is Phase.OVER:
-        raise StaleError("the study has ended already")
     best, marks = flow.study.best, flow.state.marks
     good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
     flow.append(Ended(GOOD_ENOUGH if good else "stopped"))
@@ -331,8 +302,6 @@ def finish(flow: Flow) -> None:
 def go_on(flow: Flow, more: int = 0) -> None:
     """Reopen the ended study, with `more` additional experiments."""
     state = flow.state
-    if flow.phase is not Phase.OVER:
-        raise StaleError("the study has not ended")
     if more < 0 or (more == 0 and state.history.answered >= state.n_max):
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []

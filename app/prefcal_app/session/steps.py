@@ -1,14 +1,17 @@
 """Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect."""
 
+from typing import cast
+
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents import GLISp
-from prefcal_env.errors import PreferenceError, SettingsError, StaleError, StudyError
+from prefcal_env.errors import PreferenceError, StaleError, StudyError
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import Adjusted, Answered, Marked, Requested, Retracted, Shown, Undone
 
+from .can import CLOSED
 from .flow import Flow, Latest
 from .study.memory import QUESTIONS
 from .study.now import Phase
@@ -20,10 +23,7 @@ def open_question(flow: Flow, question: int) -> Question:
     """Return the open question. Raises StaleError unless its id is `question`."""
     asked = flow.question
     if asked is None or asked.id != question:
-        raise StaleError(
-            "this question is no longer open: it was already answered or undone, "
-            "and nothing was recorded twice"
-        )
+        raise StaleError(CLOSED)
     return asked
 
 
@@ -78,23 +78,11 @@ def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
         flow.show()
 
 
-def can_undo(flow: Flow) -> bool:
-    """Return whether there is an answer to undo; a repeated question can always be skipped."""
-    if flow.question is not None and flow.question.repeats is not None:
-        return True
-    state = flow.state
-    repeats = state.history.repeats
-    last_was_repeat = bool(repeats) and state.answers[-1] is repeats[-1]
-    return state.history.answered > 1 and not last_was_repeat
-
-
 def undo(flow: Flow, version: int) -> None:
     """Undo the last answer, or skip a repeated question that is open.
 
     `version` is the one that the person saw.
     """
-    if not can_undo(flow):
-        raise StaleError("there is no answer to undo")
     if version < flow.latest.version:
         raise StaleError("an answer was given or undone since you looked")
     draft = flow.latest.draft
@@ -125,11 +113,6 @@ def retract(flow: Flow, answer: int) -> None:
     """Forget what an answer taught (see `closed`); all samples stay, including the open one."""
     if closed(flow, answer).retracted:
         raise StaleError(f"answer {answer} is retracted already")
-    if flow.phase is Phase.RUNNING and flow.study.must_think:
-        raise StaleError("the next experiment is being chosen: retract the answer once it is shown")
-    if flow.phase is Phase.FAILED and flow.study.must_think:
-        # Choosing the next experiment may fail again, after the retraction is written.
-        raise StaleError("the last step failed: try it again first")
     if flow.phase is Phase.RUNNING and flow.study.pending is None:
         # Propose the open sample first: it must not depend on this retraction.
         flow.proceed()
@@ -150,8 +133,6 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> N
         ProtocolError: If all experiments are answered, or `theta` was tried before.
         KnobError: If the space does not hold it, or a constraint forbids it.
     """
-    if flow.phase is Phase.OVER:
-        raise StaleError("the study has ended: continue it first")
     twin, pending, asked = flow.agent.copy(), flow.study.pending, flow.question
     twin.replace_pending(np.array(theta))
     sample = twin.history.pending  # others may be pending behind it
@@ -170,12 +151,7 @@ def pace(flow: Flow, questions: int) -> None:
     Raises:
         SettingsError: If the agent cannot ask more than one.
     """
-    agent = flow.agent
-    if not isinstance(agent, GLISp):
-        raise SettingsError("only the agent glisp can ask more than one comparison per experiment")
-    if flow.phase is Phase.FAILED:
-        # Until the retry, the study file and the agent may differ.
-        raise StaleError("the last step failed: try it again first")
+    agent = cast(GLISp, flow.agent)
     changed = agent.with_questions(questions)
     if questions == agent.settings.questions_per_experiment:
         return
@@ -192,8 +168,7 @@ def pace(flow: Flow, questions: int) -> None:
 def repeat(flow: Flow) -> None:
     """Show an earlier question again, with its sides swapped; the answer teaches nothing."""
     again = to_repeat(flow.state, flow.study.seed)
-    if again is None or flow.phase is not Phase.QUESTION:
-        raise StaleError("there is no earlier question to ask again now")
+    assert again is not None
     assert again.incumbent is not None
     left = not again.challenger_left
     flow.show(Shown(again.challenger, again.incumbent, left, again.question))

@@ -14,10 +14,10 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Abandoned, Basis
 
 from .flow import Flow
-from .plant import Attempt
-from .prefetch import LIKELIEST, LIKELY
 from .study.now import Phase
 from .study.question import Question
+from .volatile.plant import Attempt
+from .volatile.prefetch import LIKELIEST, LIKELY
 
 
 def think(flow: Flow) -> Attempt:

@@ -98,8 +98,8 @@ class _Conversation:
                     self.compiles = True
                     self._say(now.preparing.words)
                 status.update(_waiting(now))
-                can_stop = self.interview.scenario.source.stops
-                if self.typed() == STOP_RUN and can_stop and now.pending is not None:
+                asked = self.typed() == STOP_RUN and "stop_run" in now.can
+                if asked and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
                         self.interview.steps.stop_run(now.pending.index)
                 now = self.interview.wait(now.version, _LOOK)
@@ -223,7 +223,7 @@ class _Conversation:
             return True
         show_changes(self.interview, now, self.console)
         choices = "again (read the plant again), failed, undo, stop"
-        ready = now.live.changes is not None
+        ready = "write_and_start" in now.can
         said = self.line(f"write and start? yes, {choices}" if ready else choices)
         if said == "yes" and ready:
             self.interview.steps.write_and_start(now.pending.index)
@@ -293,7 +293,8 @@ class _Conversation:
     def _failed(self, now: Now) -> bool:
         self._say(f"That did not work: {now.problem}")
         self._unrestored(now)
-        self._say("t: try again, f: count it as failed, z: undo, x: stop")
+        keys = {"retry": "t: try again", "fail": "f: count it as failed", "undo": "z: undo"}
+        self._say(", ".join([*(words for step, words in keys.items() if step in now.can), "x: stop"]))
         said = self._said()
         if said in STOP:
             return False

@@ -50,7 +50,7 @@ def now_view(
         "study": {"place": interview.file.path, "again": again},
         "progress": _progress(interview, now),
         "simulated": simulated_view(now),
-        "can_undo": now.can_undo,
+        "can": sorted(now.can),
         "question": question and question_view(question, scenario, blind=blind, seen=seen.look(interview)),
         "problem": now.problem,
         "stopping": _stopping(now),

@@ -50,7 +50,7 @@ def test_a_resumed_study_asks_the_same_and_stays_inside(tmp_path):
 @pytest.mark.parametrize("now", [(), ("slow",), ("slow", "short")])
 def test_a_study_keeps_the_constraints_that_it_was_begun_with(tmp_path, now):
     path = tmp_path / "mine.prefcal"
-    begin(constrained("short"), path).study.close()
+    begin(constrained("short"), path).file.close()
     with pytest.raises(StudyError, match=r"expected \['short'\], got \["):
         begin(constrained(*now), path)
 

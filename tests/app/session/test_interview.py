@@ -362,7 +362,7 @@ def test_a_full_disk_at_an_answer_leaves_the_question_open(interview, monkeypatc
 
 def test_a_study_of_other_knobs_is_refused(toy, tmp_path):
     path = tmp_path / "mine.prefcal"
-    begin(toy, path=path).study.close()
+    begin(toy, path=path).file.close()
     other = replace(toy, space=type(toy.space)(toy.space.knobs[:2]), references={})
     with pytest.raises(StudyError, match="knobs have changed"):
         Interview(other, StudyFile.open(path, clock=clock()))

@@ -37,8 +37,8 @@ def test_history_is_drawn_on_the_axes_of_the_open_question():
 def test_every_experiment_is_looked_at_once(monkeypatch):
     interview, _ = asked(Choice.LEFT)
     read = []
-    experiment = interview.experiment
-    monkeypatch.setattr(interview, "experiment", lambda i: (read.append(i), experiment(i))[1])
+    experiment = interview.past.experiment
+    monkeypatch.setattr(interview.past, "experiment", lambda i: (read.append(i), experiment(i))[1])
     seen = Seen().look(interview).look(interview)
     assert sorted(read) == sorted(interview.now().state.finished)
     left = interview.now().question.left.experiment

@@ -72,7 +72,7 @@ class Now:
         problem: Description of the problem, in phase FAILED.
         pending: Sample that is running, awaited or failed; None while it is being proposed.
         incumbent: Index of the best experiment so far; None before the first.
-        can_undo: Whether there is an answer to undo.
+        can: Names of the steps that the person can take.
         state: State of the study file.
         draft: Comment of the answer that was just undone.
         preparing: Part that is being compiled before the first experiment; None when done.
@@ -88,7 +88,7 @@ class Now:
     problem: str | None
     pending: Suggested | None
     incumbent: int | None
-    can_undo: bool
+    can: frozenset[str]
     state: State
     draft: str = ""
     preparing: Compiling | None = None

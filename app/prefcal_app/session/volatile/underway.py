@@ -11,8 +11,8 @@ from prefcal_env.knobs.key import theta_key
 from prefcal_env.sources import Run, Source
 from prefcal_env.study import Suggested
 
+from ..study.now import LiveNow
 from .plant import PlantCare
-from .study.now import LiveNow
 
 
 class UnderWay:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from prefcal_env.sources.run import Run
 from prefcal_env.sources.source import Source
 
-from .study.now import LiveNow, Recovery
+from ..study.now import LiveNow, Recovery
 
 Attempt = Callable[[], Callable[[], None]]
 """Long-running function, called without the lock; it returns a function to call with the lock."""
