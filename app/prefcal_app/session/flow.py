@@ -64,7 +64,8 @@ class Flow:
     @property
     def study(self) -> Study:
         """Return the study at this moment."""
-        return Study(self.agent, self.state, self.at_once, self.thoughts.simulator is not None)
+        simulates = self.thoughts.simulator is not None
+        return Study(self.agent, self.agent.history, self.state, self.at_once, simulates)
 
     def append(self, *events: Event | tuple[Finished, Experiment]) -> tuple[int, ...]:
         """Save events before anything follows from them; return their numbers.

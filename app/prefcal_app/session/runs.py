@@ -220,17 +220,17 @@ def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
     return flow.file.find_experiment(theta) is not None or flow.thoughts.prefetch.is_known(theta)
 
 
-def _pending(flow: Flow, index: int) -> Suggested:
+def _pending(flow: Flow, index: int, then: str = "nothing was changed") -> Suggested:
     """Return the pending sample. Raises StaleError unless its index is `index`."""
     pending = flow.study.pending
     if pending is None or pending.index != index:
-        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
+        raise StaleError(f"experiment {index + 1} is no longer waited for: {then}")
     return pending
 
 
 def confirm(flow: Flow, index: int) -> None:
     """Let the run of the pending sample start, with the values that the person was shown."""
-    run = flow.underway.of(_pending(flow, index))
+    run = flow.underway.of(_pending(flow, index, "nothing was written"))
     assert run is not None
     assert run.changes is not None
     run.supply(run.changes)

@@ -41,7 +41,7 @@ def test_the_first_question_compares_the_first_two_experiments(interview):
     assert now.phase is Phase.QUESTION
     assert (now.question.challenger.index, now.question.incumbent.index) == (1, 0)
     assert now.question.number == 1
-    assert not now.can_undo
+    assert "undo" not in now.can
     assert now.incumbent == 0
 
 

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from prefcal_agents.protocol.agent import Agent
+from prefcal_agents.protocol.agent import Strategy
 from prefcal_env.preferences.answer import Query
+from prefcal_env.preferences.history import History
 from prefcal_env.preferences.runs import first_ready
 from prefcal_env.study import Ended, Event, Led, Shown, State, Suggested, Taken
 
@@ -54,13 +55,15 @@ class Study:
     """A study at one moment. Whoever drives it saves each event, and asks again what is to do.
 
     Args:
-        agent: Agent, which goes by the record of `state`.
+        strategy: What the agent asks after a record.
+        history: Record as the agent goes by it, see `Agent.recorded`.
         state: State after all events, see `prefcal_env.study.fold`.
         at_once: Number of experiments that may be pending at the same time.
         simulates: Whether choosing a query may take simulations.
     """
 
-    agent: Agent
+    strategy: Strategy
+    history: History
     state: State
     at_once: int = 1
     simulates: bool = False
@@ -90,8 +93,7 @@ class Study:
     @property
     def must_think(self) -> bool:
         """Return whether choosing the next query may take simulations, so no lock may be held."""
-        history = self.agent.history
-        return self.simulates and history.pending is None and not self.agent.knows(history)
+        return self.simulates and self.history.pending is None and not self.strategy.knows(self.history)
 
     def todo(self, *, thought: bool = False) -> Todo:
         """Return what is to do now.
@@ -100,19 +102,19 @@ class Study:
             thought: Whether the agent has thought about this record, to which only events were
                 added that follow from it.
         """
-        agent, history = self.agent, self.state.history
+        strategy, samples = self.strategy, self.state.history.samples
         if self.state.ended:
             return Over()
         if self.must_think and not thought:
             return Think()
-        best = agent.best_index
-        if best is not None and best != history.incumbent:
-            return Write(Led(best))
-        if agent.done:
+        leader = strategy.leader(self.history)
+        if leader is not None and leader != self.best:
+            return Write(Led(leader))
+        if strategy.is_over(self.history):
             return Write(Ended("all compared"))
-        opened, queries = agent.open(agent.history, self.at_once)
-        if len(opened.samples) > len(history.samples):
-            index = len(history.samples)
+        opened, queries = strategy.open(self.history, self.at_once)
+        if len(opened.samples) > len(samples):
+            index = len(samples)
             return Write(Suggested(index, opened.samples[index].z, opened.samples[index].theta))
         # A query about two known experiments comes first, then the experiment that ended first.
         ready = first_ready(queries, lambda side: self.state.finished.get(side.index))
@@ -143,7 +145,8 @@ class Study:
         if shown.challenger < self.state.history.answered:
             if self.must_think:
                 return True  # until it is known, see `thinking.think`
-            asked = None if self.agent.done else self.agent.open(self.agent.history)[1][0]
+            over = self.strategy.is_over(self.history)
+            asked = None if over else self.strategy.open(self.history)[1][0]
             return asked is None or _pair(asked) != (shown.challenger, shown.incumbent)
         return shown.incumbent != self.best
 
