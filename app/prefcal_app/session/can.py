@@ -16,14 +16,15 @@ CLOSED = "this question is no longer open: it was already answered or undone, an
 
 def refusal(flow: Flow, step: str) -> PrefcalError | None:
     """Return why `step`, a name of `REFUSALS`, cannot be taken now; None if it can."""
-    if flow.underway.moves_plant and step != "stop_run":
+    if step != "stop_run" and flow.underway.moves_plant:
         return StaleError("a run on the plant is in progress: stop it first")
     return REFUSALS[step](flow)
 
 
 def possible(flow: Flow) -> frozenset[str]:
     """Return the names of the steps that can be taken now."""
-    return frozenset(step for step in REFUSALS if refusal(flow, step) is None)
+    steps = ("stop_run",) if flow.underway.moves_plant else REFUSALS
+    return frozenset(step for step in steps if REFUSALS[step](flow) is None)
 
 
 def _answer(flow: Flow) -> PrefcalError | None:
