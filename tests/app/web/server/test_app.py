@@ -90,7 +90,7 @@ def test_the_questions_per_experiment_are_changed(room):
     assert room.page().get("/api/status").json()["questions"] == 3
     for impossible in (0, 100, 1.5, "3"):
         assert room.post("pace", questions=impossible).status_code == 400
-    assert room.interview.questions == 3
+    assert room.interview.known.questions == 3
 
 
 def test_history_and_status_are_shown(room):
@@ -100,7 +100,7 @@ def test_history_and_status_are_shown(room):
     assert page.get("/api/status").status_code == 200
     asked = page.get("/api/history/1?blind=1")
     assert asked.status_code == 200
-    assert asked.json()["question"]["id"] == room.interview.asked(1).id
+    assert asked.json()["question"]["id"] == room.interview.past.asked(1).id
     for answer in ("0", "2", "x", "-1", "1.0", "9" * 30):
         assert page.get(f"/api/history/{answer}").status_code == 404
 
