@@ -122,15 +122,14 @@ class KPI:
         """Return how bad `value` looks: equal for values that read the same or meet a target."""
         if self.goal == "target" and self.met(value):
             return 0.0
-        return self.badness(self.read(value))
+        return float(self.badness(self.read(value)))
 
-    def badness(self, value: float) -> float:
-        """Return `value` transformed so that lower is better; NaN if it could not be measured."""
+    def badness(self, values: Float[np.ndarray, "*shape"] | float) -> Float[np.ndarray, "*shape"] | float:
+        """Return values so that lower is better, in the same shape; NaN if one could not be measured."""
         if self.goal == "target":
-            return abs(value - (self.at_most + self.at_least) / 2)
-        if self.goal == "higher":
-            return np.nan if value == np.inf else -value
-        return np.nan if value == -np.inf else value  # nothing is infinitely good
+            return np.abs(values - (self.at_most + self.at_least) / 2)
+        found = np.negative(values) if self.goal == "higher" else values
+        return np.where(np.equal(found, -np.inf), np.nan, found)[()]  # nothing is infinitely good
 
     def met(self, value: float) -> bool | None:
         """Return whether `value`, as read, meets the objective; None if there is no objective."""
