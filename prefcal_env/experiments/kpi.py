@@ -15,16 +15,20 @@ _DIGITS = 4
 """Significant digits that a number is shown with."""
 
 
-def as_read(values: Float[np.ndarray, "*shape"] | float, step: float = 0.0) -> Float[np.ndarray, "*shape"]:
+def as_read(
+    values: Float[np.ndarray, "*shape"] | float, step: Float[np.ndarray, " k"] | float = 0.0
+) -> Float[np.ndarray, "*shape"]:
     """Return values as they are shown: multiples of `step`, in four significant digits.
 
     Args:
         values: Values of a KPI, in its unit; infinite and NaN stay.
-        step: Smallest difference that is shown, in the same unit; 0 if only the digits limit it.
+        step: Smallest difference that is shown, in the same unit; 0 if only the digits limit it. It
+            may be one for each column of `values`, shape (k,).
     """
     found = np.array(values, dtype=float)
     known = np.isfinite(found) & (found != 0)
-    some = np.round(found[known] / step) * step if step else found[known]
+    some, steps = found[known], np.broadcast_to(step, found.shape)[known]
+    some = np.where(steps == 0, some, np.round(some / np.where(steps == 0, 1.0, steps)) * steps)
     size = np.abs(np.where(some == 0, 1.0, some))
     # Integers of any size keep all their digits, and a power of 10 above 300 would overflow.
     places = 10.0 ** np.clip(_DIGITS - 1 - np.floor(np.log10(size)), 0, 300)

@@ -54,7 +54,7 @@ class Lessons:
 
         An unsafe experiment is worse than all others that a person looked at.
         """
-        rows = [bank.find(sample.theta) for sample in history.samples[: history.answered]]
+        rows = bank.rows([sample.theta for sample in history.samples[: history.answered]])
         given = [
             (v.challenger, v.incumbent, v.preference, c.answer.strength)
             for c in history.lessons()

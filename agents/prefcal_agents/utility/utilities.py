@@ -95,7 +95,9 @@ class Scale:
         stated = np.array([limits.get(name, np.inf) for name in names]) - good
         return cls(names, good, floor, quantiles, ranges, stated)
 
-    def __call__(self, bank: Bank, rows: Sequence[int] | None = None) -> Float[np.ndarray, "m k"]:
+    def __call__(
+        self, bank: Bank, rows: Sequence[int] | Int[np.ndarray, " m"] | None = None
+    ) -> Float[np.ndarray, "m k"]:
         """Return the log distances of all KPIs, shape (m, k), infinite where a KPI is.
 
         Args:
