@@ -60,7 +60,7 @@ class Plot:
         return tuple(self.scale * np.asarray(there[key]) if key and key in there else None for key in names)
 
 
-class Drawn(NamedTuple):
+class PanelCurves(NamedTuple):
     """The curves of one panel on `t` of an experiment, in the panel's unit, each of shape (K,).
 
     Args:
@@ -76,9 +76,9 @@ class Drawn(NamedTuple):
     high: Float[np.ndarray, " K"] | None
 
 
-def drawn(plots: Iterable[Plot], experiment: Experiment) -> list[Drawn]:
+def drawn(plots: Iterable[Plot], experiment: Experiment) -> list[PanelCurves]:
     """Return all that is drawn of an experiment, for each of its plots."""
-    return [Drawn(plot.values(experiment), *plot.beside(experiment)) for plot in plots]
+    return [PanelCurves(plot.values(experiment), *plot.beside(experiment)) for plot in plots]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Experiment
-from prefcal_env.experiments.panels import Drawn, Plot, drawn
+from prefcal_env.experiments.panels import PanelCurves, Plot, drawn
 
 from .seen import Range, snapped
 
@@ -92,7 +92,9 @@ def eventful(
     return [first, last] if end - start > _NEARLY_ALL * (last - first) else [start, end]
 
 
-def _movements(channel: Channel, t: Float[np.ndarray, " K"], curves: Drawn, still: float) -> list[Range]:
+def _movements(
+    channel: Channel, t: Float[np.ndarray, " K"], curves: PanelCurves, still: float
+) -> list[Range]:
     """Return from when until when the curves of a panel move by more than `still`."""
     if channel.target is not None and channel.band:
         still = min(still, channel.band)
@@ -109,7 +111,10 @@ def _movements(channel: Channel, t: Float[np.ndarray, " K"], curves: Drawn, stil
 
 
 def _on(
-    t: Float[np.ndarray, " M"], curves: Sequence[Drawn], held: Sequence[bool], own: Float[np.ndarray, " K"]
+    t: Float[np.ndarray, " M"],
+    curves: Sequence[PanelCurves],
+    held: Sequence[bool],
+    own: Float[np.ndarray, " K"],
 ) -> list[Float[np.ndarray, " M"]]:
     """Return curves on `own` instants at others: the last value of an input, else between two."""
     last = np.searchsorted(own, t, side="right") - 1
