@@ -24,6 +24,7 @@ from .connection import open_elsewhere, told
 from .events import Created, Event, Finished, Recorded
 from .fold import State, begin, step
 from .locations import data_folder, make_data_folder
+from .tables import frame_of, html_of
 
 Entry = Event | tuple[Finished, Experiment]
 Rows = list[tuple[Recorded, Experiment | None]]
@@ -199,14 +200,10 @@ class StudyFile:
         Args:
             answers: Whether to return the answers instead, one a row.
         """
-        from .tables import frame_of
-
         return frame_of(self, answers=answers)
 
     def _repr_html_(self) -> str:
         """Return how far the study is, and its experiments, for notebooks."""
-        from .tables import html_of
-
         return html_of(self)
 
     def rows(self) -> list[tuple[Any, ...]]:

@@ -81,26 +81,33 @@ def recorded(
     if end is None:
         end = _end(run)
     targets = [_target(r) for r in run.y_ref.T]
-    drawn = _drawn(y, targets, run)
+    steps, drawn = _steps(run), _drawn(y, targets, run)
     channels = _channels(u, y, targets, look, time_unit)
-    rows = run.decided
     made = Experiment(
         theta=theta,
         t=run.t,
         x=np.zeros((len(run.t), 0)),
         u=run.u,
         y=run.y,
-        t_control=run.t[rows],
-        u_control=run.u[rows],
-        y_ref=run.y_ref[rows],
-        iterations=np.zeros(len(rows), dtype=np.int64),  # no solver took part
-        solve_time=np.zeros(len(rows)),
-        solved=np.ones(len(rows), dtype=bool),
+        **steps,
         channels=channels,
         end=end,
         signals=drawn | run.signals,
     )
     return made if kpis is None else made.with_kpis(kpis)
+
+
+def _steps(run: Aligned) -> dict[str, Any]:
+    """Return what an experiment says of its N steps, in which no solver took part."""
+    rows = run.decided
+    return {
+        "t_control": run.t[rows],
+        "u_control": run.u[rows],
+        "y_ref": run.y_ref[rows],
+        "iterations": np.zeros(len(rows), dtype=np.int64),
+        "solve_time": np.zeros(len(rows)),
+        "solved": np.ones(len(rows), dtype=bool),
+    }
 
 
 def _end(run: Aligned) -> End:
