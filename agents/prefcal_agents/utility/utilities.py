@@ -263,6 +263,28 @@ class Utilities:
         own[:, order] = np.clip(np.trunc(own[:, order]), -1, 1)
         return np.asarray(found * self.weights.T[:, :, None])
 
+    def log_answers(
+        self,
+        levels: Float[np.ndarray, "c s p"],
+        better: Int[np.ndarray, " a"],
+        worse: Int[np.ndarray, " a"],
+        tie: Bool[np.ndarray, " a"],
+    ) -> Float[np.ndarray, "s a"]:
+        """Return the logarithm of the probability of each answer by each draw, shape (s, a).
+
+        Args:
+            levels: Levels of p experiments, see `levels`, shape (2k, s, p).
+            better: The preferred experiment of each answer, or one of a tie, shape (a,).
+            worse: The other one, shape (a,).
+            tie: Whether the answer is that they are alike, shape (a,).
+        """
+        gain = self.gains(levels, better, worse).sum(axis=0)
+        won, lost = noticed(gain), noticed(-gain)
+        explained = np.where(tie, 1.0 - won - lost, won)
+        # A mistake is any of the three answers, so that no single one can rule out a draw.
+        error = self.errors[:, None]
+        return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
+
     @property
     def parts(self) -> Iterable[int]:
         """Return what a cost is the sum of, by number: each KPI, and each stated limit."""
