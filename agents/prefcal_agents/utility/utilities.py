@@ -184,10 +184,13 @@ class Utilities:
     def weights(self) -> Float[np.ndarray, "s c"]:
         """Return the weight of each KPI, and of being beyond its stated limit, shape (s, 2k)."""
         logs = self.spreads[:, None] * self.normals
+        # Only ratios count: without subtracting the largest, a wide spread would overflow.
         raw = np.exp(logs - logs.max(axis=1, keepdims=True, initial=-np.inf))
+        # In units of what is just noticed, so that a difference of 1 is noticed by every draw alike.
         shares = raw / (raw.sum(axis=1) * self.noticed)[:, None]
         ranks = np.argsort(np.argsort(-self.normals, axis=1), axis=1)
         ordered = self.ordered[:, None]
+        # A lexicographic order as a sum: one level of a KPI outweighs all levels of the later ones.
         steps = np.where(ranks < ordered, 2.0 * float(_LEVELS) ** (_MOST - 1 - ranks), 0.0)
         first = np.where(ordered > 0, 2.0 * _LEVELS**_MOST, _FIRST) * np.ones(logs.shape)
         return np.hstack([np.where(ordered > 0, steps, shares), first])
@@ -216,8 +219,10 @@ class Utilities:
         found = np.zeros(x.shape)
         scales, steps = self.scales[rows, kpi, None], self.steps[rows, kpi, None]
         exponents, limits = self.exponents[rows, kpi, None], self.limits[rows, kpi, None]
+        # s^p / (s^p + d^p) in logarithms, the share of the weight that is lost at the distance d.
         found[trade] = expit(exponents[trade] * (x[trade] - scales[trade]))
         above = np.exp(np.maximum(x[order], scales[order])) - np.exp(scales[order])
+        # Below `scales` all values are alike; above, distances count in just noticeable differences.
         found[order] = np.minimum(above / steps[order], _FAR)
         beyond = beyond & np.isfinite(limits[:, 0])
         excess = np.exp(x[beyond]) * (1 - _ROUNDED) - limits[beyond]
@@ -234,6 +239,7 @@ class Utilities:
         for part in self.parts:
             level = self.level(logs, part)
             if part < logs.shape[-1]:
+                # Whole levels, too few to reach the weight of the KPI before.
                 level[order] = np.minimum(np.floor(level[order]), _LEVELS - 1)
             found += weights[:, part, None] * level
         return found
@@ -260,6 +266,7 @@ class Utilities:
         """
         found = levels.take(worse, axis=2) - levels.take(better, axis=2)
         own, order = found[: len(found) // 2], self.ordered > 0
+        # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
         own[:, order] = np.clip(np.trunc(own[:, order]), -1, 1)
         return np.asarray(found * self.weights.T[:, :, None])
 
