@@ -182,7 +182,7 @@ class Options(Described):
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
         if stored.get("earlier"):  # what --from was before --start took studies
             kept["start"] += (f"{stored['earlier']}:best",)
-        from .resuming import check_programs, check_unchanged  # here, to keep --help fast
+        from .studies.resuming import check_programs, check_unchanged  # here, to keep --help fast
 
         check_programs(kept, given)
         check_unchanged(kept_by(Options), kept, given)

@@ -4,11 +4,10 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from prefcal_app.cli.parameters import Kept, Parameter
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.names import is_described, is_own
 from prefcal_scenarios.own.source import split_source
-
-from .parameters import Kept, Parameter
 
 
 def check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
