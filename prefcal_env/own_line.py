@@ -4,6 +4,7 @@ import site
 import sysconfig
 import traceback
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from prefcal_env.errors import PrefcalError, ScenarioError
@@ -90,8 +91,6 @@ def _is_own(filename: str) -> bool:
 @cache
 def _others() -> tuple[Path, ...]:
     """Return the folders of Python, of installed packages, and of prefcal."""
-    from importlib.util import find_spec
-
     names = ("stdlib", "platstdlib", "purelib", "platlib")
     folders = {*map(sysconfig.get_path, names), site.getusersitepackages()}
     for name in _PACKAGES:

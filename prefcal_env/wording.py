@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 
 _ALIKE = 0.6  # difflib's own threshold: "Ts" finds "T_s", "nowhere" finds nothing
 
@@ -39,6 +40,17 @@ def and_more(count: int) -> str:
 def labeled(name: str, unit: str) -> str:
     """Return a name with its unit, for headings and axes in plain text."""
     return f"{name} [{unit}]" if unit else name
+
+
+def place_in_code(function: object) -> str:
+    """Return where a function is defined, such as " (own.py:12)"; "" if Python cannot tell."""
+    code = getattr(function, "__code__", None)
+    return "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"
+
+
+def brief(value: object) -> str:
+    """Return the type and the beginning of a value, for messages."""
+    return "None" if value is None else f"{type(value).__name__} {value!r:.60}"
 
 
 def _plain(name: str) -> str:

@@ -5,6 +5,7 @@ from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_discrete_are
 
 from prefcal_env.arrays import vector
 from prefcal_env.errors import SettingsError
@@ -84,8 +85,6 @@ class LQG:
 
 def _lasting(m: Linearized, T_s: float, Q: np.ndarray, R: np.ndarray) -> Float[np.ndarray, "n n"]:
     """Return the covariance of the predicted state in the long run."""
-    from scipy.linalg import solve_discrete_are  # takes a while to import
-
     A = held(m.A, m.B, T_s)[0]
     try:
         P = np.asarray(solve_discrete_are(A.T, m.C.T, Q, R))

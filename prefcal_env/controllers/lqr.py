@@ -6,6 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_discrete_are
 
 from prefcal_env.arrays import weights
 from prefcal_env.errors import SettingsError
@@ -135,8 +136,6 @@ class LQR:
 
     def _gain(self) -> Float[np.ndarray, "n_u n"]:
         """Return [K, K_i] of the model, extended by the sums of errors."""
-        from scipy.linalg import solve_discrete_are  # takes a while to import
-
         m, n_i = self.model, len(self.integral)
         n = len(m.x0)
         A, B = np.eye(n + n_i), np.zeros((n + n_i, len(m.u0)))

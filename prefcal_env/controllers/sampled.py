@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from prefcal_env.plants.systems import LinearSystem
 
@@ -23,8 +24,6 @@ def sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, "n_y n_u"] | N
     delays = np.zeros(J.D.shape) if delay is None else delay
     if (delays == delays[0]).all():
         return _sampled(J, T_s, delays[0])
-    from scipy.linalg import block_diag  # takes a while to import
-
     # Each output has states of its own, which its dead times reach.
     each = [_sampled(J.part([i], range(J.D.shape[1])), T_s, row) for i, row in enumerate(delays)]
     A, C = (block_diag(*(getattr(s, name) for s in each)) for name in "AC")

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Controller
-from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.rollout import KPIs, rollout
+from prefcal_env.experiments.experiment import Channels, Experiment, KPIs
+from prefcal_env.experiments.rollout import rollout
 
 EnvSource = gym.Env[Any, Any] | str | Callable[[], gym.Env[Any, Any]]
 ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]

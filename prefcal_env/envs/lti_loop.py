@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PlantError, SettingsError
-from prefcal_env.experiments.experiment import Channels, End, Experiment
-from prefcal_env.experiments.rollout import KPIs, computed, rollout
+from prefcal_env.experiments.experiment import Channels, End, Experiment, KPIs
+from prefcal_env.experiments.rollout import rollout
 from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -116,7 +116,7 @@ class LTILoop:
         return self._finished(replace(found, x=found.x[:, : len(self.channels.x)], channels=self.channels))
 
     def _finished(self, experiment: Experiment) -> Experiment:
-        return experiment.with_kpis(computed(self.kpis, experiment))
+        return experiment.with_kpis(self.kpis)
 
     def _task(
         self,

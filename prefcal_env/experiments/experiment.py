@@ -1,6 +1,6 @@
 """The record of one closed-loop run of one θ, frozen."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NoReturn, Self
@@ -8,8 +8,8 @@ from typing import Any, NoReturn, Self
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_env.errors import ExperimentError
-from prefcal_env.wording import labeled
+from prefcal_env.errors import ExperimentError, ScenarioError
+from prefcal_env.wording import brief, labeled, place_in_code
 
 from .end import End as End
 
@@ -189,14 +189,18 @@ class Experiment:
         if not (self.t[1:] > self.t[:-1]).all():
             raise ExperimentError("t must increase strictly")
 
-    def with_kpis(self, kpis: Mapping[str, float]) -> "Experiment":
+    def with_kpis(self, kpis: "Mapping[str, float] | KPIs") -> "Experiment":
         """Return this experiment with other KPIs; it shares the arrays, which are checked already.
 
+        Args:
+            kpis: KPIs by name, or a function that computes them of this experiment.
+
         Raises:
-            ExperimentError: If `kpis` is not a mapping from names to numbers.
+            ExperimentError: If `kpis` is not a mapping from names to numbers, or returns none.
         """
         other = copy(self)
-        object.__setattr__(other, "kpis", _checked_kpis(kpis))
+        found = computed(kpis, self) if callable(kpis) else kpis
+        object.__setattr__(other, "kpis", _checked_kpis(found))
         return other
 
     @property
@@ -265,6 +269,8 @@ class Experiment:
     __hash__ = None  # type: ignore[assignment]
 
 
+KPIs = Callable[[Experiment], Mapping[str, float]]
+"""Function of an experiment that returns its KPIs by name."""
 _ARRAYS: dict[str, Any] = {
     "theta": float,
     "t": float,
@@ -283,6 +289,30 @@ def _mapping(name: str, value: object) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise ExperimentError(f"{name} must be a mapping from names, got {value!r}")
     return value
+
+
+def computed(kpis: KPIs, experiment: Experiment) -> Mapping[str, float]:
+    """Return `kpis(experiment)`. Raises ExperimentError if it is not a mapping."""
+    found: object = kpis(experiment)
+    if not isinstance(found, Mapping):
+        forgotten = ": is a return missing?" if found is None else ""
+        raise ExperimentError(
+            f"{getattr(kpis, '__name__', 'kpis')}{place_in_code(kpis)} must return a mapping of KPI names "
+            f"to numbers, got {brief(found)}{forgotten}"
+        )
+    return found
+
+
+def returned(result: object) -> Experiment:
+    """Return what a run returned if it is an experiment.
+
+    Raises:
+        ScenarioError: If it is not.
+    """
+    if not isinstance(result, Experiment):
+        forgotten = ": is a return missing?" if result is None else ""
+        raise ScenarioError(f"run must return an Experiment, got {type(result).__name__}{forgotten}")
+    return result
 
 
 def _checked_kpis(kpis: object) -> FrozenMapping:

@@ -15,16 +15,20 @@ _DIGITS = 4
 """Significant digits that a number is shown with."""
 
 
-def as_read(values: Float[np.ndarray, "*shape"] | float, step: float = 0.0) -> Float[np.ndarray, "*shape"]:
+def as_read(
+    values: Float[np.ndarray, "*shape"] | float, step: Float[np.ndarray, " k"] | float = 0.0
+) -> Float[np.ndarray, "*shape"]:
     """Return values as they are shown: multiples of `step`, in four significant digits.
 
     Args:
         values: Values of a KPI, in its unit; infinite and NaN stay.
-        step: Smallest difference that is shown, in the same unit; 0 if only the digits limit it.
+        step: Smallest difference that is shown, in the same unit; 0 if only the digits limit it. It
+            may be one for each column of `values`, shape (k,).
     """
     found = np.array(values, dtype=float)
     known = np.isfinite(found) & (found != 0)
-    some = np.round(found[known] / step) * step if step else found[known]
+    some, steps = found[known], np.broadcast_to(step, found.shape)[known]
+    some = np.where(steps == 0, some, np.round(some / np.where(steps == 0, 1.0, steps)) * steps)
     size = np.abs(np.where(some == 0, 1.0, some))
     # Integers of any size keep all their digits, and a power of 10 above 300 would overflow.
     places = 10.0 ** np.clip(_DIGITS - 1 - np.floor(np.log10(size)), 0, 300)
@@ -122,15 +126,14 @@ class KPI:
         """Return how bad `value` looks: equal for values that read the same or meet a target."""
         if self.goal == "target" and self.met(value):
             return 0.0
-        return self.badness(self.read(value))
+        return float(self.badness(self.read(value)))
 
-    def badness(self, value: float) -> float:
-        """Return `value` transformed so that lower is better; NaN if it could not be measured."""
+    def badness(self, values: Float[np.ndarray, "*shape"] | float) -> Float[np.ndarray, "*shape"] | float:
+        """Return values so that lower is better, in the same shape; NaN if one could not be measured."""
         if self.goal == "target":
-            return abs(value - (self.at_most + self.at_least) / 2)
-        if self.goal == "higher":
-            return np.nan if value == np.inf else -value
-        return np.nan if value == -np.inf else value  # nothing is infinitely good
+            return np.abs(values - (self.at_most + self.at_least) / 2)
+        found = np.negative(values) if self.goal == "higher" else values
+        return np.where(np.equal(found, -np.inf), np.nan, found)[()]  # nothing is infinitely good
 
     def met(self, value: float) -> bool | None:
         """Return whether `value`, as read, meets the objective; None if there is no objective."""

@@ -1,7 +1,8 @@
 """Panels: select which curve of an experiment is drawn, by its channel's name, and its look."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -57,6 +58,27 @@ class Plot:
         there = experiment.signals if len(experiment.t) else {}
         names = (self.reference, self.low_signal, self.high_signal)
         return tuple(self.scale * np.asarray(there[key]) if key and key in there else None for key in names)
+
+
+class PanelCurves(NamedTuple):
+    """The curves of one panel on `t` of an experiment, in the panel's unit, each of shape (K,).
+
+    Args:
+        values: The curve; NaN if the experiment lacks it.
+        reference: Reference that changes; None if there is none, as for the limits.
+        low: Lower limit that changes.
+        high: Upper limit that changes.
+    """
+
+    values: Float[np.ndarray, " K"]
+    reference: Float[np.ndarray, " K"] | None
+    low: Float[np.ndarray, " K"] | None
+    high: Float[np.ndarray, " K"] | None
+
+
+def drawn(plots: Iterable[Plot], experiment: Experiment) -> list[PanelCurves]:
+    """Return all that is drawn of an experiment, for each of its plots."""
+    return [PanelCurves(plot.values(experiment), *plot.beside(experiment)) for plot in plots]
 
 
 @dataclass(frozen=True, slots=True)

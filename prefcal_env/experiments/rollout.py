@@ -1,8 +1,7 @@
 """Run one closed-loop experiment: let a controller drive an environment, and record it."""
 
 import time
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -10,12 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ExperimentError, SettingsError
+from prefcal_env.wording import brief, place_in_code
 
 from .control import Controller, Measurement, Move
-from .experiment import End, Experiment
+from .experiment import End, Experiment, KPIs
 from .trajectory import Record
-
-KPIs = Callable[[Experiment], Mapping[str, float]]
 
 
 class ClosedLoopEnv(Protocol):
@@ -76,7 +74,7 @@ def rollout(
     env.reset(seed=seed, options={"T_s": _sampling_time(controller)})
     steps = _driven(loop, controller, clock)
     experiment = _experiment(loop.record(), theta, steps)
-    return experiment if kpis is None else experiment.with_kpis(computed(kpis, experiment))
+    return experiment if kpis is None else experiment.with_kpis(kpis)
 
 
 def _driven(
@@ -91,8 +89,8 @@ def _driven(
         took = clock() - start
         if not isinstance(move, Move):
             raise SettingsError(
-                f"move of controller {type(controller).__name__}{_place(controller.move)} must "
-                f"return a prefcal_env.Move, got {_what(move)}: write return Move(u), with u an "
+                f"move of controller {type(controller).__name__}{place_in_code(controller.move)} must "
+                f"return a prefcal_env.Move, got {brief(move)}: write return Move(u), with u an "
                 "array of shape (n_u,)"
             )
         usable = move.solved and not np.count_nonzero(np.isnan(move.u))
@@ -101,36 +99,14 @@ def _driven(
     return steps
 
 
-def computed(kpis: KPIs, experiment: Experiment) -> Mapping[str, float]:
-    """Return `kpis(experiment)`. Raises ExperimentError if it is not a mapping."""
-    found: object = kpis(experiment)
-    if not isinstance(found, Mapping):
-        forgotten = ": is a return missing?" if found is None else ""
-        raise ExperimentError(
-            f"{getattr(kpis, '__name__', 'kpis')}{_place(kpis)} must return a mapping of KPI names "
-            f"to numbers, got {_what(found)}{forgotten}"
-        )
-    return found
-
-
 def _sampling_time(controller: Controller) -> object:
     T_s: object = getattr(controller, "T_s", None)
     if T_s is None or not callable(getattr(controller, "move", None)):
         raise SettingsError(
             "a controller needs T_s, its sampling time in the plant's unit of time, and "
-            f"move(measurement); got {_what(controller)}"
+            f"move(measurement); got {brief(controller)}"
         )
     return T_s
-
-
-def _place(function: object) -> str:
-    """Return where a function is defined, such as " (own.py:12)"; "" if Python cannot tell."""
-    code = getattr(function, "__code__", None)
-    return "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"
-
-
-def _what(value: object) -> str:
-    return "None" if value is None else f"{type(value).__name__} {value!r:.60}"
 
 
 def _experiment(record: Record, theta: object, steps: list[tuple[int, float, bool]]) -> Experiment:

@@ -11,12 +11,12 @@ from prefcal_env.errors import KnobError
 
 Scale = Literal["linear", "log10"]
 
-DECODED = 1e-12  # error of decoding a proposed value, as a share of the knob's range
+_DECODED = 1e-12  # error of decoding a proposed value, as a share of the knob's range
 _SHARE = 100  # the default step is at most the range divided by this
 _FINEST = 1e-13  # smallest step relative to the values: below it, doubles cannot be rounded
 _DIGITS = 15  # significant digits of a double that survive a multiplication
 _FEWEST = 2**13  # fewest floats in a range: about a hundred that differ by more than rounding
-ROUNDING = 1e-14
+_ROUNDING = 1e-14
 """Error of decoding, relative to a linear knob's bounds or a log10 knob's value."""
 
 
@@ -84,6 +84,20 @@ class Knob:
         near = min(max(near, self.low), self.high)
         return min((near, self.low, self.high), key=lambda end: abs(end - value))
 
+    def round_within(self, value: float, part: tuple[float, float]) -> float:
+        """Return `value` rounded by `round` and kept inside a part (low, high) of the range."""
+        low, high = part
+        return value if value in part else float(min(max(self.round(value), low), high))
+
+    def exact(self, value: float, part: tuple[float, float]) -> float:
+        """Return `value`, or the border of `part`, (low, high), if they differ only by rounding."""
+        for border in part:
+            size = abs(border) if self.scale == "log10" else max(abs(self.low), abs(self.high))
+            # A round number that near is where `decode` moves the border itself.
+            if abs(value - border) <= max(_ROUNDING * size, _DECODED * (self.high - self.low)):
+                return border
+        return value
+
     def steps(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Return how many steps `values`, in `unit`, lie from 0 (log10: from `low`), shape (m,).
 
@@ -131,7 +145,7 @@ class Knob:
         value = float(min(max(value, self.low), self.high))
         # Undo the rounding of encode and decode: a proposed value was a round number.
         nearest = value if self.integer else self.round(value)
-        return nearest if abs(nearest - value) <= DECODED * abs(self.high - self.low) else value
+        return nearest if abs(nearest - value) <= _DECODED * abs(self.high - self.low) else value
 
     def encode(self, value: float) -> float:
         """Return the unit coordinate in [0, 1] of a physical value in `unit`."""
@@ -178,7 +192,7 @@ def too_close(low: float, high: float, *, integer: bool) -> bool:
     An integer range may be small as long as rounding (see `exact`) cannot confuse two neighbors.
     """
     size = max(abs(low), abs(high))
-    if integer and ROUNDING * size < 0.5:
+    if integer and _ROUNDING * size < 0.5:
         return False
     return high - low < _FEWEST * ulp(size)
 

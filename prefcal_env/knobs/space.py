@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from prefcal_env.errors import KnobError
 
 from .constraints import AnyConstraint, checked
-from .knob import DECODED, ROUNDING, Knob, is_number, too_close
+from .knob import Knob, is_number, too_close
 
 _TOUCHING = 1e-6  # tolerance in steps: neighbors on the grid are one step apart, up to rounding
 _NARROWEST = 1e-9  # narrowest part of a knob's range that can be searched, in the unit cube
@@ -124,8 +124,8 @@ class KnobSpace:
         for knob, zi in zip(self.knobs, z, strict=True):
             if not 0.0 <= zi <= 1.0:
                 raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
-        values = [k.decode(zi) for k, zi in zip(self.knobs, z, strict=True)]
-        return np.array([_exact(*each) for each in zip(self.knobs, values, self.within, strict=True)])
+        parts = zip(self.knobs, z, self.within, strict=True)
+        return np.array([knob.exact(knob.decode(zi), part) for knob, zi, part in parts])
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Map a physical θ, shape (n,), to the unit cube.
@@ -144,7 +144,7 @@ class KnobSpace:
         """
         theta = self.decode(z)
         parts = zip(self.knobs, theta, self.within, strict=True)
-        rounded = np.array([_rounded(*each) for each in parts])
+        rounded = np.array([knob.round_within(value, part) for knob, value, part in parts])
         if self.constraints and not self.allows(rounded) and self.allows(theta):
             rounded = theta
         return self.encode(rounded)
@@ -173,7 +173,7 @@ class KnobSpace:
         """Return θ of many points of the cube, each value as `decode` computes it, shape (m, n)."""
         thetas = np.empty(z.shape)
         for k, (knob, part) in enumerate(zip(self.knobs, self.within, strict=True)):
-            thetas[:, k] = [_exact(knob, value, part) for value in list(map(knob.decode, z[:, k]))]
+            thetas[:, k] = [knob.exact(knob.decode(zi), part) for zi in z[:, k]]
         return thetas
 
     def scaled(self, w: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
@@ -322,22 +322,6 @@ class KnobSpace:
         return vector
 
 
-def _rounded(knob: Knob, value: float, part: tuple[float, float]) -> float:
-    """Return `value` rounded to the knob's resolution and kept inside the searched `part`."""
-    low, high = part
-    return value if value in part else float(min(max(knob.round(value), low), high))
-
-
-def _exact(knob: Knob, value: float, part: tuple[float, float]) -> float:
-    """Return `value`, or the border of `part` if they differ only by rounding."""
-    for border in part:
-        size = abs(border) if knob.scale == "log10" else max(abs(knob.low), abs(knob.high))
-        # A round number that near is where `Knob.decode` moves the border itself.
-        if abs(value - border) <= max(ROUNDING * size, DECODED * (knob.high - knob.low)):
-            return border
-    return value
-
-
 def _parts(
     knobs: Sequence[Knob], within: Mapping[str, tuple[float, float]]
 ) -> tuple[tuple[float, float], ...]:
@@ -369,5 +353,5 @@ def _parts(
             )
         # Replace a border that differs from an end of the range only by rounding.
         ends = (float(knob.low), float(knob.high))
-        found[knob.name] = (_exact(knob, float(low), ends), _exact(knob, float(high), ends))
+        found[knob.name] = (knob.exact(float(low), ends), knob.exact(float(high), ends))
     return tuple(found.values())

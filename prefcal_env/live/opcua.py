@@ -3,6 +3,8 @@
 import asyncio
 import threading
 from collections.abc import Coroutine, Sequence
+from concurrent.futures import CancelledError
+from concurrent.futures import TimeoutError as TooLate
 from contextlib import suppress
 from math import isfinite, nan
 from typing import Any, TypeVar
@@ -157,9 +159,6 @@ class OPCUAPlant:
 
     def _do(self, work: Coroutine[Any, Any, T]) -> T:
         """Run a request in the connection's thread; a connection that fails is dropped."""
-        from concurrent.futures import CancelledError
-        from concurrent.futures import TimeoutError as TooLate
-
         future = asyncio.run_coroutine_threadsafe(asyncio.wait_for(work, 2 * self._timeout), self._running())
         try:
             return future.result(2 * self._timeout + _MARGIN)

@@ -96,9 +96,11 @@ class ExtendedKalmanFilter:
         """
         x, u, d = self._point(estimate, u, d)
         states = self._model.hold(x, u, d, self._instants)
+        # p⁺ = p and w⁺ = w: disturbances integrate noise alone, so their mean stays.
         mean = np.concatenate([states[-1], estimate.mean[self._n_x :]])
         if not np.isfinite(states).all():
             return StateEstimate(mean, np.full_like(self._Q, np.inf))
+        # The Jacobian at the middle of each piece: a midpoint rule, of second order in its length.
         equations, middles = self._model.equations, np.ascontiguousarray(states[::2])
         P, T = estimate.covariance.copy(order="C"), self.T_s / _PIECES
         covariance = kernels.carried(equations.packed, middles, u, d, P, self._Q, T, len(self._R))
@@ -200,6 +202,7 @@ class DisturbanceEstimator:
         process, drift = vector("process", s.process, n_x), vector("drift", s.drift, n_o)
         start = process if s.start is None else vector("start", s.start, n_x)
         self._n_x = n_x
+        # Variances of independent steps add up, so those of one period are proportional to it.
         Q = np.diag(np.concatenate([process, drift]) ** 2) * T_s
         self._filter = ExtendedKalmanFilter(
             self.model, T_s, Q=Q, R=np.diag(vector("noise", s.noise, n_y) ** 2)
@@ -232,6 +235,7 @@ class DisturbanceEstimator:
         predicted = self._predicted(m)
         self._estimate, self._d = self._filter.update(predicted, y, m.u, d[0]), d[0]
         x, offsets = self._estimate.mean[: self._n_x], self._estimate.mean[self._n_x :]
+        # The MPC predicts with the disturbances as they are now: without this, it settles with an offset.
         extended = np.concatenate([d, np.tile(offsets, (len(d), 1))], axis=1)
         return replace(m, x=x, d=extended if m.d.ndim == 2 else extended[0])
 
@@ -250,6 +254,7 @@ class DisturbanceEstimator:
         start = StateEstimate(np.concatenate([m.x, np.zeros(n - len(m.x))]), self._P0)
         A_c, C = self._filter.linearized(start, m.u, d)
         A = discretize(A_c, np.zeros((n, 0)), np.zeros(n), self._filter.T_s)[0]
+        # Lemma 1: what stays at rest, (A - 1) v = 0, and is not seen, C v = 0, cannot be estimated.
         matrix = np.concatenate([A - np.eye(n), C])
         norms = np.linalg.norm(matrix, axis=0)
         if np.any(norms == 0) or np.linalg.svd(matrix / norms)[1][-1] < _LEAST_RANK:

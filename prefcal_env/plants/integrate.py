@@ -24,7 +24,7 @@ def integrate(equations: Equations, x: X, u: U, d: D, times: Times, max_step: fl
     again, as with dry friction, a thousandth of the interval is the smallest step; also for the
     rest of an interval that would take more than 100,000 steps.
     """
-    explicit = _explicit()
+    explicit = _dop853().integrate
     # Copies: a read-only array is another type, for which numba compiles again.
     arrays = tuple(np.array(v, dtype=float) for v in (x, u, d, equations.parameters, times))
     states, stiff = explicit(equations.f, *arrays, max_step, False)
@@ -36,10 +36,10 @@ def integrate(equations: Equations, x: X, u: U, d: D, times: Times, max_step: fl
 
 
 @cache
-def _explicit() -> Any:
+def _dop853() -> Any:
     from . import _dop853  # imported here: load the compiler only when needed
 
-    return _dop853.integrate
+    return _dop853
 
 
 _Equation = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)
@@ -55,8 +55,7 @@ def _implicit(
     """Return the states at `times` from backward differentiation, or None if it fails."""
     from scipy.integrate import solve_ivp  # takes half a second to import
 
-    from ._dop853 import ABSOLUTE, RELATIVE
-
+    own = _dop853()
     call, fixed, evaluations = _Equation(f), [a.ctypes.data for a in (u, d, p)], 0
 
     def rate(_: float, x: X) -> X:
@@ -72,7 +71,14 @@ def _implicit(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # failure is told by `success`
             found = solve_ivp(
-                rate, (0.0, times[-1]), x, "LSODA", times, rtol=RELATIVE, atol=ABSOLUTE, max_step=max_step
+                rate,
+                (0.0, times[-1]),
+                x,
+                "LSODA",
+                times,
+                rtol=own.RELATIVE,
+                atol=own.ABSOLUTE,
+                max_step=max_step,
             )
     except _TooManyError:
         return None

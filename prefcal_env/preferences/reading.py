@@ -29,15 +29,18 @@ class Reading:
 
     def __call__(self, name: str, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Return the values of KPI `name` as people read them, shape (m,)."""
-        if name not in self.steps:
-            return values
-        read = as_read(values, self.steps[name])
-        return np.where(read <= self.limits[name], 0.0, read) if name in self.targets else read
+        return self.table([name], values[:, None])[:, 0]
 
     def table(self, names: Sequence[str], kpis: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
         """Return the KPIs `names` of m experiments as people read them, shape (m, k)."""
-        columns = [self(name, values) for name, values in zip(names, kpis.T, strict=True)]
-        return np.array(columns).T.reshape(kpis.shape)
+        known = [name in self.steps for name in names]
+        if not any(known):
+            return kpis
+        read = as_read(kpis, np.array([self.steps.get(name, 0.0) for name in names]))
+        read = np.where(known, read, kpis)
+        alike = [name in self.targets and name in self.steps for name in names]
+        limits = [self.limits[n] if one else 0.0 for n, one in zip(names, alike, strict=True)]
+        return np.where(alike & (read <= limits), 0.0, read)
 
     def missed(self, names: Sequence[str], kpis: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " m"]:
         """Return how many objectives each experiment misses, shape (m,); never counts, too."""

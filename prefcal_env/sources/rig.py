@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
-from prefcal_env.experiments.rollout import computed
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, computed
 from prefcal_env.tables import timing
 from prefcal_env.tables.sheet import Sheet, Table, sheet_of
 from prefcal_env.tables.units import parts_of, same_unit

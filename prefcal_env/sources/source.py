@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.experiment import Channels, Experiment, KPIs
 from prefcal_env.experiments.formula import formula_of
-from prefcal_env.experiments.rollout import KPIs
 from prefcal_env.knobs.space import KnobSpace
 
 from .run import Given, Run, Whole
@@ -186,7 +185,7 @@ class WithKPIs(Source):
         return cast(Experiment, self._with_kpis(self.source.run(theta, seed=seed)))
 
     def _with_kpis(self, made: Experiment | None) -> Experiment | None:
-        return made.with_kpis(self.kpis(made)) if isinstance(made, Experiment) else made
+        return made.with_kpis(self.kpis) if isinstance(made, Experiment) else made
 
     @property
     def left(self) -> Mapping[str, float] | None:
@@ -213,7 +212,7 @@ class WithKPIs(Source):
 
 def with_own(own: KPIs | None, kpis: KPIs) -> KPIs:
     """Return a function that first computes an experiment's `own` KPIs, and then all `kpis`."""
-    return kpis if own is None else lambda made: kpis(made.with_kpis(own(made)))
+    return kpis if own is None else lambda made: kpis(made.with_kpis(own))
 
 
 def formula_problems(kpis: Iterable[Any], channels: Channels, signals: Collection[str]) -> Iterator[str]:

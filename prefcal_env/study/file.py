@@ -24,6 +24,7 @@ from .connection import open_elsewhere, told
 from .events import Created, Event, Finished, Recorded
 from .fold import State, begin, step
 from .locations import data_folder, make_data_folder
+from .tables import frame_of, html_of
 
 Entry = Event | tuple[Finished, Experiment]
 Rows = list[tuple[Recorded, Experiment | None]]
@@ -133,13 +134,15 @@ class StudyFile:
         schema.create(self._connection)
         recorded = Recorded(1, self._clock(), created)
         self._insert([(recorded, None)])
-        self._take(recorded)
+        self._take(created, begin(1, recorded.at, created))
         self._connection.execute("COMMIT")
 
     def _load(self) -> None:
         for recorded, checksum in self._recorded():
-            self._take(recorded)
-            self._last, self._checksum = recorded.seq, checksum
+            seq, at, event = recorded.seq, recorded.at, recorded.event
+            unbegun = self.state is _UNBEGUN
+            self._take(event, begin(seq, at, event) if unbegun else step(self.state, seq, at, event))
+            self._last, self._checksum = seq, checksum
         if not self._last:
             raise StudyError(f"there are no events in {self.path}. {_DAMAGED}")
 
@@ -151,11 +154,9 @@ class StudyFile:
         except StudyError as error:
             raise StudyError(f"{self.path}: {error}. {_DAMAGED}") from error
 
-    def _take(self, recorded: Recorded) -> None:
-        """Apply one event to the state."""
-        seq, at, event = recorded.seq, recorded.at, recorded.event
-        unbegun = self.state is _UNBEGUN
-        self.state = begin(seq, at, event) if unbegun else step(self.state, seq, at, event)
+    def _take(self, event: Event, state: State) -> None:
+        """Take over the state after an event."""
+        self.state = state
         if isinstance(event, Finished):
             theta = self.state.history.samples[event.index].theta
             self._experiments[theta_key(theta)] = self.state.finished[event.index]
@@ -199,14 +200,10 @@ class StudyFile:
         Args:
             answers: Whether to return the answers instead, one a row.
         """
-        from .tables import frame_of
-
         return frame_of(self, answers=answers)
 
     def _repr_html_(self) -> str:
         """Return how far the study is, and its experiments, for notebooks."""
-        from .tables import html_of
-
         return html_of(self)
 
     def rows(self) -> list[tuple[Any, ...]]:
@@ -240,16 +237,16 @@ class StudyFile:
                 (Recorded(seq, self._clock(), event), experiment)
                 for seq, (event, experiment) in enumerate(pairs, start=first)
             ]
-            state = self.state
+            states = [self.state]
             for r, _ in rows:
-                state = step(state, r.seq, r.at, r.event)
+                states.append(step(states[-1], r.seq, r.at, r.event))
             try:
                 with told(self.path, "write to", "Nothing was recorded"):
                     self._write(rows)
             finally:
                 if self._last >= first:  # recorded, also if Ctrl-C came right after that
-                    for r, _ in rows:
-                        self._take(r)
+                    for (r, _), state in zip(rows, states[1:], strict=True):
+                        self._take(r.event, state)
                     if self._place is not None:
                         self._content = self._connection.serialize()
         return tuple(r.seq for r, _ in rows)

@@ -46,6 +46,67 @@ class Curve:
         return np.asarray(self.values[np.maximum(held_rows(self.t, t), 0)])
 
 
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """The curves of one run at common instants.
+
+    Args:
+        t: Instants, shape (K,), increasing; none if no output has a finite value.
+        y: Outputs at `t`, shape (K, n_y).
+        u: Inputs at `t`, shape (K, n_u).
+        y_ref: References of the outputs at `t`, shape (K, n_y); NaN where there is none.
+        signals: Additional signals by name, each of shape (K,).
+        decided: Rows at which inputs were decided or references changed, shape (N,).
+        stopped: Whether values that are not finite followed after `t`.
+    """
+
+    t: Float[np.ndarray, " K"]
+    y: Float[np.ndarray, "K n_y"]
+    u: Float[np.ndarray, "K n_u"]
+    y_ref: Float[np.ndarray, "K n_y"]
+    signals: dict[str, Float[np.ndarray, " K"]]
+    decided: Int[np.ndarray, " N"]
+    stopped: bool
+
+
+def aligned(
+    t: Any,
+    outputs: Mapping[str, Any],
+    inputs: Mapping[str, Any],
+    reference: Mapping[str, Any],
+    signals: Mapping[str, Any],
+    unit: str,
+) -> Aligned:
+    """Check the curves of a run, and bring them to common instants.
+
+    Args:
+        t: Instants in `unit`, shape (K,), for curves without own ones; None if there are none.
+        outputs: Maps the name of each output to its curve, as for `recorded`.
+        inputs: Maps the name of each input to its curve.
+        reference: Maps names of outputs to a number or a curve.
+        signals: Maps names of additional signals to their curves, which may have gaps.
+        unit: Unit of time, for messages.
+
+    Raises:
+        ExperimentError: As `recorded` does.
+    """
+    base = None if t is None else instants_of("t", t, unit)
+    curves = _curves_of("output", outputs, base, unit)
+    held = _curves_of("input", inputs, base, unit, held=True)
+    instants = _instants(base, curves, held, unit)
+    y_ref = _table(_references(list(outputs), reference, base, instants, unit), instants)
+    extra = zip(signals, _curves_of("signal", signals, base, unit, gaps=True), strict=True)
+    return Aligned(
+        instants,
+        _table([curve.at(instants) for curve in curves], instants),
+        _table([curve.at(instants) for curve in held], instants),
+        y_ref,
+        {name: curve.at(instants) for name, curve in extra},
+        _decided(held, instants, y_ref),
+        any(curve.stopped for curve in (*curves, *held)),
+    )
+
+
 def held_rows(instants: Float[np.ndarray, " M"], t: Float[np.ndarray, " K"]) -> Int[np.ndarray, " K"]:
     """Return the index of the last of `instants` at or before each of `t`; -1 if there is none."""
     tolerance = _SAME_INSTANT * _span(t)
@@ -112,7 +173,7 @@ def numbers(name: str, values: Any) -> Float[np.ndarray, " K"]:
     return found
 
 
-def curve_of(
+def _curve_of(
     what: str,
     given: Any,
     t: Float[np.ndarray, " K"] | None,
@@ -144,7 +205,7 @@ def curve_of(
     return Curve(what, base[:kept], found[:kept], held, own, kept < len(found), gaps)
 
 
-def curves_of(
+def _curves_of(
     what: str,
     given: Mapping[str, Any],
     t: Float[np.ndarray, " K"] | None,
@@ -153,16 +214,13 @@ def curves_of(
     held: bool = False,
     gaps: bool = False,
 ) -> list[Curve]:
-    """Return `curve_of` each of the curves `given` by name; `what` they are is for messages."""
-    return [curve_of(f"{what} {n!r}", v, t, unit, held=held, gaps=gaps) for n, v in given.items()]
+    """Return the curve of each of the curves `given` by name; `what` they are is for messages."""
+    return [_curve_of(f"{what} {n!r}", v, t, unit, held=held, gaps=gaps) for n, v in given.items()]
 
 
-def table_of(curves: Sequence[Curve], t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n"]:
-    """Return the values of all curves at other instants, which they must cover, a column for each."""
-    return table([curve.at(t) for curve in curves], t)
-
-
-def table(columns: Sequence[Float[np.ndarray, " K"]], t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n"]:
+def _table(
+    columns: Sequence[Float[np.ndarray, " K"]], t: Float[np.ndarray, " K"]
+) -> Float[np.ndarray, "K n"]:
     """Return columns at `t` as one table, which has no column if there are none."""
     return np.stack(columns, axis=1) if len(columns) else np.zeros((len(t), 0))
 
@@ -183,7 +241,22 @@ def _finite_rows(what: str, t: Float[np.ndarray, " K"], values: Float[np.ndarray
     return kept
 
 
-def common_instants(
+def _instants(
+    t: Float[np.ndarray, " K"] | None, outputs: Sequence[Curve], inputs: Sequence[Curve], unit: str
+) -> Float[np.ndarray, " M"]:
+    """Return the instants of the experiment; none if no output has a finite value."""
+    if not any(len(curve.t) for curve in outputs):
+        return np.zeros(0)
+    for curve in (*outputs, *inputs):
+        if not len(curve.t):
+            raise ExperimentError(
+                f"{curve.what} begins with a value that is not finite, and others do not: "
+                "leave it out, or fill it"
+            )
+    return _common_instants(t, [*outputs, *inputs], unit)
+
+
+def _common_instants(
     t: Float[np.ndarray, " K"] | None, curves: Sequence[Curve], unit: str
 ) -> Float[np.ndarray, " M"]:
     """Return the instants at which every curve is known, shape (M,).
@@ -211,11 +284,11 @@ def common_instants(
     tolerance = _SAME_INSTANT * _span(t)
     kept = t[(t >= begin - tolerance) & (t <= end + tolerance)]
     for curve in () if union else curves:
-        check_covers(curve, kept, unit)
+        _check_covers(curve, kept, unit)
     return np.asarray(kept)
 
 
-def check_covers(curve: Curve, t: Float[np.ndarray, " K"], unit: str) -> None:
+def _check_covers(curve: Curve, t: Float[np.ndarray, " K"], unit: str) -> None:
     """Raise ExperimentError if a curve begins after `t` begins, or ends before `t` ends."""
     if not len(t):
         return
@@ -231,3 +304,39 @@ def check_covers(curve: Curve, t: Float[np.ndarray, " K"], unit: str) -> None:
 
 def _span(t: Float[np.ndarray, " K"]) -> float:
     return float(t[-1] - t[0]) if len(t) else 0.0
+
+
+def _references(
+    names: Sequence[str],
+    given: Mapping[str, Any],
+    t: Float[np.ndarray, " K"] | None,
+    instants: Float[np.ndarray, " M"],
+    unit: str,
+) -> list[Float[np.ndarray, " M"]]:
+    """Return the reference of each output at `instants`; NaN for outputs without one."""
+    found = []
+    for name in names:
+        what, value = f"reference of {name!r}", given.get(name)
+        if value is None or (not isinstance(value, tuple) and np.ndim(value) == 0):
+            level = numbers(what, [np.nan if value is None else value])
+            found.append(np.full(len(instants), level[0]))
+        else:
+            curve = _curve_of(what, value, t, unit, held=True, gaps=True)
+            _check_covers(curve, instants, unit)
+            found.append(curve.at(instants))
+        if np.isinf(found[-1]).any():
+            raise ExperimentError(f"{what} must be finite, or NaN where there is none")
+    return found
+
+
+def _decided(
+    inputs: Sequence[Curve], t: Float[np.ndarray, " K"], y_ref: Float[np.ndarray, "K n_y"]
+) -> Int[np.ndarray, " N"]:
+    """Return the rows at which inputs were decided or references changed."""
+    if not inputs or not all(curve.own for curve in inputs):
+        return np.arange(len(t))
+    # The number of the value that holds at each row: where it changes, a new one was decided.
+    latest = np.stack([held_rows(curve.t, t) for curve in inputs], axis=1)
+    changed = (np.diff(latest, axis=0) != 0).any(axis=1)
+    changed |= (np.diff(np.nan_to_num(y_ref), axis=0) != 0).any(axis=1)
+    return np.flatnonzero(np.concatenate([np.ones(min(len(t), 1), dtype=bool), changed]))

@@ -1,30 +1,19 @@
 """Make an experiment of recorded curves: whatever a simulator, a logger or a table returned."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from itertools import starmap
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
-from prefcal_env.experiments.rollout import computed
 from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.wording import did_you_mean
 
-from .curves import (
-    Curve,
-    check_covers,
-    common_instants,
-    curve_of,
-    curves_of,
-    held_rows,
-    instants_of,
-    numbers,
-    table,
-    table_of,
-)
+from .curves import Aligned, aligned, numbers
 
 Limits = tuple[float | None, float | None]
 _Look = tuple[Mapping[str, str], Mapping[str, Limits], Mapping[str, float]]
@@ -87,132 +76,56 @@ def recorded(
     reference, signals = reference or {}, signals or {}
     look: _Look = (units or {}, limits or {}, bands or {})
     _check_names(y, u, signals, reference, look)
-    base = None if t is None else instants_of("t", t, time_unit)
-    curves = curves_of("output", y, base, time_unit)
-    held = curves_of("input", u, base, time_unit, held=True)
-    instants = _instants(base, curves, held, time_unit)
-    references = _references(list(y), reference, base, instants, time_unit)
-    channel_u = tuple(_channel(name, look) for name in u)
-    channel_y = tuple(_channel(name, look, r) for name, r in zip(y, references, strict=True))
-    channels = Channels((), channel_u, channel_y, time_unit)
-    moves = table_of(held, instants)
+    run = aligned(t, y, u, reference, signals, time_unit)
+    theta = numbers("theta", np.atleast_1d(np.asarray(theta)))
+    if end is None:
+        end = _end(run)
+    targets = [_target(r) for r in run.y_ref.T]
+    steps, drawn = _steps(run), _drawn(y, targets, run)
+    channels = _channels(u, y, targets, look, time_unit)
     made = Experiment(
-        theta=_theta(theta),
-        t=instants,
-        x=np.zeros((len(instants), 0)),
-        u=moves,
-        y=table_of(curves, instants),
-        **_steps(held, instants, moves, table(references, instants)),
+        theta=theta,
+        t=run.t,
+        x=np.zeros((len(run.t), 0)),
+        u=run.u,
+        y=run.y,
+        **steps,
         channels=channels,
-        end=_end(instants, [*curves, *held]) if end is None else end,
-        signals=_drawn(channels, references) | _extra(signals, base, instants, time_unit),
+        end=end,
+        signals=drawn | run.signals,
     )
-    return made if kpis is None else made.with_kpis(computed(kpis, made))
+    return made if kpis is None else made.with_kpis(kpis)
 
 
-def _steps(
-    held: Sequence[Curve],
-    t: Float[np.ndarray, " K"],
-    u: Float[np.ndarray, "K n_u"],
-    y_ref: Float[np.ndarray, "K n_y"],
-) -> dict[str, Any]:
+def _steps(run: Aligned) -> dict[str, Any]:
     """Return what an experiment says of its N steps, in which no solver took part."""
-    rows = _decided(held, t, y_ref)
+    rows = run.decided
     return {
-        "t_control": t[rows],
-        "u_control": u[rows],
-        "y_ref": y_ref[rows],
+        "t_control": run.t[rows],
+        "u_control": run.u[rows],
+        "y_ref": run.y_ref[rows],
         "iterations": np.zeros(len(rows), dtype=np.int64),
         "solve_time": np.zeros(len(rows)),
         "solved": np.ones(len(rows), dtype=bool),
     }
 
 
-def _extra(
-    signals: Mapping[str, Any],
-    t: Float[np.ndarray, " K"] | None,
-    instants: Float[np.ndarray, " M"],
-    unit: str,
-) -> dict[str, Float[np.ndarray, " M"]]:
-    """Return additional signals at `instants`."""
-    curves = curves_of("signal", signals, t, unit, gaps=True)
-    return {name: curve.at(instants) for name, curve in zip(signals, curves, strict=True)}
+def _end(run: Aligned) -> End:
+    """Return why a run ended, as its curves tell."""
+    if not len(run.t):
+        return End.FAILED
+    return End.UNSAFE if run.stopped else End.TIME_UP
 
 
 def _drawn(
-    channels: Channels, references: Sequence[Float[np.ndarray, " K"]]
+    names: Iterable[str], targets: Iterable[float | None], run: Aligned
 ) -> dict[str, Float[np.ndarray, " K"]]:
-    """Return the references that change, as signals."""
+    """Return the references of outputs that change, as signals."""
     return {
-        f"{channel.name} ref": values
-        for channel, values in zip(channels.y, references, strict=True)
-        if channel.target is None and np.isfinite(values).any()
+        f"{name} ref": values
+        for name, target, values in zip(names, targets, run.y_ref.T, strict=True)
+        if target is None and np.isfinite(values).any()
     }
-
-
-def _decided(
-    inputs: Sequence[Curve], t: Float[np.ndarray, " K"], y_ref: Float[np.ndarray, "K n_y"]
-) -> Int[np.ndarray, " N"]:
-    """Return the rows at which inputs were decided or references changed."""
-    if not inputs or not all(curve.own for curve in inputs):
-        return np.arange(len(t))
-    # The number of the value that holds at each row: where it changes, a new one was decided.
-    latest = np.stack([held_rows(curve.t, t) for curve in inputs], axis=1)
-    changed = (np.diff(latest, axis=0) != 0).any(axis=1)
-    changed |= (np.diff(np.nan_to_num(y_ref), axis=0) != 0).any(axis=1)
-    return np.flatnonzero(np.concatenate([np.ones(min(len(t), 1), dtype=bool), changed]))
-
-
-def _theta(theta: ArrayLike) -> Float[np.ndarray, " n"]:
-    found = numbers("theta", np.atleast_1d(np.asarray(theta)))
-    if not len(found):
-        raise ExperimentError("theta must have shape (n,), got (0,)")
-    return found
-
-
-def _instants(
-    t: Float[np.ndarray, " K"] | None, outputs: Sequence[Curve], inputs: Sequence[Curve], unit: str
-) -> Float[np.ndarray, " M"]:
-    """Return the instants of the experiment; none if no output has a finite value."""
-    if not any(len(curve.t) for curve in outputs):
-        return np.zeros(0)
-    for curve in (*outputs, *inputs):
-        if not len(curve.t):
-            raise ExperimentError(
-                f"{curve.what} begins with a value that is not finite, and others do not: "
-                "leave it out, or fill it"
-            )
-    return common_instants(t, [*outputs, *inputs], unit)
-
-
-def _end(instants: Float[np.ndarray, " K"], curves: Sequence[Curve]) -> End:
-    """Return why a run ended, as its curves tell."""
-    if not len(instants):
-        return End.FAILED
-    return End.UNSAFE if any(curve.stopped for curve in curves) else End.TIME_UP
-
-
-def _references(
-    names: Sequence[str],
-    given: Mapping[str, Any],
-    t: Float[np.ndarray, " K"] | None,
-    instants: Float[np.ndarray, " M"],
-    unit: str,
-) -> list[Float[np.ndarray, " M"]]:
-    """Return the reference of each output at `instants`; NaN for outputs without one."""
-    found = []
-    for name in names:
-        what, value = f"reference of {name!r}", given.get(name)
-        if value is None or (not isinstance(value, tuple) and np.ndim(value) == 0):
-            level = numbers(what, [np.nan if value is None else value])
-            found.append(np.full(len(instants), level[0]))
-        else:
-            curve = curve_of(what, value, t, unit, held=True, gaps=True)
-            check_covers(curve, instants, unit)
-            found.append(curve.at(instants))
-        if np.isinf(found[-1]).any():
-            raise ExperimentError(f"{what} must be finite, or NaN where there is none")
-    return found
 
 
 def _named(what: str, given: object) -> Mapping[str, Any]:
@@ -232,18 +145,34 @@ def _named(what: str, given: object) -> Mapping[str, Any]:
     return given
 
 
-def _channel(name: str, look: _Look, reference: Float[np.ndarray, " K"] | None = None) -> Channel:
-    """Return a channel; a constant reference is its target."""
+def _channels(
+    inputs: Iterable[str],
+    outputs: Iterable[str],
+    targets: Iterable[float | None],
+    look: _Look,
+    time_unit: str,
+) -> Channels:
+    """Return the channels of a run without states; a constant reference is an output's target."""
     units, limits, bands = look
+    said = {name: (units.get(name, ""), *_limits(name, limits)) for name in (*inputs, *outputs)}
+    u = [(name, *said[name]) for name in inputs]
+    y = [(name, *said[name], target, bands.get(name)) for name, target in zip(outputs, targets, strict=True)]
+    return Channels((), tuple(starmap(Channel, u)), tuple(starmap(Channel, y)), time_unit)
+
+
+def _limits(name: str, limits: Mapping[str, Limits]) -> tuple[float, float]:
     between: object = limits.get(name, (None, None))
     if not isinstance(between, tuple | list) or len(between) != 2:
         raise ExperimentError(
             f"limits of {name!r} must be (low, high), with None for no limit, got {between!r}"
         )
-    low, high = (free if v is None else float(v) for v, free in zip(between, (-np.inf, np.inf), strict=True))
-    r = np.zeros(0) if reference is None else reference
-    target = float(r[0]) if len(r) and np.isfinite(r[0]) and (r == r[0]).all() else None
-    return Channel(name, units.get(name, ""), low, high, target, bands.get(name))
+    low, high = between
+    return -np.inf if low is None else float(low), np.inf if high is None else float(high)
+
+
+def _target(r: Float[np.ndarray, " K"]) -> float | None:
+    """Return a reference that is constant."""
+    return float(r[0]) if len(r) and np.isfinite(r[0]) and (r == r[0]).all() else None
 
 
 def _check_names(

@@ -7,7 +7,7 @@ one queue. Each process is a fresh interpreter instead of a fork, which
 would copy locks in any state, and needs no guard in people's scripts, as `multiprocessing` does.
 """
 
-from .inside import attempt as attempt
+from .inside import failure as failure
 from .pool import Pool as Pool
 from .pool import run_all as run_all
 from .pool import usable_cores as usable_cores

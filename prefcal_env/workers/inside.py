@@ -69,32 +69,19 @@ class Stopped(KeyboardInterrupt):
     """prefcal ends the run; `finally` and `with` of the user's code stop the plant."""
 
 
-def attempt(work: Work, request: Any, *, here: bool = True) -> Any:
-    """Return what `work` returns for `request`, or the RunError that says what it raised.
-
-    Args:
-        work: Function of the request; whatever it raises is data.
-        request: What to run.
-        here: Whether this is prefcal's own process, where KeyboardInterrupt may be Ctrl-C: it is
-            raised again.
-    """
-    try:
-        return work(request)
-    except Stopped:
-        raise
-    except BaseException as error:
-        if here and isinstance(error, KeyboardInterrupt):
-            raise
-        return failure(error)
-
-
-def failure(error: BaseException, what: str = "run") -> RunError:
+def failure(error: BaseException, what: str = "run", *, here: bool = True) -> RunError:
     """Return what was raised as a RunError, with the user's line and, unless it is ours, a trace.
+
+    `Stopped` is raised again, since nothing that runs may stop it.
 
     Args:
         error: What was raised.
         what: Name of the code for messages.
+        here: Whether this is prefcal's own process, where KeyboardInterrupt may be Ctrl-C: it is
+            raised again, too.
     """
+    if isinstance(error, KeyboardInterrupt if here else Stopped):
+        raise error
     if isinstance(error, RunError):  # an FMU that hung or crashed: no code of the user's
         return error
     trace = "" if isinstance(error, PrefcalError) else "".join(traceback.format_exception(error))
@@ -126,10 +113,8 @@ def _serve(link: "Link", period: float) -> None:
     try:
         make, arguments = pickle.loads(content)
         link.work = work = make(*arguments)
-    except Stopped:
-        raise
     except BaseException as error:
-        link.say(Kind.ERROR, pickle.dumps(failure(error, "its file")))
+        link.say(Kind.ERROR, pickle.dumps(failure(error, "its file", here=False)))
         return
     link.ready()
     while (content := link.requests.get()) is not None:
@@ -154,13 +139,11 @@ def _answer(link: "Link", work: Work, requests: list[bytes], period: float) -> N
 
 
 def _pickled(work: Work, request: bytes) -> bytes:
-    """Return the pickled result of a pickled request."""
-
-    def run(content: bytes) -> bytes:
-        return pickle.dumps(work(pickle.loads(content)))
-
-    found = attempt(run, request, here=False)
-    return found if isinstance(found, bytes) else pickle.dumps(found)
+    """Return the pickled result of a pickled request, or what it raised as a RunError, which is data."""
+    try:
+        return pickle.dumps(work(pickle.loads(request)))
+    except BaseException as error:
+        return pickle.dumps(failure(error, here=False))
 
 
 @final

@@ -8,14 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.experiments.experiment import End, Experiment, returned
 from prefcal_env.experiments.maneuvers import MEAN, by_maneuver, named
 from prefcal_env.experiments.tracking import tracking_kpis
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.reading import Reading
 
 from .catalog import load
-from .own.checks import returned
 from .scenario import KPI, Scenario
 
 INTERRUPTED = "interrupted"
@@ -48,7 +47,7 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
     """
     if experiment.end is End.CUT_SHORT:
         return Outcome({})
-    known = _known(scenario, experiment)
+    [known] = _known(scenario, [experiment])
     return Outcome({**known, INTERRUPTED: float(experiment.end.interrupted)})
 
 
@@ -70,9 +69,16 @@ def screened(scenario: Scenario, experiment: Result) -> Outcome:
     Raises:
         ScenarioError: If the scenario has no KPI with a direction, and the trajectory is not kept.
     """
-    if experiment.end is End.FAILED and not experiment.kpis:
-        return Outcome({})
-    return Outcome(_known(scenario, experiment))
+    return all_screened(scenario, [experiment])[0]
+
+
+def all_screened(scenario: Scenario, experiments: Sequence[Result]) -> list[Outcome]:
+    """Return what `screened` returns for each of many experiments, in order."""
+    found = [Outcome({})] * len(experiments)
+    rows = [k for k, each in enumerate(experiments) if each.end is not End.FAILED or each.kpis]
+    for row, known in zip(rows, _known(scenario, [experiments[k] for k in rows]), strict=True):
+        found[row] = Outcome(known)
+    return found
 
 
 def reading(scenario: Scenario) -> Reading:
@@ -81,7 +87,7 @@ def reading(scenario: Scenario) -> Reading:
     ends = {k.name: k.at_least if k.goal == "higher" else k.at_most for k in kpis}
     return Reading(
         {k.name: k.step for k in kpis},
-        {k.name: k.badness(ends[k.name]) for k in kpis if np.isfinite(ends[k.name])},
+        {k.name: float(k.badness(ends[k.name])) for k in kpis if np.isfinite(ends[k.name])},
         frozenset(k.name for k in kpis if k.goal == "target"),
     )
 
@@ -107,13 +113,21 @@ def simulator(scenario: Scenario | str, *, seed: int = 0) -> Callable[[Float[np.
     return simulate
 
 
-def _known(scenario: Scenario, experiment: Result) -> dict[str, float]:
-    """Return the KPIs that agents learn from, all infinite if the run was stopped."""
-    kpis = [(k, experiment.kpis.get(k.name)) for k in scenario.kpis if k.goal is not None]
-    if kpis:
-        if experiment.end.interrupted:
-            return {kpi.name: np.inf for kpi, _ in kpis}
-        return {k.name: k.badness(float(v)) for k, v in kpis if v is not None}
+def _known(scenario: Scenario, experiments: Sequence[Result]) -> list[dict[str, float]]:
+    """Return the KPIs that agents learn from, of each experiment; all infinite if it was stopped."""
+    if not has_goals(scenario):
+        return [_tracked(scenario, experiment) for experiment in experiments]
+    kpis = [kpi for kpi in scenario.kpis if kpi.goal is not None]
+    # One table, a column for each KPI: NaN is what a run did not measure, which an `Outcome` drops.
+    values = [[each.kpis.get(kpi.name, np.nan) for kpi in kpis] for each in experiments]
+    table = np.array(values, dtype=float).reshape(len(experiments), len(kpis))
+    known = np.stack([kpi.badness(column) for kpi, column in zip(kpis, table.T, strict=True)], axis=1)
+    known[[each.end.interrupted for each in experiments]] = np.inf
+    return [dict(zip([kpi.name for kpi in kpis], row, strict=True)) for row in known.tolist()]
+
+
+def _tracked(scenario: Scenario, experiment: Result) -> dict[str, float]:
+    """Return the generic KPIs of an experiment, the worst of all its maneuvers."""
     if not isinstance(experiment, Experiment):
         raise ScenarioError(
             f"scenario {scenario.name!r} has no KPI with a direction, so its trajectories are "

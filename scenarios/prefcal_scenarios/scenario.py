@@ -83,6 +83,9 @@ class Scenario:
         pictures: Function that returns the scenario's own figures, shown above the report's
             standard ones. It is a function so that plotting is imported only for reports.
 
+    Attributes:
+        source: `run` as a source: what turns θ into an experiment.
+
     Raises:
         ScenarioError: If a part has the wrong type, a reference θ does not fit the space, two
             KPIs share a name, or `run` is known not to return a panel or KPI. If `run` declares
@@ -105,10 +108,12 @@ class Scenario:
     configured: "Callable[[Mapping[str, Any]], Scenario] | None" = None
     brief: str = ""
     simulated: bool = False
+    source: Source = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not callable(self.run):
             raise ScenarioError(f"scenario {self.name!r}: run must be a function of θ, got {self.run!r}")
+        object.__setattr__(self, "source", source_of(self.run))
         if isinstance(self.kpis, _Unstated):
             channels = self.source.channels
             if found := () if channels is None else found_kpis(channels):
@@ -121,12 +126,9 @@ class Scenario:
 
     def _measure(self, kpis_of: KPIsOf) -> None:
         """Let experiments have more KPIs than their own."""
-        object.__setattr__(self, "run", self.source.measured(kpis_of))
-
-    @property
-    def source(self) -> Source:
-        """Return `run` as a source: what turns θ into an experiment."""
-        return source_of(self.run)
+        source = self.source.measured(kpis_of)
+        object.__setattr__(self, "run", source)
+        object.__setattr__(self, "source", source)
 
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:

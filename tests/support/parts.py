@@ -70,6 +70,7 @@ EXTENDED = {
         "scenarios/described/test_*_scenario.py",
         "app/test_failed_runs.py",
         "app/test_report.py",
+        "test_house.py",
         "test_imports.py",
         "test_trace_proposal.py",
     ),

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.linalg import cho_factor, cho_solve
 
 from prefcal_agents.history.lessons import MOST, Marks
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, squared_distances
@@ -99,8 +100,6 @@ def _mode(
 
     Source: Rasmussen and Williams, algorithm 3.1, started at 0.
     """
-    from scipy.linalg import cho_factor, cho_solve  # takes a tenth of a second to import
-
     kernel, sign = _VARIANCE * phi, np.where(labels, 1.0, -1.0)
     f, a = np.zeros(len(labels)), np.zeros(len(labels))
     for _ in range(_STEPS):

@@ -120,7 +120,7 @@ class KPIFit:
 
     def _of_samples(self, history: History) -> Float[np.ndarray, "s N"]:
         """Return the cost of each sample in each draw, shape (s, N)."""
-        rows = [self.bank.find(s.theta) for s in history.samples[: history.answered]]
+        rows = self.bank.rows([s.theta for s in history.samples[: history.answered]])
         return self.utilities.costs(self.scale(self.bank, rows))
 
 
@@ -144,7 +144,7 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
     if scale.names and (past.lessons() or past.unsafe()):
         old, new = (Lessons.of(bank, scale, each) for each in (Memory.of(before).history, part))
         utilities = updated(utilities, old, new, scale, rng)
-    kept = np.unique([bank.find(sample.theta) for sample in part.samples])
+    kept = np.unique(bank.rows([sample.theta for sample in part.samples]))
     return KPIFit(bank, kept, scale, utilities)
 
 

@@ -108,13 +108,16 @@ def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
 
     KPIs that came with a retracted answer count too, since the experiment is still valid.
     """
-    known: list[Mapping[str, float]] = [{} for _ in history.comparisons]
-    for c in history.comparisons:
-        pair = c.answer.outcomes or (None, None)
-        for index, outcome in zip((c.challenger, c.incumbent), pair, strict=True):
-            if index is not None and outcome and not known[index]:
-                known[index] = outcome
-    return tuple(known)
+    given = [
+        (index, outcome)
+        for c in history.comparisons
+        for index, outcome in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False)
+        if index is not None and outcome is not None
+    ]
+    known: dict[int, Mapping[str, float]] = {}
+    for (index, _), kpis in zip(given, [dict(outcome) for _, outcome in given], strict=True):
+        known[index] = known.get(index) or kpis
+    return tuple(known.get(index, {}) for index in range(history.answered))
 
 
 def filled_kpis(history: History) -> dict[str, Float[np.ndarray, " N"]]:

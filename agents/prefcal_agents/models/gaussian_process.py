@@ -8,6 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.special import ndtr
 
 from prefcal_agents.history.lessons import Preferences
 
@@ -106,8 +109,6 @@ class ExpectationPropagation:
 
         Starting from the sites `start` is faster and gives the same result within tolerance.
         """
-        from scipy.linalg.lapack import dtrtrs
-
         strict = constraints.margins >= 0
         unit = unit_rows(constraints.rows[strict])
         answered = constraints.owner[strict] >= 0
@@ -133,8 +134,6 @@ class ExpectationPropagation:
 
     def deviations(self, rows: Float[np.ndarray, "R N"]) -> Float[np.ndarray, " R"]:
         """Return how many standard deviations each of rows · β is above 0, shape (R,)."""
-        from scipy.linalg.lapack import dtrtrs
-
         across, _ = dtrtrs(self.root, rows.T, lower=1)
         deviation = np.maximum(np.sqrt(np.sum(across * across, axis=0)), _TINY)
         return np.asarray(rows @ self.mean / deviation)
@@ -152,8 +151,6 @@ class _Rest:
 
     @classmethod
     def of(cls, unit: Float[np.ndarray, "R N"], sites: Sites) -> "_Rest":
-        from scipy.linalg.lapack import dpotrf, dtrtrs
-
         inner = (unit.T * sites.precision) @ unit
         inner.flat[:: len(inner) + 1] += 1.0
         root, _ = dpotrf(inner, lower=1, clean=1)
@@ -168,8 +165,6 @@ class _Rest:
         self, e: Float[np.ndarray, " R"]
     ) -> tuple[Float[np.ndarray, " R"], Float[np.ndarray, " R"]]:
         """Return the probability of each answer given the error rate, and that it is right."""
-        from scipy.special import ndtr
-
         right = ndtr(self.z)
         return np.maximum(e + (1 - 2 * e) * right, 1e-300), right
 
@@ -226,8 +221,6 @@ class PreferenceGP:
 
         Each answer is wrong with probability `error_rate`.
         """
-        from scipy.linalg import solve_triangular
-
         known = _Known.of(preferences, max(error_rate, _SURE))
         lengths, start = known.likeliest()
         factor = known.factor(lengths)[0]
@@ -344,8 +337,6 @@ class _Known:
 
         Source: Rasmussen and Williams (2006), equation 5.27, for the differences of the values.
         """
-        from scipy.linalg import solve_triangular
-
         rows, sites = self.constraints.rows, posterior.sites
         length = np.sqrt(np.sum((rows @ factor) ** 2, axis=1))
         scaled, unit = rows / length[:, None], unit_rows(rows @ factor)

@@ -32,10 +32,14 @@ class Turn(NamedTuple):
     Args:
         history: The record with the sample that the agent holds for the best.
         pair: Known samples to compare now; None if there are none.
+        best: Index of the best sample; None before the first answer.
+        queries: A query for each pending sample, which is compared with the best one.
     """
 
     history: History
     pair: Pair | None
+    best: int | None
+    queries: tuple[Query, ...]
 
 
 class Strategy:
@@ -83,7 +87,6 @@ class Strategy:
         """Forget what followed from records, since it would be something else now."""
         self._turn = Remembered(self._decide)
         self._next = Remembered(self._new_sample)
-        self._queries = Remembered(self._compared)
 
     # What an agent defines: functions of a record.
 
@@ -115,14 +118,21 @@ class Strategy:
         show, and simulating for it would make a person wait.
         """
         if self.by_value or not history.answered or history.waits:
-            return Turn(history, None)
+            return self._turn_of(history, None)
         with one_thread():
             leader = self._leader(history)
             history = history if leader is None else history.with_best(leader)
             pair = self.question(history)
         if pair is not None and history.cut_short() & {*pair}:
             pair = None  # half a run cannot be compared with a whole one
-        return Turn(history, pair)
+        return self._turn_of(history, pair)
+
+    def _turn_of(self, history: History, pair: Pair | None) -> Turn:
+        best = history.incumbent
+        rival = None if best is None or self.by_value else _suggestion(history, best)
+        waiting = range(history.answered, len(history.samples))
+        queries = tuple(Query(_suggestion(history, index), rival) for index in waiting)
+        return Turn(history, pair, best, queries)
 
     def _new_sample(self, history: History) -> Sample:
         """Return a given θ unchanged, a proposed one rounded to values that can be dialed in."""
@@ -148,7 +158,7 @@ class Strategy:
 
     def leader(self, history: History) -> int | None:
         """Return the sample that is the best after `history`; None before any answer."""
-        return self._turn(history).history.incumbent
+        return self._turn(history).best
 
     def is_over(self, history: History) -> bool:
         """Return whether all experiments are answered and it is clear which one is the best."""
@@ -162,23 +172,17 @@ class Strategy:
         Raises:
             ProtocolError: If all experiments are answered.
         """
-        history, pair = self._turn(history)
-        if pair is None and history.answered >= self._most(history):
+        turn = self._turn(history)
+        history = turn.history
+        if turn.pair is not None:
+            new, old = (_suggestion(history, index) for index in turn.pair)
+            return history, [Query(new, old, further=True), *turn.queries]
+        most = self._most(history)
+        if history.answered >= most:
             raise ProtocolError(f"there is no open query: {self._over(history)}")
-        if pair is not None:
-            new, old = (_suggestion(history, index) for index in pair)
-            return history, [Query(new, old, further=True), *self._queries(history)]
-        most = min(history.answered + n, self._most(history))
-        while len(history.samples) < most:
+        for _ in range(len(history.samples), min(history.answered + n, most)):
             history = history.with_another(self._next(history))
-        return history, list(self._queries(history))
-
-    def _compared(self, history: History) -> tuple[Query, ...]:
-        """Return the queries that compare each pending sample with the best one."""
-        rival = None if self.by_value else history.incumbent
-        best = None if rival is None else _suggestion(history, rival)
-        waiting = range(history.answered, len(history.samples))
-        return tuple(Query(_suggestion(history, index), best) for index in waiting)
+        return history, list((turn if history is turn.history else self._turn(history)).queries)
 
     def _most(self, history: History) -> int:
         """Return the number of experiments; fewer than asked for if the space holds fewer θ."""
@@ -380,10 +384,10 @@ class Agent(Strategy):
 
     def _settled(self) -> History:
         """Return the record with what is decided after it, so that it no longer changes."""
-        history, pair = self._turn(self.history)
-        if pair is not None or history.answered >= self._most(history):
-            return history
-        return self.open(history)[0]
+        turn = self._turn(self.history)
+        if turn.pair is not None or turn.history.answered >= self._most(turn.history):
+            return turn.history
+        return self.open(turn.history)[0]
 
     @classmethod
     def restore(cls, space: KnobSpace, state: AgentState) -> Self:
@@ -437,6 +441,8 @@ def supposed(history: History) -> History:
     It is the record itself if none is pending. Other suppositions, such as the constant liar of
     Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/archive.md.
     """
+    if history.pending is None:
+        return history
     best = history.incumbent
     while history.pending is not None:
         history = history.with_answer(Answer(None), None)  # nobody looked at it

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from prefcal_agents.glisp.selection import ModelSelection
 from prefcal_agents.glisp.settings import GLISpSettings
 from prefcal_agents.glisp.strategy import propose
+from prefcal_agents.history.stages import Remembered
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
 from prefcal_agents.space.setup import Setup
@@ -52,17 +53,19 @@ class Screening(Simulating):
     def _growth(self) -> Growth:
         return self.simulations.learned(Growth, self.space, self.n_simulated, self.setup.seed)
 
-    @property
-    def _stage(self) -> Stage:
+    def _prepare(self) -> None:
+        self._stages = Remembered(self._stage_after)
+
+    def _stage_after(self, history: History) -> Stage:
         with one_thread():
-            return self._growth.stage(self.history)
+            return self._growth.stage(history)
 
     # What people and programs look at.
 
     @property
     def bank(self) -> Bank:
         """Return the simulated θ that the open query was chosen from; it simulates if needed."""
-        return self._stage.bank
+        return self._stages(self.history).bank
 
     @property
     def due(self) -> int:
@@ -78,7 +81,7 @@ class Screening(Simulating):
         query = None if self.done else self.ask()
         if query is None or query.incumbent is None:
             return None
-        stage = self._stage
+        stage = self._stages(self.history)
         new, best = (_row(stage.bank, side.theta) for side in (query.challenger, query.incumbent))
         if new is None or best is None:
             return None
@@ -92,10 +95,9 @@ class Screening(Simulating):
         """
         if self.best_index is None or not self.history.lessons():
             return 1.0
-        stage = self._stage
+        stage = self._stages(self.history)
         found = chances(stage, stage.bank.find(self.best), self.history)
-        for sample in self.history.samples[: self.history.answered]:
-            found[stage.bank.find(sample.theta)] = 0.0
+        found[stage.bank.rows([s.theta for s in self.history.samples[: self.history.answered]])] = 0.0
         return float(found.max())
 
     @property
@@ -106,7 +108,7 @@ class Screening(Simulating):
         """
         if self.best_index is None or not self.history.lessons():
             return None
-        stage = self._stage
+        stage = self._stages(self.history)
         return trend(stage.bank.z, stage.costs, stage.bank.find(self.best))
 
     # What the agent does.
@@ -120,8 +122,8 @@ class Screening(Simulating):
         best = history.by_answers
         if best is None or len(history.lessons()) < 2 or self._simulations is None:
             return None
-        stage = self._growth.stage(history)
-        rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
+        stage = self._stages(history)
+        rows = stage.bank.rows([s.theta for s in history.samples[: history.answered]])
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         better[[*history.unsafe(), *history.cut_short()]] = 0.0  # or judged by half a run
         if not (better > _DOUBT).any():
@@ -135,7 +137,7 @@ class Screening(Simulating):
 
     def propose(self, history: History) -> Float[np.ndarray, " n"]:
         """Return the simulated point that the answers leave most undecided, or one beyond KPIs."""
-        stage, best = self._growth.stage(history), history.incumbent
+        stage, best = self._stages(history), history.incumbent
         rng = np.random.default_rng([self.setup.seed, history.answered])
         tried = Tried(self.space, history)
         if without_kpis(history, stage):
@@ -176,7 +178,7 @@ def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> in
     It is one of those that fill the space: near the leaders, all are good or poor in the same way.
     None if all that the simulation does not refuse were shown.
     """
-    shown = [stage.bank.find(sample.theta) for sample in history.samples[: history.answered]]
+    shown = stage.bank.rows([sample.theta for sample in history.samples[: history.answered]])
     rest = np.setdiff1d(stage.spread[~stage.bank.hopeless[stage.spread]], shown)
     if not len(rest):
         return None
@@ -191,8 +193,7 @@ def _look_alike(stage: Stage, history: History) -> Bool[np.ndarray, " m"]:
     """Return which θ have the KPIs of one that was shown, shape (m,): a person sees nothing new."""
     logs = stage.logs
     alike = np.zeros(len(logs), dtype=np.bool_)
-    for sample in history.samples[: history.answered]:
-        shown = logs[stage.bank.find(sample.theta)]
+    for shown in logs[stage.bank.rows([s.theta for s in history.samples[: history.answered]])]:
         apart = np.abs(np.subtract(logs, shown, where=logs != shown, out=np.zeros(logs.shape)))
         alike |= apart.max(axis=1, initial=0.0) < _ALIKE
     return alike

@@ -239,6 +239,7 @@ class Simulating(Agent):
         twin = self.copy()
         twin._simulations = Simulations(simulate)
         twin._forget()
+        twin._prepare()
         return twin
 
     @property

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -66,10 +66,17 @@ class Bank:
 
     def find(self, theta: Sequence[float] | Float[np.ndarray, " n"]) -> int:
         """Return the row of a physical θ. Raises KeyError if it was not simulated."""
-        rows = np.flatnonzero(np.all(self.thetas == np.asarray(theta, dtype=float), axis=1))
-        if not len(rows):
-            raise KeyError(tuple(theta))
-        return int(rows[0])
+        return int(self.rows([theta])[0])
+
+    def rows(self, thetas: Sequence[Sequence[float] | Float[np.ndarray, " n"]]) -> Int[np.ndarray, " p"]:
+        """Return the rows of p physical θ, shape (p,). Raises KeyError if one was not simulated."""
+        if not len(thetas):
+            return np.zeros(0, dtype=np.int64)
+        same = (self.thetas == np.array(thetas, dtype=float)[:, None]).all(axis=2)
+        known = same.any(axis=1)
+        if not known.all():
+            raise KeyError(tuple(thetas[int(known.argmin())]))
+        return np.asarray(same.argmax(axis=1))
 
 
 def columns_of(outcomes: Sequence[Mapping[str, float]]) -> dict[str, Float[np.ndarray, " m"]]:

@@ -16,7 +16,7 @@ from scipy.special import softmax
 
 from prefcal_agents.history.lessons import kpis_of
 from prefcal_agents.models.gaussian_process import matern, squares
-from prefcal_agents.utility.bank import Bank
+from prefcal_agents.utility.bank import Bank, columns_of
 from prefcal_env.preferences.history import History
 from prefcal_env.preferences.reading import Reading
 
@@ -57,8 +57,8 @@ class Measured:
         """Return the KPIs that the answers of `history` tell; none if all read as simulated."""
         cut = history.cut_short()  # their KPIs are bounds
         told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis and i not in cut}
-        rows = [bank.find(history.samples[index].theta) for index in told]
-        found = cls(np.array(rows, dtype=np.int64), tuple(told.values()), reading)
+        rows = bank.rows([history.samples[index].theta for index in told])
+        found = cls(rows, tuple(told.values()), reading)
         same = np.isclose(found.on(bank).kpis, bank.kpis, rtol=_SAME, atol=0.0)
         return cls(np.array([], dtype=np.int64), (), reading) if same.all() else found
 
@@ -70,8 +70,10 @@ class Measured:
         if not self.outcomes:
             return bank
         kpis = bank.kpis.copy()
-        for row, outcome in zip(self.rows, self.outcomes, strict=True):
-            kpis[row] = [outcome.get(n, k) for n, k in zip(bank.names, kpis[row], strict=True)]
+        measured = columns_of(self.outcomes)
+        for column, name in enumerate(bank.names):
+            values = measured.get(name, np.full(len(self), np.nan))
+            kpis[self.rows, column] = np.where(np.isnan(values), kpis[self.rows, column], values)
         kpis[self.rows] = self.reading.table(bank.names, kpis[self.rows])
         return replace(bank, kpis=kpis)
 

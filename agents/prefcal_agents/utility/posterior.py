@@ -16,7 +16,7 @@ from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .bank import Bank
-from .utilities import Scale, Utilities, noticed
+from .utilities import Scale, Utilities
 
 DRAWS = 1024
 """Number of draws that stand for what is known."""
@@ -54,7 +54,7 @@ class Lessons:
 
         An unsafe experiment is worse than all others that a person looked at.
         """
-        rows = [bank.find(sample.theta) for sample in history.samples[: history.answered]]
+        rows = bank.rows([sample.theta for sample in history.samples[: history.answered]])
         given = [
             (v.challenger, v.incumbent, v.preference, c.answer.strength)
             for c in history.lessons()
@@ -82,15 +82,7 @@ class Lessons:
 
     def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
-        return self.judged(utilities, utilities.levels(self.logs))
-
-    def judged(self, utilities: Utilities, levels: Float[np.ndarray, "c s p"]) -> Float[np.ndarray, "s a"]:
-        """Return the same, given the levels of all shown experiments in each draw."""
-        gain = utilities.gains(levels, self.better, self.worse).sum(axis=0)
-        won, lost = noticed(gain), noticed(-gain)
-        explained = np.where(self.tie, 1.0 - won - lost, won)
-        error = utilities.errors[:, None]
-        return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
+        return utilities.log_answers(utilities.levels(self.logs), self.better, self.worse, self.tie)
 
 
 def updated(
@@ -115,7 +107,8 @@ def _moved(utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.
     """Return draws after Metropolis steps. Only what a step changes is computed again."""
     count, k = utilities.normals.shape
     levels = utilities.levels(lessons.logs)
-    logs = lessons.judged(utilities, levels) @ lessons.strength
+    answers = lessons.better, lessons.worse, lessons.tie
+    logs = utilities.log_answers(levels, *answers) @ lessons.strength
     for _ in range(_STEPS):
         new = Utilities.drawn(scale, count, rng, utilities.ordered > 0)
         tried = utilities.mutated(new, rng)
@@ -124,7 +117,7 @@ def _moved(utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.
         draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
         before = levels[part, draw]
         levels[part, draw] = tried.level(lessons.logs, part, draw)
-        likely = lessons.judged(tried, levels) @ lessons.strength
+        likely = tried.log_answers(levels, *answers) @ lessons.strength
         accepted = np.log(rng.random(count)) < likely - logs
         refused = ~accepted[draw]
         levels[part[refused], draw[refused]] = before[refused]

@@ -95,7 +95,9 @@ class Scale:
         stated = np.array([limits.get(name, np.inf) for name in names]) - good
         return cls(names, good, floor, quantiles, ranges, stated)
 
-    def __call__(self, bank: Bank, rows: Sequence[int] | None = None) -> Float[np.ndarray, "m k"]:
+    def __call__(
+        self, bank: Bank, rows: Sequence[int] | Int[np.ndarray, " m"] | None = None
+    ) -> Float[np.ndarray, "m k"]:
         """Return the log distances of all KPIs, shape (m, k), infinite where a KPI is.
 
         Args:
@@ -182,10 +184,13 @@ class Utilities:
     def weights(self) -> Float[np.ndarray, "s c"]:
         """Return the weight of each KPI, and of being beyond its stated limit, shape (s, 2k)."""
         logs = self.spreads[:, None] * self.normals
+        # Only ratios count: without subtracting the largest, a wide spread would overflow.
         raw = np.exp(logs - logs.max(axis=1, keepdims=True, initial=-np.inf))
+        # In units of what is just noticed, so that a difference of 1 is noticed by every draw alike.
         shares = raw / (raw.sum(axis=1) * self.noticed)[:, None]
         ranks = np.argsort(np.argsort(-self.normals, axis=1), axis=1)
         ordered = self.ordered[:, None]
+        # A lexicographic order as a sum: one level of a KPI outweighs all levels of the later ones.
         steps = np.where(ranks < ordered, 2.0 * float(_LEVELS) ** (_MOST - 1 - ranks), 0.0)
         first = np.where(ordered > 0, 2.0 * _LEVELS**_MOST, _FIRST) * np.ones(logs.shape)
         return np.hstack([np.where(ordered > 0, steps, shares), first])
@@ -214,8 +219,10 @@ class Utilities:
         found = np.zeros(x.shape)
         scales, steps = self.scales[rows, kpi, None], self.steps[rows, kpi, None]
         exponents, limits = self.exponents[rows, kpi, None], self.limits[rows, kpi, None]
+        # s^p / (s^p + d^p) in logarithms, the share of the weight that is lost at the distance d.
         found[trade] = expit(exponents[trade] * (x[trade] - scales[trade]))
         above = np.exp(np.maximum(x[order], scales[order])) - np.exp(scales[order])
+        # Below `scales` all values are alike; above, distances count in just noticeable differences.
         found[order] = np.minimum(above / steps[order], _FAR)
         beyond = beyond & np.isfinite(limits[:, 0])
         excess = np.exp(x[beyond]) * (1 - _ROUNDED) - limits[beyond]
@@ -232,6 +239,7 @@ class Utilities:
         for part in self.parts:
             level = self.level(logs, part)
             if part < logs.shape[-1]:
+                # Whole levels, too few to reach the weight of the KPI before.
                 level[order] = np.minimum(np.floor(level[order]), _LEVELS - 1)
             found += weights[:, part, None] * level
         return found
@@ -258,8 +266,31 @@ class Utilities:
         """
         found = levels.take(worse, axis=2) - levels.take(better, axis=2)
         own, order = found[: len(found) // 2], self.ordered > 0
+        # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
         own[:, order] = np.clip(np.trunc(own[:, order]), -1, 1)
         return np.asarray(found * self.weights.T[:, :, None])
+
+    def log_answers(
+        self,
+        levels: Float[np.ndarray, "c s p"],
+        better: Int[np.ndarray, " a"],
+        worse: Int[np.ndarray, " a"],
+        tie: Bool[np.ndarray, " a"],
+    ) -> Float[np.ndarray, "s a"]:
+        """Return the logarithm of the probability of each answer by each draw, shape (s, a).
+
+        Args:
+            levels: Levels of p experiments, see `levels`, shape (2k, s, p).
+            better: The preferred experiment of each answer, or one of a tie, shape (a,).
+            worse: The other one, shape (a,).
+            tie: Whether the answer is that they are alike, shape (a,).
+        """
+        gain = self.gains(levels, better, worse).sum(axis=0)
+        won, lost = noticed(gain), noticed(-gain)
+        explained = np.where(tie, 1.0 - won - lost, won)
+        # A mistake is any of the three answers, so that no single one can rule out a draw.
+        error = self.errors[:, None]
+        return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
 
     @property
     def parts(self) -> Iterable[int]:

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from prefcal_app.report.record import VERDICTS
 from prefcal_app.session import Background, unattended
+from prefcal_app.terminal import converse
 from prefcal_app.terminal.showing import say
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RunError, SimulationError, StudyError
@@ -173,8 +174,6 @@ def _tell_in_passing(work: Calibration) -> None:
 
 def _in_terminal(work: Calibration, ctrl_c: Interruption) -> None:
     """Ask in the terminal until the person stops."""
-    from prefcal_app.terminal import converse
-
     # With --json, standard output belongs to the result.
     console = work.messages if work.options.json else Console(emoji=False)
     with Background(work.interview), suppress(KeyboardInterrupt), ctrl_c.allowed():

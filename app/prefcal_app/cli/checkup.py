@@ -19,7 +19,7 @@ from rich.text import Text
 from prefcal_app.report.export import jsonable
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.experiment import Channels, Experiment, returned
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import KINDS
 from prefcal_env.experiments.tracking import every_tracking_kpi
@@ -31,7 +31,7 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.options import words_of
 from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.kpis import grouped
-from prefcal_scenarios.own.checks import check_experiment, kpi_problems, returned, theta_problems
+from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
 from prefcal_scenarios.presentation.folder import picture_at, put
 from prefcal_scenarios.presentation.wording import (
     measured,

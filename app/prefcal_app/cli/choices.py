@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+import prefcal_agents
 from prefcal_agents.registry import WORDS
 from prefcal_agents.transfer import Earlier
 from prefcal_app.simulating import twin_of
@@ -105,8 +106,6 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Age
         KnobError: If a θ in `start` is outside the space.
     """
     _raise_first(_agent_problems(options, scenario))
-    import prefcal_agents
-
     extra: dict[str, Any] = {}
     if options.agent in SIMULATING:
         extra["n_simulated"] = options.simulate

@@ -277,25 +277,12 @@ def scenarios(
     ] = None,
 ) -> None:
     """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
-    from prefcal_scenarios.catalog import load
-    from prefcal_scenarios.names import BUILT_IN, CLOSED_LOOPS
+    from .scenario_list import describe, print_all
 
-    if name is not None:
-        from rich.console import Console
-
-        from prefcal_app.terminal.showing import show_brief
-        from prefcal_app.view.brief import scenario_view
-
-        show_brief(scenario_view(load(name)), Console(emoji=False))
-        return
-    cases = [known for known in BUILT_IN if known not in CLOSED_LOOPS]
-    width = max(map(len, cases)) + 2
-    for known in cases:
-        scenario = load(known)
-        echo(f"{known:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
-    echo(f"Closed loops: {', '.join(CLOSED_LOOPS)} (`prefcal scenarios servo` describes one)")
-    echo("Random closed loops: loop-1, loop-2, ... (any seed)")
-    echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")
+    if name is None:
+        print_all()
+    else:
+        describe(name)
 
 
 app.add_typer(studies)

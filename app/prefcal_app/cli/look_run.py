@@ -13,6 +13,7 @@ from rich.console import Console
 from prefcal_app.looking import SideBySide
 from prefcal_app.looking.pair import NamedRun
 from prefcal_app.looking.table import run_from
+from prefcal_app.terminal.showing import show_kpis
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
@@ -60,8 +61,6 @@ def run(options: "LookOptions") -> int:
     if picture is not None:
         print(f"Picture: {picture}", flush=True)
     elif options.terminal:
-        from prefcal_app.terminal.showing import show_kpis
-
         names = {"left": look.left.name, "right": look.right.name}
         show_kpis(look.kpis(), Console(emoji=False), names)
     else:

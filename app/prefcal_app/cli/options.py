@@ -182,8 +182,10 @@ class Options(Described):
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
         if stored.get("earlier"):  # what --from was before --start took studies
             kept["start"] += (f"{stored['earlier']}:best",)
-        _check_programs(kept, given)
-        _check_unchanged(kept, given)
+        from .studies.resuming import check_programs, check_unchanged  # here, to keep --help fast
+
+        check_programs(kept, given)
+        check_unchanged(kept_by(Options), kept, given)
         new = {name: value for name, value in given.items() if value is not None}
         return cls(**{**kept, **new})
 
@@ -235,45 +237,3 @@ def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str,
     n_init = min(2 * knobs if agent == "glisp" else 10, 10, max(1, n_max // 2))
     calibrator = SCORE if agent in BY_VALUE else HUMAN
     return {"agent": agent, "n_init": n_init, "n_max": n_max, "calibrator": calibrator}
-
-
-def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Raise SettingsError if the study's program or configuration is not the one given."""
-    from prefcal_env.errors import SettingsError
-    from prefcal_scenarios.names import is_described, is_own
-    from prefcal_scenarios.own.source import split_source
-
-    for name, does in (("cost", "goes by a cost that was given to it"), ("twin", "simulates with a program")):
-        program = str(kept.get(name) or "")
-        if given.get(name) is None and is_own(program):
-            raise SettingsError(f"the study {does}: if you trust it, add --{name} {shlex.quote(program)}")
-    if is_described(str(kept.get("scenario", ""))):
-        return  # checked when its source was made
-    # The configuration's file may have moved, so compare only its content.
-    then = split_source(str(kept.get("scenario", "")))[1]
-    now = then if given.get("scenario") is None else split_source(given["scenario"])[1]
-    if now != then:
-        said = "no --config" if then is None else f"the configuration {then}"
-        raise SettingsError(
-            f"the study was started with {said}, got {'none' if now is None else now}: give the "
-            "same one, or start another study"
-        )
-
-
-def _check_unchanged(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Raise SettingsError if an option that cannot change has a new value."""
-    from prefcal_env.errors import SettingsError
-
-    for name, (parameter, rule) in kept_by(Options).items():
-        value, then = given.get(name), kept.get(name)
-        if rule.anew or value is None or value == then:
-            continue
-        raise SettingsError(
-            f"the study was started with {parameter.said(then)}, got {parameter.said(value)}: "
-            "leave the option out, or start another study"
-        )
-    wanted = given.get("n_max")
-    if wanted is not None and wanted < kept["n_max"]:
-        raise SettingsError(
-            f"--n-max must not be below the {kept['n_max']} that the study has by now, got {wanted}"
-        )

@@ -15,7 +15,7 @@ from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.study.memory import trust_text
-from prefcal_app.session.study.question import GOOD_ENOUGH
+from prefcal_app.session.study.now import GOOD_ENOUGH
 from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State

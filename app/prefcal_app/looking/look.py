@@ -14,6 +14,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
 from prefcal_env.experiments.notebook import table_of
 from prefcal_env.experiments.panels import Plot
+from prefcal_scenarios.presentation.folder import picture_at, put
 from prefcal_scenarios.presentation.wording import printable, with_unit
 from prefcal_scenarios.scenario import KPI
 
@@ -106,8 +107,6 @@ class SideBySide:
             SettingsError: If `path` does not end in .png, or its folder does not exist or cannot be
                 written to.
         """
-        from prefcal_scenarios.presentation.folder import picture_at, put
-
         target = picture_at(path)
         put(target, self.png())
         return target

@@ -1,5 +1,8 @@
 """Advance an interview from an answer to the next question."""
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,17 +11,21 @@ from jaxtyping import Float
 from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.own_line import in_words
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.loop import completed
 from prefcal_env.study import Answered, Event, Failed, Finished, Shown, State, StudyFile, Suggested, Taken
 
 from .study.experiments import ExperimentStore
-from .study.now import Phase
-from .study.question import Question, Side
+from .study.now import Phase, Question, Side
 from .study.study import Ask, Over, Settle, Study, Think, Wait, Write
 from .volatile.thoughts import Thoughts
 from .volatile.underway import UnderWay
+
+_COURTESY = 2.0
+"""Seconds that a prefetched run may continue while another one is waited for: it may be almost
+done, and a fresh process takes a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +95,18 @@ class Flow:
         self.proposed = False
         self.phase, self.problem, self.question = phase, problem, None
         self.version += 1
+
+    def make_way(self) -> None:
+        """Stop soon what runs or thinks in advance, if something else is waited for."""
+        self.thoughts.make_way(self.agent.history if self.phase is Phase.RUNNING else None)
+        several = self.at_once > 1
+        if self.underway.source.asks or (self.phase is not Phase.RUNNING and not several):
+            return
+        wanted = self.study.unfinished if several else filter(None, [self.study.pending])
+        keys = {theta_key(sample.theta) for sample in wanted if self.phase is not Phase.OVER}
+        for key, run in self.underway.going.items():
+            if key not in keys:
+                run.stop("given up", within=_COURTESY)
 
     def resume(self) -> None:
         """Resume from the state of the study file; an open question stays open."""
@@ -220,3 +239,45 @@ class Flow:
         else:
             self.thoughts.prefetch.keep_failure(theta, result)
         self.version += 1
+
+
+class Guarded:
+    """A flow with its lock, which also tells of changes.
+
+    Args:
+        flow: Flow of the interview.
+
+    Attributes:
+        changed: Lock; it is notified of each change.
+        closing: Whether no more work is taken.
+        has_background: Whether threads take work in the background.
+    """
+
+    def __init__(self, flow: Flow) -> None:
+        self._flow = flow
+        self.changed = threading.Condition(threading.RLock())
+        self.closing = self.has_background = False
+        flow.underway.changed = self.tell
+
+    @contextmanager
+    def reading(self) -> Iterator[Flow]:
+        """Hold the lock while the flow is read."""
+        with self.changed:
+            yield self._flow
+
+    @contextmanager
+    def changing(self) -> Iterator[Flow]:
+        """Hold the lock while the flow is changed, and tell of it afterward."""
+        with self.changed:
+            version = self._flow.version
+            try:
+                yield self._flow
+            finally:
+                if self._flow.version != version:
+                    self._flow.make_way()
+                    self.changed.notify_all()
+
+    def tell(self) -> None:
+        """Tell front ends that there is news, such as of a run in progress."""
+        with self.changing() as flow:
+            flow.tell_change()

@@ -15,10 +15,8 @@ from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import records, runs
 from .can import possible
-from .flow import Flow
-from .guarded import Guarded
-from .known import Known, simulated
-from .past import Past
+from .flow import Flow, Guarded
+from .known import Known, Past, simulated
 from .person import Steps
 from .records import Given, Preview
 from .study.experiments import ExperimentStore

@@ -1,4 +1,4 @@
-"""Say what is known of a study: how far it is, what was learned, and whether to continue."""
+"""Say what is known of a study: its experiments and answers, what was learned, whether to continue."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,14 +11,17 @@ from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Screened, Simulated
 from prefcal_app.summary.consistency import Consistency
-from prefcal_app.summary.counts import Counts, Planned
+from prefcal_app.summary.counts import Counts, Planned, answered
 from prefcal_app.summary.outlook import Outlook, falls_outward, others_unbeaten, outlook
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_scenarios.scenario import Scenario
 
-from .flow import Flow
-from .guarded import Guarded
+from . import steps
+from .flow import Flow, Guarded
 from .study.memory import index_of, known_outcomes
+from .study.now import Question
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 _LEAST = 5
@@ -181,3 +184,44 @@ def simulated(flow: Flow) -> Simulated | None:
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
     twin, due = flow.thoughts.twin is not None, flow.agent.due if simulator.busy else 0
     return Simulated(count, planned, failed, shown, twin=twin, due=due)
+
+
+class Past:
+    """Experiments and answers of an interview, readable from any thread."""
+
+    def __init__(self, guarded: Guarded) -> None:
+        self._guarded = guarded
+
+    def experiment(self, index: int) -> Experiment:
+        """Return experiment `index`, from 0. Raises StudyError if there is none."""
+        with self._guarded.reading() as flow:
+            return flow.store.experiment(index)
+
+    def end(self, index: int) -> End:
+        """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
+        with self._guarded.reading() as flow:
+            return flow.store.end(index)
+
+    def asked(self, answer: int) -> Question:
+        """Return answered question `answer` as it was shown. Raises StaleError if there is none."""
+        with self._guarded.reading() as flow:
+            return flow.store.asked(steps.closed(flow, answer))
+
+    def closed(self, answer: int) -> Comparison:
+        """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
+
+        Raises:
+            StaleError: If there is none.
+        """
+        with self._guarded.reading() as flow:
+            return steps.closed(flow, answer)
+
+    def comparisons(self, start: int = 0) -> tuple[Compared, ...]:
+        """Return every closed query from number `start` on, including the first experiment's."""
+        with self._guarded.reading() as flow:
+            return tuple(flow.store.comparison(i) for i in range(start, flow.state.history.answered))
+
+    def answered(self) -> tuple[Compared, ...]:
+        """Return the comparisons whose answers stand, in order, follow-up comparisons included."""
+        with self._guarded.reading() as flow:
+            return tuple(flow.store.compared(closed) for closed in answered(flow.state))

@@ -5,8 +5,7 @@ from functools import wraps
 from typing import Concatenate, ParamSpec
 
 from . import can, records, runs, steps
-from .flow import Flow
-from .guarded import Guarded
+from .flow import Flow, Guarded
 from .study.now import Now
 
 P = ParamSpec("P")

@@ -19,15 +19,11 @@ from prefcal_scenarios.scenario import Scenario
 from . import thinking
 from .flow import Flow
 from .study.memory import agent_of
-from .study.now import Phase, Recovery
-from .study.question import GOOD_ENOUGH
-from .volatile.plant import Attempt
+from .study.now import GOOD_ENOUGH, Phase, Recovery
+from .volatile.underway import Attempt
 
 UNBIDDEN = ("late", "died")
 """Reasons for a run without an experiment that neither the person nor their code gave."""
-_COURTESY = 2.0
-"""Seconds that a prefetched run may continue while another one is waited for: it may be almost
-done, and a fresh process takes a second."""
 _ONE_AT_A_TIME = threading.Lock()
 """Held during a look: clicking through many θ must not keep every core busy."""
 
@@ -249,19 +245,6 @@ def stop(flow: Flow, index: int) -> None:
             other.stop("given up")  # it runs in the only process
     if run is not None:
         run.stop("stopped")
-
-
-def make_way(flow: Flow) -> None:
-    """Stop soon what runs in advance, if something else is waited for."""
-    flow.thoughts.make_way(flow.agent.history if flow.phase is Phase.RUNNING else None)
-    several = flow.at_once > 1
-    if flow.underway.source.asks or (flow.phase is not Phase.RUNNING and not several):
-        return
-    wanted = flow.study.unfinished if several else filter(None, [flow.study.pending])
-    keys = {theta_key(sample.theta) for sample in wanted if flow.phase is not Phase.OVER}
-    for key, run in flow.underway.going.items():
-        if key not in keys:
-            run.stop("given up", within=_COURTESY)
 
 
 def fail(flow: Flow, index: int, reason: str = "") -> None:

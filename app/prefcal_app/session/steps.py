@@ -14,9 +14,8 @@ from prefcal_env.study import Adjusted, Answered, Marked, Requested, Retracted, 
 from .can import CLOSED
 from .flow import Flow, Latest
 from .study.memory import QUESTIONS
-from .study.now import Phase
-from .study.order import to_repeat
-from .study.question import GOOD_ENOUGH, MARKS, Choice, Question
+from .study.now import GOOD_ENOUGH, MARKS, Choice, Phase, Question
+from .study.study import to_repeat
 
 
 def open_question(flow: Flow, question: int) -> Question:

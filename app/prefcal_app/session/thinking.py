@@ -14,10 +14,9 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Abandoned, Basis
 
 from .flow import Flow
-from .study.now import Phase
-from .study.question import Question
-from .volatile.plant import Attempt
-from .volatile.prefetch import LIKELIEST, LIKELY
+from .study.now import Phase, Question
+from .volatile.thoughts import LIKELIEST, LIKELY
+from .volatile.underway import Attempt
 
 
 def think(flow: Flow) -> Attempt:

@@ -14,8 +14,7 @@ from prefcal_env.preferences.loop import Comparison
 from .background import Background
 from .interview import Interview
 from .runs import UNBIDDEN
-from .study.now import Phase
-from .study.question import Question
+from .study.now import Phase, Question
 
 _PATIENCE = 0.5
 """Longest wait for an experiment that runs elsewhere, in seconds."""

@@ -3,15 +3,16 @@
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from operator import not_
 from typing import Self, final
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs.key import theta_key
+from prefcal_env.knobs.key import theta_keys
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.workers import Pool, Terms, usable_cores
-from prefcal_scenarios.kpis import has_goals, reading, screened
+from prefcal_scenarios.kpis import all_screened, has_goals, reading
 from prefcal_scenarios.many.results import FailedRun, Result
 from prefcal_scenarios.many.task import Task
 from prefcal_scenarios.scenario import Scenario
@@ -37,7 +38,8 @@ class Simulator:
     """What an agent simulates with: `simulate(theta)`, and `many` for a list of θ.
 
     The results do not depend on the number of workers. A simulation that raises an error, crashes
-    or takes too long has failed: it has no KPIs, and is not repeated. KPIs are `screened`.
+    or takes too long has failed: it has no KPIs, and is not repeated. KPIs are
+    `screened`.
 
     A scenario of prefcal itself, which always ends, also runs in this process until the first
     worker is ready, so that nobody waits for the workers.
@@ -119,12 +121,13 @@ class Simulator:
             ScenarioError: If the workers cannot load the scenario.
         """
         with self._batch:
-            new = {key: t for t in thetas if (key := theta_key(t)) not in self._known}
+            keys = theta_keys(np.array(thetas, dtype=float)) if len(thetas) else []
+            new = {key: t for key, t in zip(keys, thetas, strict=True) if key not in self._known}
             if self._pool is None:
                 self._here(list(new.values()))
             elif new:
                 self._in(self._pool, new)
-            return [self._known[theta_key(theta)] for theta in thetas]
+            return [self._known[key] for key in keys]
 
     def resume(self) -> None:
         """Let batches run again after `abandon`."""
@@ -150,9 +153,17 @@ class Simulator:
                 self._batch.release()
 
     def _here(self, thetas: Sequence[Theta]) -> None:
-        for theta in thetas:
-            self._go_on()
-            self._keep(theta, self._task.here(theta))
+        """Simulate θ in this process, and keep the results when progress is reported."""
+        arrived: list[tuple[Theta, Result]] = []
+        try:
+            for theta in thetas:
+                if self._progress_is_due():
+                    self._keep(arrived)
+                    arrived.clear()
+                    self.tell()
+                arrived.append((theta, self._task.here(theta)))
+        finally:
+            self._keep(arrived)
 
     def _in(self, pool: Pool, new: Mapping[bytes, Theta]) -> None:
         """Simulate `new` in the workers, and help them until the first is ready."""
@@ -160,32 +171,38 @@ class Simulator:
         left = set(new)
         try:
             while left:
-                self._go_on()
+                if self._progress_is_due():
+                    self.tell()
                 mine = None if pool.loaded or not self._helps else pool.take_back()
-                if mine is not None:
-                    left.discard(self._keep(mine, self._task.here(mine)))
-                for _, theta, result in pool.collect(patient=mine is None):
-                    left.discard(self._keep(theta, result))
+                arrived = [] if mine is None else [(mine, self._task.here(mine))]
+                arrived += [found[1:] for found in pool.collect(patient=mine is None)]
+                left.difference_update(self._keep(arrived))
         finally:
             pool.drop()
 
-    def _go_on(self) -> None:
+    def _progress_is_due(self) -> bool:
+        """Return whether progress is to be reported. Raises Abandoned if the batch is given up."""
         if self._abandoned:
             raise Abandoned
         now = time.monotonic()
-        if now - self._told_at >= _TELL:
-            self._told_at = now
-            self.tell()
+        due = now - self._told_at >= _TELL
+        self._told_at = now if due else self._told_at
+        return due
 
-    def _keep(self, theta: Theta, result: Result) -> bytes:
-        key = theta_key(theta)
-        failure = result.why if isinstance(result, FailedRun) else None
-        if isinstance(result, FailedRun):
-            self.failure = result.words
-        known = Outcome({}) if failure else screened(self.scenario, result)
-        self.failed += not known
-        self._known[key] = known
-        # A run that took too long, or whose process ended, may succeed another time.
-        if self._kept is not None and failure in (None, "raised"):
-            self._kept.add(theta, self._known[key])
-        return key
+    def _keep(self, arrived: Sequence[tuple[Theta, Result]]) -> list[bytes]:
+        """Keep the KPIs of θ with their results, and return the keys of these θ."""
+        if not arrived:
+            return []
+        keys = theta_keys(np.array([theta for theta, _ in arrived], dtype=float))
+        known = all_screened(self.scenario, [result for _, result in arrived])
+        self._known.update(zip(keys, known, strict=True))
+        self.failed += sum(map(not_, known))
+        for (theta, result), kpis in zip(arrived, known, strict=True):
+            again = False
+            if isinstance(result, FailedRun):
+                self.failure = result.words
+                # A run that took too long, or whose process ended, may succeed another time.
+                again = result.why != "raised"
+            if self._kept is not None and not again:
+                self._kept.add(theta, kpis)
+        return keys

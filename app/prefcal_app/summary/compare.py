@@ -1,14 +1,15 @@
 """Compare two experiments KPI by KPI, what tells them apart first, for page and terminal."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import inf, isfinite, isnan
+from dataclasses import dataclass
+from math import inf, isfinite, isnan, nan
 from typing import Any
 
 import numpy as np
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.kpis import grouped
-from prefcal_scenarios.presentation.wording import limits_text, measured, with_unit
+from prefcal_scenarios.presentation.wording import limits_text, measured_texts, with_unit
 from prefcal_scenarios.scenario import KPI
 
 _FEW = 4
@@ -54,56 +55,88 @@ def compared(
     or a maneuver, or "" if the experiments have no maneuvers.
     """
     kpis = grouped(known, left, right)
-    rows = [(group, _size(kpi, left, right, spread), kpi) for group, kpi in kpis]
     order = list(dict.fromkeys(group for group, _ in kpis))
+    pairs = _pairs([kpi for _, kpi in kpis], left, right)
+    rows = [(group, _size(pair, spread), pair) for (group, _), pair in zip(kpis, pairs, strict=True)]
     # Stable: more important KPIs first among equals.
-    rows.sort(key=lambda row: (order.index(row[0]), not one_misses(row[2], left, right), -row[1]))
-    return [{"group": group, **row_of(kpi, left, right, size)} for group, size, kpi in rows]
+    rows.sort(key=lambda row: (order.index(row[0]), {*row[2].met} != {True, False}, -row[1]))
+    return [{"group": group, **_row(pair, size)} for group, size, pair in rows]
 
 
-def one_misses(kpi: KPI, left: Experiment, right: Experiment) -> bool:
-    """Return whether one of two experiments meets the objective of a KPI and the other does not."""
-    return {kpi.met_by(left), kpi.met_by(right)} == {True, False}
+def unmeasured(left: Experiment, right: Experiment, kpis: Sequence[KPI]) -> list[dict[str, Any]]:
+    """Return the rows, without a group, of KPIs that neither side has."""
+    return [_row(pair, 0.0) for pair in _pairs(kpis, left, right)]
 
 
-def row_of(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str, Any]:
+def measured_rows(kpis: Sequence[KPI], experiment: Experiment) -> list[dict[str, Any]]:
+    """Return what each KPI is called and what it should be, its value, and whether that is met."""
+    met, texts = [kpi.met_by(experiment) for kpi in kpis], measured_texts(kpis, experiment)
+    each = zip(map(_words, kpis, map(limits_text, kpis)), texts, met, strict=True)
+    return [{**words, "text": text, "met": one} for words, text, one in each]
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """What people read of one KPI of two experiments, left and right.
+
+    Args:
+        kpi: The KPI.
+        objective: Its objective in words.
+        values: Values as read, in its unit; NaN where one is missing.
+        texts: Values in words.
+        met: Whether each meets the objective; None without one or a value.
+        judged: How bad each value looks, see `KPI.judged`.
+        apart: Size of the difference as read, in its unit.
+    """
+
+    kpi: KPI
+    objective: str
+    values: tuple[float, float]
+    texts: tuple[str, str]
+    met: tuple[bool | None, bool | None]
+    judged: tuple[float, float]
+    apart: float
+
+
+def _pairs(kpis: Sequence[KPI], left: Experiment, right: Experiment) -> list[_Pair]:
+    """Return what people read of all KPIs: each number is read once, and each text made once."""
+    values = [[float(e.kpis.get(kpi.name, nan)) for e in (left, right)] for kpi in kpis]
+    read = [(kpi.read(a), kpi.read(b)) for kpi, (a, b) in zip(kpis, values, strict=True)]
+    judged = [(kpi.judged(a), kpi.judged(b)) for kpi, (a, b) in zip(kpis, read, strict=True)]
+    apart = [kpi.read(abs(b - a)) for kpi, (a, b) in zip(kpis, read, strict=True)]
+    met = [(kpi.met_by(left), kpi.met_by(right)) for kpi in kpis]
+    texts = zip(*(measured_texts(kpis, e) for e in (left, right)), strict=True)
+    return list(map(_Pair, kpis, map(limits_text, kpis), read, texts, met, judged, apart))
+
+
+def _row(pair: _Pair, size: float) -> dict[str, Any]:
     """Return the row of one KPI, without its group."""
-    a, b = _pair(kpi, left, right)
+    left, right = ({"text": text, "met": met} for text, met in zip(pair.texts, pair.met, strict=True))
     return {
-        **words_of(kpi),
-        "left": _value(kpi, left),
-        "right": _value(kpi, right),
-        "difference": _difference(kpi, a, b) if size else "",
-        "better": _better(kpi, a, b) if size else None,
+        **_words(pair.kpi, pair.objective),
+        "left": left,
+        "right": right,
+        "difference": _difference(pair) if size else "",
+        "better": _better(pair) if size else None,
         "size": round(min(size, 1.0), 3),
-        "change": round(min(size, _share(a, b)), 3),
+        "change": round(min(size, _share(*pair.values)), 3),
     }
 
 
-def words_of(kpi: KPI) -> dict[str, str]:
+def _words(kpi: KPI, objective: str) -> dict[str, str]:
     """Return what a KPI is called, and what it should be."""
-    about, objective = kpi.about, limits_text(kpi)
-    return {"title": kpi.title, "about": about, "unit": kpi.unit, "objective": objective}
+    return {"title": kpi.title, "about": kpi.about, "unit": kpi.unit, "objective": objective}
 
 
-def _value(kpi: KPI, experiment: Experiment) -> dict[str, Any]:
-    return {"text": measured(kpi, experiment), "met": kpi.met_by(experiment)}
-
-
-def _pair(kpi: KPI, left: Experiment, right: Experiment) -> tuple[float, float]:
-    values = (float(e.kpis.get(kpi.name, float("nan"))) for e in (left, right))
-    return tuple(map(kpi.read, values))  # type: ignore[return-value]
-
-
-def _size(kpi: KPI, left: Experiment, right: Experiment, spread: Spread) -> float:
+def _size(pair: _Pair, spread: Spread) -> float:
     """Return how large the difference is; 0 if both read the same, or meet a target alike."""
-    a, b = _pair(kpi, left, right)
-    alike = kpi.goal is not None and kpi.judged(a) == kpi.judged(b)
-    if alike or measured(kpi, left) == measured(kpi, right):
+    a, b = pair.values
+    alike = pair.kpi.goal is not None and pair.judged[0] == pair.judged[1]
+    if alike or pair.texts[0] == pair.texts[1]:
         return 0.0
     if not (isfinite(a) and isfinite(b)):
         return inf
-    usual = max(spread(kpi.name, a, b), NOTICED * max(abs(a), abs(b)))
+    usual = max(spread(pair.kpi.name, a, b), NOTICED * max(abs(a), abs(b)))
     return abs(b - a) / usual
 
 
@@ -114,20 +147,19 @@ def _share(a: float, b: float) -> float:
     return abs(b - a) / (max(abs(a), abs(b)) or 1.0)
 
 
-def _difference(kpi: KPI, a: float, b: float) -> str:
-    """Return the right value `b` minus the left one, with sign and unit; "" if it is not a number."""
+def _difference(pair: _Pair) -> str:
+    """Return the right value minus the left one, with sign and unit; "" if it is not a number."""
+    a, b = pair.values
     if not (isfinite(a) and isfinite(b)):
         return ""
-    size = kpi.read(abs(b - a))
+    size = pair.apart
     text = f"{size:.3g}" if 1e-4 <= size < 1e3 else f"{size:.12f}".rstrip("0").rstrip(".")
-    return with_unit(("+" if b > a else "−") + text, kpi.unit)
+    return with_unit(("+" if b > a else "−") + text, pair.kpi.unit)
 
 
-def _better(kpi: KPI, a: float, b: float) -> str | None:
-    """Return the side whose value, `a` on the left or `b`, is better; None if that is not known."""
-    if kpi.goal is None:
-        return None
-    left, right = kpi.judged(a), kpi.judged(b)
-    if isnan(left) or isnan(right) or left == right:
+def _better(pair: _Pair) -> str | None:
+    """Return the side whose value is better; None if that is not known."""
+    left, right = pair.judged
+    if pair.kpi.goal is None or isnan(left) or isnan(right) or left == right:
         return None
     return "left" if left < right else "right"

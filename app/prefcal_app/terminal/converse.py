@@ -10,8 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
-from prefcal_app.session.study.now import LiveNow, Recovery
-from prefcal_app.session.study.question import GOOD_ENOUGH, UNSAFE
+from prefcal_app.session.study.now import GOOD_ENOUGH, UNSAFE, LiveNow, Recovery
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.sources import Stage

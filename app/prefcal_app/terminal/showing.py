@@ -11,7 +11,9 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_app.session import Interview, Now
+from prefcal_app.view.brief import scenario_view
 from prefcal_scenarios.presentation.wording import INTERRUPTED, labeled, printable, printable_lines, with_unit
+from prefcal_scenarios.scenario import Scenario
 
 NAMES = {"left": "LEFT", "right": "RIGHT"}
 STYLES = {"left": "blue", "right": "dark_orange3"}
@@ -40,6 +42,11 @@ def say(console: Console, *lines: str, style: str | None = None) -> None:
     """Print lines as they are, whatever is in them; long ones are not broken."""
     for line in lines:
         console.print(printable_lines(line), style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def show_scenario(scenario: Scenario) -> None:
+    """Print the task, the knobs and the KPIs of a scenario on standard output."""
+    show_brief(scenario_view(scenario), Console(emoji=False))
 
 
 def show_brief(brief: Mapping[str, Any], console: Console) -> None:

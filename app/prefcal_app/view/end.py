@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_app.session import Interview, Now, Outlook
-from prefcal_app.summary.compare import Spread, compared, row_of
+from prefcal_app.summary.compare import Spread, compared, unmeasured
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State
 from prefcal_scenarios.kpis import WORST
@@ -111,7 +111,7 @@ def gained(
     rows.sort(key=lambda row: (row["left"]["met"] == row["right"]["met"], -row["change"]))
     found = [_row(row) for row in rows]
     missing = [kpi for kpi in kpis if not {kpi.name} & {*before.kpis, *after.kpis}]
-    return found + [_row(row_of(kpi, before, after, 0.0)) for kpi in missing]
+    return found + list(map(_row, unmeasured(before, after, missing)))
 
 
 def _row(row: dict[str, Any]) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.panels import Plot
+from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.panels import PanelCurves, Plot, drawn
 
 from .seen import Range, snapped
 
@@ -44,10 +44,12 @@ def largest_difference(
         return None
     t = np.union1d(left.t, right.t)
     t = t[(t >= max(left.t[0], right.t[0])) & (t <= min(left.t[-1], right.t[-1]))]
-    responses = [i for i, panel in enumerate(panels) if not panel.held]
+    held = [panel.held for panel in panels]
+    a, b = (_on(t, drawn(panels, run), held, run.t) for run in (left, right))
+    responses = [i for i, steps in enumerate(held) if not steps]
     largest = None
     for i in responses or range(len(panels)):
-        apart = np.abs(_on(t, panels[i], left) - _on(t, panels[i], right))
+        apart = np.abs(a[i] - b[i])
         if not np.isfinite(apart).any():
             continue
         at, (low, high) = int(np.nanargmax(apart)), heights[i]
@@ -76,8 +78,8 @@ def eventful(
         moved
         for run in (*(left.runs or (left,)), *(right.runs or (right,)))
         if len(run.t)
-        for panel, (low, high) in zip(panels, axes["y"], strict=True)
-        for moved in _movements(panel, run, _STILL * (high - low))
+        for panel, curves, (low, high) in zip(panels, drawn(panels, run), axes["y"], strict=True)
+        for moved in _movements(panel.channel, run.t, curves, _STILL * (high - low))
     ]
     if not found:
         return [first, last]
@@ -90,26 +92,33 @@ def eventful(
     return [first, last] if end - start > _NEARLY_ALL * (last - first) else [start, end]
 
 
-def _movements(panel: Plot, run: Experiment, still: float) -> list[Range]:
-    """Return from when until when the values of a panel move by more than `still`."""
-    channel = panel.channel
+def _movements(
+    channel: Channel, t: Float[np.ndarray, " K"], curves: PanelCurves, still: float
+) -> list[Range]:
+    """Return from when until when the curves of a panel move by more than `still`."""
     if channel.target is not None and channel.band:
         still = min(still, channel.band)
     found = []
-    for values in (panel.values(run), *panel.beside(run)):
+    for values in curves:
         if values is None or not (known := np.isfinite(values)).any():
             continue
-        t, y = run.t[known], values[known]
-        moved, unsettled = (np.flatnonzero(np.abs(y - at) > still) for at in (y[0], y[-1]))
+        at, y = t[known], values[known]
+        moved, unsettled = (np.flatnonzero(np.abs(y - end) > still) for end in (y[0], y[-1]))
         if len(moved) and len(unsettled):
-            begins, ends = max(moved[0] - 1, 0), min(unsettled[-1] + 1, len(t) - 1)
-            found.append((float(t[begins]), float(t[ends])))
+            begins, ends = max(moved[0] - 1, 0), min(unsettled[-1] + 1, len(at) - 1)
+            found.append((float(at[begins]), float(at[ends])))
     return found
 
 
-def _on(t: Float[np.ndarray, " M"], panel: Plot, experiment: Experiment) -> Float[np.ndarray, " M"]:
-    """Return a curve at other instants: the last value of an input, else between two values."""
-    values = panel.values(experiment)
-    if panel.held:
-        return np.asarray(values[np.searchsorted(experiment.t, t, side="right") - 1])
-    return np.asarray(np.interp(t, experiment.t, values))
+def _on(
+    t: Float[np.ndarray, " M"],
+    curves: Sequence[PanelCurves],
+    held: Sequence[bool],
+    own: Float[np.ndarray, " K"],
+) -> list[Float[np.ndarray, " M"]]:
+    """Return curves on `own` instants at others: the last value of an input, else between two."""
+    last = np.searchsorted(own, t, side="right") - 1
+    return [
+        each.values[last] if steps else np.interp(t, own, each.values)
+        for each, steps in zip(curves, held, strict=True)
+    ]

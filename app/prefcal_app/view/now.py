@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_app.session import Interview, Now, Phase
-from prefcal_app.session.study.question import GOOD_ENOUGH
+from prefcal_app.session.study.now import GOOD_ENOUGH
 from prefcal_env.study import State, Suggested
 from prefcal_env.workers import in_time
 from prefcal_scenarios.presentation.wording import INTERRUPTED, knob_number, with_unit
@@ -105,7 +105,7 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
     if sample is None:
         return None
     source = scenario.source
-    knobs = list(zip(scenario.space, sample.theta, strict=True))
+    knobs = list(zip(scenario.space.knobs, sample.theta, strict=True))
     hidden = blind and not source.asks
     return {
         "index": sample.index,
@@ -156,7 +156,7 @@ def best_view(interview: Interview, now: Now) -> Any:
 
 def _exact(scenario: Scenario, theta: Iterable[float]) -> str:
     """Return θ in full precision, a line for each knob, to copy."""
-    knobs = zip(scenario.space, theta, strict=True)
+    knobs = zip(scenario.space.knobs, theta, strict=True)
     return "\n".join(f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs)
 
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.panels import Plot
+from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.panels import Plot, drawn
 from prefcal_scenarios.presentation.wording import number, quantity
 
 _MOST = 4000
@@ -33,23 +33,29 @@ def panel_view(panel: Plot) -> dict[str, Any]:
 
 def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any]:
     """Return curves, changing references and limits, and each panel in words."""
-    empty = not len(experiment.t)
-    first = experiment.runs[0] if experiment.runs else experiment
-    beside = [[_held(values, first) for values in panel.beside(first)] for panel in panels]
+    runs = experiment.runs or (experiment,)
+    recorded = runs if len(experiment.t) else ()
+    found, held = [drawn(panels, run) for run in runs], [panel.held for panel in panels]
+    beside = [[_held(values, runs[0]) for values in each[1:]] for each in found[0]]
     return {
-        "runs": max(len(experiment.runs), 1),
-        "curves": [curves(p, experiment) for p in panels] if not empty else [[] for _ in panels],
+        "runs": len(runs),
+        "curves": [
+            _curves([(run.t, each[i].values) for run, each in zip(recorded, found, strict=False)], held=steps)
+            for i, steps in enumerate(held)
+        ],
         "references": [reference for reference, _, _ in beside],
         "limits": [limits for _, *limits in beside],
-        "stories": [story(p, first) for p in panels],
+        "stories": [
+            _story(panel.channel, runs[0], each.values) for panel, each in zip(panels, found[0], strict=True)
+        ],
     }
 
 
-def curves(panel: Plot, experiment: Experiment) -> list[dict[str, Any]]:
-    """Return one curve per run of an experiment; none without a record."""
-    runs = experiment.runs or (experiment,)
-    found = [(run.t, panel.values(run)) for run in runs]
-    return [curve(t, y, held=panel.held) for t, y in found if np.isfinite(y).any()]
+def _curves(
+    runs: Sequence[tuple[Float[np.ndarray, " K"], Float[np.ndarray, " K"]]], *, held: bool
+) -> list[dict[str, Any]]:
+    """Return one curve per run, of instants and values; none without a record."""
+    return [curve(t, y, held=held) for t, y in runs if np.isfinite(y).any()]
 
 
 def _held(values: Float[np.ndarray, " K"] | None, experiment: Experiment) -> dict[str, Any] | None:
@@ -96,13 +102,11 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def story(panel: Plot, experiment: Experiment) -> str:
+def _story(channel: Channel, experiment: Experiment, y: Float[np.ndarray, " K"]) -> str:
     """Return a curve in words, for people who cannot see it."""
-    channel = panel.channel
     if not len(experiment.t):
         return f"{channel.name}: no record"
-    t, y = experiment.t, panel.values(experiment)
-    t, y = t[np.isfinite(y)], y[np.isfinite(y)]
+    t, y = experiment.t[np.isfinite(y)], y[np.isfinite(y)]
     if not len(y):
         return f"{channel.name}: no values"
     time_unit = experiment.channels.time_unit

@@ -11,7 +11,7 @@ from prefcal_app.session import Interview
 from prefcal_app.summary.compare import Spread
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
-from prefcal_env.experiments.panels import Plot
+from prefcal_env.experiments.panels import Plot, drawn
 from prefcal_scenarios.scenario import panels_of
 
 from .panels import curves_view
@@ -97,14 +97,9 @@ class Seen:
 def _reach(experiment: Experiment, panels: Sequence[Plot]) -> _Reach:
     runs = [run for run in experiment.runs or (experiment,) if len(run.t)]
     t = _union((float(run.t[0]), float(run.t[-1])) for run in runs)
-    return _Reach(t, tuple(_union(_ranges(panel, runs)) for panel in panels))
-
-
-def _ranges(panel: Plot, runs: Sequence[Experiment]) -> Iterator[Range]:
-    for run in runs:
-        for values in (panel.values(run), *panel.beside(run)):
-            if values is not None:
-                yield _range(values)
+    curves = [drawn(panels, run) for run in runs]
+    known = [[v for each in curves for v in each[i] if v is not None] for i in range(len(panels))]
+    return _Reach(t, tuple(_union(map(_range, values)) for values in known))
 
 
 def _range(values: Float[np.ndarray, " K"]) -> Range:

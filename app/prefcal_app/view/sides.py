@@ -5,13 +5,13 @@ from functools import partial
 from typing import Any
 
 from prefcal_app.session import Question, Side
-from prefcal_app.summary.compare import compared, words_of
+from prefcal_app.summary.compare import compared, measured_rows
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_env.experiments.panels import Plot
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.presentation.wording import ended_text, knob_number, measured, number, objective
+from prefcal_scenarios.presentation.wording import ended_text, knob_number, number
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 
 from .maneuvers import eventful, largest_difference
@@ -94,16 +94,13 @@ def side_view(side: Side, other: Experiment, scenario: Scenario, *, blind: bool)
 
 def numbers_view(experiment: Experiment, kpis: Sequence[KPI]) -> dict[str, Any]:
     """Return how an experiment ended, and those of `kpis` that it has, limited ones first."""
-    shown = [kpi for kpi in kpis if kpi.name in experiment.kpis]
-    shown.sort(key=lambda kpi: not objective(kpi))
+    rows = measured_rows([kpi for kpi in kpis if kpi.name in experiment.kpis], experiment)
+    rows.sort(key=lambda row: not row["objective"])
     return {
         "ended": ended_text(experiment),
         "interrupted": experiment.end.interrupted,
         "empty": not len(experiment.t),
-        "kpis": [
-            {**words_of(kpi), "text": measured(kpi, experiment), "met": kpi.met_by(experiment)}
-            for kpi in shown
-        ],
+        "kpis": rows,
     }
 
 
@@ -125,10 +122,10 @@ def theta_view(
     others = texts if other is None else theta_texts(space, other.theta)
     return [
         {"name": k.name, "about": k.about, "unit": k.unit, "text": text, "differs": text != its}
-        for k, text, its in zip(space, texts, others, strict=True)
+        for k, text, its in zip(space.knobs, texts, others, strict=True)
     ]
 
 
 def theta_texts(space: KnobSpace, theta: Iterable[float]) -> list[str]:
     """Return the values of θ as people read them, without units."""
-    return [knob_number(k, float(v)) for k, v in zip(space, theta, strict=True)]
+    return [knob_number(k, float(v)) for k, v in zip(space.knobs, theta, strict=True)]

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from prefcal_app.session import Consistency, Interview, Now
 from prefcal_app.session.study.memory import trust_text
-from prefcal_app.session.study.order import to_repeat
+from prefcal_app.session.study.study import to_repeat
 from prefcal_env.knobs.space import KnobSpace
 
 from .end import outlook_view

@@ -11,7 +11,7 @@ import numpy as np
 
 from prefcal_env.arrays import integer
 from prefcal_env.errors import BenchmarkError, RunError, SettingsError
-from prefcal_env.workers import Pool, Terms, attempt, run_all
+from prefcal_env.workers import Pool, Terms, failure, run_all
 
 K = TypeVar("K", bound=Hashable)
 T = TypeVar("T")
@@ -60,7 +60,7 @@ def each(
     """
     if workers is None:
         for key, task in tasks.items():
-            yield key, attempt(lambda task: task(), task)
+            yield key, _here(task)
         return
     if not tasks:
         return
@@ -70,6 +70,14 @@ def each(
     with closing(run_all(pool, map(_request, tasks.values()))) as arriving:
         for arrived in arriving:
             yield from ((keys[number], result) for number, result in arrived)
+
+
+def _here(task: Task[Any]) -> Any:
+    """Return the result of a task in this process, or the RunError that says what it raised."""
+    try:
+        return task()
+    except BaseException as error:
+        return failure(error)
 
 
 def _request(task: Task[Any]) -> tuple[str, bytes]:

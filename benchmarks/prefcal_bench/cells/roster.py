@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.registry import AGENTS as REGISTRY
 from prefcal_agents.registry import AgentRow
 from prefcal_agents.screening.simulations import Simulate
@@ -156,8 +157,6 @@ def _row_entry(row: AgentRow) -> Entry:
 
 def _load_glisp(**settings: Any) -> Callable[..., Any]:
     """Return what makes GLISp with some settings changed."""
-    from prefcal_agents import GLISp, GLISpSettings
-
     return partial(GLISp, settings=GLISpSettings(**settings))
 
 

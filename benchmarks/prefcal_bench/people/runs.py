@@ -61,7 +61,7 @@ def runs_of(kpis: Sequence[KPI], experiments: Sequence[Experiment]) -> Runs:
 
 
 def _badness(kpi: KPI, experiment: Experiment) -> float:
-    value = kpi.badness(float(experiment.kpis.get(kpi.name, np.nan)))
+    value = float(kpi.badness(experiment.kpis.get(kpi.name, np.nan)))
     return np.inf if np.isnan(value) else value
 
 

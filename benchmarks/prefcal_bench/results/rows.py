@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import binomtest
 
 from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.duels import PAPER, Duel
@@ -277,8 +278,6 @@ def duel_table(duels: Iterable[Duel]) -> list[dict[str, Any]]:
 
 
 def _count(outcomes: list[int]) -> dict[str, float]:
-    from scipy.stats import binomtest
-
     wins, ties, losses = (outcomes.count(k) for k in (-1, 0, 1))
     n = len(outcomes)
     interval = binomtest(wins, n).proportion_ci(CONFIDENCE, method="exact")

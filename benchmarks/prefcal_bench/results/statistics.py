@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.stats import bootstrap, trim_mean, wilcoxon
 
 from prefcal_env.errors import SettingsError
 
@@ -66,8 +67,6 @@ def difference(
     Raises:
         SettingsError: If there are no gaps, or the numbers of gaps differ.
     """
-    from scipy.stats import wilcoxon
-
     if len(gaps) != len(baseline) or not len(gaps):
         raise SettingsError(f"gaps must come in pairs, one or more, got {len(gaps)} and {len(baseline)}")
     d = np.log10(np.maximum(gaps, FLOOR)) - np.log10(np.maximum(baseline, FLOOR))
@@ -88,8 +87,6 @@ def _interval(
     d: Float[np.ndarray, " S"], rng: np.random.Generator
 ) -> tuple[float, float] | tuple[None, None]:
     """Return the bootstrap interval of the median of `d`; None for a single value."""
-    from scipy.stats import bootstrap
-
     if len(d) < 2:
         return None, None
     interval = bootstrap(
@@ -151,8 +148,6 @@ def interquartile_mean(loops: Loops) -> float:
     Source: Agarwal et al. (2021), Deep reinforcement learning at the edge of the statistical
     precipice. Deviation: of the logarithms.
     """
-    from scipy.stats import trim_mean
-
     return float(np.exp(trim_mean(np.log(np.concatenate(list(_checked(loops)))), 0.25)))
 
 

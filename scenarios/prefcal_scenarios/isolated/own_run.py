@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Experiment, returned
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.source import Source
 from prefcal_env.study import space_of
 from prefcal_env.study.codec import encode
 from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.own.checks import returned
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
 _BEYOND = 30.0

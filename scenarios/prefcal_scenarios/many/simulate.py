@@ -173,11 +173,10 @@ def _shown(progress: Progress | bool) -> Iterator[Progress]:
     if progress is not True:
         yield progress or (lambda arrived, total: None)
         return
+    from rich import progress as bar
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
 
-    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
-    with Bar(*columns, console=Console(stderr=True)) as display:
+    kinds = (bar.BarColumn, bar.MofNCompleteColumn, bar.TimeElapsedColumn, bar.TimeRemainingColumn)
+    with bar.Progress(*(kind() for kind in kinds), console=Console(stderr=True)) as display:
         task = display.add_task("experiments", total=None)
         yield lambda arrived, total: display.update(task, completed=arrived, total=total)

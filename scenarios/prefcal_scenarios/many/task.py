@@ -15,11 +15,10 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RunError, ScenarioError
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Experiment, returned
 from prefcal_env.sources.source import Source
 from prefcal_env.study.codec import decode, encode
-from prefcal_env.workers import Pool, Terms, attempt
-from prefcal_scenarios.own.checks import returned
+from prefcal_env.workers import Pool, Terms, failure
 from prefcal_scenarios.own.own_file import module_at
 
 from .results import FailedRun, Result, Simulated
@@ -46,7 +45,10 @@ class Task:
 
     def here(self, theta: Float[np.ndarray, " n"]) -> Result:
         """Run θ in this process; an error of the run is a result, too."""
-        return _result(theta, attempt(self, theta))
+        try:
+            return self(theta)
+        except BaseException as error:
+            return _result(theta, failure(error))
 
     def pool(self, jobs: int, longest: float, terms: Terms) -> Pool:
         """Return a pool of `jobs` workers whose results are those of `here`.

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ScenarioError
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Experiment, returned
 from prefcal_env.experiments.kpi import KPI
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
@@ -117,18 +117,6 @@ def check_experiment(scenario: Scenario, theta: Float[np.ndarray, " n"], result:
             "Fix its file and start again"
         )
     return experiment
-
-
-def returned(result: object) -> Experiment:
-    """Return what a run returned if it is an experiment.
-
-    Raises:
-        ScenarioError: If it is not.
-    """
-    if not isinstance(result, Experiment):
-        forgotten = ": is a return missing?" if result is None else ""
-        raise ScenarioError(f"run must return an Experiment, got {type(result).__name__}{forgotten}")
-    return result
 
 
 def theta_problems(space: KnobSpace, theta: Float[np.ndarray, " n"], experiment: Experiment) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """Format numbers and names for terminals, HTML and plots."""
 
 import re
+from collections.abc import Sequence
 from math import ceil, floor, inf, isfinite, isinf, log10
 
 from markupsafe import Markup, escape
@@ -52,10 +53,15 @@ def _decimals(step: float) -> int:
 
 def measured(kpi: KPI, experiment: Experiment) -> str:
     """Return the value of a KPI as text; an infinite time is "never"."""
-    value = experiment.kpis.get(kpi.name)
-    if value == inf and kpi.unit == experiment.channels.time_unit:
-        return "never"
-    return number(None if value is None else kpi.read(value))
+    return measured_texts([kpi], experiment)[0]
+
+
+def measured_texts(kpis: Sequence[KPI], experiment: Experiment) -> list[str]:
+    """Return the values of many KPIs as text, as `measured` does of one."""
+    values = [experiment.kpis.get(kpi.name) for kpi in kpis]
+    read = [v if v is None else kpi.read(v) for kpi, v in zip(kpis, values, strict=True)]
+    times = [kpi.unit == experiment.channels.time_unit for kpi in kpis]
+    return ["never" if time and v == inf else number(v) for time, v in zip(times, read, strict=True)]
 
 
 def objective(kpi: KPI) -> str:

@@ -13,7 +13,7 @@ from prefcal_app.report import StudyRecord
 from prefcal_app.report.html import page
 from prefcal_app.report.tables import comparisons_as_csv
 from prefcal_app.session import Choice, Phase, flow
-from prefcal_app.session.study import question as moment
+from prefcal_app.session.study import now as moment
 from prefcal_app.terminal.showing import show_history, show_question
 from prefcal_app.view import history_view, now_view, status_view
 from prefcal_env.experiments.end import End

@@ -9,7 +9,7 @@ import pytest
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Background, Choice, Interview, Phase, unattended
-from prefcal_app.session.volatile.prefetch import LIKELIEST
+from prefcal_app.session.volatile.thoughts import LIKELIEST
 from prefcal_app.simulating import Simulator
 from prefcal_app.summary.outlook import others_unbeaten
 from prefcal_app.view.simulated import why_view

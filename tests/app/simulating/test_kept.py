@@ -25,7 +25,7 @@ def counted(monkeypatch, path, thetas, key="a"):
     """Return the KPIs of `thetas`, and how many of them had to run."""
     ran = []
     run = Simulator._keep
-    monkeypatch.setattr(Simulator, "_keep", lambda *given: ran.append(1) or run(*given))
+    monkeypatch.setattr(Simulator, "_keep", lambda self, arrived: ran.extend(arrived) or run(self, arrived))
     return simulated(path, thetas, key), len(ran)
 
 
@@ -58,7 +58,7 @@ def test_what_the_machine_made_fail_is_tried_again(tmp_path, why):
     kept = Kept(tmp_path / "mine.simulated", "a")
     simulator = Simulator(unseen, jobs=0, kept=kept)
     simulator.many(THETAS[:1])
-    simulator._keep(RAISES, FailedRun(RAISES, why, "it took too long"))
+    simulator._keep([(RAISES, FailedRun(RAISES, why, "it took too long"))])
     assert simulator.failed == 1
     simulator.close()
     assert len(Kept(tmp_path / "mine.simulated", "a").known) == 1

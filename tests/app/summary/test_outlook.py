@@ -25,7 +25,7 @@ SPACE = KnobSpace(
         Knob("offset", -5.0, 3.0),
     ]
 )
-STATE = begin(toy_scenario()).study.state
+STATE = begin(toy_scenario()).file.state
 MIDDLE = [0.9, 20.0, 1.0, 0.0]
 
 

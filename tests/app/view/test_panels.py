@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_app.view.panels import curve, curves, curves_view, panel_view, story
+from prefcal_app.view.panels import curve, curves_view, panel_view
 from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.experiments.panels import Panel, Plot
 from prefcal_scenarios.scenario import panels_of
@@ -57,8 +57,8 @@ def test_numbers_have_six_digits_and_no_minus_zero():
 
 def test_every_variant_of_an_experiment_is_a_curve():
     one = run(THETA)
-    assert len(curves(LEVEL, one)) == 1
-    assert len(curves(LEVEL, replace(one, runs=(one, one, one)))) == 3
+    assert len(curves_view(one, [LEVEL])["curves"][0]) == 1
+    assert len(curves_view(replace(one, runs=(one, one, one)), [LEVEL])["curves"][0]) == 3
 
 
 def test_a_reference_that_changes_in_time_has_the_scale_of_its_panel():
@@ -76,10 +76,10 @@ def test_a_curve_is_told_in_words_with_the_time_from_which_it_stays_in_its_band(
     one = run(THETA)
     outside = np.abs(one.x[:, 0] - 2.0) > 0.06
     since = one.t[np.flatnonzero(outside)[-1] + 1]
-    words = story(LEVEL, one)
+    words, others = curves_view(one, [LEVEL, VALVE])["stories"]
     assert words.startswith("level: from 8.5 to 2 m")
     assert f"inside the band around 2 from {since:.4g} h on" in words
-    assert "band" not in story(VALVE, one)
+    assert "band" not in others
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_a_curve_is_told_in_words_with_the_time_from_which_it_stays_in_its_band(
 def test_a_curve_that_never_crosses_its_band_says_so(level, words):
     one = run(THETA)
     flat = replace(one, x=np.full_like(one.x, level))
-    assert words in story(LEVEL, flat)
+    assert words in curves_view(flat, [LEVEL])["stories"][0]
 
 
 def test_channels_of_an_experiment_name_the_panels_of_a_plain_scenario():

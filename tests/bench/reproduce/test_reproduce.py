@@ -103,7 +103,7 @@ def test_the_page_holds_every_figure_and_asks_the_network_for_nothing(short, tmp
 
 
 def test_the_command_writes_the_page_and_says_where(prefcal, tmp_path, monkeypatch, short):
-    module = import_module("prefcal_bench.cli.reproduce")  # not the command of that name
+    module = import_module("prefcal_bench.cli.reproduce_run")
     monkeypatch.setattr(module, "_studies", lambda *args: short)
     monkeypatch.setattr("prefcal_bench.reproduce.page.pictures", lambda results: [])
     code, out, _ = prefcal("reproduce", "paper", "--seeds", "1", "--out", "there", "--json")

@@ -182,11 +182,7 @@ def respace(**typed: Any) -> None:
     Close its page first. Experiments outside a narrowed range still count for
     learning; only new proposals stay inside. Each option can be repeated.
     """
-    from .respacing import in_words
-    from .respacing import respace as respace_study
-    from .sources import completed
+    from .respacing import respaced_in_words
 
-    options = made(RespaceOptions, typed)
-    source = completed({name: typed[name] for name in ("study", "scenario", "plant")})["scenario"]
-    for line in in_words(respace_study(options, source)):
+    for line in respaced_in_words(made(RespaceOptions, typed), typed):
         echo(line)

@@ -1,8 +1,8 @@
 """Change the knobs of a study: search another range, keep a knob, or add one."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from prefcal_agents.respacing import RESPACEABLE, moved
 from prefcal_app.session.study.memory import agent_of, agent_state, with_constraints
@@ -15,11 +15,23 @@ from prefcal_env.study.fold import step
 from prefcal_scenarios.catalog import load
 
 from .files import existing, open_described
+from .sources import completed
 
 if TYPE_CHECKING:
     from .commands import RespaceOptions
 
 _Part = tuple[float, float]
+
+
+def respaced_in_words(changes: "RespaceOptions", typed: Mapping[str, Any]) -> Iterator[str]:
+    """Change the space of a study, and yield the new one in words; for errors see `respace`.
+
+    Args:
+        changes: The changes as typed.
+        typed: All options as typed, of which some name the study and its scenario.
+    """
+    source = completed({name: typed[name] for name in ("study", "scenario", "plant")})["scenario"]
+    yield from in_words(respace(changes, source))
 
 
 def respace(changes: "RespaceOptions", source: str) -> KnobSpace:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -73,13 +73,29 @@ class Loop:
     # Lowest and highest value of the first measured state that is no cause for alarm; None if
     # there is no alarm
     alarm: tuple[float, float] | None = None
+    # What does not depend on θ, so that it is worked out once and not in each experiment
+    channels: Channels = field(init=False, repr=False, compare=False)  # channels of an experiment
+    # Instants of a whole experiment, and references and disturbances at these
+    t: Float[np.ndarray, " K"] = field(init=False, repr=False, compare=False)
+    _y_ref: Float[np.ndarray, "K n_y"] = field(init=False, repr=False, compare=False)
+    _d: Float[np.ndarray, "K n_d"] = field(init=False, repr=False, compare=False)
+    _kpi_names: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
-    @property
-    def channels(self) -> Channels:
-        """Channels of an experiment."""
-        outputs = zip(self.plant.outputs[: self.controlled], self.target.start, strict=False)
+    def __post_init__(self) -> None:
+        plant, step = self.plant, self.plant.max_step
+        outputs = zip(plant.outputs[: self.controlled], self.target.start, strict=False)
         y = tuple(replace(channel, target=target) for channel, target in outputs)
-        return Channels(self.plant.states, self.plant.inputs, y, self.plant.time_unit)
+        t = np.arange(round(self.task.horizon / step) + 1) * step
+        names = kpi_names(staged=self.staged, beside=self.beside is not None, alarm=self.alarm is not None)
+        fixed = {
+            "channels": Channels(plant.states, plant.inputs, y, plant.time_unit),
+            "t": t,
+            "_y_ref": self.target.over(t),
+            "_d": self.disturbance.over(t),
+            "_kpi_names": names,
+        }
+        for name, value in fixed.items():
+            object.__setattr__(self, name, value)
 
     @property
     def kpis(self) -> tuple[KPI, ...]:
@@ -87,10 +103,6 @@ class Loop:
         beside = None if self.beside is None else self.plant.states[self.beside]
         first, u, unit = self.channels.y[0], self.plant.inputs[0], self.plant.time_unit
         return kpis_of(self._kpi_names, first, u, unit, beside=beside, alarm=self.alarm)
-
-    @property
-    def _kpi_names(self) -> tuple[str, ...]:
-        return kpi_names(staged=self.staged, beside=self.beside is not None, alarm=self.alarm is not None)
 
     @property
     def target(self) -> StepSignal:
@@ -108,12 +120,6 @@ class Loop:
     def disturbed_at(self) -> float:
         """Time at which the disturbance sets in."""
         return self.disturbance.steps[0][0]
-
-    @property
-    def t(self) -> Float[np.ndarray, " K"]:
-        """Instants of a whole experiment, shape (K,)."""
-        step = self.plant.max_step
-        return np.arange(round(self.task.horizon / step) + 1) * step
 
     def noise(self, seed: int) -> Float[np.ndarray, "K n_y"]:
         """Return the noise of the measured states at every instant, shape (K, n_y)."""
@@ -164,11 +170,11 @@ class Loop:
 
     def by_law(self, gains: Gains, hold: int, seed: int) -> Response:
         """Return what a compiled law does that acts every `hold` steps."""
-        plant, task, t = self.plant, self.task, self.t
+        plant, task = self.plant, self.task
         x, u, valid = simulate(
             (*plant.packed, np.array(plant.measured, dtype=np.int64)),
             (*gains, self._actuator_rows(), np.array(self.resolution, dtype=float)),
-            (self.target.over(t), self.disturbance.over(t), self.noise(seed)),
+            (self._y_ref, self._d, self.noise(seed)),
             (plant.max_step, hold, self._delay),
             (task.x0.copy(), task.u0.copy(), limits_of(plant.states)),
         )
@@ -191,7 +197,7 @@ class Loop:
         """
         plant, t, noise = self.plant, self.t, self.noise(seed)
         (low, high), measured = limits_of(plant.inputs).T, list(plant.measured)
-        reference, disturbance = self.target.over(t), self.disturbance.over(t)
+        reference, disturbance = self._y_ref, self._d
         x, u = np.zeros((len(t), len(plant.states))), np.zeros((len(t), len(plant.inputs)))
         history, safe = (x, u, self.task.u0.copy(), disturbance), limits_of(plant.states)
         x[0], now, valid = self.task.x0, self.task.u0, 1
@@ -261,7 +267,7 @@ class Loop:
             u=response.u,
             t_control=steps * plant.max_step,
             u_control=response.u[steps],
-            y_ref=self.target.over(steps * plant.max_step)[:, : self.controlled],
+            y_ref=self._y_ref[steps, : self.controlled],
             iterations=response.iterations,
             solve_time=response.solve_time,
             solved=response.solved,
@@ -274,7 +280,7 @@ class Loop:
         values = compute_kpis(bare, self.disturbed_at, self.task.u0[0], self.beside, pace)
         if self.alarm is not None:
             values["alarm"] = time_outside(bare, *self.alarm)
-        return replace(bare, kpis={name: values[name] for name in self._kpi_names})
+        return bare.with_kpis({name: values[name] for name in self._kpi_names})
 
     def end(self, x: Float[np.ndarray, "V n_x"]) -> End:
         """Return why an experiment with these states ended."""

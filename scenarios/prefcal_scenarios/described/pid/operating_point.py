@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import least_squares, root
 
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
@@ -98,8 +99,6 @@ class Held:
 
     def root(self, x: X) -> X | None:
         """Return a solution of f(x, u, d) = 0 for x near the given one, or None."""
-        from scipy.optimize import root
-
         try:
             with np.errstate(all="ignore"):
                 return self.rest(np.asarray(root(self._motion, x, jac=True).x, dtype=float))
@@ -133,8 +132,6 @@ class Held:
 
 def _joint(held: Held, x: X) -> OperatingPoint | None:
     """Return a solution of f(x, u, d) = 0 near x and u, within their limits, or None."""
-    from scipy.optimize import least_squares
-
     plant, d, n = held.plant, held.d, len(x)
     low, high = _limits((*plant.states, *plant.inputs))
     start = np.clip(np.concatenate([x, held.u]), low, high)

@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Complex
+from scipy.linalg import eigvals
 
 from prefcal_env.controllers.rules import ProcessModel
 from prefcal_env.controllers.sampled import minimal
@@ -100,8 +101,6 @@ def _gain(M: LinearSystem, poles: Complex[np.ndarray, " k"], integrators: int) -
 
 def _zeros(M: LinearSystem) -> Complex[np.ndarray, " k"]:
     """Return the finite zeros, as rates: generalized eigenvalues of the system matrix."""
-    from scipy.linalg import eigvals
-
     n = len(M.A)
     if not n:
         return np.zeros(0, dtype=complex)

@@ -6,6 +6,7 @@ import threading
 import httpx
 
 from prefcal_app.session import Choice, Given, Interview, Phase
+from prefcal_app.session.person import Steps
 from prefcal_app.web.api import Pace
 from support.interviews import begin, proceed
 from support.windows import make_room
@@ -122,7 +123,7 @@ def test_a_record_arrives_as_it_was_sent(room, monkeypatch):
         got.append(given)
         return self.now()
 
-    monkeypatch.setattr(Interview, "record", record)
+    monkeypatch.setattr(Steps, "record", record)
     content = bytes(range(256)) * 4000  # larger than any JSON body may be
     page = room.page(**{"content-type": "text/csv; charset=utf-8"})
     address = "/api/record?index=3&unsafe=1&theta=0.5,20,1e-3&again=1"

@@ -10,8 +10,7 @@ from prefcal_scenarios.cases.loops.loop import Actuator
 
 
 def lag(**changes):
-    made = LOOPS["lag"]()
-    return made.__class__(**{**vars(made), **changes})
+    return replace(LOOPS["lag"](), **changes)
 
 
 THETA = LOOPS["lag"]().space.decode(np.full(6, 0.5))
