@@ -22,7 +22,7 @@ def script(monkeypatch):
 
 
 def row(script, true=0.0, better=False, family="trade", **changes):
-    """A study of which at most 2 % is stated, and 50 % of the most promising θ."""
+    """A study of which a few percent are stated, and 50 % of the most promising θ."""
     found = {"answers": 10, "better": 0.01, "wide": 0.0, "held": 2.0, "predicted": -0.4, "chance": 0.5}
     return script.Row("lag", family, 0, 0, Evidence(**found | changes, promising=(1.0,)), true, better)
 
@@ -58,10 +58,10 @@ def test_the_fit_finds_the_coefficients_by_which_shares_were_drawn(script):
     chance = rng.random(4000)
     logs = terms @ [-1.5, 0.4, -0.2] + np.log(chance / (1 - chance)) / 4.0
     found = script.fitted_share(terms, 10.0**logs, np.full(4000, 1 / 4000))
-    at = -1.5 + np.log(0.98 / 0.02) / 4.0  # 2 % of the shares are larger
+    at = -1.5 + np.log(0.99 / 0.01) / 4.0  # 1 % of the shares are larger
     assert found == pytest.approx([at, 0.4, -0.2], abs=0.06)
-    assert np.mean(logs > terms @ found) == pytest.approx(0.02, abs=0.008)
-    assert expit(np.log(0.02 / 0.98)) == pytest.approx(script._FIT_AT)
+    assert np.mean(logs > terms @ found) == pytest.approx(0.01, abs=0.006)
+    assert expit(np.log(0.01 / 0.99)) == pytest.approx(script._FIT_AT)
 
 
 def test_studies_that_are_there_do_not_run_again_and_all_are_reported(script, tmp_path, capsys):

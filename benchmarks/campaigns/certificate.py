@@ -57,7 +57,7 @@ WRONG = {0: "", 10: "-noisy10"}
 ANSWERS = (2, 3, 5, 8, 10, 12, 15, 20)
 _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Shares whose chances to be exceeded are fitted."""
-_FIT_AT, _PENALTY = 0.02, 1e-3
+_FIT_AT, _PENALTY = 0.01, 1e-3
 """Chance of being exceeded for which coefficients are fitted, and the ridge penalty."""
 _SPANS, _BINS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0), (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 
@@ -268,7 +268,7 @@ def fitted(rows: Sequence[Row]) -> Iterator[str]:
 def fitted_share(
     terms: Float[np.ndarray, "r t"], truths: Float[np.ndarray, " r"], weights: Float[np.ndarray, " r"]
 ) -> Float[np.ndarray, " t"]:
-    """Return the coefficients of log10 of the share that is exceeded with a chance of 2 %.
+    """Return the coefficients of log10 of the share that is exceeded with a chance of 1 %.
 
     It is an ordinal logistic regression: the logit of the chance that more than a share s of all θ
     are better is linear in the terms and in log10(s).

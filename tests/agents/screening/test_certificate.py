@@ -137,7 +137,7 @@ def test_the_share_is_a_whole_percentage_between_the_least_and_all():
 
 def test_the_share_by_hand():
     said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, 0.5, ()))
-    size = 10 ** (1.2 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5)
+    size = 10 ** (1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5)
     assert said.share == pytest.approx(np.ceil(100 * size) / 100)
     assert said.chance == pytest.approx(0.5)
 
