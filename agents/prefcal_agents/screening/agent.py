@@ -19,6 +19,7 @@ from prefcal_agents.utility.utilities import Utilities
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Comparison, History
 
+from .certificate import FROM, Certificate, Evidence, evidence
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
 from .simulations import Simulating, Simulations
@@ -99,6 +100,25 @@ class Screening(Simulating):
         found = chances(stage, stage.bank.find(self.best), self.history)
         found[stage.bank.rows([s.theta for s in self.history.samples[: self.history.answered]])] = 0.0
         return float(found.max())
+
+    @property
+    def evidence(self) -> Evidence | None:
+        """Return what draws and answers say of the best θ so far; it simulates if needed.
+
+        None before the second answer, and where experiments measured other KPIs than those
+        simulated, on which no certificate was measured.
+        """
+        if self.best_index is None or len(self.history.lessons()) < FROM:
+            return None
+        stage = self._stage
+        row = None if stage.rough else _row(stage.bank, self.best)
+        return None if row is None else evidence(stage, row, self.history)
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """Return what can be said of the best θ so far; None where there is no `evidence`."""
+        found = self.evidence
+        return None if found is None else Certificate.of(found)
 
     @property
     def trend(self) -> Float[np.ndarray, " n"] | None:

@@ -1,0 +1,304 @@
+"""Measure whether what the certificate says of a result is true, for each kind of people by itself.
+
+    python benchmarks/campaigns/certificate.py --out results --jobs 2         # hours
+    python benchmarks/campaigns/certificate.py --out results --loops rough --seeds 4 --fit
+    python benchmarks/campaigns/certificate.py --out results --report
+    python benchmarks/campaigns/certificate.py --quick --out look             # less than a minute
+
+Each study is one of `Screening` with a simulated person who gives 0 or 10 % wrong answers. After 2,
+3, 5, 8, 10, 12, 15 and 20 answers, the evidence is noted, with the truth: the share of a pool of
+random θ that are noticeably better than the result by the person's rule without mistakes, and
+whether the most promising θ is. Studies in the folder do not run again.
+
+The tables say how often the stated share was exceeded, with 95 % Clopper-Pearson intervals, and how
+often the most promising θ was better. With --fit, the coefficients of the certificate are fitted to
+the studies in the folder, in which every family counts the same; fit on other loops than those that
+are reported.
+"""
+
+import argparse
+import json
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from scipy.optimize import minimize
+from scipy.special import expit, logit
+from scipy.stats import binomtest
+from screening import GROUPS
+
+from prefcal_agents import Screening
+from prefcal_agents.protocol.agent import one_thread
+from prefcal_agents.screening.certificate import Certificate, Evidence
+from prefcal_bench import Processes
+from prefcal_bench.cells.engine import each
+from prefcal_bench.cells.simulation import Simulation
+from prefcal_bench.people import runs_of
+from prefcal_bench.problems import Outcome, Person, Problem, prefer, problem
+from prefcal_bench.results.words import markdown
+from prefcal_env.errors import BenchmarkError, RunError
+from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.loop import ask_and_tell
+
+TRADING = ("weights", "limits", "narrow", "rising", "trade")
+FAMILIES = (*TRADING, "priorities", "order", "ideal", "majority", "ranks", "curves")
+WRONG = {0: "", 10: "-noisy10"}
+"""End of the name of a taste by the percentage of wrong answers."""
+ANSWERS = (2, 3, 5, 8, 10, 12, 15, 20)
+_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+"""Shares whose chances to be exceeded are fitted."""
+_FIT_AT, _PENALTY = 0.01, 1e-3
+"""Chance of being exceeded for which coefficients are fitted, and the ridge penalty."""
+_SPANS, _BINS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0), (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One study after so many answers.
+
+    Args:
+        loop: Name of the loop.
+        family: Kind of people.
+        wrong: Percentage of wrong answers.
+        seed: Seed of person and agent.
+        evidence: What draws and answers say.
+        exceeded_by: Share of random θ that are noticeably better than the result.
+        better: Whether the most promising θ is noticeably better.
+    """
+
+    loop: str
+    family: str
+    wrong: int
+    seed: int
+    evidence: Evidence
+    exceeded_by: float
+    better: bool
+
+    @property
+    def said(self) -> Certificate:
+        """Return what the certificate says."""
+        return Certificate.of(self.evidence)
+
+    @property
+    def exceeded(self) -> bool:
+        """Return whether more θ are better than was said."""
+        return self.said.share is not None and self.exceeded_by > self.said.share
+
+
+def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    of_loops = f"groups ({', '.join(GROUPS)}) or names of loops"
+    parser.add_argument("--out", type=Path, default=Path("prefcal-certificate"), metavar="FOLDER")
+    parser.add_argument("--loops", nargs="+", default=["rough-held-out"], metavar="LOOP", help=of_loops)
+    parser.add_argument("--families", nargs="+", choices=(*FAMILIES, "hidden"), default=list(FAMILIES))
+    parser.add_argument("--wrong", nargs="+", type=int, choices=WRONG, default=list(WRONG), help="in %%")
+    parser.add_argument("--seeds", type=int, default=2, help="people of each family and loop")
+    parser.add_argument("--answers", type=int, default=max(ANSWERS), help="most answers of a study")
+    parser.add_argument("--simulated", type=int, default=1000, help="θ simulated unseen")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--fit", action="store_true", help="fit the coefficients to the studies")
+    parser.add_argument("--report", action="store_true", help="run nothing, report what is there")
+    parser.add_argument("--quick", action="store_true", help="one person, few simulations")
+    options = parser.parse_args(words)
+    options.loops = [loop for name in options.loops for loop in GROUPS.get(name, (name,))]
+    if options.quick:
+        options.loops, options.families, options.wrong = ["lag"], ["trade"], [0]
+        options.seeds, options.answers, options.simulated = 1, 5, 60
+    return options
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run what is missing, and write tables and studies."""
+    options = options_of(words)
+    options.out.mkdir(parents=True, exist_ok=True)
+    if not options.report:
+        run(options)
+    rows = stored(options.out)
+    text = "\n".join([*tables(rows), *(fitted(rows) if options.fit else ())])
+    (options.out / "certificate.md").write_text(text + "\n", encoding="utf-8")
+    frame = pd.json_normalize([asdict(row) | {"said": row.said.share} for row in rows], max_level=1)
+    frame.to_parquet(options.out / "certificate.parquet")
+    print(text)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the missing studies; those of one loop and seed share their simulations."""
+    known = {(row.loop, row.family, row.wrong, row.seed) for row in stored(options.out)}
+    workers = None if options.jobs == 1 else Processes(options.jobs)
+    for seed in range(options.seeds):  # so that an interruption leaves whole seeds
+        jobs = {}
+        for loop in options.loops:
+            todo = [(family, wrong) for family in options.families for wrong in options.wrong]
+            todo = [each for each in todo if (loop, *each, seed) not in known]
+            if todo:
+                jobs[loop] = partial(studies, loop, seed, todo, options)
+        for _, found in each(jobs, workers):
+            if isinstance(found, RunError):
+                raise BenchmarkError(str(found))
+            with (options.out / "studies.jsonl").open("a", encoding="utf-8") as file:
+                file.writelines(json.dumps(asdict(row)) + "\n" for row in found)
+
+
+def stored(folder: Path) -> list[Row]:
+    """Return the studies in the folder."""
+    file = folder / "studies.jsonl"
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    return [_row(json.loads(line)) for line in lines]
+
+
+def _row(content: dict[str, Any]) -> Row:
+    found = {f.name: content["evidence"][f.name] for f in fields(Evidence)}
+    return Row(**content | {"evidence": Evidence(**found | {"promising": tuple(found["promising"])})})
+
+
+def studies(loop: str, seed: int, todo: Sequence[tuple[str, int]], options: argparse.Namespace) -> list[Row]:
+    """Return the rows of all studies of one loop and seed."""
+    where = problem(loop)
+    with one_thread():
+        return [row for family, wrong in todo for row in study(where, family, wrong, seed, options)]
+
+
+def study(where: Problem, family: str, wrong: int, seed: int, options: argparse.Namespace) -> Iterator[Row]:
+    """Yield a row after each number of answers of `ANSWERS`."""
+    person = where.person(family + WRONG[wrong], seed)
+    agent = Screening(
+        where.space,
+        simulate=Simulation(where, person.withheld),
+        n_simulated=options.simulated,
+        n_max=options.answers + 1,
+        seed=seed,
+    )
+
+    def answer(new: Outcome, old: Outcome | None) -> Answer:
+        verdict = None if old is None else prefer(person.judge, new, old)
+        return Answer(verdict, outcomes=(person.told(new), None if old is None else person.told(old)))
+
+    for _ in ask_and_tell(agent, where.outcome, answer):
+        if len(agent.history.lessons()) in ANSWERS and (found := agent.evidence) is not None:
+            best, promising = (where.outcome(np.array(theta)) for theta in (agent.best, found.promising))
+            yield Row(where.name, family, wrong, seed, found, *truth(person, best, promising))
+
+
+def truth(person: Person, best: Outcome, promising: Outcome) -> tuple[float, bool]:
+    """Return the share of the pool that is noticeably better than the best, and if the other θ is."""
+    worth: Any = person.worth  # the person's rule and the pool are its first arguments
+    taste, pool = worth.args
+    one, other = (runs_of(taste.kpis, [outcome.experiment]) for outcome in (best, promising))
+    share = np.mean(taste.rule.compare(pool, one) < 0)
+    return float(share), bool(taste.rule.compare(other, one)[0] < 0)
+
+
+def tables(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the lines of the tables in Markdown."""
+    counts = ["studies", "no number", "exceeded", "95 % interval"]
+    for answers in ANSWERS:
+        after = [row for row in rows if row.evidence.answers == answers]
+        groups = {name: [row for row in after if row.family == name] for name in (*FAMILIES, "hidden")}
+        groups["all"] = after
+        lines = [[name, *_exceeded(some), *_medians(some)] for name, some in groups.items() if some]
+        heads = ["family", *counts, "median stated", "median true"]
+        yield from markdown(heads, lines, f"After {answers} answers") if lines else ()
+    spans = {(low, high): [row for row in rows if _between(low, row, high)] for low, high in pairwise(_SPANS)}
+    lines = [[f"up to {high:.0%}", *_exceeded(some)] for (_, high), some in spans.items() if some]
+    yield from markdown(["stated share", *counts], lines, "By what is stated, after any number of answers")
+    heads = ["stated chance", "studies", "mean stated", "was better"]
+    yield from markdown(heads, _reliability(rows), "Chance that the most promising θ is noticeably better")
+
+
+def _between(low: float, row: Row, high: float) -> bool:
+    """Return whether the row states a share in this span."""
+    share = row.said.share
+    return share is not None and low < share <= high
+
+
+def _exceeded(rows: Sequence[Row]) -> list[str]:
+    """Return the cells: rows, those without a number, and how many of the others were exceeded."""
+    said = [row for row in rows if row.said.explained]
+    count = sum(row.exceeded for row in said)
+    if not said:
+        return [str(len(rows)), str(len(rows)), "", ""]
+    interval = binomtest(count, len(said)).proportion_ci(0.95, method="exact")
+    return [
+        str(len(rows)),
+        str(len(rows) - len(said)),
+        f"{count} ({count / len(said):.1%})",
+        f"{interval.low:.1%} to {interval.high:.1%}",
+    ]
+
+
+def _medians(rows: Sequence[Row]) -> list[str]:
+    said = [row.said.share for row in rows if row.said.share is not None]
+    return [f"{np.median(said):.0%}" if said else "", f"{np.median([row.exceeded_by for row in rows]):.2%}"]
+
+
+def _reliability(rows: Sequence[Row]) -> Iterator[list[str]]:
+    for low, high in pairwise(_BINS):
+        some = [(chance, row.better) for row in rows if low <= (chance := row.said.chance or -1.0) < high]
+        if some:
+            stated, was = np.mean(np.array(some, dtype=float), axis=0)
+            yield [f"{low:.0%} to {high:.0%}", str(len(some)), f"{stated:.0%}", f"{was:.0%}"]
+
+
+def fitted(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the coefficients of the certificate that fit the rows which get a number."""
+    said = [row for row in rows if row.said.explained]
+    terms = np.array([(1.0, *row.evidence.terms) for row in said])
+    per_family = {row.family: sum(r.family == row.family for r in said) for row in said}
+    weights = np.array([1.0 / per_family[row.family] for row in said])
+    share = fitted_share(terms, np.array([row.exceeded_by for row in said]), weights / weights.sum())
+    yield f"Share: {np.round(share, 3).tolist()}"
+    chances = logit(np.clip([row.evidence.chance for row in said], 0.02, 0.98))[:, None]
+    better = np.array([row.better for row in said])[:, None]
+    yield f"Chance: {_logistic(chances[:, None], better, weights / weights.sum()).round(2).tolist()}"
+
+
+def fitted_share(
+    terms: Float[np.ndarray, "r t"], truths: Float[np.ndarray, " r"], weights: Float[np.ndarray, " r"]
+) -> Float[np.ndarray, " t"]:
+    """Return the coefficients of log10 of the share that is exceeded with a chance of 1 %.
+
+    It is an ordinal logistic regression: the logit of the chance that more than a share s of all θ
+    are better is linear in the terms and in log10(s).
+    """
+    middle, spread = terms.mean(axis=0), terms.std(axis=0)
+    middle[0], spread[0] = 0.0, 1.0
+    logs = np.broadcast_to(np.log10(_SHARES), (len(terms), len(_SHARES)))
+    scaled = np.broadcast_to(((terms - middle) / spread)[:, None], (*logs.shape, len(middle)))
+    inputs = np.concatenate([scaled, -logs[:, :, None]], axis=2)
+    found = _logistic(inputs, truths[:, None] > np.array(_SHARES), weights)
+    slopes, slope = found[:-1] / spread, found[-1]
+    slopes[0] -= slopes[1:] @ middle[1:] + logit(_FIT_AT)
+    return np.asarray(slopes / slope)
+
+
+def _logistic(
+    inputs: Float[np.ndarray, "r q t"], true: np.ndarray, weights: Float[np.ndarray, " r"]
+) -> Float[np.ndarray, " t"]:
+    """Return the coefficients of a logistic regression of q questions about each row."""
+
+    def loss(found: Float[np.ndarray, " t"]) -> tuple[float, Float[np.ndarray, " t"]]:
+        sizes = inputs @ found
+        losses = (np.logaddexp(0.0, sizes) - true * sizes).sum(axis=1) @ weights
+        slopes = np.einsum("rq,rqt->t", (expit(sizes) - true) * weights[:, None], inputs)
+        ridge = np.append(0.0, found[1:-1])
+        slopes[: len(ridge)] += 2 * _PENALTY * ridge
+        return losses + _PENALTY * float(ridge @ ridge), slopes
+
+    return np.asarray(minimize(loss, np.ones(inputs.shape[2]), jac=True, method="BFGS").x)
+
+
+if __name__ == "__main__":
+    main()

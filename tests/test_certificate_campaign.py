@@ -1,0 +1,81 @@
+"""The campaign that checks the certificate: its figures by hand, and that it resumes."""
+
+import importlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.special import expit
+
+from prefcal_agents.screening.certificate import Evidence
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "campaigns")
+    return importlib.import_module("certificate")
+
+
+def row(script, true=0.0, better=False, family="trade", **changes):
+    """A study of which a few percent are stated, and 50 % of the most promising θ."""
+    found = {"answers": 10, "better": 0.01, "wide": 0.0, "held": 2.0, "predicted": -0.4, "chance": 0.5}
+    return script.Row("lag", family, 0, 0, Evidence(**found | changes, promising=(1.0,)), true, better)
+
+
+def test_a_study_is_exceeded_if_more_is_better_than_was_stated(script):
+    stated = row(script).said.share
+    assert not row(script, true=stated).exceeded
+    assert row(script, true=stated + 1e-6).exceeded
+    assert not row(script, true=1.0, predicted=-2.0).exceeded  # nothing was stated
+
+
+def test_the_tables_count_each_family_by_itself(script):
+    rows = [row(script, true) for true in (0.0, 0.0, 0.5, 0.0)]
+    rows += [row(script, 1.0, family="curves", predicted=-2.0), row(script, family="curves")]
+    text = "\n".join(script.tables(rows))
+    assert "| trade | 4 | 0 | 1 (25.0%) | 0.6% to 80.6% |" in text  # Clopper-Pearson, of 1 in 4
+    assert "| curves | 2 | 1 | 0 (0.0%) | 0.0% to 97.5% |" in text
+    assert "| all | 6 | 1 | 1 (20.0%) |" in text
+    assert "After 5 answers" not in text
+
+
+def test_the_chance_is_compared_with_what_was_true_in_bins(script):
+    rows = [row(script, better=better) for better in (True, True, False, False)]
+    rows += [row(script, chance=0.0)]
+    text = "\n".join(script.tables(rows))
+    assert "| 40% to 60% | 4 | 50% | 50% |" in text
+    assert "| 0% to 20% | 1 | 6% | 0% |" in text
+
+
+def test_the_fit_finds_the_coefficients_by_which_shares_were_drawn(script):
+    rng = np.random.default_rng(0)
+    terms = np.column_stack([np.ones(4000), rng.standard_normal((4000, 2))])
+    chance = rng.random(4000)
+    logs = terms @ [-1.5, 0.4, -0.2] + np.log(chance / (1 - chance)) / 4.0
+    found = script.fitted_share(terms, 10.0**logs, np.full(4000, 1 / 4000))
+    at = -1.5 + np.log(0.99 / 0.01) / 4.0  # 1 % of the shares are larger
+    assert found == pytest.approx([at, 0.4, -0.2], abs=0.06)
+    assert np.mean(logs > terms @ found) == pytest.approx(0.01, abs=0.006)
+    assert expit(np.log(0.01 / 0.99)) == pytest.approx(script._FIT_AT)
+
+
+def test_studies_that_are_there_do_not_run_again_and_all_are_reported(script, tmp_path, capsys):
+    words = ["--quick", "--out", str(tmp_path)]
+    script.main(words)
+    file = tmp_path / "studies.jsonl"
+    before = file.read_text()
+    lines = [json.loads(line) for line in before.splitlines()]
+    assert [line["evidence"]["answers"] for line in lines] == [2, 3, 5]
+    assert all(0 <= line["exceeded_by"] <= 1 for line in lines)
+    script.main(words)
+    assert file.read_text() == before
+    assert [asdict(r) for r in script.stored(tmp_path)] == [asdict(script._row(line)) for line in lines]
+    frame = pd.read_parquet(tmp_path / "certificate.parquet")
+    assert len(frame) == 3
+    assert {"loop", "family", "evidence.held", "exceeded_by", "said"} <= set(frame.columns)
+    assert "| trade | 1 | 0 |" in capsys.readouterr().out
