@@ -47,6 +47,8 @@ LOOPS = tuple(f"rough-{number}" for number in range(900, 915))
 FAMILIES = ("order", "trade", "ideal", "majority", "ranks", "curves")
 _ASKED, _LAST = 10, 5
 """Numbers of answers, and of those whose stakes are noted."""
+_FEW = 0.01
+"""Share of the candidates that is few."""
 _EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 1.01)
 Row = Mapping[str, Any]
 
@@ -171,13 +173,17 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
 def _figures(rows: Sequence[Row]) -> Iterator[str]:
     named = [row["answer"] for row in rows if row["answer"] is not None]
     yield str(len(rows))
-    yield f"{100 * len(named) / len(rows):.0f} %"
+    yield _share([row["answer"] is not None for row in rows])
     for place in (0, 1):
-        yield f"{100 * np.mean([each['foretold'][place] == each['found'][place] for each in named]):.0f} %"
-    yield f"{100 * np.mean([row['good'][0] for row in rows]):.0f} %"
-    yield f"{100 * np.mean([any(row['good']) for row in rows]):.0f} %"
-    yield f"{100 * np.mean([row['better'][0] < 0.01 for row in rows]):.0f} %"
-    yield f"{100 * np.mean([min(row['better']) < 0.01 for row in rows]):.0f} %"
+        yield _share([each["foretold"][place] == each["found"][place] for each in named])
+    yield _share([row["good"][0] for row in rows])
+    yield _share([any(row["good"]) for row in rows])
+    yield _share([row["better"][0] < _FEW for row in rows])
+    yield _share([min(row["better"]) < _FEW for row in rows])
+
+
+def _share(found: Sequence[bool]) -> str:
+    return f"{100 * sum(found) / len(found):.0f} %" if found else "–"
 
 
 def _bins(rows: Sequence[Row], key: str) -> Iterator[list[str]]:

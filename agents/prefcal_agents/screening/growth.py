@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_agents.history.stages import Remembered, Stages
+from prefcal_agents.history.stages import Stages
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import Region
 from prefcal_agents.utility.bank import Bank, columns_of
@@ -87,7 +87,7 @@ class Growth:
         self._plan = _plan(n_simulated)
         self._design = latin_hypercube(space, sum(wide for wide, _ in self._plan), seed)
         self._stages = Stages(self._first, self._following)
-        self._pools = Remembered(self._pool)
+        self._pooled: tuple[History, Pool] | None = None  # the latest one: it is large
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
@@ -99,7 +99,10 @@ class Growth:
         Raises:
             KeyError: If a sample is not in the bank.
         """
-        return self._pools(history)
+        known = self._pooled
+        if known is None or known[0] != history:
+            known = self._pooled = (history, self._pool(history))
+        return known[1]
 
     def _pool(self, history: History) -> Pool:
         stage, last = self.stage(history), history.answered

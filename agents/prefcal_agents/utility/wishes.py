@@ -55,7 +55,7 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
         result: Row of the result.
     """
     usable = spread[~pool.bank.hopeless[spread]]
-    if len(usable) < 2 or not history.lessons():
+    if len(usable) < 2 or not pool.scale.names or not history.lessons():
         return ()
     draws = pool.drawn(history, _DRAWS, _POWER)
     share = deciding(draws, pool.logs, usable)
