@@ -367,13 +367,13 @@ def interfere(folder: Path) -> None:
     with StudyFile.open(folder / "own.prefcal", clock=lambda: "2026-01-01T00:00:00+00:00") as file:
         interview = Interview(load(f"{folder / 'own.py'}:own"), file, ahead=False)
         for _ in range(2):
-            interview.undo(interview.now().version)
-        interview.retract(3)
+            interview.steps.undo(interview.now().version)
+        interview.steps.retract(3)
         while interview.now().phase is Phase.RUNNING:
             interview.work()
         question = interview.now().question
         assert question is not None
-        interview.mark(question.id, "left", "unsafe", True)
+        interview.steps.mark(question.id, "left", "unsafe", True)
         interview.close()
 
 

@@ -41,7 +41,7 @@ def from_file_to_the_next_question(file, agent):
     interview = begin(load(f"{file}:own"), n_max=8, agent=agent)
     question = proceed(interview).question
     assert "Effort" in str(now_view(interview)["question"]["comparison"])
-    interview.answer(question.id, Choice.LEFT)
+    interview.steps.answer(question.id, Choice.LEFT)
     proceed(interview)
     assert now_view(interview)["question"]["id"] != question.id
 

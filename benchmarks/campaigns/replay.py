@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Choice, Interview, Now, Phase, Question
-from prefcal_app.session.memory import agent_as_dict, knobs_as_dicts
+from prefcal_app.session.study.memory import agent_as_dict, knobs_as_dicts
 from prefcal_app.simulating import Simulator
 from prefcal_app.view import now_view
 from prefcal_env import Channel
@@ -164,7 +164,7 @@ def replay(
 ) -> ReplayedStudy:
     """Answer a whole study, and return what happened."""
     interview, found, asked = _begun(scenario, seed, simulator, simulated), ReplayedStudy(), []
-    promise = interview.planned
+    promise = interview.known.planned
     while (now := _next(interview)).question is not None:
         found.questions += 1
         found.untrue += [
@@ -174,7 +174,7 @@ def replay(
         _note_chances(found, interview, now.question, who, verdict)
         asked.append({now.question.left.index, now.question.right.index})
         found.ties += verdict is Choice.SAME
-        interview.answer(now.question.id, verdict)
+        interview.steps.answer(now.question.id, verdict)
     if found.questions != promise.total:
         found.untrue.append(f"{found.questions} questions, {promise.total} promised")
     return found
@@ -200,7 +200,7 @@ def _begun(scenario: Scenario, seed: int, simulator: Simulator, simulated: int) 
 
 def _next(interview: Interview) -> Now:
     """Work until a question is open with its reason, or the study is over."""
-    while interview.now().phase is Phase.RUNNING or interview.screened() is None:
+    while interview.now().phase is Phase.RUNNING or interview.known.screened() is None:
         if not interview.work():
             break
     return interview.now()
@@ -215,7 +215,7 @@ def _note_chances(
     found: ReplayedStudy, interview: Interview, question: Question, who: Judge, verdict: Choice
 ) -> None:
     """Note what the page says of the future, and what is the case."""
-    screened = interview.screened()
+    screened = interview.known.screened()
     if screened is None or screened.prospect is None or question.further:
         return
     new = Choice.LEFT if question.challenger is question.left else Choice.RIGHT
@@ -283,7 +283,7 @@ def _first_part_is_better(why: str) -> bool:
 
 def _of_first(interview: Interview, question: Question) -> Iterator[str]:
     """Yield what is wrong with the first pair."""
-    scenario, screened = interview.scenario, interview.screened()
+    scenario, screened = interview.scenario, interview.known.screened()
     assert screened is not None
     kpis = reading(scenario).table(screened.bank.names, screened.bank.kpis)
     missed = reading(scenario).missed(screened.bank.names, kpis)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from prefcal_app.looking.table import run_from
 from prefcal_app.looking.window import LookWindow
-from prefcal_app.session.order import challenger_left
+from prefcal_app.session.study.order import challenger_left
 from prefcal_env.tables import TableColumns
 
 if TYPE_CHECKING:

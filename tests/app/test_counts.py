@@ -30,17 +30,17 @@ def interview():
     made = begin(toy_scenario(), n_max=9, agent=THREE)
     for _ in range(2):
         question = until_further(made)
-        made.answer(question.id, judge(question, made.scenario.cost))
+        made.steps.answer(question.id, judge(question, made.scenario.cost))
     for _ in range(2):
         question = proceed(made).question
-        made.answer(question.id, judge(question, made.scenario.cost))
-    made.retract(2)
+        made.steps.answer(question.id, judge(question, made.scenario.cost))
+    made.steps.retract(2)
     proceed(made)
-    question = made.repeat().question
-    made.answer(question.id, judge(question, made.scenario.cost))
+    question = made.steps.repeat().question
+    made.steps.answer(question.id, judge(question, made.scenario.cost))
     question = proceed(made).question
     while question.further:  # until an experiment waits for its first comparison
-        made.answer(question.id, judge(question, made.scenario.cost))
+        made.steps.answer(question.id, judge(question, made.scenario.cost))
         question = proceed(made).question
     return made
 
@@ -66,7 +66,7 @@ def test_the_study_has_all_that_could_be_counted_differently(interview):
 
 def test_experiments_are_those_that_ran(interview, record, told):
     ran = len(interview.now().state.finished)
-    assert interview.counts.experiments == len(record.trials) == told["experiments"] == ran
+    assert interview.known.counts.experiments == len(record.trials) == told["experiments"] == ran
     assert json.loads(best_as_json(record))["experiments"] == ran
     assert now_view(interview)["progress"]["experiments"] == ran
     assert len(status_view(interview)["tried"]["experiments"]) == ran
@@ -80,10 +80,10 @@ def test_comparisons_are_the_answers_that_stand(interview, record, told):
     state = interview.now().state
     asked = [c for c in (*state.history.comparisons[1:], *state.history.follow_ups) if not c.retracted]
     count = len(asked)
-    assert interview.counts.comparisons == record.questions == told["questions"] == count
+    assert interview.known.counts.comparisons == record.questions == told["questions"] == count
     assert sum(told["verdicts"].values()) == count
     assert told["verdicts"] == record.verdict_counts()
-    assert list(told["verdicts"].values()) == list(interview.counts.verdicts.values())
+    assert list(told["verdicts"].values()) == list(interview.known.counts.verdicts.values())
     assert now_view(interview)["progress"]["given"] == count
     assert summary(state)["answers"] == count
     assert f"{count} comparisons" in page(record, [])
@@ -94,7 +94,7 @@ def test_comparisons_are_the_answers_that_stand(interview, record, told):
 
 def test_the_best_is_the_same_everywhere(interview, record, told):
     best = interview.now().incumbent
-    theta = interview.scenario.space.named(interview.experiment(best).theta)
+    theta = interview.scenario.space.named(interview.past.experiment(best).theta)
     assert record.best.index == best
     assert told["best"] == theta
     assert json.loads(best_as_json(record))["experiment"] == best + 1
@@ -132,9 +132,9 @@ def test_the_promised_number_of_questions_is_reached_and_never_passed():
     numbers = []
     while (question := proceed(study).question) is not None:
         view = now_view(study)["progress"]
-        numbers.append(study.planned.answered + 1)
+        numbers.append(study.known.planned.answered + 1)
         assert view["text"] == f"question {len(numbers)} of 5"
-        study.answer(question.id, Choice.LEFT if len(numbers) % 3 else Choice.RIGHT)
+        study.steps.answer(question.id, Choice.LEFT if len(numbers) % 3 else Choice.RIGHT)
     assert numbers == [1, 2, 3, 4, 5]
     assert now_view(study)["progress"]["text"] == "5 questions answered"
 
@@ -142,6 +142,6 @@ def test_the_promised_number_of_questions_is_reached_and_never_passed():
 def test_follow_ups_are_called_so_and_do_not_count():
     study = begin(toy_scenario(), n_max=9, agent=THREE)
     until_further(study)
-    planned = study.planned
+    planned = study.known.planned
     assert planned.total == 8
     assert now_view(study)["progress"]["text"] == f"follow-up question, after {planned.answered} of 8"

@@ -112,7 +112,7 @@ def survive(folder, kind, kills, seed):
         recorded = done + len(now.state.history.follow_ups)
         assert recorded > told, "an acknowledged answer is gone"
         assert next_query(now) == queries[place(now)]
-        interview.study.close()
+        interview.file.close()
         if now.phase is Phase.OVER:
             study, told = study + 1, 0
             path = folder / f"study-{study}.prefcal"

@@ -27,10 +27,10 @@ def interview_with_failures(failing, choice, scenario="toy"):
     interview = begin(replace(toy, run=run), n_max=6)
     while (now := proceed(interview)).phase is not Phase.OVER:
         if now.phase is Phase.FAILED:
-            interview.fail(now.pending.index, "no signal")
+            interview.steps.fail(now.pending.index, "no signal")
         else:
             now_view(interview)
-            interview.answer(now.question.id, choice)
+            interview.steps.answer(now.question.id, choice)
     return interview
 
 

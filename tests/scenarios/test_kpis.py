@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_agents.baselines.latin_hypercube import LatinHypercube
 from prefcal_agents.models.learned_cost import CostTerm, LearnedCost
-from prefcal_app.session.memory import trust_text
+from prefcal_app.session.study.memory import trust_text
 from prefcal_env import End
 from prefcal_env.errors import ScenarioError
 from prefcal_scenarios import KPI, load, outcome, simulate_many, simulator
@@ -111,15 +111,15 @@ def interview():
 def test_every_answer_is_recorded_with_what_happened(interview):
     for closed in interview.now().state.history.comparisons:
         new, old = closed.answer.outcomes
-        assert new == outcome(TOY, interview.experiment(closed.challenger))
+        assert new == outcome(TOY, interview.past.experiment(closed.challenger))
         rival = closed.incumbent
-        assert old == (None if rival is None else outcome(TOY, interview.experiment(rival)))
+        assert old == (None if rival is None else outcome(TOY, interview.past.experiment(rival)))
 
 
 def test_whatever_the_agent_the_answers_say_what_counts():
     interview = begin(TOY, n_max=20, agent=LatinHypercube)
     answer_all(interview, lambda number: None)
-    index = interview.index
+    index = interview.known.index
     assert index.explains
     assert index(outcome(TOY, FINE)) < index(outcome(TOY, UNSAFE))
     assert begin(TOY).index is None

@@ -101,7 +101,7 @@ def window_on(scenario: Scenario, study: Path, n_max: int) -> Iterator[Served]:
     interview = begin(scenario, n_max=n_max, path=study, ahead=True)
     with Window(interview) as window, Background(interview):
         yield Served(window.link, study)
-    interview.study.close()
+    interview.file.close()
 
 
 @contextlib.contextmanager

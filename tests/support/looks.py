@@ -27,5 +27,5 @@ def answer(interview: Interview, choice: Choice) -> Now:
     """Answer the open question, and work until the next one is."""
     question = interview.now().question
     assert question is not None
-    interview.answer(question.id, choice, comment=f"said {choice.value}")
+    interview.steps.answer(question.id, choice, comment=f"said {choice.value}")
     return proceed(interview)

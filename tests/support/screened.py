@@ -38,6 +38,6 @@ def screening(
 def explained(interview: Interview) -> Interview:
     """The interview with its next question open and everything about it worked out."""
     proceed(interview)
-    while interview.screened() is None:
+    while interview.known.screened() is None:
         assert interview.work()
     return interview

@@ -6,7 +6,7 @@ from typing import Any
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Interview
-from prefcal_app.session.memory import agent_as_dict, knobs_as_dicts
+from prefcal_app.session.study.memory import agent_as_dict, knobs_as_dicts
 from prefcal_app.simulating import Simulator
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.knob import Knob

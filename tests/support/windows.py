@@ -72,7 +72,7 @@ class Room:
     @property
     def events(self) -> list[object]:
         """What the study file holds."""
-        return list(self.interview.study.events())
+        return list(self.interview.file.events())
 
     def question(self) -> int:
         """Id of the open question."""

@@ -146,6 +146,14 @@ class Strategy:
         ended = history.answered >= self._most(history)
         return ended or turn.pair is not None or self._next.get(turn.history) is not None
 
+    def leader(self, history: History) -> int | None:
+        """Return the sample that is the best after `history`; None before any answer."""
+        return self._turn(history).history.incumbent
+
+    def is_over(self, history: History) -> bool:
+        """Return whether all experiments are answered and it is clear which one is the best."""
+        return history.answered >= self._most(history) and self._turn(history).pair is None
+
     def open(self, history: History, n: int = 1) -> tuple[History, list[Query]]:
         """Return what is asked after `history`: the record with all it is asked about, and queries.
 
@@ -245,7 +253,7 @@ class Agent(Strategy):
     @property
     def done(self) -> bool:
         """Return whether all experiments are answered and it is clear which one is the best."""
-        return self.history.answered >= self.n_max and self._turn(self.history).pair is None
+        return self.is_over(self.history)
 
     @property
     def best(self) -> Float[np.ndarray, " n"]:
@@ -258,7 +266,7 @@ class Agent(Strategy):
     @property
     def best_index(self) -> int | None:
         """Return the index of the best sample; None before any answer. It may take simulations."""
-        return self._turn(self.history).history.incumbent
+        return self.leader(self.history)
 
     @property
     def samples(self) -> Float[np.ndarray, "N n"]:

@@ -194,7 +194,7 @@ def _unattended(work: Calibration, ctrl_c: Interruption) -> int:
         if not (ctrl_c.pressed or isinstance(error, KeyboardInterrupt)):
             failure = error
         else:
-            done = f"{work.interview.counts.experiments} of {work.interview.n_max} experiments"
+            done = f"{work.interview.known.counts.experiments} of {work.interview.known.n_max} experiments"
             work.say(f"Interrupted after {done}.")
     # Do not run the references on a rig that has just failed.
     record = work.write(failed=failure is not None)
@@ -216,7 +216,7 @@ def _answer_all(work: Calibration, ctrl_c: Interruption) -> None:
     interview = work.interview
     calibrator = make_calibrator(work.options, interview.scenario)
     with _Display(work) as display:
-        display.compared(len(interview.comparisons()))
+        display.compared(len(interview.past.comparisons()))
         interview.prepare(display.compiling)
         for _ in unattended(interview, calibrator, display.running, work.say):
             display.compared()
@@ -238,13 +238,13 @@ class _Display(Progress):
             expand=True,
         )
         name = escape(printable(self._interview.scenario.name))
-        self._bar = self.add_task(f"calibrating {name}", total=self._interview.n_max)
+        self._bar = self.add_task(f"calibrating {name}", total=self._interview.known.n_max)
 
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield the bar, and a line for each row below it."""
         yield from super().get_renderables()
         rows = dict(self._rows)
-        if (simulated := self._interview.simulated) is not None:
+        if (simulated := self._interview.known.simulated) is not None:
             rows["unseen"] = simulated.line
         elif (running := self._interview.now().running) > 1:
             rows["at once"] = f"{running} experiments are running"
@@ -265,7 +265,7 @@ class _Display(Progress):
     def compared(self, count: int = 1) -> None:
         """Count experiments; show the verdicts and what the study would return now."""
         self.advance(self._bar, count)
-        now, verdicts = self._interview.now(), self._interview.counts.verdicts
+        now, verdicts = self._interview.now(), self._interview.known.counts.verdicts
         self._rows["verdicts"] = " · ".join(f"{VERDICTS[v]} {n}" for v, n in verdicts.items())
         if (index := now.incumbent) is not None:
             theta = np.array(now.state.history.samples[index].theta)

@@ -14,7 +14,7 @@ from prefcal_app.report.export import versions
 from prefcal_app.report.ownership import Owner, Ownership, claim_default, claim_given
 from prefcal_app.report.record import StudyRecord
 from prefcal_app.session import Interview, Phase
-from prefcal_app.session.memory import as_studied, is_simulating
+from prefcal_app.session.study.memory import as_studied, is_simulating
 from prefcal_app.simulating import Kept, Simulator, key_of, twin_of
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import StudyError
@@ -108,7 +108,7 @@ class Calibration:
             StudyError: If it cannot be written, for example because the disk is full.
         """
         options, scenario, wanted = self.options, self.interview.scenario, self.reportable
-        self.interview.wait_for_screened(_KNOWN)
+        self.interview.known.wait_for_screened(_KNOWN)
         shown = {} if failed or not wanted else references(scenario, options.seed, self.say)
         record, trouble = record_of(self.interview, options, shown, self.opened.name).costed()
         if trouble and not failed:
@@ -153,9 +153,9 @@ class Calibration:
     @property
     def _simulated(self) -> int | None:
         """Return how many θ were simulated unseen; None if this is not known any more."""
-        if not is_simulating(self.interview.study.state):
+        if not is_simulating(self.interview.file.state):
             return 0
-        found = self.interview.simulated
+        found = self.interview.known.simulated
         return None if found is None or not found.simulated else found.simulated
 
 

@@ -224,7 +224,7 @@ class Asking:
         Raises:
             StudyError: If no experiment is compared yet, or the folder cannot be written.
         """
-        if not self._interview.study.state.history.answered:
+        if not self._interview.file.state.history.answered:
             raise StudyError("nothing to report: no experiment was compared yet")
         self._work.write()
         folder = self._work.claim.folder
@@ -248,7 +248,7 @@ class Asking:
 
     def to_frame(self, *, answers: bool = False) -> Any:
         """Return the experiments, or the answers, as a pandas DataFrame."""
-        return self._interview.study.to_frame(answers=answers)
+        return self._interview.file.to_frame(answers=answers)
 
     def close(self) -> None:
         """Stop asking, and wake `wait`. Answers are saved; `ask` with the same study resumes.
@@ -267,7 +267,7 @@ class Asking:
         return _framed(self.link, self._height)
 
     def __repr__(self) -> str:
-        counts = self._interview.counts
+        counts = self._interview.known.counts
         name = self.study or "not kept"
         return f"<study {name}: {counts.experiments} experiments, {counts.comparisons} answers>"
 

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from prefcal_app.cli.studies.files import open_described, wall_clock
 from prefcal_app.report.export import jsonable, versions
-from prefcal_app.session.memory import (
+from prefcal_app.session.study.memory import (
     QUESTIONS,
     agent_as_dict,
     constraint_names,

@@ -14,8 +14,8 @@ from prefcal_app.report.export import jsonable
 from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
-from prefcal_app.session.memory import trust_text
-from prefcal_app.session.view import GOOD_ENOUGH
+from prefcal_app.session.study.memory import trust_text
+from prefcal_app.session.study.question import GOOD_ENOUGH
 from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State
@@ -36,24 +36,24 @@ def record_of(
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
-    times = [recorded.at for recorded in interview.study.events()]
+    times = [recorded.at for recorded in interview.file.events()]
     return StudyRecord(
         scenario=interview.scenario,
         source=options.scenario,
-        comparisons=interview.comparisons(),
-        answered=interview.answered(),
+        comparisons=interview.past.comparisons(),
+        answered=interview.past.answered(),
         held=winners if now.incumbent is None else (*winners[:-1], now.incumbent),
-        waiting={index: interview.experiment(index) for index in waiting},
+        waiting={index: interview.past.experiment(index) for index in waiting},
         references=references,
         settings=options.settings(),
         agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items()},
         n_init=options.n_init,
-        n_max=interview.n_max,
+        n_max=interview.known.n_max,
         command=options.command(),
-        surrogate=interview.surrogate,
-        trust="" if (index := interview.index) is None else trust_text(index),
+        surrogate=interview.known.surrogate,
+        trust="" if (index := interview.known.index) is None else trust_text(index),
         good_enough=state.ended == GOOD_ENOUGH,
-        outlook=interview.outlook,
+        outlook=interview.known.outlook,
         judged=follows_cost(options, interview.scenario),
         study=name or "",
         dates=tuple(dict.fromkeys((times[0], times[-1]))),

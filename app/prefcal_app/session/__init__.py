@@ -14,9 +14,9 @@ from .background import Background as Background
 from .interview import Interview as Interview
 from .records import Given as Given
 from .records import Preview as Preview
+from .study.now import Now as Now
+from .study.now import Phase as Phase
+from .study.question import Choice as Choice
+from .study.question import Question as Question
+from .study.question import Side as Side
 from .unattended import unattended as unattended
-from .view import Choice as Choice
-from .view import Now as Now
-from .view import Phase as Phase
-from .view import Question as Question
-from .view import Side as Side

@@ -7,7 +7,7 @@ from typing import Self
 from prefcal_env.workers import GRACE
 
 from .interview import Interview
-from .view import Phase
+from .study.now import Phase
 
 _DRAWN = 0.15
 """Seconds left for sending and drawing a new question before prefetching starts."""

@@ -14,8 +14,9 @@ from prefcal_env.study import Dialed, Finished, Replaced
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.checks import check_experiment
 
+from .can import refusal
 from .flow import Flow
-from .view import Phase
+from .study.now import Phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ def preview(flow: Flow, given: Given) -> Preview:
     theta = _dialed(flow, given)
     if theta is None:
         theta = np.array(flow.state.history.samples[given.index].theta)
-    run = flow.source.begin(theta, seed=flow.seed)
+    run = flow.underway.source.begin(theta, seed=flow.study.seed)
     run.supply(Table(given.content, given.unsafe))
     experiment = run.advance()
     experiment = check_experiment(flow.store.scenario, theta, experiment)
@@ -102,12 +103,12 @@ def record(flow: Flow, given: Given) -> None:
 
 def _check_due(flow: Flow, index: int) -> None:
     """Refuse a record that is neither waited for nor can replace one."""
-    pending = flow.pending
-    if flow.source.asks != "record":
-        raise StaleError("the plant is simulated and takes no record")
-    if flow.phase is Phase.RECORD and pending is not None and pending.index == index:
-        return
-    if index not in flow.state.finished or flow.phase not in (Phase.RECORD, Phase.QUESTION):
+    refused = refusal(flow, "record")
+    if refused is not None:
+        raise refused
+    pending = flow.study.pending
+    due = flow.phase is Phase.RECORD and pending is not None and pending.index == index
+    if not due and index not in flow.state.finished:
         raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
 
 

@@ -18,9 +18,10 @@ from prefcal_scenarios.scenario import Scenario
 
 from . import thinking
 from .flow import Flow
-from .memory import agent_of
-from .plant import Attempt, Recovery
-from .view import GOOD_ENOUGH, Phase
+from .study.memory import agent_of
+from .study.now import Phase, Recovery
+from .study.question import GOOD_ENOUGH
+from .volatile.plant import Attempt
 
 UNBIDDEN = ("late", "died")
 """Reasons for a run without an experiment that neither the person nor their code gave."""
@@ -33,46 +34,48 @@ _ONE_AT_A_TIME = threading.Lock()
 
 def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     """Return the next piece of work; None if there is none."""
-    if flow.plant.recovery is Recovery.DUE:
-        return flow.plant.recover(flow.changed, flow.tell_change)
-    if flow.phase in (Phase.RECORD, Phase.CONFIRM) or flow.moves_plant:
+    underway, study = flow.underway, flow.study
+    if underway.plant.recovery is Recovery.DUE:
+        return underway.plant.recover(underway.changed, flow.tell_change)
+    if flow.phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
         return _attended(flow)
     if flow.phase is Phase.RUNNING:
-        if flow.must_think:
+        if study.must_think:
             return thinking.think(flow)
-        pending = flow.pending
-        if pending is None or pending.index in flow.state.finished or flow.source.asks:
+        pending = study.pending
+        if pending is None or pending.index in flow.state.finished or underway.source.asks:
             return lambda: lambda: _go_on_running(flow)
         if flow.at_once > 1:
-            return _beside(flow) if flow.asked else lambda: lambda: _go_on_running(flow)
+            return _beside(flow) if flow.proposed else lambda: lambda: _go_on_running(flow)
         return _running(flow, pending)
     if flow.phase in (Phase.QUESTION, Phase.OVER) and thinking.is_unexplained(flow):
         return thinking.explain(flow)
     if flow.at_once > 1:
         return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
-    if flow.phase is Phase.QUESTION and ahead and not flow.source.asks:
+    if flow.phase is Phase.QUESTION and ahead and not underway.source.asks:
         return _looking_ahead(flow)
     return None
 
 
 def _attended(flow: Flow) -> Attempt | None:
     """Advance the run that a person attends to, unless it waits for them or for the plant."""
-    run, pending = flow.run, flow.pending
-    if run is None or pending is None or run.waits or flow.plant.recovery is not Recovery.DONE:
+    underway, pending = flow.underway, flow.study.pending
+    run = underway.of(pending)
+    if run is None or pending is None or run.waits or underway.plant.recovery is not Recovery.DONE:
         return None
     return _running(flow, pending)
 
 
 def _beside(flow: Flow) -> Attempt | None:
     """Run the first pending sample that does not run yet; None if all do, or enough."""
-    if len(flow.runs) >= flow.at_once:
+    if len(flow.underway.going) >= flow.at_once:
         return None
-    for sample in flow.unfinished:
+    for sample in flow.study.unfinished:
         theta = np.array(sample.theta)
         failed = flow.phase is not Phase.RUNNING and (
-            flow.prefetch.is_known(theta) or sample.index in flow.state.failures
+            flow.thoughts.prefetch.is_known(theta) or sample.index in flow.state.failures
         )
-        if theta_key(theta) not in flow.runs and not failed:
+        if theta_key(theta) not in flow.underway.going and not failed:
             flow.version += flow.phase is Phase.RUNNING  # so that front ends say how many run
             return _running(flow, sample)
     return None
@@ -81,15 +84,15 @@ def _beside(flow: Flow) -> Attempt | None:
 def _running(flow: Flow, sample: Suggested) -> Attempt:
     """Run a pending sample, unless its result is known already."""
     theta = np.array(sample.theta)
-    known = flow.prefetch.experiment(theta) or flow.prefetch.take_failure(theta)
-    run = None if known else flow.begin(theta)
+    known = flow.thoughts.prefetch.experiment(theta) or flow.thoughts.prefetch.take_failure(theta)
+    run = None if known else flow.underway.begin(theta)
 
     def advance() -> Callable[[], None]:
         result = known if run is None else attempt(flow, run, theta)
         given_up = isinstance(result, RunError) and result.why == "given up"
 
         def done() -> None:
-            flow.end(theta, result)
+            flow.underway.end(theta, result)
             # Not a failure if it was given up: it runs again when it is needed again.
             if result is not None and not given_up:
                 flow.ran(sample, result)
@@ -124,7 +127,7 @@ def attempt(
         result: object = run.advance()
         if result is None and run.waits:
             return None
-        if flow.checked and twin is None and not attended and isinstance(result, Experiment):
+        if flow.underway.checked and twin is None and not attended and isinstance(result, Experiment):
             return result
         experiment = check_experiment(scenario, theta, result)
     except KeyboardInterrupt:
@@ -134,7 +137,7 @@ def attempt(
             raise
         return as_exception(error)
     if twin is None:
-        flow.checked = not experiment.end.interrupted
+        flow.underway.checked = not experiment.end.interrupted
     return experiment
 
 
@@ -151,19 +154,19 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
         if not isinstance(flow.agent, Screening):
             raise ScenarioError("only an experiment that is simulated unseen can be looked at")
         theta = flow.agent.space.check_allowed(theta)
-        known = flow.study.find_experiment(theta)
-        found = flow.prefetch.experiment(theta)
+        known = flow.file.find_experiment(theta)
+        found = flow.thoughts.prefetch.experiment(theta)
     if known is not None:
-        return flow.study.experiment(known)
+        return flow.file.experiment(known)
     if found is not None:
         return found
     with _ONE_AT_A_TIME:
         result = _looked_at(flow, lock, theta)
     if not isinstance(result, Experiment):
         raise ScenarioError(f"this simulation failed: {result}") from result
-    if flow.twin is None:
+    if flow.thoughts.twin is None:
         with lock:
-            flow.prefetch.keep(theta, result)
+            flow.thoughts.prefetch.keep(theta, result)
     return result
 
 
@@ -172,13 +175,13 @@ def _looked_at(
 ) -> Experiment | Exception | None:
     key = b"look " + theta_key(theta)
     with lock:
-        run = (flow.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.seed)
-        flow.runs[key] = run  # so that it makes way for what is waited for
+        run = (flow.thoughts.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.study.seed)
+        flow.underway.going[key] = run  # so that it makes way for what is waited for
     try:
-        return attempt(flow, run, theta, flow.twin)
+        return attempt(flow, run, theta, flow.thoughts.twin)
     finally:
         with lock:
-            del flow.runs[key]
+            del flow.underway.going[key]
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
@@ -187,25 +190,25 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
     assert asked is not None
     if asked.repeats is not None:
         return None
-    if flow.prefetch.next is not None:
-        return _running_ahead(flow, flow.prefetch.next)
+    if flow.thoughts.prefetch.next is not None:
+        return _running_ahead(flow, flow.thoughts.prefetch.next)
     return thinking.look_ahead(flow, asked, lambda theta: _is_known(flow, theta))
 
 
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
     """Run θ before it is needed."""
-    flow.prefetch.next = None
-    run = flow.begin(theta)
+    flow.thoughts.prefetch.next = None
+    run = flow.underway.begin(theta)
 
     def advance() -> Callable[[], None]:
         result = attempt(flow, run, theta)
 
         def keep() -> None:
-            flow.end(theta, result)
+            flow.underway.end(theta, result)
             if isinstance(result, Experiment):
-                flow.prefetch.keep(theta, result)
+                flow.thoughts.prefetch.keep(theta, result)
             elif isinstance(result, RunError) and result.why in (*UNBIDDEN, "stopped"):
-                flow.prefetch.keep_failure(theta, result)
+                flow.thoughts.prefetch.keep_failure(theta, result)
 
         return keep
 
@@ -214,54 +217,35 @@ def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
 
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
     """Return whether θ has run: in the study, for example before an undo, or as a prefetch."""
-    return flow.study.find_experiment(theta) is not None or flow.prefetch.is_known(theta)
+    return flow.file.find_experiment(theta) is not None or flow.thoughts.prefetch.is_known(theta)
 
 
-def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
-    """Return the pending sample. Raises StaleError unless its index and the phase match."""
-    pending = flow.pending
-    if pending is None or pending.index != index or flow.phase not in phases:
-        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
+def _pending(flow: Flow, index: int, then: str = "nothing was changed") -> Suggested:
+    """Return the pending sample. Raises StaleError unless its index is `index`."""
+    pending = flow.study.pending
+    if pending is None or pending.index != index:
+        raise StaleError(f"experiment {index + 1} is no longer waited for: {then}")
     return pending
 
 
 def confirm(flow: Flow, index: int) -> None:
-    """Let the run of the pending sample start, with the values that the person was shown.
-
-    Raises:
-        StaleError: If it is not waited for, or the plant's present values are not known.
-    """
-    pending, run = flow.pending, flow.run
-    if pending is None or pending.index != index or flow.phase is not Phase.CONFIRM:
-        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was written")
-    if flow.plant.recovery is Recovery.FAILED:
-        raise StaleError("the plant does not have its old values yet: nothing was written")
-    if run is None or run.changes is None or flow.plant.recovery is not Recovery.DONE:
-        raise StaleError("the plant's present values are not known yet: nothing was written")
+    """Let the run of the pending sample start, with the values that the person was shown."""
+    run = flow.underway.of(_pending(flow, index, "nothing was written"))
+    assert run is not None
+    assert run.changes is not None
     run.supply(run.changes)
     run.waits, run.moves_plant = False, True
     flow.move(Phase.RUNNING)
 
 
 def stop(flow: Flow, index: int) -> None:
-    """Stop the run of the pending sample, which then counts as failed.
-
-    Raises:
-        StaleError: If it does not run.
-        ScenarioError: If it runs inside prefcal's own process, as built-in scenarios do.
-    """
-    run, pending = flow.run, flow.pending
-    if flow.source.asks:
-        if pending is None or pending.index != index or not flow.moves_plant:
-            raise StaleError(f"experiment {index + 1} is not running: nothing was changed")
-        if not flow.source.stops:
-            raise ScenarioError("this run cannot be stopped from here")
+    """Stop the run of the pending sample, which then counts as failed."""
+    underway, pending = flow.underway, _pending(flow, index)
+    run, key = underway.of(pending), theta_key(pending.theta)
+    if underway.source.asks:
         flow.version += 1
-    else:
-        key = theta_key(awaited(flow, index, Phase.RUNNING).theta)
-        if not flow.source.stops:
-            raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
-        for other in (other for name, other in flow.runs.items() if flow.at_once == 1 and name != key):
+    elif flow.at_once == 1:
+        for other in (run for name, run in underway.going.items() if name != key):
             other.stop("given up")  # it runs in the only process
     if run is not None:
         run.stop("stopped")
@@ -269,25 +253,22 @@ def stop(flow: Flow, index: int) -> None:
 
 def make_way(flow: Flow) -> None:
     """Stop soon what runs in advance, if something else is waited for."""
-    thinking.give_up_if_useless(flow)
+    flow.thoughts.make_way(flow.agent.history if flow.phase is Phase.RUNNING else None)
     several = flow.at_once > 1
-    if flow.source.asks or (flow.phase is not Phase.RUNNING and not several):
+    if flow.underway.source.asks or (flow.phase is not Phase.RUNNING and not several):
         return
-    wanted = flow.unfinished if several else filter(None, [flow.pending])
+    wanted = flow.study.unfinished if several else filter(None, [flow.study.pending])
     keys = {theta_key(sample.theta) for sample in wanted if flow.phase is not Phase.OVER}
-    for key, run in flow.runs.items():
+    for key, run in flow.underway.going.items():
         if key not in keys:
             run.stop("given up", within=_COURTESY)
 
 
 def fail(flow: Flow, index: int, reason: str = "") -> None:
     """Count the run of the pending sample as failed: an experiment without a record."""
-    awaited(flow, index, Phase.RECORD, Phase.CONFIRM, Phase.FAILED)
-    if index in flow.state.finished:
-        # A later step failed, for example on a full disk: this experiment must not be replaced.
-        raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
+    key = theta_key(_pending(flow, index).theta)
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
-    partial, flow.partial = flow.partial, None
+    partial = flow.underway.partial.pop(key, None)
     flow.append(*noted, (Finished(index), partial or flow.store.failed(index)))
     flow.proceed()
 
@@ -297,25 +278,22 @@ def retry(flow: Flow) -> None:
 
     In phase CONFIRM, read the live plant's present values again.
     """
-    on_the_plant = flow.phase is Phase.CONFIRM or flow.plant.recovery is Recovery.FAILED
+    underway, study = flow.underway, flow.study
+    on_the_plant = flow.phase is Phase.CONFIRM or underway.plant.recovery is Recovery.FAILED
     if on_the_plant:
-        flow.plant.is_due()
+        underway.plant.is_due()
         flow.version += 1
-    if flow.phase is Phase.CONFIRM:
-        flow.wait_anew()
+    if flow.phase is Phase.CONFIRM and study.pending is not None:
+        underway.wait_for(study.pending, study.unfinished, anew=True)
     if flow.phase is Phase.FAILED:
         flow.move(Phase.RUNNING)
-        if flow.pending is not None and not flow.source.asks:
-            flow.wait_anew()
-    elif not on_the_plant:
-        raise StaleError("nothing has failed, so there is nothing to try again")
+        if study.pending is not None and not underway.source.asks:
+            underway.wait_for(study.pending, study.unfinished)
 
 
 def finish(flow: Flow) -> None:
     """End the study at the person's request."""
-    if flow.phase is Phase.OVER:
-        raise StaleError("the study has ended already")
-    best, marks = flow.best, flow.state.marks
+    best, marks = flow.study.best, flow.state.marks
     good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
     flow.append(Ended(GOOD_ENOUGH if good else "stopped"))
     flow.proceed()
@@ -324,11 +302,9 @@ def finish(flow: Flow) -> None:
 def go_on(flow: Flow, more: int = 0) -> None:
     """Reopen the ended study, with `more` additional experiments."""
     state = flow.state
-    if flow.phase is not Phase.OVER:
-        raise StaleError("the study has not ended")
     if more < 0 or (more == 0 and state.history.answered >= state.n_max):
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []
     flow.append(*extended, Reopened())
-    flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
+    flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.thoughts.simulator)
     flow.proceed()

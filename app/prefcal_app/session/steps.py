@@ -1,28 +1,29 @@
 """Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect."""
 
+from typing import cast
+
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents import GLISp
-from prefcal_env.errors import PreferenceError, SettingsError, StaleError, StudyError
+from prefcal_env.errors import PreferenceError, StaleError, StudyError
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison
-from prefcal_env.study import Adjusted, Answered, Marked, Retracted, Shown, Undone
+from prefcal_env.study import Adjusted, Answered, Marked, Requested, Retracted, Shown, Undone
 
-from .flow import Flow
-from .memory import QUESTIONS
-from .order import to_repeat
-from .view import GOOD_ENOUGH, MARKS, Choice, Phase, Question
+from .can import CLOSED
+from .flow import Flow, Latest
+from .study.memory import QUESTIONS
+from .study.now import Phase
+from .study.order import to_repeat
+from .study.question import GOOD_ENOUGH, MARKS, Choice, Question
 
 
 def open_question(flow: Flow, question: int) -> Question:
     """Return the open question. Raises StaleError unless its id is `question`."""
     asked = flow.question
     if asked is None or asked.id != question:
-        raise StaleError(
-            "this question is no longer open: it was already answered or undone, "
-            "and nothing was recorded twice"
-        )
+        raise StaleError(CLOSED)
     return asked
 
 
@@ -54,7 +55,7 @@ def _close(flow: Flow, asked: Question, given: Answer, comment: str = "", blind:
         flow.answered(given)
     else:
         flow.proceed()
-    flow.draft, flow.answered_at = "", flow.version
+    flow.latest = Latest(flow.version)
 
 
 def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
@@ -74,17 +75,7 @@ def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
         )
     if on != (mark in which.marks):
         flow.append(Marked(which.index, mark, on))
-        flow.refresh()
-
-
-def can_undo(flow: Flow) -> bool:
-    """Return whether there is an answer to undo; a repeated question can always be skipped."""
-    if flow.question is not None and flow.question.repeats is not None:
-        return True
-    state = flow.state
-    repeats = state.history.repeats
-    last_was_repeat = bool(repeats) and state.answers[-1] is repeats[-1]
-    return state.history.answered > 1 and not last_was_repeat
+        flow.show()
 
 
 def undo(flow: Flow, version: int) -> None:
@@ -92,16 +83,14 @@ def undo(flow: Flow, version: int) -> None:
 
     `version` is the one that the person saw.
     """
-    if not can_undo(flow):
-        raise StaleError("there is no answer to undo")
-    if version < flow.answered_at:
+    if version < flow.latest.version:
         raise StaleError("an answer was given or undone since you looked")
+    draft = flow.latest.draft
     if flow.question is None or flow.question.repeats is None:
-        comment = flow.state.history.latest[-1].comment
+        draft = flow.state.history.latest[-1].comment
         flow.append(Undone())
-        flow.draft = comment
     flow.proceed()
-    flow.answered_at = flow.version
+    flow.latest = Latest(flow.version, draft)
 
 
 def closed(flow: Flow, answer: int) -> Comparison:
@@ -124,12 +113,7 @@ def retract(flow: Flow, answer: int) -> None:
     """Forget what an answer taught (see `closed`); all samples stay, including the open one."""
     if closed(flow, answer).retracted:
         raise StaleError(f"answer {answer} is retracted already")
-    if flow.phase is Phase.RUNNING and flow.must_think:
-        raise StaleError("the next experiment is being chosen: retract the answer once it is shown")
-    if flow.phase is Phase.FAILED and flow.must_think:
-        # Choosing the next experiment may fail again, after the retraction is written.
-        raise StaleError("the last step failed: try it again first")
-    if flow.phase is Phase.RUNNING and flow.pending is None:
+    if flow.phase is Phase.RUNNING and flow.study.pending is None:
         # Propose the open sample first: it must not depend on this retraction.
         flow.proceed()
     flow.append(Retracted(answer))
@@ -149,16 +133,15 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> N
         ProtocolError: If all experiments are answered, or `theta` was tried before.
         KnobError: If the space does not hold it, or a constraint forbids it.
     """
-    if flow.phase is Phase.OVER:
-        raise StaleError("the study has ended: continue it first")
-    twin, pending, asked = flow.agent.copy(), flow.pending, flow.question
+    twin, pending, asked = flow.agent.copy(), flow.study.pending, flow.question
     twin.replace_pending(np.array(theta))
     sample = twin.history.pending  # others may be pending behind it
     assert sample is not None
     shown = asked is None or asked.challenger.index == flow.state.history.answered
     if pending is not None and pending.theta == sample.theta and shown:
         return  # it is the next one already
-    flow.request(sample)
+    index = flow.state.history.answered
+    flow.append(Requested(index, sample.z, sample.theta), *flow.finished(index, np.array(sample.theta)))
     flow.proceed()
 
 
@@ -168,12 +151,7 @@ def pace(flow: Flow, questions: int) -> None:
     Raises:
         SettingsError: If the agent cannot ask more than one.
     """
-    agent = flow.agent
-    if not isinstance(agent, GLISp):
-        raise SettingsError("only the agent glisp can ask more than one comparison per experiment")
-    if flow.phase is Phase.FAILED:
-        # Until the retry, the study file and the agent may differ.
-        raise StaleError("the last step failed: try it again first")
+    agent = cast(GLISp, flow.agent)
     changed = agent.with_questions(questions)
     if questions == agent.settings.questions_per_experiment:
         return
@@ -181,17 +159,16 @@ def pace(flow: Flow, questions: int) -> None:
     flow.agent = changed
     if flow.phase is not Phase.QUESTION:
         flow.version += 1
-    elif flow.is_overtaken():
+    elif flow.study.is_overtaken:
         flow.proceed()
     else:
-        flow.refresh()  # discards what was prefetched for this question
+        flow.show()  # discards what was prefetched for this question
 
 
 def repeat(flow: Flow) -> None:
     """Show an earlier question again, with its sides swapped; the answer teaches nothing."""
-    again = to_repeat(flow.state, flow.seed)
-    if again is None or flow.phase is not Phase.QUESTION:
-        raise StaleError("there is no earlier question to ask again now")
+    again = to_repeat(flow.state, flow.study.seed)
+    assert again is not None
     assert again.incumbent is not None
     left = not again.challenger_left
-    flow.show_again(Shown(again.challenger, again.incumbent, left, again.question))
+    flow.show(Shown(again.challenger, again.incumbent, left, again.question))

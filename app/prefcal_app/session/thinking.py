@@ -14,9 +14,10 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Abandoned, Basis
 
 from .flow import Flow
-from .plant import Attempt
-from .prefetch import LIKELIEST, LIKELY
-from .view import Phase, Question
+from .study.now import Phase
+from .study.question import Question
+from .volatile.plant import Attempt
+from .volatile.prefetch import LIKELIEST, LIKELY
 
 
 def think(flow: Flow) -> Attempt:
@@ -25,8 +26,8 @@ def think(flow: Flow) -> Attempt:
     A copy of the agent does it, since the person may undo or retract an answer meanwhile.
     """
     history, twin = flow.agent.history, flow.agent.copy()
-    flow.thinking = history
-    _resume(flow)
+    flow.thoughts.about = history
+    flow.thoughts.resume()
 
     def choose() -> Callable[[], None]:
         try:
@@ -35,9 +36,9 @@ def think(flow: Flow) -> Attempt:
             return lambda: None
 
         def keep() -> None:
-            flow.thinking = None
+            flow.thoughts.about = None
             if flow.agent.history == history and flow.phase is Phase.RUNNING:
-                flow.basis = basis or flow.basis
+                flow.thoughts.basis = basis or flow.thoughts.basis
                 # A question that was already open, before a restart, stays open under its id.
                 flow.resume()
 
@@ -59,13 +60,13 @@ def look_ahead(
         asked: Open question.
         is_known: Function that tells whether a physical θ, shape (n,), has run.
     """
-    most = len(LIKELY) if flow.simulator is None else LIKELIEST
-    answer = flow.prefetch.missing(asked, most)
+    most = len(LIKELY) if flow.thoughts.simulator is None else LIKELIEST
+    answer = flow.thoughts.prefetch.missing(asked, most)
     if answer is None:
         return None
     query, twin = flow.agent.ask(), flow.agent.copy()
-    flow.prefetch.busy = answer
-    _resume(flow)
+    flow.thoughts.prefetch.busy = answer
+    flow.thoughts.resume()
 
     def look() -> Callable[[], None]:
         try:
@@ -79,15 +80,17 @@ def look_ahead(
         def keep() -> None:
             _rest(flow)
             if flow.question is asked:
-                flow.prefetch.keep_basis(answer, basis)
+                flow.thoughts.prefetch.keep_basis(answer, basis)
                 if theta is not None and not is_known(theta):
-                    flow.prefetch.next = theta
+                    flow.thoughts.prefetch.next = theta
             elif (
                 flow.phase is Phase.RUNNING
                 and flow.agent.history.pending is None
                 and flow.agent.history == told
             ):
-                flow.basis = basis or flow.basis  # the answer came meanwhile, and it is this one
+                flow.thoughts.basis = (
+                    basis or flow.thoughts.basis
+                )  # the answer came meanwhile, and it is this one
                 flow.proceed()
 
         return keep
@@ -100,14 +103,18 @@ def is_unexplained(flow: Flow) -> bool:
 
     That is so after a restart, after the last answer, and if the person asked for a θ.
     """
-    return flow.simulator is not None and flow.grounds is None and not flow.prefetch.explained
+    return (
+        flow.thoughts.simulator is not None
+        and flow.thoughts.grounds(flow.agent) is None
+        and not flow.thoughts.prefetch.explained
+    )
 
 
 def explain(flow: Flow) -> Attempt:
     """Find out what the open question was chosen from. Errors are ignored: it can be answered."""
     asked, twin = flow.question, flow.agent.copy()
-    flow.prefetch.explained = True
-    _resume(flow)
+    flow.thoughts.prefetch.explained = True
+    flow.thoughts.resume()
 
     def look() -> Callable[[], None]:
         try:
@@ -117,7 +124,7 @@ def explain(flow: Flow) -> Attempt:
 
         def keep() -> None:
             if flow.question is asked:
-                flow.basis = basis
+                flow.thoughts.basis = basis
                 flow.version += 1
 
         return keep
@@ -125,24 +132,8 @@ def explain(flow: Flow) -> Attempt:
     return look
 
 
-def give_up_if_useless(flow: Flow) -> None:
-    """Abandon simulations whose results are no longer needed, since the question has changed."""
-    if flow.simulator is None:
-        return
-    busy, running = flow.thinking, flow.phase is Phase.RUNNING
-    useful = busy == flow.agent.history if busy is not None and running else busy is None
-    if not useful:
-        flow.thinking = None
-        flow.simulator.abandon()
-
-
-def _resume(flow: Flow) -> None:
-    if flow.simulator is not None:
-        flow.simulator.resume()
-
-
 def _rest(flow: Flow) -> None:
-    flow.prefetch.busy = None
+    flow.thoughts.prefetch.busy = None
 
 
 def _basis(flow: Flow, twin: Agent) -> Basis | None:
@@ -154,7 +145,7 @@ def _basis(flow: Flow, twin: Agent) -> Basis | None:
     if twin.done:
         return None
     twin.ask()
-    if flow.simulator is None:
+    if flow.thoughts.simulator is None:
         return None
     screening = cast(Screening, twin)
     _ = screening.bank

@@ -14,7 +14,8 @@ from prefcal_env.preferences.loop import Comparison
 from .background import Background
 from .interview import Interview
 from .runs import UNBIDDEN
-from .view import Phase, Question
+from .study.now import Phase
+from .study.question import Question
 
 _PATIENCE = 0.5
 """Longest wait for an experiment that runs elsewhere, in seconds."""
@@ -47,7 +48,7 @@ def unattended(
     known = interview.now().state.history.answered
     with Background(interview) if interview.at_once > 1 else nullcontext():
         for _ in _driven(interview, calibrator, running, failed):
-            for comparison in interview.comparisons(known):
+            for comparison in interview.past.comparisons(known):
                 known += 1
                 yield comparison
 
@@ -64,7 +65,7 @@ def _driven(
         if now.phase is Phase.QUESTION:
             assert now.question is not None
             assert calibrator is not None, "an agent that is told scores asks nothing"
-            interview.give(now.question.id, _given(calibrator, now.question))
+            interview.steps.give(now.question.id, _given(calibrator, now.question))
         elif now.phase in (Phase.RECORD, Phase.CONFIRM):
             assert now.pending is not None
             interview.scenario.source.run(np.array(now.pending.theta))  # says that only a person can
@@ -108,5 +109,5 @@ def _lost(interview: Interview, before: int, failed: Callable[[str], None]) -> b
         if error.why not in UNBIDDEN or before + 1 >= _MOST_LOST or now.pending is None:
             raise
         failed(f"Experiment {now.pending.index + 1} failed: {error}")
-        interview.fail(now.pending.index, str(error))
+        interview.steps.fail(now.pending.index, str(error))
     return True

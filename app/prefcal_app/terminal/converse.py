@@ -10,8 +10,8 @@ from pathlib import Path
 from rich.console import Console
 
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
-from prefcal_app.session.plant import LiveNow, Recovery
-from prefcal_app.session.view import GOOD_ENOUGH, UNSAFE
+from prefcal_app.session.study.now import LiveNow, Recovery
+from prefcal_app.session.study.question import GOOD_ENOUGH, UNSAFE
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.sources import Stage
@@ -87,8 +87,8 @@ class _Conversation:
             elif not self._one(now):
                 return
         self._say(f"The study is finished: {now.state.ended}.")
-        if self.interview.screens:
-            self.interview.wait_for_screened(_EXPLAINED)
+        if self.interview.known.screens:
+            self.interview.known.wait_for_screened(_EXPLAINED)
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status:
@@ -98,10 +98,10 @@ class _Conversation:
                     self.compiles = True
                     self._say(now.preparing.words)
                 status.update(_waiting(now))
-                can_stop = self.interview.scenario.source.stops
-                if self.typed() == STOP_RUN and can_stop and now.pending is not None:
+                asked = self.typed() == STOP_RUN and "stop_run" in now.can
+                if asked and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
-                        self.interview.stop_run(now.pending.index)
+                        self.interview.steps.stop_run(now.pending.index)
                 now = self.interview.wait(now.version, _LOOK)
 
     def _one(self, now: Now) -> bool:
@@ -119,8 +119,8 @@ class _Conversation:
             return True
 
     def _question(self, now: Now) -> bool:
-        if self.shown is not now.question and self.interview.screens:
-            self.interview.wait_for_screened(_EXPLAINED)
+        if self.shown is not now.question and self.interview.known.screens:
+            self.interview.known.wait_for_screened(_EXPLAINED)
             now = self.interview.now()
         if now.question is None:  # it changed meanwhile
             return True
@@ -139,7 +139,7 @@ class _Conversation:
         elif said in MARKS:
             side, mark = MARKS[said]
             on = mark not in getattr(now.question, side).marks
-            self.interview.mark(now.question.id, side, mark, on)
+            self.interview.steps.mark(now.question.id, side, mark, on)
             self._say(f"{side.capitalize()}: {mark}" + ("." if on else ", no longer."))
         elif said in RESTORE and now.live is not None:
             self._restore()
@@ -151,7 +151,7 @@ class _Conversation:
         return self.line(ANSWER).lower()
 
     def _answer(self, question: int, choice: Choice) -> None:
-        self.interview.answer(question, choice, comment=self.comment, blind=self.blind)
+        self.interview.steps.answer(question, choice, comment=self.comment, blind=self.blind)
         self.comment = ""  # after the answer is saved: on a full disk it is repeated
         self._say(f"Saved: {choice.value}.")
 
@@ -167,12 +167,12 @@ class _Conversation:
         elif said == "t":
             self.shown = None
         elif said == "p":
-            self.interview.repeat()
+            self.interview.steps.repeat()
         elif said == "f":
             # Asks again, since one letter is easily mistyped.
             self._say("Type f again to finish the study.")
             if self._said() == "f":
-                self.interview.finish()
+                self.interview.steps.finish()
         elif said in ("h", "w") and self.blind:
             self._say("That would show which experiment is which: end blind mode first (b).")
         elif said == "h":
@@ -186,7 +186,7 @@ class _Conversation:
     def _undo(self, now: Now) -> None:
         """Undo the last answer and its comment, or skip a question that was asked again."""
         skipped = now.question is not None and now.question.repeats is not None
-        self.comment = self.interview.undo(now.version).draft or self.comment
+        self.comment = self.interview.steps.undo(now.version).draft or self.comment
         kept = f" Its comment is kept for the next one: {self.comment}" if self.comment else ""
         self._say("Skipped." if skipped else f"The last answer is undone.{kept}")
 
@@ -208,9 +208,9 @@ class _Conversation:
     def _instead_of_a_run(self, said: str, now: Now, why: str = "") -> bool:
         """Do what can be said in place of a run or its record; return False to stop."""
         if said in UNDO:
-            self.interview.undo(now.version)
+            self.interview.steps.undo(now.version)
         elif said == "failed" and now.pending is not None:
-            self.interview.fail(now.pending.index, why)
+            self.interview.steps.fail(now.pending.index, why)
         return said not in STOP
 
     def _confirm(self, now: Now) -> bool:
@@ -223,12 +223,12 @@ class _Conversation:
             return True
         show_changes(self.interview, now, self.console)
         choices = "again (read the plant again), failed, undo, stop"
-        ready = now.live.changes is not None
+        ready = "write_and_start" in now.can
         said = self.line(f"write and start? yes, {choices}" if ready else choices)
         if said == "yes" and ready:
-            self.interview.write_and_start(now.pending.index)
+            self.interview.steps.write_and_start(now.pending.index)
         elif said == "again":
-            self.interview.retry()
+            self.interview.steps.retry()
         return self._instead_of_a_run(said, now, "it was not run")
 
     def _unrestored(self, now: Now) -> None:
@@ -243,7 +243,7 @@ class _Conversation:
 
     def _restore(self) -> None:
         """Try to restore the plant's old values; a line ends the wait, not the attempt."""
-        self.interview.retry()
+        self.interview.steps.retry()
         self.missing, now = None, self.interview.now()
         words = "restoring the old values on the plant; Enter goes on meanwhile"
         with self.console.status(words):
@@ -273,7 +273,7 @@ class _Conversation:
         if view["warnings"] and self.line("save it anyway? yes or no") != "yes":
             self._say("Nothing was saved.")
             return
-        self.interview.record(replace(given, again=True))
+        self.interview.steps.record(replace(given, again=True))
         self.dialed = None
         self._say("The record is saved.")
 
@@ -293,18 +293,19 @@ class _Conversation:
     def _failed(self, now: Now) -> bool:
         self._say(f"That did not work: {now.problem}")
         self._unrestored(now)
-        self._say("t: try again, f: count it as failed, z: undo, x: stop")
+        keys = {"retry": "t: try again", "fail": "f: count it as failed", "undo": "z: undo"}
+        self._say(", ".join([*(words for step, words in keys.items() if step in now.can), "x: stop"]))
         said = self._said()
         if said in STOP:
             return False
         if said in RESTORE and _lacks_old_values(now.live):
             self._restore()
         elif said == "t":
-            self.interview.retry()
+            self.interview.steps.retry()
         elif said == "f" and now.pending is not None:
-            self.interview.fail(now.pending.index, now.problem or "")
+            self.interview.steps.fail(now.pending.index, now.problem or "")
         elif said == "z":
-            self.interview.undo(now.version)
+            self.interview.steps.undo(now.version)
         return True
 
     def _say(self, words: str) -> None:

@@ -30,7 +30,7 @@ def scenario_view(scenario: Scenario) -> dict[str, Any]:
 
 def _how(interview: Interview) -> str:
     """Return what the person is asked to do, and how long it takes."""
-    planned = interview.planned
+    planned = interview.known.planned
     asked = (
         "You are shown two experiments at a time and say which one went better: "
         f"{planned.total} question{'' if planned.total == 1 else 's'}"
@@ -47,7 +47,7 @@ def _how(interview: Interview) -> str:
 
 def _current_tuning(interview: Interview) -> str:
     """Return how to compare with the tuning in use; empty if the study starts from a given one."""
-    if interview.study.state.configuration["options"].get("start"):
+    if interview.file.state.configuration["options"].get("start"):
         return ""
     values = ", ".join(f"{knob.name.replace(' ', '_')}=…" for knob in interview.scenario.space)
     return (

@@ -49,7 +49,7 @@ def over_view(
 
 
 def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
-    both = interview.experiment(0), interview.experiment(best)
+    both = interview.past.experiment(0), interview.past.experiment(best)
     rows = gained(*both, interview.scenario.shown_kpis, seen.look(interview).spread)
     return gain_view(baseline_of(now.state), best, rows)
 
@@ -136,7 +136,7 @@ def next_view(interview: Interview, now: Now, report: Path | None) -> dict[str, 
     return {
         "python": f"prefcal_app.load_controller({str(file)!r})" if usable else "",
         "download": None if file is None else "/report/best.json",
-        "outlook": outlook_view(interview.outlook),
+        "outlook": outlook_view(interview.known.outlook),
     }
 
 

@@ -59,8 +59,8 @@ def asked_view(
     Raises:
         StaleError: If there is no such question.
     """
-    question = interview.asked(answer)
-    closed = interview.closed(answer)
+    question = interview.past.asked(answer)
+    closed = interview.past.closed(answer)
     return {
         "answer": answer,
         "question": question_view(

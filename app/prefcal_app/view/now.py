@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_app.session import Interview, Now, Phase
-from prefcal_app.session.view import GOOD_ENOUGH
+from prefcal_app.session.study.question import GOOD_ENOUGH
 from prefcal_env.study import State, Suggested
 from prefcal_env.workers import in_time
 from prefcal_scenarios.presentation.wording import INTERRUPTED, knob_number, with_unit
@@ -47,10 +47,10 @@ def now_view(
         "phase": now.phase.value,
         "blind": blind,
         "scenario": {"name": scenario.name, "title": scenario.title, "time_unit": time_unit},
-        "study": {"place": interview.study.path, "again": again},
+        "study": {"place": interview.file.path, "again": again},
         "progress": _progress(interview, now),
         "simulated": simulated_view(now),
-        "can_undo": now.can_undo,
+        "can": sorted(now.can),
         "question": question and question_view(question, scenario, blind=blind, seen=seen.look(interview)),
         "problem": now.problem,
         "stopping": _stopping(now),
@@ -79,15 +79,15 @@ def _stopping(now: Now) -> str | None:
 
 def _progress(interview: Interview, now: Now) -> dict[str, Any]:
     """Return the progress."""
-    planned = interview.planned
+    planned = interview.known.planned
     further = now.question is not None and now.question.further
     return {
         "answered": planned.answered,
         "questions": planned.total,
         "text": planned.place(over=now.phase is Phase.OVER, further=further),
-        "given": interview.counts.comparisons,
-        "experiments": interview.counts.experiments,
-        "n_max": interview.n_max,
+        "given": interview.known.counts.comparisons,
+        "experiments": interview.known.counts.experiments,
+        "n_max": interview.known.n_max,
         "running": now.running,
     }
 
@@ -144,7 +144,7 @@ def best_view(interview: Interview, now: Now) -> Any:
     """Return the best experiment so far in numbers; None before the first."""
     if now.incumbent is None:
         return None
-    scenario, experiment = interview.scenario, interview.experiment(now.incumbent)
+    scenario, experiment = interview.scenario, interview.past.experiment(now.incumbent)
     return {
         **numbers_view(experiment, scenario.shown_kpis),
         "number": now.incumbent + 1,

@@ -5,7 +5,7 @@ from math import isfinite, isinf, isnan
 from typing import Any
 
 from prefcal_app.session import Given, Interview, Preview, Side
-from prefcal_app.session.plant import LiveNow, Recovery
+from prefcal_app.session.study.now import LiveNow, Recovery
 from prefcal_env.sources import Change, Stage
 from prefcal_scenarios.presentation.wording import quantity
 from prefcal_scenarios.scenario import Scenario, panels_of

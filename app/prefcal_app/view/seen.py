@@ -55,10 +55,10 @@ class Seen:
 
         Each look reads a limited number, newest first, so a long study loads in several looks.
         """
-        finished = interview.study.state.finished.items()
+        finished = interview.file.state.finished.items()
         new = sorted((index, seq) for index, seq in finished if seq not in self._reach)
         for index, seq in new[-_AT_ONCE:]:
-            experiment = interview.experiment(index)
+            experiment = interview.past.experiment(index)
             self._reach[seq] = {
                 name: _reach(run, panels_of(interview.scenario, run))
                 for name, run in by_maneuver(experiment).items()

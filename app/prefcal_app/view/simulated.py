@@ -25,11 +25,11 @@ def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, 
     With `blind`, the reason is not sent: it tells which side is new. While the best experiment
     misses an objective, stopping is not offered.
     """
-    if not interview.screens:
+    if not interview.known.screens:
         return None
-    screened = interview.screened()
+    screened = interview.known.screened()
     prospect = None if screened is None else screened.prospect
-    asks = now.question is not None and now.question.repeats is None and not interview.missed
+    asks = now.question is not None and now.question.repeats is None and not interview.known.missed
     return {
         "why": "" if blind else why_view(interview, now),
         "offer": prospect.offer if asks and prospect is not None else "",
@@ -38,8 +38,8 @@ def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, 
 
 def why_view(interview: Interview, now: Now) -> str:
     """Return why the open question is asked, in one sentence; empty while there is no reason."""
-    question, screened = now.question, interview.screened()
-    if question is None or question.repeats is not None or not interview.screens:
+    question, screened = now.question, interview.known.screened()
+    if question is None or question.repeats is not None or not interview.known.screens:
         return ""
     if question.further:
         return "You have seen both before: your answer settles which of the two is better."
@@ -69,7 +69,7 @@ def why_view(interview: Interview, now: Now) -> str:
 
 def map_view(interview: Interview) -> dict[str, Any] | None:
     """Return the simulated θ for a picture; None until the agent knows them."""
-    screened, now = interview.screened(current=False), interview.now()
+    screened, now = interview.known.screened(current=False), interview.now()
     if screened is None:
         return None
     scenario, question = interview.scenario, now.question
@@ -88,7 +88,7 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
         "best": None if now.incumbent is None else rows.get(now.incumbent),
         "sides": {name: rows.get(side.index) for name, side in sides.items()},
         "over": now.state.ended is not None,
-        "left_to_ask": max(interview.n_max - now.state.history.answered, 0),
+        "left_to_ask": max(interview.known.n_max - now.state.history.answered, 0),
     }
 
 
@@ -174,7 +174,7 @@ def look_view(interview: Interview, theta: tuple[float, ...], seen: Seen | None 
     new = Side(-1, experiment, challenger=True, role="simulated")
     old = new
     if now.incumbent is not None:
-        old = Side(now.incumbent, interview.experiment(now.incumbent), False, role="best so far")
+        old = Side(now.incumbent, interview.past.experiment(now.incumbent), False, role="best so far")
     study = (Seen() if seen is None else seen).look(interview)
     view = question_view(Question(0, 0, old, new), scenario, blind=False, seen=study)
     for side in ("left", "right"):

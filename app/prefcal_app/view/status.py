@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_app.session import Consistency, Interview, Now
-from prefcal_app.session.memory import trust_text
-from prefcal_app.session.order import to_repeat
+from prefcal_app.session.study.memory import trust_text
+from prefcal_app.session.study.order import to_repeat
 from prefcal_env.knobs.space import KnobSpace
 
 from .end import outlook_view
@@ -22,7 +22,7 @@ _POINTS = 81
 def status_view(interview: Interview) -> dict[str, Any]:
     """Return STATUS for the page."""
     now = interview.now()
-    consistency = interview.consistency
+    consistency = interview.known.consistency
     seed = int(now.state.configuration["seed"])
     return {
         "best": best_view(interview, now),
@@ -32,10 +32,10 @@ def status_view(interview: Interview) -> dict[str, Any]:
             "text": in_words(consistency),
             "can_repeat": now.question is not None and to_repeat(now.state, seed) is not None,
         },
-        "outlook": outlook_view(interview.outlook),
-        "questions": interview.questions,
+        "outlook": outlook_view(interview.known.outlook),
+        "questions": interview.known.questions,
         "simulated": simulated_view(now),
-        "trust": "" if (index := interview.index) is None else trust_text(index),
+        "trust": "" if (index := interview.known.index) is None else trust_text(index),
     }
 
 
@@ -64,7 +64,7 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
                 "text": theta_texts(space, state.history.samples[index].theta),
                 "best": index == now.incumbent,
                 "was_best": index in winners,
-                "ended": interview.end(index).value,
+                "ended": interview.past.end(index).value,
                 "marks": marks_of(state, index, interrupted),
             }
             for index in sorted(state.finished)
@@ -73,11 +73,11 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
 
 
 def _slices(interview: Interview, now: Now) -> list[dict[str, Any]] | None:
-    surrogate = interview.surrogate
+    surrogate = interview.known.surrogate
     if surrogate is None or now.incumbent is None:
         return None
     tried = [now.state.history.samples[index].theta for index in sorted(now.state.finished)]
-    best = interview.experiment(now.incumbent).theta
+    best = interview.past.experiment(now.incumbent).theta
     return slices_view(interview.scenario.space, best, np.array(tried), surrogate)
 
 

@@ -153,12 +153,12 @@ class Api:
         """Do the action `name`, whose fields are the JSON body."""
         query = _query(request, _BLIND)
         given = await _body(request, ACTIONS[name])
-        return await self._done(query, partial(getattr(self.interview, name), **given))
+        return await self._done(query, partial(getattr(self.interview.steps, name), **given))
 
     async def record(self, request: Request) -> Response:
         """Save the record of an experiment that the person ran."""
         query, given = await _given(request)
-        return await self._done(query, partial(self.interview.record, given))
+        return await self._done(query, partial(self.interview.steps.record, given))
 
     async def preview(self, request: Request) -> Response:
         """Return what would be saved of a record, with its curves."""

@@ -123,7 +123,7 @@ def test_a_study_that_goes_on_is_not_over_and_gets_a_new_report_at_its_new_end()
             pass
         assert asking.wait(30)
         assert len(reported(asking, "comparisons.csv").splitlines()) == 1 + 3
-        asking._interview.go_on(2)
+        asking._interview.steps.go_on(2)
         assert not asking.over
         assert not asking.wait(0.1)
         while answer(client):
@@ -138,7 +138,7 @@ def test_an_answer_taken_back_at_the_end_reopens_the_study():
             pass
         assert asking.wait(30)
         before = asking.best
-        asking._interview.undo(asking._interview.now().version)
+        asking._interview.steps.undo(asking._interview.now().version)
         assert not asking.wait(0.1)
         assert answer(client, "right")
         assert asking.wait(30)
@@ -150,7 +150,7 @@ def test_a_calibrator_goes_on_by_itself():
     options = {**QUICK, "calibrator": "synthetic"}
     with ask(toy_scenario(), study="./mine.prefcal", **options) as asking:
         assert asking.wait(30)
-        asking._interview.go_on(2)
+        asking._interview.steps.go_on(2)
         assert asking.wait(30)
         assert len(asking.to_frame()) == 6
 

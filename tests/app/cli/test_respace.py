@@ -124,16 +124,16 @@ def test_an_open_question_stays_open(prefcal, tmp_path):
     path = tmp_path / "mine.prefcal"
     interview = begin(toy_scenario(), n_max=6, path=path)
     asked = proceed(interview).question
-    interview.answer(asked.id, Choice.LEFT)
+    interview.steps.answer(asked.id, Choice.LEFT)
     asked = proceed(interview).question
     theta = asked.challenger.experiment.theta
-    interview.study.close()
+    interview.file.close()
     respace(RespaceOptions(str(path), knob=("T_s=0.3:0.4",)), TOY)
     again = reopened(toy_scenario(), path)
     now = again.now()
     assert (now.phase, now.question.id) == (Phase.QUESTION, asked.id)
     assert now.question.challenger.experiment.theta.tolist() == theta.tolist()
-    again.answer(now.question.id, Choice.LEFT)
+    again.steps.answer(now.question.id, Choice.LEFT)
     now = proceed(again)
     assert 0.3 <= now.question.challenger.experiment.theta[0] <= 0.4
 

@@ -86,8 +86,8 @@ def test_a_study_is_exported_and_imported_unchanged(prefcal, study, tmp_path):
 def test_a_comment_of_somebody_else_does_not_steer_the_terminal(prefcal, done, tmp_path):
     interview = begin(toy_scenario(), n_max=3, path=tmp_path / "other.prefcal")
     asked = proceed(interview).question
-    interview.answer(asked.id, Choice.LEFT, comment="a\x1b]0;title\x07[b]c")
-    interview.study.close()
+    interview.steps.answer(asked.id, Choice.LEFT, comment="a\x1b]0;title\x07[b]c")
+    interview.file.close()
     out = done("studies", "show", "./other.prefcal")
     assert "[b]c" in out
     assert "\x1b" not in out
@@ -138,12 +138,12 @@ def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp
 def test_a_report_writes_nothing_to_a_study_that_is_being_answered(prefcal, done, tmp_path):
     interview = begin(toy_scenario(), n_max=12, path=tmp_path / "mine.prefcal")
     for _ in range(2):
-        interview.answer(proceed(interview).question.id, Choice.LEFT)
-    interview.study.append(Noted(f"{interview.now().phase}, and no proposal yet"))
+        interview.steps.answer(proceed(interview).question.id, Choice.LEFT)
+    interview.file.append(Noted(f"{interview.now().phase}, and no proposal yet"))
     out = done("report", "./mine.prefcal", "--scenario", TOY, "--json")
     assert json.loads(out)["questions"] == 2
     assert proceed(interview).question.number == 3, interview.now().problem
-    interview.study.close()
+    interview.file.close()
 
 
 def test_a_taken_port_is_told_before_there_is_a_study(prefcal, tmp_path):

@@ -108,7 +108,7 @@ def test_a_kept_study_goes_on(kept, done):
     if trusted(facts):  # a person's: no command answers it
         with StudyFile.open(path, clock=clock()) as file:
             interview = Interview(load(facts["scenario"]), file, ahead=False)
-            interview.go_on(2)
+            interview.steps.go_on(2)
             answer_all(interview, lambda number: None)
             interview.close()
             assert len(file.state.finished) == more

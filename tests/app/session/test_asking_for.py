@@ -18,38 +18,38 @@ def asked(answers=1, **settings):
     """An interview with its next question open."""
     interview = begin(toy, **settings)
     for _ in range(answers):
-        interview.answer(proceed(interview).question.id, Choice.LEFT)
+        interview.steps.answer(proceed(interview).question.id, Choice.LEFT)
     proceed(interview)
     return interview
 
 
 def kinds(interview):
     """The kinds of the events on record."""
-    return [type(recorded.event).__name__ for recorded in interview.study.events()]
+    return [type(recorded.event).__name__ for recorded in interview.file.events()]
 
 
 @pytest.mark.parametrize("agent", [GLISp, RandomSearch])
 def test_the_open_question_is_replaced_by_one_about_it(agent):
     interview = asked(agent=agent)
     before = interview.now().question
-    interview.ask_for(WANTED)
+    interview.steps.ask_for(WANTED)
     now = proceed(interview)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
     assert now.question.incumbent.index == now.incumbent
     assert now.question.number == before.number
     assert now.state.requested == {2}
     with pytest.raises(StaleError, match="no longer open"):
-        interview.answer(before.id, Choice.LEFT)
-    interview.answer(now.question.id, Choice.LEFT)
+        interview.steps.answer(before.id, Choice.LEFT)
+    interview.steps.answer(now.question.id, Choice.LEFT)
     assert proceed(interview).question.number == before.number + 1
 
 
 def test_the_former_theta_can_be_asked_for_and_its_experiment_is_found():
     interview = asked()
     former = interview.now().question.challenger.experiment
-    interview.ask_for(WANTED)
+    interview.steps.ask_for(WANTED)
     proceed(interview)
-    now = interview.ask_for(former.theta)
+    now = interview.steps.ask_for(former.theta)
     assert now.phase is Phase.QUESTION  # at once: it ran before
     assert now.question.challenger.experiment == former
     assert now.state.requested == {2}
@@ -58,16 +58,16 @@ def test_the_former_theta_can_be_asked_for_and_its_experiment_is_found():
 def test_asking_for_the_one_in_question_changes_nothing():
     interview = asked()
     now = interview.now()
-    after = interview.ask_for(now.question.challenger.experiment.theta)
+    after = interview.steps.ask_for(now.question.challenger.experiment.theta)
     assert after.question.id == now.question.id
     assert "Requested" not in kinds(interview)
 
 
 def test_a_repeated_question_gives_way():
     interview = asked(2)
-    interview.repeat()
+    interview.steps.repeat()
     pending = interview.now().pending
-    now = interview.ask_for(np.array(pending.theta))
+    now = interview.steps.ask_for(np.array(pending.theta))
     assert now.question.repeats is None
     assert now.question.challenger.index == pending.index
 
@@ -75,24 +75,24 @@ def test_a_repeated_question_gives_way():
 def test_resumed_undone_and_retracted_it_stays_what_was_asked_for(tmp_path):
     path = tmp_path / "a.prefcal"
     interview = asked(2, path=path)
-    interview.ask_for(WANTED)
-    interview.study.close()  # before it ran
+    interview.steps.ask_for(WANTED)
+    interview.file.close()  # before it ran
     again = reopened(toy, path)
     now = proceed(again)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
-    assert again._flow.agent.history == again.study.state.history.bare()
-    again.retract(1)
+    assert again._flow.agent.history == again.file.state.history.bare()
+    again.steps.retract(1)
     now = proceed(again)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
-    again.answer(now.question.id, Choice.RIGHT)
+    again.steps.answer(now.question.id, Choice.RIGHT)
     proceed(again)
-    now = again.undo(again.now().version)
+    now = again.steps.undo(again.now().version)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
     assert now.state.requested == {3}
-    again.undo(now.version)
+    again.steps.undo(now.version)
     assert proceed(again).state.requested == set()
-    assert again._flow.agent.history == again.study.state.history.bare()
-    again.study.close()
+    assert again._flow.agent.history == again.file.state.history.bare()
+    again.file.close()
     assert verify(path) == ()
 
 
@@ -102,12 +102,12 @@ def test_a_run_that_is_no_longer_needed_is_kept_for_later():
         interview.work()
     former = interview.now().pending
     running = runs.due(interview._flow, ahead=False)()  # it ends after the request
-    interview.ask_for(WANTED)
+    interview.steps.ask_for(WANTED)
     running()
     assert former.index not in interview.now().state.finished
     now = proceed(interview)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
-    now = interview.ask_for(np.array(former.theta))
+    now = interview.steps.ask_for(np.array(former.theta))
     assert now.question.challenger.experiment.theta.tolist() == list(former.theta)  # at once
 
 
@@ -118,14 +118,14 @@ def test_it_is_on_the_disk_before_anything_follows(monkeypatch):
     def full(*entries):
         raise StudyError("the disk is full")
 
-    monkeypatch.setattr(interview.study, "append", full)
+    monkeypatch.setattr(interview.file, "append", full)
     with pytest.raises(StudyError, match="full"):
-        interview.ask_for(WANTED)
+        interview.steps.ask_for(WANTED)
     monkeypatch.undo()
     assert interview._flow.agent.history == history
     assert interview.now() == before
-    interview.ask_for(WANTED)
-    found = [r.event for r in interview.study.events() if isinstance(r.event, Requested)]
+    interview.steps.ask_for(WANTED)
+    found = [r.event for r in interview.file.events() if isinstance(r.event, Requested)]
     assert [event.theta for event in found] == [tuple(WANTED)]
 
 
@@ -133,22 +133,22 @@ def test_what_cannot_be_tried_is_refused():
     interview = asked()
     events = kinds(interview)
     with pytest.raises(KnobError, match="T_s"):
-        interview.ask_for(np.array([9.0, 21.0, 1.0]))
+        interview.steps.ask_for(np.array([9.0, 21.0, 1.0]))
     with pytest.raises(ProtocolError, match="experiment 1 of 2"):
-        interview.ask_for(interview.experiment(0).theta)
-    interview.finish()
+        interview.steps.ask_for(interview.past.experiment(0).theta)
+    interview.steps.finish()
     with pytest.raises(StaleError, match="continue it first"):
-        interview.ask_for(WANTED)
+        interview.steps.ask_for(WANTED)
     assert kinds(interview) == [*events, "Ended"]
-    interview.go_on()
+    interview.steps.go_on()
     proceed(interview)
-    assert interview.ask_for(WANTED).state.requested == {2}
+    assert interview.steps.ask_for(WANTED).state.requested == {2}
 
 
 def test_an_agent_of_scores_takes_it_too():
     interview = begin(toy, agent=GLIS, n_max=5)
     while interview.now().state.history.answered < 2:
         interview.work()
-    interview.ask_for(WANTED)
+    interview.steps.ask_for(WANTED)
     proceed(interview)
-    assert interview.study.state.history.samples[2].theta == tuple(WANTED)
+    assert interview.file.state.history.samples[2].theta == tuple(WANTED)

@@ -62,7 +62,7 @@ def asks(now):
 
 def waiting(interview):
     """The θ that have no answer yet, in the order of the study file."""
-    history = interview.study.state.history
+    history = interview.file.state.history
     return [sample.theta for sample in history.samples[history.answered :]]
 
 
@@ -98,7 +98,7 @@ def test_a_theta_that_is_asked_for_replaces_the_pending_one_that_is_due_and_no_o
         until(interview, lambda now: now.running == 3)
         _, *others = waiting(interview)
         wish = plant.scenario.space.decode(np.full(len(plant.scenario.space), 0.37))
-        interview.ask_for(wish)
+        interview.steps.ask_for(wish)
         first, *rest = waiting(interview)
         assert first == pytest.approx(wish)
         assert rest == others
@@ -116,7 +116,7 @@ def test_what_ends_while_a_question_is_open_is_saved_and_asked_about_next(plant)
         plant.end(second)
         until(interview, lambda now: len(now.state.finished) == 3)
         assert interview.now().question is question
-        interview.answer(question.id, Choice.LEFT)
+        interview.steps.answer(question.id, Choice.LEFT)
         now = until(interview, asks)
         assert tuple(now.question.challenger.experiment.theta) == second
         plant.end_all()
@@ -131,21 +131,21 @@ def test_a_study_resumes_with_the_same_pending_experiments(plant, tmp_path):
         for theta in waiting(interview)[2:]:
             plant.end(theta)
         now = until(interview, asks)
-        interview.answer(now.question.id, Choice.RIGHT)
+        interview.steps.answer(now.question.id, Choice.RIGHT)
         until(interview, lambda now: len(waiting(interview)) == 4)
         plant.end_all()
-    before, state = waiting(interview), interview.study.state
-    interview.study.close()
+    before, state = waiting(interview), interview.file.state
+    interview.file.close()
     again = reopened(plant.scenario, path, at_once=4)
-    assert {s.theta for s in state.history.samples} <= {s.theta for s in again.study.state.history.samples}
+    assert {s.theta for s in state.history.samples} <= {s.theta for s in again.file.state.history.samples}
     assert set(waiting(again)) >= set(before)
-    assert any(isinstance(recorded.event, Taken) for recorded in again.study.events())
+    assert any(isinstance(recorded.event, Taken) for recorded in again.file.events())
     with Background(again):
         while (now := until(again, lambda now: plant.end_all() or settled(now))).question:
-            again.answer(now.question.id, judge(now.question, again.scenario.cost))
-    assert set(before) <= {s.theta for s in again.study.state.history.samples}
-    assert again.study.state.history.answered == 9
-    again.study.close()
+            again.steps.answer(now.question.id, judge(now.question, again.scenario.cost))
+    assert set(before) <= {s.theta for s in again.file.state.history.samples}
+    assert again.file.state.history.answered == 9
+    again.file.close()
 
 
 def settled(now):
@@ -161,9 +161,9 @@ def test_an_undo_leaves_what_runs_alone_and_drops_what_was_proposed_since(plant)
         plant.end(second)
         now = until(interview, asks)
         challenger = tuple(now.question.challenger.experiment.theta)
-        interview.answer(now.question.id, Choice.LEFT)
+        interview.steps.answer(now.question.id, Choice.LEFT)
         now = until(interview, lambda now: len(waiting(interview)) == 3)
-        interview.undo(now.version)
+        interview.steps.undo(now.version)
         assert waiting(interview)[:2] == [challenger, third]
         now = until(interview, asks)
         assert tuple(now.question.challenger.experiment.theta) == challenger
@@ -182,13 +182,13 @@ def test_a_failed_run_beside_an_open_question_is_shown_when_it_is_due_and_may_ru
         plant.end(third)
         until(interview, lambda now: third not in plant.fails)
         assert interview.now().question is question
-        interview.answer(question.id, Choice.LEFT)
+        interview.steps.answer(question.id, Choice.LEFT)
         now = until(interview, lambda now: now.phase is Phase.FAILED)
         assert "no licence" in now.problem
         assert now.pending.theta == third
-        interview.retry()
+        interview.steps.retry()
         while (now := until(interview, lambda now: plant.end_all() or settled(now))).question:
-            interview.answer(now.question.id, Choice.LEFT)
+            interview.steps.answer(now.question.id, Choice.LEFT)
     assert third in {s.theta for s in now.state.history.samples}
     assert not now.state.failures
 
@@ -201,7 +201,7 @@ def test_an_unattended_study_runs_at_once_to_its_end(agent):
     assert len(comparisons) == 8
     assert interview.now().phase is Phase.OVER
     cost = interview.scenario.cost
-    best = interview.experiment(interview.now().incumbent)
+    best = interview.past.experiment(interview.now().incumbent)
     assert cost(best) == min(cost(c.challenger) for c in comparisons)
 
 

@@ -13,7 +13,7 @@ from prefcal_app.report import StudyRecord
 from prefcal_app.report.html import page
 from prefcal_app.report.tables import comparisons_as_csv
 from prefcal_app.session import Choice, Phase, flow
-from prefcal_app.session import view as moment
+from prefcal_app.session.study import question as moment
 from prefcal_app.terminal.showing import show_history, show_question
 from prefcal_app.view import history_view, now_view, status_view
 from prefcal_env.experiments.end import End
@@ -38,7 +38,7 @@ touchy = replace(toy, run=run)
 
 def answer(interview, choice=Choice.SAME):
     now = proceed(interview)
-    return interview.answer(now.question.id, choice)
+    return interview.steps.answer(now.question.id, choice)
 
 
 def studied(answers=6, **more):
@@ -56,12 +56,12 @@ def sides(closed):
 def test_every_answer_says_which_of_its_runs_became_unsafe():
     interview = studied()
     closed = interview.now().state.history.comparisons
-    assert interview.experiment(0).end is End.UNSAFE  # the first one is told of, too
+    assert interview.past.experiment(0).end is End.UNSAFE  # the first one is told of, too
     assert closed[0].answer.automatic == (NEW,)
     ends = set()
     for one in closed[1:]:
         for mark, index in sides(one):
-            end = interview.experiment(index).end
+            end = interview.past.experiment(index).end
             assert (mark in one.answer.automatic) == (end is End.UNSAFE)
             ends.add(end)
         assert one.answer.marks == one.answer.automatic
@@ -70,16 +70,16 @@ def test_every_answer_says_which_of_its_runs_became_unsafe():
 
 def test_the_agent_learns_them_and_a_retraction_takes_them_along():
     interview = studied()
-    unsafe = [i for i in range(7) if interview.experiment(i).end is End.UNSAFE]
+    unsafe = [i for i in range(7) if interview.past.experiment(i).end is End.UNSAFE]
     history = interview._flow.agent.state.history
     assert np.flatnonzero(Marks.of(history).unsafe).tolist() == unsafe
     assert interview.now().state.history.unsafe(automatic=True) == set(unsafe)
     last = max(i for i in unsafe if i)
-    interview.retract(last)
+    interview.steps.retract(last)
     assert interview.now().state.history.unsafe(automatic=True) == set(unsafe) - {last}
     assert Marks.of(interview._flow.agent.state.history).unsafe.sum() == len(unsafe) - 1
-    assert not interview.comparisons()[last].answer.preference
-    assert interview.comparisons()[last].answer.automatic
+    assert not interview.past.comparisons()[last].answer.preference
+    assert interview.past.comparisons()[last].answer.automatic
 
 
 @pytest.mark.parametrize("mark", ["", "unsafe", "good enough"])
@@ -87,10 +87,10 @@ def test_running_ahead_foresees_them(mark):
     interview = begin(touchy, n_max=5, ahead=True)
     while (now := proceed(interview)).phase is Phase.QUESTION:
         if mark and not (mark == "good enough" and now.question.left.counts_as_unsafe):
-            interview.mark(now.question.id, "left", mark, True)
+            interview.steps.mark(now.question.id, "left", mark, True)
         while interview.work():
             pass
-        now = interview.answer(interview.now().question.id, Choice.SAME)
+        now = interview.steps.answer(interview.now().question.id, Choice.SAME)
         assert now.phase is not Phase.RUNNING  # nothing was left to compute
     assert any(c.answer.automatic for c in now.state.history.comparisons)
 
@@ -104,7 +104,7 @@ def test_a_study_from_before_resumes_as_it_was(tmp_path, monkeypatch):
         old = studied(path=path)
     asked, answers = old.now().question, [c.answer for c in old.now().state.history.comparisons]
     assert not any(given.marks for given in answers)
-    old.study.close()
+    old.file.close()
     resumed = reopened(touchy, path)
     again = resumed.now().question
     assert (again.left.experiment, again.right.experiment) == (asked.left.experiment, asked.right.experiment)
@@ -144,14 +144,14 @@ def test_every_view_says_so_and_why():
 def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):
     interview = studied()
     held = interview.now().state.history.incumbents()
-    record = StudyRecord(touchy, "toy", interview.comparisons(), held)
+    record = StudyRecord(touchy, "toy", interview.past.comparisons(), held)
     assert f"first: {WORDS}" in page(record, [])
     rows = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
-    told = [c.answer for c in interview.comparisons()[1:]]
+    told = [c.answer for c in interview.past.comparisons()[1:]]
     assert [row["automatic marks"] for row in rows] == [
         ", ".join(mark.value for mark in answer.automatic) for answer in told
     ]
-    folder = export_csv(interview.study, tmp_path)
+    folder = export_csv(interview.file, tmp_path)
     with (folder / "experiments.csv").open() as file:
         marked = [i for i, row in enumerate(csv.DictReader(file)) if row["automatic marks"]]
     assert set(marked) == interview.now().state.history.unsafe(automatic=True)

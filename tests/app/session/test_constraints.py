@@ -35,26 +35,26 @@ def begin(scenario, path):
 def test_a_resumed_study_asks_the_same_and_stays_inside(tmp_path):
     scenario, path = constrained("slow", "short"), tmp_path / "mine.prefcal"
     interview = begin(scenario, path)
-    assert interview.study.state.configuration["constraints"] == ["slow", "short"]
+    assert interview.file.state.configuration["constraints"] == ["slow", "short"]
     for _ in range(3):
         question = proceed(interview).question
-        interview.answer(question.id, Choice.LEFT)
+        interview.steps.answer(question.id, Choice.LEFT)
     asked = proceed(interview).question
-    interview.study.close()
+    interview.file.close()
     resumed = begin(scenario, path)
     assert proceed(resumed).question == asked
-    for sample in resumed.study.state.history.samples:
+    for sample in resumed.file.state.history.samples:
         assert scenario.space.allows(np.array(sample.theta))
 
 
 @pytest.mark.parametrize("now", [(), ("slow",), ("slow", "short")])
 def test_a_study_keeps_the_constraints_that_it_was_begun_with(tmp_path, now):
     path = tmp_path / "mine.prefcal"
-    begin(constrained("short"), path).study.close()
+    begin(constrained("short"), path).file.close()
     with pytest.raises(StudyError, match=r"expected \['short'\], got \["):
         begin(constrained(*now), path)
 
 
 def test_a_study_without_constraints_does_not_mention_them(tmp_path):
     interview = begin(constrained(), tmp_path / "mine.prefcal")
-    assert "constraints" not in interview.study.state.configuration
+    assert "constraints" not in interview.file.state.configuration

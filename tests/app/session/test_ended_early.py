@@ -60,17 +60,17 @@ def test_a_run_that_a_plant_ended_early_has_no_score():
 def test_page_report_and_export_say_when_and_why(tmp_path):
     study = studied()
     index = min(study.now().state.history.cut_short())
-    after = f"cut short after {study.experiment(index).duration:.4g} h: could no longer win"
+    after = f"cut short after {study.past.experiment(index).duration:.4g} h: could no longer win"
     row = next(r for r in history_view(study)["answers"] if r["challenger"] == index + 1)
     assert "first: run cut short, it could no longer win" in row["marks"]
     shown = asked_view(study, index)["question"]
     assert after in [shown[side]["ended"] for side in ("left", "right")]
     held = study.now().state.history.incumbents()
-    record = StudyRecord(study.scenario, "toy", study.comparisons(), held)
+    record = StudyRecord(study.scenario, "toy", study.past.comparisons(), held)
     assert "first: run cut short" in page(record, [])
     table = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
     assert after in [row["challenger ended"] for row in table if row["automatic marks"]]
-    with (export_csv(study.study, tmp_path) / "comparisons.csv").open() as file:
+    with (export_csv(study.file, tmp_path) / "comparisons.csv").open() as file:
         assert "challenger cut short" in file.read()
 
 
@@ -78,7 +78,7 @@ def test_the_file_resumes_to_the_same_agent(tmp_path):
     path = tmp_path / "early.prefcal"
     study = studied(path=path)
     before, cut = study._flow.agent.state, study.now().state.history.cut_short()
-    study.study.close()
+    study.file.close()
     again = reopened(toy_scenario(), path)
     assert again._flow.agent.state == before
     assert again.now().state.history.cut_short() == cut != frozenset()

@@ -4,7 +4,8 @@ import gc
 
 import pytest
 
-from prefcal_app.session import Choice, Interview, experiments
+from prefcal_app.session import Choice, Interview
+from prefcal_app.session.study import experiments
 from prefcal_app.view import Seen
 from prefcal_app.view import seen as seen_module
 from prefcal_env.errors import StudyError
@@ -19,9 +20,9 @@ def path(tmp_path_factory):
     path = tmp_path_factory.mktemp("studies") / "long.prefcal"
     interview = begin(toy_scenario(), n_max=12, path=path)
     answer_all(interview, lambda number: None)
-    interview.go_on(1)
-    interview.answer(proceed(interview).question.id, Choice.LEFT)
-    interview.study.close()
+    interview.steps.go_on(1)
+    interview.steps.answer(proceed(interview).question.id, Choice.LEFT)
+    interview.file.close()
     return path
 
 
@@ -43,26 +44,26 @@ def reading(path, monkeypatch):
 
 def test_opening_reads_no_trajectory_and_how_runs_ended_is_known_without(reading):
     interview, read = reading
-    ends = [interview.end(index) for index in range(13)]
+    ends = [interview.past.end(index) for index in range(13)]
     assert read == []
-    assert ends == [interview.experiment(index).end for index in range(13)]
+    assert ends == [interview.past.experiment(index).end for index in range(13)]
     with pytest.raises(StudyError, match="no experiment 14"):
-        interview.end(13)
+        interview.past.end(13)
 
 
 def test_only_the_last_trajectories_stay_and_what_is_held_is_not_read_twice(reading, monkeypatch):
     interview, read = reading
     monkeypatch.setattr(experiments, "_KEPT", 3)
-    held = interview.experiment(0)
+    held = interview.past.experiment(0)
     for index in range(1, 13):
-        interview.experiment(index)
+        interview.past.experiment(index)
     assert len(read) == 13
-    assert interview.experiment(0) is held
-    interview.experiment(12)
+    assert interview.past.experiment(0) is held
+    interview.past.experiment(12)
     assert len(read) == 13
     gc.collect()
     assert len(interview._flow.store._held) == 3
-    interview.experiment(1)
+    interview.past.experiment(1)
     assert len(read) == 14
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_agents.history.lessons import Preferences
 from prefcal_app.session import Choice, unattended
-from prefcal_app.session.memory import agent_of
+from prefcal_app.session.study.memory import agent_of
 from prefcal_app.view import history_view
 from prefcal_app.view.sides import question_view
 from prefcal_env.errors import StaleError, StudyError
@@ -52,25 +52,25 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     path = tmp_path / "three.prefcal"
     interview = begin(toy, n_max=8, agent=THREE, path=path)
     question = until_further(interview)
-    interview.study.close()
+    interview.file.close()
     interview = reopened(toy, path)
     assert interview.now().question == question
-    interview.answer(question.id, judge(question, toy.cost), comment="so")
+    interview.steps.answer(question.id, judge(question, toy.cost), comment="so")
     after = proceed(interview)
     assert after.state.history.follow_ups[0].comment == "so"
     assert after.state.history.follow_ups[0].after == after.state.history.answered
-    undone = interview.undo(after.version)
+    undone = interview.steps.undo(after.version)
     assert not undone.state.history.follow_ups
     again = proceed(interview).question
     assert (again.left.index, again.right.index) == (question.left.index, question.right.index)
-    interview.answer(again.id, judge(again, toy.cost))
-    interview.retract(-1)
+    interview.steps.answer(again.id, judge(again, toy.cost))
+    interview.steps.retract(-1)
     assert interview.now().state.history.follow_ups[0].retracted
     with pytest.raises(StaleError, match="retracted already"):
-        interview.retract(-1)
+        interview.steps.retract(-1)
     with pytest.raises(StaleError, match="no answer to a follow-up comparison 2"):
-        interview.retract(-2)
-    interview.study.close()
+        interview.steps.retract(-2)
+    interview.file.close()
     resumed = reopened(toy, path)
     assert resumed.now().state.history.follow_ups[0].retracted
     assert len(Preferences.of(resumed._flow.agent.history)) == resumed.now().state.history.answered - 1
@@ -80,7 +80,7 @@ def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_pa
     path = tmp_path / "three.prefcal"
     interview = begin(toy, n_max=8, agent=THREE, path=path)
     question = until_further(interview)
-    interview.study.close()
+    interview.file.close()
     known = {question.left.index, question.right.index}
     other = next(k for k in range(question.challenger.index) if k not in known)
     pair = question.challenger.index, other
@@ -88,7 +88,7 @@ def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_pa
     interview = reopened(toy, path)
     now = interview.now()
     assert (now.question.challenger.index, now.question.incumbent.index) == pair
-    interview.study.close()
+    interview.file.close()
     monkeypatch.setattr("prefcal_agents.glisp.agent.follow_up", lambda *given: None)
     now = proceed(reopened(toy, path))
     assert not now.question.further
@@ -108,12 +108,12 @@ def test_after_contradictions_two_earlier_ones_are_asked_about(toy, tmp_path):
             for side in ("left", "right"):
                 is_best = getattr(question, side).index == best
                 assert view[side]["role"] == ("best so far" if is_best else "")
-            interview.study.close()
+            interview.file.close()
             interview = reopened(toy, path)
             assert interview.now().question == question
         better = judge(question, toy.cost) is Choice.LEFT
         mistaken = question.number % 3 == 1 and not question.further
-        interview.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
+        interview.steps.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
     told = interview._flow.agent.history.follow_ups
     recorded = interview.now().state.history.follow_ups
     assert [(c.challenger, c.incumbent, c.answer.preference, c.after) for c in told] == [
@@ -128,11 +128,11 @@ def asked_now(interview):
 def test_a_retraction_leaves_an_open_further_question_consistent(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     until_further(interview)
-    interview.retract(1)
+    interview.steps.retract(1)
     now = proceed(interview)
     asked = interview._flow.agent.ask()
     assert now.question.challenger.index == asked.challenger.index
-    interview.answer(now.question.id, judge(now.question, toy.cost))
+    interview.steps.answer(now.question.id, judge(now.question, toy.cost))
     assert proceed(interview).question is not None
 
 
@@ -142,7 +142,7 @@ def test_running_ahead_changes_nothing(toy):
         while (now := proceed(interview)).question is not None:
             while ahead and interview.work():
                 pass
-            interview.answer(now.question.id, judge(now.question, toy.cost))
+            interview.steps.answer(now.question.id, judge(now.question, toy.cost))
         state = interview.now().state
         return [(c.challenger, c.incumbent, c.answer) for c in state.answers]
 
@@ -153,7 +153,7 @@ def test_a_file_that_compares_an_experiment_before_its_own_question_is_refused(t
     interview = begin(toy, n_max=8, agent=THREE)
     question = until_further(interview)
     new, old = question.challenger.index, question.incumbent.index
-    study: StudyFile = interview.study
+    study: StudyFile = interview.file
     [shown] = study.append(Shown(new, old, True))
     verdict = interview.now().state.history.comparisons[-1].answer
     with pytest.raises(StudyError, match="is not open"):

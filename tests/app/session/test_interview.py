@@ -33,7 +33,7 @@ def judge(question):
 
 def answer(interview, choice=None):
     now = proceed(interview)
-    return interview.answer(now.question.id, choice or judge(now.question))
+    return interview.steps.answer(now.question.id, choice or judge(now.question))
 
 
 def test_the_first_question_compares_the_first_two_experiments(interview):
@@ -41,14 +41,14 @@ def test_the_first_question_compares_the_first_two_experiments(interview):
     assert now.phase is Phase.QUESTION
     assert (now.question.challenger.index, now.question.incumbent.index) == (1, 0)
     assert now.question.number == 1
-    assert not now.can_undo
+    assert "undo" not in now.can
     assert now.incumbent == 0
 
 
 @pytest.mark.parametrize("choice", Choice)
 def test_a_choice_by_side_becomes_the_preference_it_means(interview, choice):
     question = proceed(interview).question
-    interview.answer(question.id, choice, comment="so", blind=True)
+    interview.steps.answer(question.id, choice, comment="so", blind=True)
     closed = interview.now().state.history.comparisons[1]
     expected = {SAME: Preference.TIE, CANNOT_TELL: None}
     side = question.left if choice is LEFT else question.right
@@ -63,7 +63,7 @@ def test_the_sides_are_randomized_recorded_and_the_same_again(toy):
     for _ in range(2):
         interview = begin(toy, n_max=12)
         while (now := proceed(interview)).phase is Phase.QUESTION:
-            interview.answer(now.question.id, judge(now.question))
+            interview.steps.answer(now.question.id, judge(now.question))
         sides.append([c.challenger_left for c in interview.now().state.history.comparisons[1:]])
     assert sides[0] == sides[1]
     assert {True, False} == set(sides[0])
@@ -71,10 +71,10 @@ def test_the_sides_are_randomized_recorded_and_the_same_again(toy):
 
 def test_an_answer_to_a_question_that_is_no_longer_open_changes_nothing(interview):
     first = proceed(interview).question
-    interview.answer(first.id, LEFT)
+    interview.steps.answer(first.id, LEFT)
     before = interview.now().state
     with pytest.raises(StaleError, match="no longer open"):
-        interview.answer(first.id, RIGHT)
+        interview.steps.answer(first.id, RIGHT)
     assert interview.now().state == before
 
 
@@ -85,7 +85,7 @@ def test_two_tabs_answer_at_once_and_one_of_them_is_told(interview):
     def tab():
         barrier.wait()
         try:
-            interview.answer(question.id, LEFT)
+            interview.steps.answer(question.id, LEFT)
             outcomes.append("recorded")
         except StaleError:
             outcomes.append("told")
@@ -102,12 +102,12 @@ def test_two_tabs_answer_at_once_and_one_of_them_is_told(interview):
 def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
     question = proceed(interview).question
     side = "left" if question.left.challenger else "right"
-    interview.mark(question.id, side, "good enough", True)
-    interview.mark(question.id, side, "good enough", False)
-    now = interview.mark(question.id, side, "unsafe", True)
+    interview.steps.mark(question.id, side, "good enough", True)
+    interview.steps.mark(question.id, side, "good enough", False)
+    now = interview.steps.mark(question.id, side, "unsafe", True)
     assert now.question.id == question.id
     assert now.question.challenger.marks == {"unsafe"}
-    interview.answer(question.id, LEFT)
+    interview.steps.answer(question.id, LEFT)
     assert interview.now().state.history.comparisons[1].answer.marks == (Mark.CHALLENGER_UNSAFE,)
     assert interview.now().state.marks[1] == {"unsafe"}
 
@@ -115,14 +115,14 @@ def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
 def test_a_mark_that_does_not_exist_is_refused(interview):
     question = proceed(interview).question
     with pytest.raises(StudyError, match="a mark is one of"):
-        interview.mark(question.id, "left", "lovely", True)
+        interview.steps.mark(question.id, "left", "lovely", True)
 
 
 def test_undo_opens_the_same_question_again_with_the_same_sides(interview):
     first = proceed(interview).question
     answer(interview)
     proceed(interview)
-    interview.undo(interview.now().version)
+    interview.steps.undo(interview.now().version)
     again = proceed(interview).question
     assert again.id != first.id
     assert (again.left.index, again.right.index) == (first.left.index, first.right.index)
@@ -132,7 +132,7 @@ def test_undo_opens_the_same_question_again_with_the_same_sides(interview):
 def test_undo_and_the_same_answer_lead_to_the_same_next_question(interview):
     answer(interview, LEFT)
     then = proceed(interview).question
-    interview.undo(interview.now().version)
+    interview.steps.undo(interview.now().version)
     answer(interview, LEFT)
     now = proceed(interview).question
     assert now.challenger.experiment == then.challenger.experiment
@@ -147,10 +147,10 @@ def test_an_experiment_is_never_run_twice(toy):
 
     interview = begin(replace(toy, run=run), n_max=7)
     while (now := proceed(interview)).phase is Phase.QUESTION:
-        interview.answer(now.question.id, judge(now.question))
+        interview.steps.answer(now.question.id, judge(now.question))
         proceed(interview)
-        interview.undo(interview.now().version)
-        interview.answer(proceed(interview).question.id, judge(now.question))
+        interview.steps.undo(interview.now().version)
+        interview.steps.answer(proceed(interview).question.id, judge(now.question))
     assert len(ran) == len(set(ran)) == 7
 
 
@@ -160,13 +160,13 @@ def test_a_late_undo_from_another_tab_takes_nothing_back(interview):
     answer(interview)
     proceed(interview)
     with pytest.raises(StaleError, match="since you looked"):
-        interview.undo(seen)
+        interview.steps.undo(seen)
 
 
 def test_there_is_nothing_to_undo_at_first(interview):
     proceed(interview)
     with pytest.raises(StaleError, match="no answer to undo"):
-        interview.undo(interview.now().version)
+        interview.steps.undo(interview.now().version)
 
 
 def test_a_retracted_answer_stays_on_record_and_teaches_nothing(interview):
@@ -174,20 +174,20 @@ def test_a_retracted_answer_stays_on_record_and_teaches_nothing(interview):
         answer(interview)
     proceed(interview)
     before = interview.now()
-    interview.retract(1)
+    interview.steps.retract(1)
     now = interview.now()
     assert now.state.history.comparisons[1].retracted
     assert [s.theta for s in now.state.history.samples] == [s.theta for s in before.state.history.samples]
     with pytest.raises(StaleError, match="retracted already"):
-        interview.retract(1)
-    assert interview.comparisons()[1].answer.preference is None
+        interview.steps.retract(1)
+    assert interview.past.comparisons()[1].answer.preference is None
 
 
 def test_a_retraction_changes_the_incumbent_of_the_open_question(interview):
     question = proceed(interview).question
-    interview.answer(question.id, LEFT if question.left.challenger else RIGHT)
+    interview.steps.answer(question.id, LEFT if question.left.challenger else RIGHT)
     assert proceed(interview).question.incumbent.index == 1
-    interview.retract(1)
+    interview.steps.retract(1)
     assert proceed(interview).question.incumbent.index == 0
 
 
@@ -196,26 +196,26 @@ def test_there_is_no_such_answer_to_retract(interview, number):
     answer(interview)
     proceed(interview)
     with pytest.raises(StaleError, match=r"there is no answer"):
-        interview.retract(number)
+        interview.steps.retract(number)
 
 
 def test_a_repeated_question_swaps_the_sides_and_teaches_nothing(interview):
     first = proceed(interview).question
-    interview.answer(first.id, LEFT)
+    interview.steps.answer(first.id, LEFT)
     for _ in range(3):
         answer(interview)
     open_before = proceed(interview).question
-    interview.repeat()
+    interview.steps.repeat()
     again = interview.now().question
-    original = interview.asked(again.challenger.index)
+    original = interview.past.asked(again.challenger.index)
     assert again.repeats == original.id
     assert (again.left.index, again.right.index) == (original.right.index, original.left.index)
     closed = interview.now().state.history.answered
-    interview.answer(again.id, again.choice(original.preference(judge(original))))
+    interview.steps.answer(again.id, again.choice(original.preference(judge(original))))
     now = proceed(interview)
     assert now.state.history.answered == closed
     assert now.question.challenger.index == open_before.challenger.index
-    assert interview.consistency.repeated == 1
+    assert interview.known.consistency.repeated == 1
 
 
 def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview):
@@ -225,8 +225,8 @@ def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview)
     assert (now.phase, now.state.ended) == (Phase.OVER, "all compared")
     assert now.state.history.answered == 6
     with pytest.raises(StaleError, match="say how many more"):
-        interview.go_on()
-    interview.go_on(2)
+        interview.steps.go_on()
+    interview.steps.go_on(2)
     for _ in range(2):
         answer(interview)
     assert proceed(interview).phase is Phase.OVER
@@ -236,23 +236,23 @@ def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview)
 def test_the_last_answer_can_be_undone_after_the_end(interview):
     while proceed(interview).phase is Phase.QUESTION:
         answer(interview)
-    interview.undo(interview.now().version)
+    interview.steps.undo(interview.now().version)
     assert proceed(interview).phase is Phase.QUESTION
     assert interview.now().state.ended is None
 
 
 def test_a_person_ends_it_because_the_best_is_good_enough(interview):
     question = proceed(interview).question
-    interview.mark(question.id, "left", "good enough", True)
-    interview.answer(question.id, LEFT)
+    interview.steps.mark(question.id, "left", "good enough", True)
+    interview.steps.answer(question.id, LEFT)
     proceed(interview)
-    interview.finish()
+    interview.steps.finish()
     assert interview.now().state.ended == "good enough"
-    interview.go_on()
+    interview.steps.go_on()
     assert proceed(interview).phase is Phase.QUESTION
-    interview.finish()
+    interview.steps.finish()
     with pytest.raises(StaleError, match="ended already"):
-        interview.finish()
+        interview.steps.finish()
 
 
 def test_a_run_that_raises_is_shown_tried_again_or_counted_as_failed(toy):
@@ -268,12 +268,12 @@ def test_a_run_that_raises_is_shown_tried_again_or_counted_as_failed(toy):
     assert now.phase is Phase.FAILED
     assert "the pump does not answer" in now.problem
     broken[0] = False
-    interview.retry()
+    interview.steps.retry()
     assert proceed(interview).phase is Phase.QUESTION
     broken[0] = True
     answer(interview)
     assert proceed(interview).phase is Phase.FAILED
-    interview.fail(2, "pump")
+    interview.steps.fail(2, "pump")
     now = interview.now()
     assert now.question.challenger.experiment.end.interrupted
     assert len(now.question.challenger.experiment.t) == 0
@@ -288,7 +288,7 @@ def test_a_study_resumes_with_the_identical_next_question(toy, tmp_path):
         for _ in range(5):
             answer(interview)
         proceed(interview)
-    part.study.close()
+    part.file.close()
     resumed = reopened(toy, path)
     assert resumed.now().question.id == whole.now().question.id
     while proceed(whole).phase is Phase.QUESTION:
@@ -309,7 +309,7 @@ def test_running_ahead_changes_nothing_but_the_waiting(toy):
         while (now := proceed(interview)).phase is Phase.QUESTION:
             while interview.work():
                 pass
-            now = interview.answer(now.question.id, judge(now.question))
+            now = interview.steps.answer(now.question.id, judge(now.question))
             if ahead and now.phase is not Phase.OVER:
                 assert now.phase is Phase.QUESTION  # nothing was left to compute
             thetas.append(proceed(interview).state.history.samples[-1].theta)
@@ -336,12 +336,12 @@ def test_a_full_disk_after_an_answer_is_a_problem_to_be_tried_again(interview, m
         return append(self, *events)
 
     monkeypatch.setattr(StudyFile, "append", full)
-    interview.answer(question.id, LEFT)
+    interview.steps.answer(question.id, LEFT)
     now = proceed(interview)
     assert (now.phase, now.problem) == (Phase.FAILED, "the disk is full")
     assert now.state.history.answered == 2
     monkeypatch.undo()
-    interview.retry()
+    interview.steps.retry()
     assert proceed(interview).phase is Phase.QUESTION
 
 
@@ -353,16 +353,16 @@ def test_a_full_disk_at_an_answer_leaves_the_question_open(interview, monkeypatc
 
     monkeypatch.setattr(StudyFile, "append", full)
     with pytest.raises(StudyError, match="the disk is full"):
-        interview.answer(question.id, LEFT)
+        interview.steps.answer(question.id, LEFT)
     assert interview.now().question.id == question.id
     monkeypatch.undo()
-    interview.answer(question.id, LEFT)
+    interview.steps.answer(question.id, LEFT)
     assert interview.now().state.history.answered == 2
 
 
 def test_a_study_of_other_knobs_is_refused(toy, tmp_path):
     path = tmp_path / "mine.prefcal"
-    begin(toy, path=path).study.close()
+    begin(toy, path=path).file.close()
     other = replace(toy, space=type(toy.space)(toy.space.knobs[:2]), references={})
     with pytest.raises(StudyError, match="knobs have changed"):
         Interview(other, StudyFile.open(path, clock=clock()))
@@ -382,7 +382,7 @@ def test_the_unattended_loop_equals_the_loop_in_memory(toy):
     assert [c.answer for c in stored] == [c.answer for c in plain]
     assert all(a.challenger == b.challenger for a, b in zip(stored, plain, strict=True))
     best = interview.now().incumbent
-    assert np.array_equal(interview.experiment(best).theta, agent.best)
+    assert np.array_equal(interview.past.experiment(best).theta, agent.best)
 
 
 def test_scores_take_the_place_of_questions(toy):
@@ -390,10 +390,10 @@ def test_scores_take_the_place_of_questions(toy):
     list(unattended(interview, None))
     state = interview.now().state
     assert [c.question for c in state.history.comparisons] == [None] * 6
-    costs = [toy.cost(interview.experiment(i)) for i in range(6)]
+    costs = [toy.cost(interview.past.experiment(i)) for i in range(6)]
     assert [c.answer.value for c in state.history.comparisons] == costs
     assert interview.now().incumbent == int(np.argmin(costs))
-    verdicts = [c.answer.preference for c in interview.comparisons()[1:]]
+    verdicts = [c.answer.preference for c in interview.past.comparisons()[1:]]
     best = np.minimum.accumulate(costs)
     assert verdicts == [int(np.sign(new - old)) for new, old in zip(costs[1:], best, strict=False)]
 
@@ -408,12 +408,12 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
     while interview.now().phase is not Phase.OVER:
         now = proceed(interview)
         if now.phase is Phase.FAILED:
-            interview.fail(now.pending.index)
+            interview.steps.fail(now.pending.index)
     state = interview.now().state
     scores = [c.answer.value for c in state.history.comparisons]
     assert None in scores
     assert state.history.samples[interview.now().incumbent].theta[0] >= 0.8
-    assert interview.comparisons()[-1].winner_index == interview.now().incumbent
+    assert interview.past.comparisons()[-1].winner_index == interview.now().incumbent
 
 
 @pytest.mark.parametrize("choice", Choice)
@@ -422,37 +422,37 @@ def test_every_verdict_is_foreseen(toy, choice):
     question = proceed(interview).question
     while interview.work():
         pass
-    answered = interview.answer(question.id, choice)
+    answered = interview.steps.answer(question.id, choice)
     assert answered.phase is Phase.QUESTION  # nothing had to be computed first
 
 
 def test_one_mark_takes_the_other_away(interview):
     now = proceed(interview)
     question = now.question
-    interview.mark(question.id, "left", "good enough", True)
-    interview.mark(question.id, "left", "unsafe", True)
+    interview.steps.mark(question.id, "left", "good enough", True)
+    interview.steps.mark(question.id, "left", "unsafe", True)
     assert interview.now().question.left.marks == {"unsafe"}
-    interview.mark(question.id, "left", "good enough", True)
+    interview.steps.mark(question.id, "left", "good enough", True)
     assert interview.now().question.left.marks == {"good enough"}
-    interview.mark(question.id, "left", "good enough", False)
+    interview.steps.mark(question.id, "left", "good enough", False)
     assert interview.now().question.left.marks == frozenset()
 
 
 def test_the_comment_comes_back_with_the_answer_that_is_taken_back(interview):
     question = proceed(interview).question
-    assert interview.answer(question.id, Choice.LEFT, comment="it swings").draft == ""
-    now = interview.undo(proceed(interview).version)
+    assert interview.steps.answer(question.id, Choice.LEFT, comment="it swings").draft == ""
+    now = interview.steps.undo(proceed(interview).version)
     assert now.draft == "it swings"
-    assert interview.answer(now.question.id, Choice.LEFT).draft == ""
+    assert interview.steps.answer(now.question.id, Choice.LEFT).draft == ""
 
 
 def test_a_question_that_is_asked_again_is_skipped_without_a_trace(interview):
     for _ in range(2):
-        interview.answer(proceed(interview).question.id, Choice.LEFT)
+        interview.steps.answer(proceed(interview).question.id, Choice.LEFT)
     before = proceed(interview)
-    now = interview.repeat()
+    now = interview.steps.repeat()
     assert now.question.repeats is not None
-    after = interview.undo(now.version)
+    after = interview.steps.undo(now.version)
     sides = {after.question.left.index, after.question.right.index}
     assert sides == {before.question.left.index, before.question.right.index}
     assert after.question.repeats is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice, Phase
-from prefcal_app.session.plant import Recovery
+from prefcal_app.session.study.now import Recovery
 from prefcal_env import End
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.live import Journal, LiveRig
@@ -44,14 +44,14 @@ def test_each_run_is_confirmed_saved_and_compared(scenario, plant, tmp_path):
             before = len(plant.writes)
             assert [change.old for change in now.live.changes] == pytest.approx([1.0, 10.0, 1.0])
             assert len(plant.writes) == before
-            interview.write_and_start(now.pending.index)
+            interview.steps.write_and_start(now.pending.index)
             confirmed += 1
         else:
             assert len(now.state.finished) == confirmed
-            interview.answer(now.question.id, Choice.LEFT)
+            interview.steps.answer(now.question.id, Choice.LEFT)
             answered += 1
     assert confirmed == 4
-    interview.study.close()
+    interview.file.close()
     state = reopened(scenario, path).now().state
     assert len(state.answers) == answered
     assert len(state.finished) == 4
@@ -61,10 +61,10 @@ def test_each_run_is_confirmed_saved_and_compared(scenario, plant, tmp_path):
 def test_nothing_is_written_before_the_confirmation(scenario, plant):
     interview = begin(scenario)
     with pytest.raises(StaleError, match="not known yet"):
-        interview.write_and_start(0)
+        interview.steps.write_and_start(0)
     waited_for(interview)
     with pytest.raises(StaleError, match="nothing was written"):
-        interview.write_and_start(1)
+        interview.steps.write_and_start(1)
     assert not interview.work()
     assert plant.writes == []
 
@@ -72,29 +72,29 @@ def test_nothing_is_written_before_the_confirmation(scenario, plant):
 def test_a_plant_that_changed_since_the_confirmation_is_not_touched(scenario, plant):
     interview = begin(scenario)
     waited_for(interview)
-    interview.write_and_start(0)
+    interview.steps.write_and_start(0)
     plant.values["kp"] = 1.2
     now = waited_for(interview)
     assert now.phase is Phase.FAILED
     assert plant.writes == []
-    interview.retry()
+    interview.steps.retry()
     assert waited_for(interview).live.changes[0].old == pytest.approx(1.2)
 
 
 def test_a_stopped_run_can_be_tried_again_or_counted_as_failed(scenario, plant):
     interview = begin(scenario)
     waited_for(interview)
-    plant.at = lambda p: interview.stop_run(0) if 11.9 < p.now < 12.3 else None
-    interview.write_and_start(0)
+    plant.at = lambda p: interview.steps.stop_run(0) if 11.9 < p.now < 12.3 else None
+    interview.steps.write_and_start(0)
     with pytest.raises(StaleError, match="stop it first"):
-        interview.finish()
+        interview.steps.finish()
     now = waited_for(interview)
     assert now.phase is Phase.FAILED
     assert "The old values are restored" in now.problem
     assert plant.values["kp"] == pytest.approx(1.0)
-    interview.fail(0, now.problem)
-    assert interview.experiment(0).end is End.FAILED
-    assert len(interview.experiment(0).t)
+    interview.steps.fail(0, now.problem)
+    assert interview.past.experiment(0).end is End.FAILED
+    assert len(interview.past.experiment(0).t)
 
 
 def test_a_kept_theta_does_not_hide_that_the_set_point_is_not_taken_back(scenario, plant, tmp_path):
@@ -102,7 +102,7 @@ def test_a_kept_theta_does_not_hide_that_the_set_point_is_not_taken_back(scenari
     interview = begin(Scenario("tank", "A tank", rig.space, rig, kpis=scenario.kpis))
     waited_for(interview)
     plant.at = lambda p: setattr(p, "refuses", "sp" if plant.values["sp"] == 2.0 else "")
-    interview.write_and_start(0)
+    interview.steps.write_and_start(0)
     assert interview.work()
     assert "set-point: the server memory refuses" in interview.now().live.problem
     plant.at, plant.refuses = lambda p: None, ""
@@ -116,7 +116,7 @@ def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario,
     now = waited_for(interview)
     assert "no connection to memory" in now.live.problem
     plant.up = True
-    interview.retry()
+    interview.steps.retry()
     assert waited_for(interview).live.changes
 
 
@@ -131,18 +131,18 @@ def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeed
         assert "K_p: the server memory refuses" in now.live.problem
         assert now.live.changes is None
         with pytest.raises(StaleError, match="does not have its old values yet"):
-            interview.write_and_start(now.pending.index)
+            interview.steps.write_and_start(now.pending.index)
         assert not interview.work()
-        interview.retry()
+        interview.steps.retry()
         now = waited_for(interview)
     assert "kp" not in {node for _, node, _ in plant.writes}
     plant.refuses = ""
-    interview.retry()
+    interview.steps.retry()
     now = waited_for(interview)
     assert now.live.problem == ""
     assert now.live.recovery is Recovery.DONE
     assert now.live.changes[0].old == pytest.approx(1.5)
-    interview.write_and_start(now.pending.index)
+    interview.steps.write_and_start(now.pending.index)
     assert interview.work()
     assert len(interview.now().state.finished) == 1
 
@@ -163,7 +163,7 @@ def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(scena
         now = waited_for(interview)
         plant.at = lambda p: setattr(p, "refuses", "sp" if p.values["sp"] == 2.0 else "")
         plant.at = plant.at if now.pending.index else lambda p: None
-        interview.write_and_start(now.pending.index)
+        interview.steps.write_and_start(now.pending.index)
         assert interview.work()
     while interview.work():
         pass
@@ -172,7 +172,7 @@ def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(scena
     assert now.live.recovery is Recovery.FAILED
     assert "set-point" in now.live.problem
     plant.at, plant.refuses = lambda p: None, ""
-    interview.retry()
+    interview.steps.retry()
     assert interview.work()
     assert interview.now().live.recovery is Recovery.DONE
     assert plant.values["sp"] == pytest.approx(1.0)
@@ -192,7 +192,7 @@ def test_a_run_that_raised_has_its_old_values_restored_before_anything_else(scen
     now = waited_for(interview)
     assert now.live.recovery is Recovery.DONE
     monkeypatch.setattr(LiveRig, "drive", broken)
-    interview.write_and_start(now.pending.index)
+    interview.steps.write_and_start(now.pending.index)
     assert interview.work()
     assert interview.now().phase is Phase.FAILED
     assert interview.now().live.recovery is Recovery.DUE
@@ -210,18 +210,18 @@ def test_an_experiment_that_could_not_be_saved_is_saved_later_without_another_ru
     def full(*events):
         raise StudyError("the disk is full")
 
-    interview.write_and_start(0)
+    interview.steps.write_and_start(0)
     with monkeypatch.context() as changed:
-        changed.setattr(interview.study, "append", full)
+        changed.setattr(interview.file, "append", full)
         assert interview.work()
     assert interview.now().phase is Phase.FAILED
     assert not interview.now().state.finished
     before = len(plant.writes)
-    interview.retry()
+    interview.steps.retry()
     while not interview.now().state.finished:
         assert interview.work()
     assert len(plant.writes) == before
-    assert len(interview.experiment(0).t)
+    assert len(interview.past.experiment(0).t)
 
 
 class KilledError(BaseException):
@@ -235,7 +235,7 @@ def test_no_answer_and_no_experiment_is_lost_by_kills_at_random_instants(scenari
     while (now := waited_for(interview)).phase is not Phase.OVER:
         if now.phase is Phase.QUESTION:
             answered += 1
-            interview.answer(now.question.id, Choice.LEFT)
+            interview.steps.answer(now.question.id, Choice.LEFT)
             continue
         until = plant.now + rng.uniform(0.0, 90.0)
 
@@ -244,13 +244,13 @@ def test_no_answer_and_no_experiment_is_lost_by_kills_at_random_instants(scenari
                 raise KilledError
 
         plant.at = kill
-        interview.write_and_start(now.pending.index)
+        interview.steps.write_and_start(now.pending.index)
         try:
             interview.work()
             ran += 1
         except KilledError:
             kills += 1
-            interview.study.close()
+            interview.file.close()
             interview = reopened(scenario, path)
         plant.at = lambda plant: None
         state = interview.now().state

@@ -4,14 +4,14 @@ import pytest
 
 from prefcal_agents import GLIS, RandomSearch
 from prefcal_app.session import Phase
-from prefcal_app.session.memory import agent_of, questions_of
+from prefcal_app.session.study.memory import agent_of, questions_of
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
 
 
 def answer(interview):
     now = proceed(interview)
-    interview.answer(now.question.id, judge(now.question, interview.scenario.cost))
+    interview.steps.answer(now.question.id, judge(now.question, interview.scenario.cost))
     return proceed(interview)
 
 
@@ -24,8 +24,8 @@ def test_more_questions_come_with_the_next_experiments(toy):
     for _ in range(4):
         answer(interview)
     asked = interview.now().question
-    now = interview.pace(3)
-    assert interview.questions == 3
+    now = interview.steps.pace(3)
+    assert interview.known.questions == 3
     assert (now.question.id, pair(now.question)) == (asked.id, pair(asked))
     until_further(interview)
     while answer(interview).phase is not Phase.OVER:
@@ -36,13 +36,13 @@ def test_more_questions_come_with_the_next_experiments(toy):
 def test_an_open_further_question_disappears_when_there_are_to_be_fewer(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     question = until_further(interview)
-    assert interview.pace(2).question.id == question.id
-    interview.pace(1)
+    assert interview.steps.pace(2).question.id == question.id
+    interview.steps.pace(1)
     now = proceed(interview)
     assert not now.question.further
     assert now.question.challenger.index == question.challenger.index + 1
     with pytest.raises(StaleError):
-        interview.answer(question.id, judge(question, toy.cost))
+        interview.steps.answer(question.id, judge(question, toy.cost))
     while answer(interview).phase is not Phase.OVER:
         pass
     assert not interview.now().state.history.follow_ups
@@ -54,7 +54,7 @@ def test_a_study_resumes_identically_after_each_change(toy, tmp_path, most):
     path = tmp_path / "paced.prefcal"
     interview = begin(toy, n_max=9, agent=THREE, path=path)
     until_further(interview)
-    interview.pace(most)
+    interview.steps.pace(most)
     asked = []
     while (now := proceed(interview)).phase is Phase.QUESTION:
         twin = agent_of(now.state, toy.space)
@@ -62,9 +62,9 @@ def test_a_study_resumes_identically_after_each_change(toy, tmp_path, most):
         assert twin.ask() == interview._flow.agent.ask()
         asked.append(pair(now.question))
         if len(asked) == 3:
-            interview.study.close()
+            interview.file.close()
             interview = reopened(toy, path)
-            assert interview.questions == most
+            assert interview.known.questions == most
             assert pair(proceed(interview).question) == asked[-1]
         answer(interview)
     assert len(asked) > 3
@@ -77,8 +77,8 @@ def test_a_change_before_a_crash_leaves_no_question_that_is_not_asked(toy, tmp_p
     path = tmp_path / "crash.prefcal"
     interview = begin(toy, n_max=8, agent=THREE, path=path)
     until_further(interview)
-    interview.study.append(Adjusted({"questions_per_experiment": 1}))
-    interview.study.close()
+    interview.file.append(Adjusted({"questions_per_experiment": 1}))
+    interview.file.close()
     resumed = reopened(toy, path)
     assert not proceed(resumed).question.further
 
@@ -92,7 +92,7 @@ def test_running_ahead_foresees_no_longer_what_was(toy):
                 break
             while ahead and interview.work():
                 pass
-            now = interview.pace((3, 1, 4)[len(now.state.answers) % 3])
+            now = interview.steps.pace((3, 1, 4)[len(now.state.answers) % 3])
             if now.question is None:  # a further one that is one too many
                 continue
             answer(interview)
@@ -104,18 +104,18 @@ def test_running_ahead_foresees_no_longer_what_was(toy):
 def test_the_same_number_again_is_no_event(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     proceed(interview)
-    before = sum(1 for _ in interview.study.events())
-    interview.pace(3)
-    assert sum(1 for _ in interview.study.events()) == before
+    before = sum(1 for _ in interview.file.events())
+    interview.steps.pace(3)
+    assert sum(1 for _ in interview.file.events()) == before
 
 
 @pytest.mark.parametrize("agent", [RandomSearch, GLIS])
 def test_an_agent_that_asks_one_refuses(toy, agent):
     interview = begin(toy, agent=agent)
     proceed(interview)
-    assert interview.questions is None
+    assert interview.known.questions is None
     with pytest.raises(SettingsError, match="only the agent glisp"):
-        interview.pace(2)
+        interview.steps.pace(2)
 
 
 def test_an_undo_goes_back_behind_a_change(toy):
@@ -123,8 +123,8 @@ def test_an_undo_goes_back_behind_a_change(toy):
     until_further(interview)
     now = answer(interview)
     assert len(now.state.history.follow_ups) == 1
-    interview.pace(1)
-    interview.undo(interview.now().version)
+    interview.steps.pace(1)
+    interview.steps.undo(interview.now().version)
     now = proceed(interview)
     assert not now.state.history.follow_ups
     assert not now.question.further
@@ -139,7 +139,7 @@ def test_while_something_has_failed_it_has_to_wait(toy):
     interview = begin(replace(toy, run=broken), agent=THREE)
     assert proceed(interview).phase is Phase.FAILED
     with pytest.raises(StaleError, match="try it again first"):
-        interview.pace(1)
+        interview.steps.pace(1)
 
 
 @pytest.mark.parametrize(("settings", "most"), [({}, 1), ({"questions_per_experiment": 4}, 4), (None, 1)])

@@ -34,7 +34,7 @@ def csv(highest: float) -> bytes:
 def interview(tmp_path):
     """The first experiment is recorded, the second one is waited for."""
     interview = begin(RIG, path=tmp_path / "rig.prefcal")
-    interview.record(Given(0, csv(8.0)))
+    interview.steps.record(Given(0, csv(8.0)))
     return interview
 
 
@@ -52,28 +52,28 @@ def test_the_file_of_the_run_before_is_refused_unless_it_is_meant(interview):
     for content in (csv(8.0), saved_anew):
         assert interview.preview(Given(1, content)).same == 0
         with pytest.raises(RecordError, match="curves of experiment 1"):
-            interview.record(Given(1, content))
+            interview.steps.record(Given(1, content))
     assert sorted(interview.now().state.finished) == [0]
-    assert interview.record(Given(1, csv(8.0), again=True)).phase is Phase.QUESTION
+    assert interview.steps.record(Given(1, csv(8.0), again=True)).phase is Phase.QUESTION
 
 
 def test_the_theta_that_was_dialed_is_learned_from_and_the_proposed_one_kept(interview, tmp_path):
     proposed = interview.now().pending.theta
     dialed = (1.07, 20.0, proposed[2])
-    now = interview.record(Given(1, csv(9.0), theta=dialed))
+    now = interview.steps.record(Given(1, csv(9.0), theta=dialed))
     assert now.state.history.samples[1].theta == pytest.approx(dialed)
     assert now.state.proposed == {1: proposed}
-    assert interview.experiment(1).theta == pytest.approx(dialed)
-    interview.answer(now.question.id, Choice.LEFT)
+    assert interview.past.experiment(1).theta == pytest.approx(dialed)
+    interview.steps.answer(now.question.id, Choice.LEFT)
     while interview.now().phase is Phase.RUNNING:
         interview.work()
     following = interview.now()
     history = interview._flow.agent.state.history
     assert history.samples[1].theta == pytest.approx(dialed)
-    interview.study.close()
+    interview.file.close()
     again = reopened(RIG, tmp_path / "rig.prefcal")
     assert again.now().pending == following.pending
-    suggested = [r.event for r in again.study.events() if isinstance(r.event, Suggested)]
+    suggested = [r.event for r in again.file.events() if isinstance(r.event, Suggested)]
     assert suggested[1].theta == proposed
     assert verify(tmp_path / "rig.prefcal") == ()
 
@@ -88,32 +88,32 @@ def test_the_theta_that_was_dialed_is_learned_from_and_the_proposed_one_kept(int
 )
 def test_a_theta_that_cannot_be_learned_from_is_refused(interview, theta, told):
     with pytest.raises(RecordError, match=told):
-        interview.record(Given(1, csv(9.0), theta=theta))
+        interview.steps.record(Given(1, csv(9.0), theta=theta))
     assert interview.now().phase is Phase.RECORD
 
 
 def test_no_theta_runs_twice_by_hand_either(interview):
     first = interview.now().state.history.samples[0].theta
     with pytest.raises(RecordError, match="experiment 1 was run with exactly the θ"):
-        interview.record(Given(1, csv(9.0), theta=first))
+        interview.steps.record(Given(1, csv(9.0), theta=first))
 
 
 def test_a_record_that_is_not_answered_yet_is_replaced_and_its_question_put_anew(interview):
-    asked = interview.record(Given(1, csv(9.0))).question
-    now = interview.record(Given(1, csv(7.5), theta=(0.5, 20.0, 1.0)))
+    asked = interview.steps.record(Given(1, csv(9.0))).question
+    now = interview.steps.record(Given(1, csv(7.5), theta=(0.5, 20.0, 1.0)))
     with pytest.raises(StaleError):
-        interview.answer(asked.id, Choice.LEFT)
+        interview.steps.answer(asked.id, Choice.LEFT)
     assert now.question.challenger.experiment.x.max() == 7.5
     assert now.state.history.samples[1].theta == pytest.approx((0.5, 20.0, 1.0))
 
 
 def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(interview):
-    asked = interview.record(Given(1, csv(9.0), unsafe=True)).question
-    interview.answer(asked.id, asked.choice(asked.preference(Choice.LEFT)))
+    asked = interview.steps.record(Given(1, csv(9.0), unsafe=True)).question
+    interview.steps.answer(asked.id, asked.choice(asked.preference(Choice.LEFT)))
     while interview.now().phase is Phase.RUNNING:
         interview.work()
     assert interview.preview(Given(1, csv(7.5))).retracts == 1
-    now = interview.record(Given(1, csv(7.5)))
+    now = interview.steps.record(Given(1, csv(7.5)))
     closed = now.state.history.comparisons[1]
     assert now.phase is Phase.RECORD
     assert closed.retracted
@@ -122,7 +122,7 @@ def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(
     history = interview._flow.agent.state.history
     assert [o["highest"] for o in kpis_of(history)] == [8.0, 7.5]
     with pytest.raises(RecordError, match="compared already"):
-        interview.record(Given(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
+        interview.steps.record(Given(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
 
 
 def test_a_simulated_plant_and_a_study_that_is_over_take_no_record(interview):
@@ -130,7 +130,7 @@ def test_a_simulated_plant_and_a_study_that_is_over_take_no_record(interview):
     while simulated.now().phase is Phase.RUNNING:
         simulated.work()
     with pytest.raises(StaleError):
-        simulated.record(Given(0, csv(9.0)))
-    interview.finish()
+        simulated.steps.record(Given(0, csv(9.0)))
+    interview.steps.finish()
     with pytest.raises(StaleError):
-        interview.record(Given(0, csv(9.0)))
+        interview.steps.record(Given(0, csv(9.0)))

@@ -10,10 +10,10 @@ def test_a_retraction_that_was_cut_off_asks_about_the_incumbent_that_stands(tmp_
     path = tmp_path / "mine.prefcal"
     interview = begin(toy_scenario(), path=path)
     first = proceed(interview).question
-    interview.answer(first.id, Choice.LEFT if first.left.challenger else Choice.RIGHT)
+    interview.steps.answer(first.id, Choice.LEFT if first.left.challenger else Choice.RIGHT)
     assert proceed(interview).question.incumbent.index == 1
-    interview.study.append(Retracted(1))  # and killed before the next question
-    interview.study.close()
+    interview.file.append(Retracted(1))  # and killed before the next question
+    interview.file.close()
 
     question = (now := reopened(toy_scenario(), path).now()).question
     assert (question.challenger.index, question.incumbent.index) == (2, now.incumbent) == (2, 0)
@@ -29,7 +29,7 @@ def test_with_mistakes_the_best_is_still_what_the_record_says(tmp_path):
         assert now.incumbent in (question.incumbent.index, question.challenger.index)
         better = cost(question.left.experiment) < cost(question.right.experiment)
         mistaken = question.number % 3 == 1 and not question.further
-        interview.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
+        interview.steps.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
     best = interview.now().incumbent
-    interview.study.close()
+    interview.file.close()
     assert reopened(toy_scenario(), path).now().incumbent == best

@@ -9,7 +9,7 @@ import pytest
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Background, Choice, Interview, Phase, unattended
-from prefcal_app.session.prefetch import LIKELIEST
+from prefcal_app.session.volatile.prefetch import LIKELIEST
 from prefcal_app.simulating import Simulator
 from prefcal_app.summary.outlook import others_unbeaten
 from prefcal_app.view.simulated import why_view
@@ -49,7 +49,7 @@ def test_the_first_question_is_chosen_by_work_and_not_when_it_begins():
     assert now.phase is Phase.QUESTION
     assert now.simulated.shown == 2
     assert now.simulated.planned == 40
-    assert now.simulated.simulated == len(interview.screened().bank) > 2
+    assert now.simulated.simulated == len(interview.known.screened().bank) > 2
 
 
 def test_a_study_without_prefetching_is_the_same_as_one_with_it():
@@ -59,7 +59,7 @@ def test_a_study_without_prefetching_is_the_same_as_one_with_it():
         assert asked(now)[1:] == asked(same)[1:]
         assert now.simulated.simulated == same.simulated.simulated
         for interview, there in ((plain, now), (ahead, same)):
-            interview.answer(there.question.id, judge(there.question, cost))
+            interview.steps.answer(there.question.id, judge(there.question, cost))
         now, same = proceed(plain), worked(ahead)
     assert same.phase is Phase.OVER
     assert now.state.history == same.state.history
@@ -69,16 +69,16 @@ def test_a_likely_answer_is_followed_by_the_next_question_without_work():
     interview = started(ahead=True)
     proceed(interview)
     now = worked(interview)
-    now = interview.answer(now.question.id, Choice.LEFT)
+    now = interview.steps.answer(now.question.id, Choice.LEFT)
     assert now.phase is Phase.QUESTION
-    assert interview.screened() is not None
+    assert interview.known.screened() is not None
 
 
 def test_only_the_likeliest_answers_are_prepared():
     interview = started(ahead=True)
     proceed(interview)
     worked(interview)
-    assert len(interview._flow.prefetch._bases) == LIKELIEST
+    assert len(interview._flow.thoughts.prefetch._bases) == LIKELIEST
 
 
 def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
@@ -86,21 +86,21 @@ def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
     interview = started(path)
     for _ in range(2):
         now = proceed(interview)
-        interview.answer(now.question.id, judge(now.question, cost))
+        interview.steps.answer(now.question.id, judge(now.question, cost))
     now = proceed(interview)
-    before = asked(now), interview.screened()
-    interview.study.close()
+    before = asked(now), interview.known.screened()
+    interview.file.close()
     again = reopened(unseen, path)
     assert asked(again.now()) == before[0]
-    assert again.screened() is None
+    assert again.known.screened() is None
     assert again.now().simulated.simulated == 0
     again._runs_ahead = True
     version = again.now().version
     now = worked(again)
     assert asked(now) == before[0]
     assert now.version > version  # pages look again
-    assert again.screened().bank.thetas.tolist() == before[1].bank.thetas.tolist()
-    assert again.screened().reason == before[1].reason
+    assert again.known.screened().bank.thetas.tolist() == before[1].bank.thetas.tolist()
+    assert again.known.screened().reason == before[1].reason
     answer_all(again, lambda number: None)
     assert again.now().phase is Phase.OVER
 
@@ -117,13 +117,13 @@ def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_pat
         assert ("probably a slip" in why_view(interview, now)) == held
         meant = judge(now.question, cost)
         slip = now.state.history.answered in (4, 7)
-        interview.answer(now.question.id, OPPOSITE[meant] if slip else meant)
+        interview.steps.answer(now.question.id, OPPOSITE[meant] if slip else meant)
         now = proceed(interview)
     assert leads >= 1
     assert now.incumbent != now.state.history.by_answers
     best, winner = now.incumbent + 1, now.state.history.by_answers + 1
     assert f"Experiment {best} is the best so far, though {winner} won" in others_unbeaten(now.state.history)
-    interview.study.close()
+    interview.file.close()
     again = reopened(unseen, path).now()
     assert again.state.history == now.state.history
     assert again.incumbent == now.incumbent
@@ -135,12 +135,12 @@ def test_an_answer_after_a_restart_need_not_wait_for_the_simulations(tmp_path):
     interview = started(path)
     for one in (straight, interview):
         now = proceed(one)
-        one.answer(now.question.id, judge(now.question, cost))
+        one.steps.answer(now.question.id, judge(now.question, cost))
         proceed(one)
-    interview.study.close()
+    interview.file.close()
     again = reopened(unseen, path)
     for one in (straight, again):
-        one.answer(one.now().question.id, judge(one.now().question, cost))
+        one.steps.answer(one.now().question.id, judge(one.now().question, cost))
     assert again.now().phase is Phase.RUNNING
     assert asked(proceed(again))[1:] == asked(proceed(straight))[1:]
 
@@ -149,24 +149,24 @@ def test_undo_and_retract_and_marks_need_no_simulation():
     interview = started()
     now = proceed(interview)
     first = asked(now)
-    interview.answer(now.question.id, Choice.LEFT)
+    interview.steps.answer(now.question.id, Choice.LEFT)
     proceed(interview)
-    count = interview._flow.simulator.count
-    now = interview.undo(interview.now().version)
+    count = interview._flow.thoughts.simulator.count
+    now = interview.steps.undo(interview.now().version)
     assert asked(now)[1:] == first[1:]
-    now = interview.mark(now.question.id, "left", "unsafe", True)
+    now = interview.steps.mark(now.question.id, "left", "unsafe", True)
     assert now.phase is Phase.QUESTION
-    interview.answer(now.question.id, Choice.RIGHT)
+    interview.steps.answer(now.question.id, Choice.RIGHT)
     now = proceed(interview)
-    assert interview.retract(1).phase is Phase.QUESTION
-    assert interview._flow.simulator.count >= count
+    assert interview.steps.retract(1).phase is Phase.QUESTION
+    assert interview._flow.thoughts.simulator.count >= count
 
 
 def judged_often(interview, answers=5):
     """Enough answers for the agent to hold another one than the winner for the best."""
     for _ in range(answers):
         now = proceed(interview)
-        interview.answer(now.question.id, judge(now.question, cost))
+        interview.steps.answer(now.question.id, judge(now.question, cost))
     proceed(interview)
     return interview
 
@@ -175,14 +175,14 @@ def test_nothing_is_simulated_for_a_retraction_or_an_answer_after_a_restart(tmp_
     """The lock is held meanwhile, and who simulates may wait for it."""
     path = tmp_path / "mine.prefcal"
     interview = judged_often(started(path, n_max=9))
-    count = interview._flow.simulator.count
-    assert interview.retract(3).phase is Phase.QUESTION
-    assert interview._flow.simulator.count == count
-    interview.study.close()
+    count = interview._flow.thoughts.simulator.count
+    assert interview.steps.retract(3).phase is Phase.QUESTION
+    assert interview._flow.thoughts.simulator.count == count
+    interview.file.close()
     again = reopened(unseen, path)
-    again.answer(again.now().question.id, Choice.LEFT)
+    again.steps.answer(again.now().question.id, Choice.LEFT)
     assert again.now().phase is Phase.RUNNING
-    assert again._flow.simulator.count == 0
+    assert again._flow.thoughts.simulator.count == 0
 
 
 def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_another(tmp_path, monkeypatch):
@@ -191,33 +191,33 @@ def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_ano
         earlier.setattr(Screening, "_leader", lambda self, history: None)
         interview = judged_often(started(path, n_max=9))
     rival = interview.now().question.incumbent.index
-    interview.study.close()
+    interview.file.close()
     monkeypatch.setattr(Screening, "_leader", lambda self, history: int(rival == 0))
     again = reopened(unseen, path)
-    again.answer(again.now().question.id, Choice.LEFT)
+    again.steps.answer(again.now().question.id, Choice.LEFT)
     told = again._flow.agent.history.comparisons[-1]
-    assert told.incumbent == again.study.state.history.comparisons[-1].incumbent == rival
+    assert told.incumbent == again.file.state.history.comparisons[-1].incumbent == rival
     assert proceed(again).question.incumbent.index == int(rival == 0)
 
 
 def test_an_answer_is_not_retracted_while_the_next_experiment_is_chosen():
     interview = started()
     now = proceed(interview)
-    interview.answer(now.question.id, Choice.LEFT)
+    interview.steps.answer(now.question.id, Choice.LEFT)
     with pytest.raises(StaleError, match="being chosen"):
-        interview.retract(1)
+        interview.steps.retract(1)
 
 
 def test_an_answer_of_a_finished_study_is_retracted_after_a_restart(tmp_path):
     path = tmp_path / "mine.prefcal"
     interview = started(path, n_max=3)
     answer_all(interview, lambda number: None)
-    interview.study.close()
+    interview.file.close()
     again = reopened(unseen, path)
     assert again.now().phase is Phase.OVER
-    again.retract(1)
+    again.steps.retract(1)
     assert again.now().state.history.comparisons[1].retracted
-    assert again._flow.simulator.count == 0
+    assert again._flow.thoughts.simulator.count == 0
 
 
 class Slow:
@@ -251,7 +251,7 @@ def test_a_request_is_answered_while_it_simulates(slow):
         assert run.waiting.wait(20)
         begun = time.monotonic()
         assert interview.now().phase is Phase.RUNNING
-        assert interview.screened() is None
+        assert interview.known.screened() is None
         assert interview.now().simulated.simulated == 0
         assert time.monotonic() - begun < 1.0
         run.gate.set()
@@ -264,9 +264,9 @@ def held(slow, tmp_path):
     scenario, run = slow
     first = begin(scenario, n_max=5, agent=AGENT, path=tmp_path / "mine.prefcal")
     proceed(first)
-    first.study.close()
+    first.file.close()
     interview = reopened(scenario, tmp_path / "mine.prefcal")
-    interview._runs_ahead = interview._flow.prefetch.explained = True
+    interview._runs_ahead = interview._flow.thoughts.prefetch.explained = True
     run.gate.clear()
     attempt = threading.Thread(target=interview.work)
     attempt.start()
@@ -282,19 +282,19 @@ def held(slow, tmp_path):
 
 def test_an_answer_does_not_wait_for_simulations_for_another_answer(held):
     interview, go_on = held
-    interview.give(interview.now().question.id, Answer(Preference.INCUMBENT))
+    interview.steps.give(interview.now().question.id, Answer(Preference.INCUMBENT))
     go_on()
-    assert interview._flow.simulator.count <= 1  # the one that was running
+    assert interview._flow.thoughts.simulator.count <= 1  # the one that was running
     assert interview.now().phase is Phase.RUNNING
     assert proceed(interview).phase is Phase.QUESTION
 
 
 def test_simulations_for_the_answer_that_is_given_are_used(held):
     interview, go_on = held
-    interview.give(interview.now().question.id, Answer(Preference.CHALLENGER))
+    interview.steps.give(interview.now().question.id, Answer(Preference.CHALLENGER))
     go_on()
-    assert interview._flow.simulator.count > 1
-    assert not interview._flow.must_think
+    assert interview._flow.thoughts.simulator.count > 1
+    assert not interview._flow.study.must_think
     assert proceed(interview).phase is Phase.QUESTION
 
 
@@ -302,19 +302,19 @@ def test_closing_gives_up_the_simulations(held):
     interview, go_on = held
     interview.close()
     go_on()
-    assert interview._flow.simulator.count <= 1
+    assert interview._flow.thoughts.simulator.count <= 1
 
 
 def test_a_simulator_of_processes_is_closed_by_whoever_made_it(tmp_path):
     with Simulator(unseen, jobs=1) as simulator:
         one = started(tmp_path / "one.prefcal")
-        one.study.close()
+        one.file.close()
         study = StudyFile.open(tmp_path / "one.prefcal", clock=clock())
         interview = Interview(unseen, study, ahead=False, simulator=simulator)
         here = started()
         assert asked(proceed(interview)) == asked(proceed(here))
         interview.close()
-        assert simulator.count == here._flow.simulator.count
+        assert simulator.count == here._flow.thoughts.simulator.count
 
 
 def test_it_runs_unattended():
@@ -332,9 +332,9 @@ def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkey
 
     interview = started()
     with monkeypatch.context() as broken:
-        broken.setattr(interview._flow.simulator, "_here", fail)
+        broken.setattr(interview._flow.thoughts.simulator, "_here", fail)
         interview.work()
     assert interview.now().phase is Phase.FAILED
     assert "no process can load" in interview.now().problem
-    interview.retry()
+    interview.steps.retry()
     assert proceed(interview).phase is Phase.QUESTION

@@ -44,7 +44,7 @@ def settled(now):
 def answer_until_it_hangs(interview):
     while not hangs(now := until(interview, lambda now: settled(now) or hangs(now))):
         assert now.phase is Phase.QUESTION, now.problem
-        interview.answer(now.question.id, Choice.LEFT)
+        interview.steps.answer(now.question.id, Choice.LEFT)
     return now
 
 
@@ -56,15 +56,15 @@ def test_a_run_that_hangs_is_stopped_counted_as_failed_and_the_study_goes_on(ahe
         assert now_view(interview)["stopping"].startswith("A run is stopped after 1 min (")
         index = now.pending.index
         with pytest.raises(StaleError):
-            interview.stop_run(index + 1)
-        interview.stop_run(index)
+            interview.steps.stop_run(index + 1)
+        interview.steps.stop_run(index)
         now = until(interview, settled)
         assert now.phase is Phase.FAILED
         assert "you stopped the run" in now.problem
         assert now.state.failures[index] == now.problem
-        interview.fail(index, now.problem)
+        interview.steps.fail(index, now.problem)
         now = until(interview, settled)
-        assert interview.experiment(index).end is End.FAILED
+        assert interview.past.experiment(index).end is End.FAILED
         assert now.phase is Phase.QUESTION
 
 
@@ -72,9 +72,9 @@ def test_a_run_that_was_stopped_can_be_tried_again():
     with hanging(n_max=8, seed=9) as interview, Background(interview):
         now = answer_until_it_hangs(interview)
         for _ in range(2):
-            interview.stop_run(now.pending.index)
+            interview.steps.stop_run(now.pending.index)
             assert until(interview, settled).phase is Phase.FAILED
-            assert interview.retry().phase is Phase.RUNNING
+            assert interview.steps.retry().phase is Phase.RUNNING
 
 
 def on_suspicion(interview):
@@ -82,7 +82,7 @@ def on_suspicion(interview):
     proceed(interview)
     while interview.work():
         pass
-    interview._flow.prefetch.next = BAD
+    interview._flow.thoughts.prefetch.next = BAD
     interview._idle_at = None
 
 
@@ -90,9 +90,9 @@ def test_a_run_on_suspicion_that_hangs_makes_way():
     with hanging(n_max=8, seed=1, ahead=True) as interview:
         on_suspicion(interview)
         with Background(interview):
-            now = until(interview, lambda now: theta_key(BAD) in interview._flow.runs)
-            interview.mark(now.question.id, "left", "unsafe", True)  # foreseen answers are void
-            interview.answer(now.question.id, Choice.LEFT)
+            now = until(interview, lambda now: theta_key(BAD) in interview._flow.underway.going)
+            interview.steps.mark(now.question.id, "left", "unsafe", True)  # foreseen answers are void
+            interview.steps.answer(now.question.id, Choice.LEFT)
             until(interview, lambda now: now.pending is not None)  # the next one is chosen
 
 
@@ -100,7 +100,7 @@ def test_a_run_on_suspicion_that_took_too_long_is_not_waited_for_twice():
     with hanging(2.0, n_max=8, seed=1, ahead=True) as interview:
         on_suspicion(interview)
         assert interview.work()
-        ahead = interview._flow.prefetch
+        ahead = interview._flow.thoughts.prefetch
         assert ahead.is_known(BAD)
         assert "longer than 2 s" in str(ahead.take_failure(BAD))
         assert not ahead.is_known(BAD)  # who tries again means it
@@ -119,7 +119,7 @@ def test_experiments_of_a_built_in_scenario_cannot_be_stopped():
     interview.work()
     assert interview.now().run_limit is None
     with pytest.raises(ScenarioError, match="wait for this one"):
-        interview.stop_run(interview.now().pending.index)
+        interview.steps.stop_run(interview.now().pending.index)
 
 
 def test_the_same_seed_gives_the_same_study_in_either_process():
@@ -143,7 +143,7 @@ def test_an_unattended_study_counts_runs_that_hang_as_failed_and_ends():
     assert len(ends) == 6
     assert 0 < len(failed) == len(told) < 6
     assert "failed: the run took longer than 2 s" in told[0]
-    best = interview.experiment(interview.now().incumbent)
+    best = interview.past.experiment(interview.now().incumbent)
     assert best.end is not End.FAILED
 
 

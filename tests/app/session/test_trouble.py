@@ -7,8 +7,8 @@ import pytest
 
 from prefcal_agents import GLISp
 from prefcal_app.session import Choice, Interview, Phase
-from prefcal_app.session.experiments import ExperimentStore
 from prefcal_app.session.runs import due
+from prefcal_app.session.study.experiments import ExperimentStore
 from prefcal_env.errors import ScenarioError, StaleError, StudyError
 from prefcal_env.study import Shown, StudyFile
 from support.interviews import begin, clock, proceed
@@ -18,7 +18,7 @@ LEFT = Choice.LEFT
 
 def test_an_experiment_is_not_counted_as_failed_because_the_disk_was_full(toy, monkeypatch):
     interview = begin(toy)
-    interview.answer(proceed(interview).question.id, LEFT)
+    interview.steps.answer(proceed(interview).question.id, LEFT)
     append = StudyFile.append
 
     def full(self, *events):
@@ -29,9 +29,9 @@ def test_an_experiment_is_not_counted_as_failed_because_the_disk_was_full(toy, m
     monkeypatch.setattr(StudyFile, "append", full)
     assert proceed(interview).phase is Phase.FAILED
     with pytest.raises(StaleError, match="experiment 3 is saved"):
-        interview.fail(2, "slip")
+        interview.steps.fail(2, "slip")
     monkeypatch.undo()
-    interview.retry()
+    interview.steps.retry()
     assert not proceed(interview).question.challenger.experiment.end.interrupted
 
 
@@ -47,7 +47,7 @@ def test_trouble_while_looking_ahead_leaves_the_question_open(toy, monkeypatch):
         while interview.work():
             pass
     assert interview.now().question == question
-    interview.answer(question.id, LEFT)
+    interview.steps.answer(question.id, LEFT)
     assert proceed(interview).question.challenger.index == 2
 
 
@@ -83,9 +83,9 @@ def test_whatever_fails_after_an_answer_is_a_problem_and_no_error_of_who_answere
 
     with monkeypatch.context() as patched:
         patched.setattr(ExperimentStore, "experiment", broken)
-        now = interview.answer(question.id, LEFT)
+        now = interview.steps.answer(question.id, LEFT)
     assert (now.phase, now.problem) == (Phase.FAILED, "MemoryError: no room for the curves")
-    interview.retry()
+    interview.steps.retry()
     assert proceed(interview).question.challenger.index == 2
 
 
@@ -101,7 +101,7 @@ def test_an_experiment_that_no_file_could_hold_is_a_failed_run(toy, kpis):
     question = proceed(interview).question
     while interview.work():
         pass
-    interview.answer(question.id, LEFT)
+    interview.steps.answer(question.id, LEFT)
     assert proceed(interview).phase is not Phase.FAILED  # the fourth run of the same θ
 
 
@@ -131,9 +131,9 @@ def test_nothing_is_run_after_the_interview_was_closed(toy):
 
 def test_an_undo_while_a_proposal_is_due_is_not_asked_twice(toy):
     interview = begin(toy)
-    interview.answer(proceed(interview).question.id, LEFT)
+    interview.steps.answer(proceed(interview).question.id, LEFT)
     attempt = due(interview._flow, ahead=False)  # the worker has it, and waits for the lock
-    question = interview.undo(interview.now().version).question
+    question = interview.steps.undo(interview.now().version).question
     attempt()()
     assert interview.now().question.id == question.id
 
@@ -155,7 +155,7 @@ def test_a_plant_that_rounds_its_parameters_is_not_run_twice(toy):
     question = proceed(interview).question
     while interview.work():
         pass
-    interview.answer(question.id, LEFT)
+    interview.steps.answer(question.id, LEFT)
     proceed(interview)
     assert len(ran) == len(set(ran))
 
@@ -163,13 +163,13 @@ def test_a_plant_that_rounds_its_parameters_is_not_run_twice(toy):
 def test_what_the_study_holds_is_not_run_ahead_again(toy, tmp_path):
     path = tmp_path / "mine.prefcal"
     interview = begin(toy, path=path)
-    interview.answer(proceed(interview).question.id, LEFT)
+    interview.steps.answer(proceed(interview).question.id, LEFT)
     proceed(interview)
-    interview.study.close()
+    interview.file.close()
 
     same, ran = counted(toy)
     resumed = Interview(same, StudyFile.open(path, clock=clock()))
-    resumed.undo(resumed.now().version)
+    resumed.steps.undo(resumed.now().version)
     while resumed.work():
         pass
     assert ran == []  # the start is space-filling: every answer leads to the θ that was run

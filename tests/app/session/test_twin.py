@@ -19,7 +19,7 @@ def simulator():
 def test_the_plant_is_shown_and_the_model_simulated():
     interview = twinned(simulator())
     now = proceed(interview)
-    bank = interview.screened().bank
+    bank = interview.known.screened().bank
     shown = {sample.theta for sample in now.state.history.samples}
     rough = bank.names.index("rough")
     for theta, kpis, failed in zip(bank.thetas, bank.kpis, bank.failed, strict=True):
@@ -35,7 +35,7 @@ def test_answers_tell_what_was_measured():
     interview = twinned(simulator())
     answer_all(interview, lambda number: None)
     now = interview.now()
-    bank = interview.screened(current=False).bank
+    bank = interview.known.screened(current=False).bank
     rough = bank.names.index("rough")
     told = now.state.history.samples[:-1]  # the last question was chosen before its answer
     measured = {s.theta: s.theta[0] ** 2 for s in told}
@@ -51,7 +51,7 @@ def test_a_look_at_a_simulated_theta_shows_the_model_and_runs_nothing_on_the_pla
     interview = twinned(simulator())
     now = proceed(interview)
     shown = {sample.theta for sample in now.state.history.samples}
-    bank = interview.screened().bank
+    bank = interview.known.screened().bank
     theta = next(
         t
         for t, k in zip(bank.thetas, bank.kpis, strict=True)
@@ -59,7 +59,7 @@ def test_a_look_at_a_simulated_theta_shows_the_model_and_runs_nothing_on_the_pla
     )
     looked = interview.look_at(theta)
     assert looked.kpis["rough"] == pytest.approx(0.6 * theta[0] ** 2)
-    interview.ask_for(theta)
+    interview.steps.ask_for(theta)
     now = proceed(interview)
     assert now.question.challenger.experiment.kpis["rough"] == pytest.approx(theta[0] ** 2)
 
@@ -69,7 +69,7 @@ def test_a_restart_asks_the_same_question(tmp_path):
     interview = twinned(simulator(), path=path)
     now = proceed(interview)
     asked = now.question.challenger.experiment.theta.tolist()
-    interview.study.close()
+    interview.file.close()
     file = StudyFile.open(path, clock=clock())
     again = Interview(plant, file, ahead=False, simulator=simulator())
     assert proceed(again).question.challenger.experiment.theta.tolist() == asked

@@ -34,7 +34,7 @@ def chances(monkeypatch):
 
 def answered(interview, *choices):
     for choice in choices:
-        interview.answer(interview.now().question.id, choice)
+        interview.steps.answer(interview.now().question.id, choice)
         explained(interview)
     return interview
 
@@ -42,18 +42,18 @@ def answered(interview, *choices):
 def test_other_agents_have_none():
     interview = begin(toy)
     proceed(interview)
-    assert not interview.screens
-    assert interview.screened() is interview.wait_for_screened(9.0) is None
+    assert not interview.known.screens
+    assert interview.known.screened() is interview.known.wait_for_screened(9.0) is None
 
 
 def test_it_comes_with_the_question_and_no_request_computes_it(chances):
     interview = screening()
     proceed(interview)
-    assert interview.screened().reason == REASON
+    assert interview.known.screened().reason == REASON
     asked = chances["asked"]
     for _ in range(3):
-        assert interview.screened().prospect is None
-        assert interview.outlook is None
+        assert interview.known.screened().prospect is None
+        assert interview.known.outlook is None
     assert not interview.work()
     assert chances["asked"] == asked
 
@@ -61,37 +61,37 @@ def test_it_comes_with_the_question_and_no_request_computes_it(chances):
 def test_after_a_request_it_is_worked_out_anew_in_the_background(chances):
     interview = screening()
     proceed(interview)
-    interview.ask_for(WANTED)
+    interview.steps.ask_for(WANTED)
     proceed(interview)
-    assert interview.screened() is None  # the same record, and yet another challenger
-    assert interview.screened(current=False) is not None
+    assert interview.known.screened() is None  # the same record, and yet another challenger
+    assert interview.known.screened(current=False) is not None
     version = interview.now().version
     assert interview.work()
-    assert interview.screened().basis.pending.theta == tuple(WANTED)
+    assert interview.known.screened().basis.pending.theta == tuple(WANTED)
     assert interview.now().version == version + 1  # pages are told
     assert not interview.work()
 
 
 def test_it_is_about_the_open_question_alone(chances):
     interview = explained(screening())
-    before = interview.screened().basis
-    interview.answer(interview.now().question.id, Choice.LEFT)
-    assert interview.screened() is None
-    assert interview.screened(current=False).basis is before
+    before = interview.known.screened().basis
+    interview.steps.answer(interview.now().question.id, Choice.LEFT)
+    assert interview.known.screened() is None
+    assert interview.known.screened(current=False).basis is before
     assert explained(interview).screened().basis is not before
 
 
 def test_before_an_answer_that_teaches_nothing_is_promised(chances):
     chances["chance"] = 0.05
     interview = explained(screening())
-    assert interview.screened().prospect is None
-    assert interview.outlook is None
+    assert interview.known.screened().prospect is None
+    assert interview.known.outlook is None
     answered(interview, Choice.CANNOT_TELL)
-    assert interview.outlook is None
+    assert interview.known.outlook is None
     answered(interview, Choice.LEFT)
-    assert interview.screened().prospect.offer
-    n = len(interview.screened().bank)
-    assert interview.outlook.promise.lower().endswith(
+    assert interview.known.screened().prospect.offer
+    n = len(interview.known.screened().bank)
+    assert interview.known.outlook.promise.lower().endswith(
         f"the chance that the most promising of the {n} simulated is better than the best so far is 5 %."
     )
 
@@ -100,9 +100,9 @@ def test_at_the_end_it_is_worked_out_for_the_last_answer(chances):
     interview = explained(screening(n_max=3))
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT)
-    found = interview.screened()
+    found = interview.known.screened()
     assert found.reason is None
-    assert "is 50 %" in interview.outlook.promise
+    assert "is 50 %" in interview.known.outlook.promise
 
 
 def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):
@@ -116,21 +116,21 @@ def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):
     while interview.work():
         pass
     assert interview.now().question == now.question
-    assert interview.screened() is None
+    assert interview.known.screened() is None
 
 
 def test_a_look_records_nothing_and_a_question_about_it_comes_at_once():
     interview = explained(screening())
-    events = len(list(interview.study.events()))
+    events = len(list(interview.file.events()))
     found = interview.look_at(WANTED)
     assert found == toy.run(WANTED)
-    assert len(list(interview.study.events())) == events
-    assert interview.ask_for(WANTED).phase is Phase.QUESTION  # without another run
+    assert len(list(interview.file.events())) == events
+    assert interview.steps.ask_for(WANTED).phase is Phase.QUESTION  # without another run
 
 
 def test_a_look_at_one_that_was_shown_reads_its_experiment():
     interview = explained(screening())
-    shown = interview.experiment(0)
+    shown = interview.past.experiment(0)
     assert interview.look_at(shown.theta) == shown
 
 
@@ -145,7 +145,7 @@ def test_only_what_is_simulated_can_be_looked_at():
 
 def test_rows_of_the_bank_are_found_by_theta():
     interview = explained(screening())
-    known = interview.screened()
+    known = interview.known.screened()
     index = interview.now().question.challenger.index
     theta = np.array(interview.now().state.history.samples[index].theta)
     row = known.row(theta)

@@ -103,7 +103,7 @@ def test_a_kpi_that_one_side_lacks_is_told_all_the_same():
 def test_the_spread_is_that_of_the_study():
     interview, _ = asked(*[Choice.LEFT] * 4)
     seen = Seen().look(interview)
-    values = [interview.experiment(i).kpis["final"] for i in interview.now().state.finished]
+    values = [interview.past.experiment(i).kpis["final"] for i in interview.now().state.finished]
     low, high = np.percentile(values, [25, 75])
     assert seen.spread("final", 1.0, 2.0) == pytest.approx(high - low)
     assert Seen().spread("largest", 1.0, -2.0) == 2.0

@@ -128,10 +128,10 @@ def test_the_command_can_be_carried_out(tmp_path):
         best = max if now.question.left.experiment.theta[0] else min
         assert best
         low = now.question.left.experiment.theta[0] < now.question.right.experiment.theta[0]
-        interview.answer(now.question.id, Choice.LEFT if low else Choice.RIGHT)
+        interview.steps.answer(now.question.id, Choice.LEFT if low else Choice.RIGHT)
     theta = np.array([0.25, 20.0, 1.0])
-    found = outlook(PROMISE, theta, toy.space, str(path), interview.study.state, helps=always)
-    interview.study.close()
+    found = outlook(PROMISE, theta, toy.space, str(path), interview.file.state, helps=always)
+    interview.file.close()
     words = found.command.split()
     assert words[:3] == ["prefcal", "studies", "respace"]
     space = respace(RespaceOptions(words[3], knob=tuple(words[7::2])), words[5])

@@ -143,7 +143,7 @@ def test_history_status_keys_and_a_repeat(interview):
     out = talk(interview, "lrhw?plx")
     for words in ("History", "best so far, experiment", "No question has been asked twice", "undo"):
         assert words in out
-    assert interview.consistency.repeated == 1
+    assert interview.known.consistency.repeated == 1
 
 
 def test_every_number_stands_beside_its_unit_and_objective(interview):
@@ -198,8 +198,8 @@ def test_a_rigs_records_are_asked_for(tmp_path):
     assert "exactly the curves of experiment 1" in out
     assert "theta of knob 'T_s' must be in [0.25, 1.5] h, got 9" in out
     assert "20 rows, from 0 h to 9.5 h" in out
-    assert interview.experiment(1).end.interrupted
-    assert interview.experiment(1).theta[0] == pytest.approx(1.07)
+    assert interview.past.experiment(1).end.interrupted
+    assert interview.past.experiment(1).theta[0] == pytest.approx(1.07)
     assert interview.now().phase is Phase.RECORD
     assert isinstance(CHANNELS, Channels)
 
@@ -234,7 +234,7 @@ def test_a_run_that_hangs_is_stopped_by_a_key():
             talking.run()
     out = console.export_text()
     assert "That did not work: you stopped the run after" in out
-    assert interview.experiment(0).end is End.FAILED
+    assert interview.past.experiment(0).end is End.FAILED
     assert _waiting(replace(interview.now(), run_limit=600.0)).endswith(
         "(at most 10 min; k and Enter stops it)"
     )

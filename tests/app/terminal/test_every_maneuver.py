@@ -48,7 +48,7 @@ def test_a_question_in_the_terminal_shows_every_maneuver(tank):
 
 def test_a_study_as_tables_names_the_maneuver_of_each_row(tank, tmp_path):
     proceed(interview := begin(tank, n_max=3))
-    export_csv(interview.study, tmp_path)
+    export_csv(interview.file, tmp_path)
     text = (tmp_path / "trajectories" / "experiment-001.csv").read_text("utf-8")
     rows = list(csv.DictReader(io.StringIO(text)))
     assert list(dict.fromkeys(row["maneuver"] for row in rows)) == ["step", "load", "warm"]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_app.session.memory import check_space
+from prefcal_app.session.study.memory import check_space
 from prefcal_app.view import brief_view
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.study import knobs_as_dicts
@@ -56,5 +56,5 @@ def test_the_briefing_asks_for_the_current_tuning_unless_it_was_given():
     assert (view["text"], [knob["about"] for knob in view["knobs"]]) == ("", ["", "", ""])
     assert "2 questions, about 1 minute at" in view["how"]
     assert "T_s=…, N_p=…, gain=…" in brief_view(interview)["start"]
-    interview.study.state.configuration["options"]["start"] = ["T_s=1, N_p=5, gain=1"]
+    interview.file.state.configuration["options"]["start"] = ["T_s=1, N_p=5, gain=1"]
     assert brief_view(interview)["start"] == ""

@@ -24,7 +24,7 @@ def test_every_kpi_of_the_result_stands_beside_the_first_experiment_largest_chan
     heads = [column["name"] for column in gain["table"]["columns"]]
     assert heads == ["", "first experiment (1)", f"best ({now.incumbent + 1})", "change", ""]
     assert gain["same"] == (now.incumbent == 0)
-    before, after = interview.experiment(0), interview.experiment(now.incumbent)
+    before, after = interview.past.experiment(0), interview.past.experiment(now.incumbent)
     rows = {row["name"]: row["cells"] for row in gain["table"]["rows"]}
     assert set(rows) == {"settling time t_f", "final level", "largest move"}
     old, new, *_ = rows["settling time t_f"]
@@ -34,7 +34,7 @@ def test_every_kpi_of_the_result_stands_beside_the_first_experiment_largest_chan
 
 
 def row(before, after, *, kpi=None, study=()):
-    first = asked()[0].experiment(0)
+    first = asked()[0].past.experiment(0)
     kpi = kpi or KPI("t_f", "settling time", "h", at_most=20.0)
     runs = [replace(first, kpis={} if v is None else {kpi.name: v}) for v in (before, after)]
     spread = Spread({kpi.name: v} for v in study)
@@ -62,7 +62,7 @@ def test_what_is_usual_in_the_study_decides_whether_a_change_is_slight():
 
 
 def test_a_kpi_that_changed_most_comes_first_and_robustness_is_not_left_out():
-    first = asked()[0].experiment(0)
+    first = asked()[0].past.experiment(0)
     names = ("a", "b", "c", "d", "M_s")
     kpis = [KPI(n, n, better="lower") for n in names]
     before = replace(first, kpis=dict.fromkeys(names, 2.0))
@@ -73,7 +73,7 @@ def test_a_kpi_that_changed_most_comes_first_and_robustness_is_not_left_out():
 
 
 def test_a_change_of_a_few_percent_is_not_the_largest_though_the_study_hardly_varied():
-    first = asked()[0].experiment(0)
+    first = asked()[0].past.experiment(0)
     kpis = [KPI("error", "error"), KPI("move", "move"), KPI("M_s", "M_s", at_most=2.0)]
     before = replace(first, kpis={"error": 1.0, "move": 52.0, "M_s": 1.95})
     after = replace(first, kpis={"error": 0.97, "move": 116.0, "M_s": 2.05})

@@ -76,7 +76,7 @@ def test_kpis_with_an_objective_come_first_with_their_verdict_in_words():
 
 def test_marks_are_on_the_side_that_bears_them():
     interview, now = asked()
-    interview.mark(now.question.id, "right", "unsafe", True)
+    interview.steps.mark(now.question.id, "right", "unsafe", True)
     view = now_view(interview)["question"]
     assert (view["left"]["marks"], view["right"]["marks"]) == ([], ["unsafe"])
 
@@ -111,7 +111,7 @@ def test_a_closed_question_is_shown_as_it_was_with_its_verdict():
 
 def test_a_question_asked_again_names_neither_side_the_best():
     interview, _ = asked(Choice.LEFT, Choice.RIGHT)
-    view = question_view(interview.repeat().question, toy, blind=False)
+    view = question_view(interview.steps.repeat().question, toy, blind=False)
     assert view["repeat"]
     assert view["left"]["role"] == view["right"]["role"] == ""
     assert view["left"]["number"] != view["right"]["number"]

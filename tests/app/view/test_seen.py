@@ -14,7 +14,7 @@ def test_axes_cover_every_experiment_so_far_and_only_grow():
     seen, axes = Seen(), []
     for choice in (Choice.LEFT, Choice.RIGHT, Choice.LEFT, None):
         axes.append(now_view(interview, seen=seen)["question"]["axes"])
-        finished = [interview.experiment(i) for i in interview.now().state.finished]
+        finished = [interview.past.experiment(i) for i in interview.now().state.finished]
         for i, values in enumerate(([e.x[:, 0] for e in finished], [e.u[:, 0] for e in finished])):
             low, high = axes[-1]["y"][i]
             assert low < min(v.min() for v in values)
@@ -37,8 +37,8 @@ def test_history_is_drawn_on_the_axes_of_the_open_question():
 def test_every_experiment_is_looked_at_once(monkeypatch):
     interview, _ = asked(Choice.LEFT)
     read = []
-    experiment = interview.experiment
-    monkeypatch.setattr(interview, "experiment", lambda i: (read.append(i), experiment(i))[1])
+    experiment = interview.past.experiment
+    monkeypatch.setattr(interview.past, "experiment", lambda i: (read.append(i), experiment(i))[1])
     seen = Seen().look(interview).look(interview)
     assert sorted(read) == sorted(interview.now().state.finished)
     left = interview.now().question.left.experiment

@@ -53,7 +53,7 @@ def test_without_a_reason_there_is_no_sentence_but_a_request_is_said(monkeypatch
     monkeypatch.setattr(Screening, "reason", property(lambda agent: None))
     interview = explained(screening())
     assert told(interview)["why"] == ""
-    interview.ask_for(WANTED)
+    interview.steps.ask_for(WANTED)
     explained(interview)
     assert told(interview)["why"] in (
         "Left is shown because you asked for it.",
@@ -69,16 +69,16 @@ def test_kpis_are_called_better_as_the_table_of_the_same_question_does(says):
         for row in now_view(interview)["question"]["comparison"]:
             for words in (f"lower {row['title']}", f"{row['title']} nearer to its target"):
                 assert words not in why or row["better"] == new
-        interview.answer(question.id, Choice.LEFT)
+        interview.steps.answer(question.id, Choice.LEFT)
         explained(interview)
 
 
 def test_a_repeated_question_has_no_reason_and_no_offer(says):
     interview = explained(screening())
-    interview.answer(interview.now().question.id, Choice.LEFT)
+    interview.steps.answer(interview.now().question.id, Choice.LEFT)
     explained(interview)
     assert told(interview)["offer"].endswith("Stop here, or go on?")
-    interview.repeat()
+    interview.steps.repeat()
     assert told(interview) == {"why": "", "offer": ""}
 
 
@@ -97,7 +97,7 @@ def test_until_it_is_known_nothing_is_said(says):
     assert told(interview) == {"why": "", "offer": ""}
     assert map_view(interview) is None
     proceed(interview)
-    interview.ask_for(WANTED)
+    interview.steps.ask_for(WANTED)
     proceed(interview)
     assert told(interview)["why"].endswith(" is shown because you asked for it.")
 
@@ -124,7 +124,7 @@ def test_the_picture_has_every_simulated_theta_in_values_that_people_see(says):
 
 def test_shown_ones_have_their_numbers_and_the_sides_their_rows(says):
     interview = explained(screening())
-    interview.answer(interview.now().question.id, Choice.LEFT)
+    interview.steps.answer(interview.now().question.id, Choice.LEFT)
     now, view = explained(interview).now(), map_view(interview)
     numbers = [point["number"] for point in view["points"] if point["number"] is not None]
     assert sorted(numbers) == [1, 2, 3]
@@ -201,7 +201,7 @@ def test_addresses_and_bodies_are_checked():
     for theta in ("[NaN,1,1]", "[Infinity,1,1]"):
         sent = {"content": f'{{"theta":{theta}}}', "headers": {"content-type": "application/json"}}
         assert page.post("/api/ask_for", **sent).status_code == 400
-    assert room.interview.study.state.requested == set()
+    assert room.interview.file.state.requested == set()
 
 
 def test_the_picture_is_made_once_per_version(monkeypatch):

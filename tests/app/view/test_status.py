@@ -27,7 +27,7 @@ def test_slices_run_through_the_best_over_the_whole_range_of_each_knob():
     interview, now = asked(Choice.LEFT, Choice.RIGHT, Choice.LEFT)
     view = status_view(interview)
     json.dumps(view, allow_nan=False)
-    best = interview.experiment(now.incumbent).theta
+    best = interview.past.experiment(now.incumbent).theta
     assert [s["best"] for s in view["slices"]] == best.tolist()
     for part, knob in zip(view["slices"], SPACE, strict=True):
         assert (part["x"][0], part["x"][-1]) == pytest.approx((knob.low, knob.high))
@@ -38,9 +38,9 @@ def test_slices_run_through_the_best_over_the_whole_range_of_each_knob():
 
 def test_the_samples_of_a_slice_lie_at_their_own_learned_cost():
     interview, now = asked(Choice.LEFT, Choice.RIGHT, Choice.LEFT)
-    assert interview.surrogate is not None
-    tried = np.array([interview.experiment(i).theta for i in sorted(now.state.finished)])
-    cost = interview.surrogate(tried)
+    assert interview.known.surrogate is not None
+    tried = np.array([interview.past.experiment(i).theta for i in sorted(now.state.finished)])
+    cost = interview.known.surrogate(tried)
     for k, part in enumerate(status_view(interview)["slices"]):
         assert part["samples"]["x"] == tried[:, k].tolist()
         y = np.array(part["samples"]["y"])
@@ -97,9 +97,9 @@ def test_a_missed_objective_is_said_once_enough_is_answered():
     while (now := proceed(interview)).question is not None:
         if answered < 5:
             assert status_view(interview)["outlook"] is None
-        interview.answer(now.question.id, Choice.SAME)
+        interview.steps.answer(now.question.id, Choice.SAME)
         answered += 1
-    assert "settling time" in interview.missed
+    assert "settling time" in interview.known.missed
     outlook = status_view(interview)["outlook"]
     assert outlook["sentences"][0].startswith("The best experiment misses the objective")
     json.dumps(outlook)

@@ -49,19 +49,19 @@ def choice(interview: Interview, question: Question) -> Choice:
 def before(interview: Interview, question: Question, number: int) -> None:
     """Do what this person does before they answer question `number`, counted from 1."""
     if number == 2:
-        interview.mark(question.id, "right", "unsafe", True)
+        interview.steps.mark(question.id, "right", "unsafe", True)
     elif number == 4:
-        interview.answer(question.id, Choice.LEFT, comment='by mistake: "θ ≤ 1"')
-        interview.undo(interview.now().version)
+        interview.steps.answer(question.id, Choice.LEFT, comment='by mistake: "θ ≤ 1"')
+        interview.steps.undo(interview.now().version)
     elif number == 5:
-        interview.retract(2)
-        interview.study.append(Noted("the second answer was about the wrong curve"))
+        interview.steps.retract(2)
+        interview.file.append(Noted("the second answer was about the wrong curve"))
     elif number == 6:
         space = interview.scenario.space
         middle = np.full(len(space), 0.5)
-        interview.ask_for(space.decode(space.snap(middle)))
+        interview.steps.ask_for(space.decode(space.snap(middle)))
     elif number == 8:
-        interview.repeat()
+        interview.steps.repeat()
 
 
 def persons_study(path: Path) -> None:
@@ -83,9 +83,9 @@ def persons_study(path: Path) -> None:
             question = settled(interview)
             said = Choice.CANNOT_TELL if number == 3 else choice(interview, question)
             if number == 7:
-                interview.give(question.id, replace(question.answer(said), strength=3.0))
+                interview.steps.give(question.id, replace(question.answer(said), strength=3.0))
             else:
-                interview.answer(question.id, said, comment="calmer" if number == 1 else "")
+                interview.steps.answer(question.id, said, comment="calmer" if number == 1 else "")
         interview.close()
 
 

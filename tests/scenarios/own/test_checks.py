@@ -185,7 +185,7 @@ def test_experiments_from_before_a_panel_was_added_are_shown_without_it(tmp_path
     path = tmp_path / "a.prefcal"
     interview = begin(TOY, path=path)
     proceed(interview)
-    interview.study.close()
+    interview.file.close()
     more = replace(TOY, panels=(*TOY.panels, Panel("gap", unit="m")))
     question = now_view(reopened(more, path))["question"]
     assert question["panels"][2]["title"] == "gap"

@@ -31,7 +31,7 @@ import numpy as np
 
 from prefcal_agents import RandomSearch
 from prefcal_app.session import Choice, Interview, Now, Phase
-from prefcal_app.session.memory import agent_as_dict, knobs_as_dicts
+from prefcal_app.session.study.memory import agent_as_dict, knobs_as_dicts
 from prefcal_env.live import LiveRig, live_rig
 from prefcal_env.live.parts import LiveKnob
 from prefcal_env.study import StudyFile
@@ -116,11 +116,11 @@ class Study:
             for each in losing:
                 each.join()
             self._check_plant()
-            interview.study.close()
+            interview.file.close()
             interview = Interview(self.scenario, StudyFile.open(self.path, clock=_now), ahead=False)
             self._check_study(interview.now())
             yield how
-        interview.study.close()
+        interview.file.close()
         self.rig.plant.close()
 
     def _interview(self, count: int) -> Interview:
@@ -151,21 +151,21 @@ class Study:
             now = _waited_for(interview)
             self.finished |= now.state.finished.keys()
             if now.question is not None:
-                interview.answer(now.question.id, Choice.LEFT)
+                interview.steps.answer(now.question.id, Choice.LEFT)
                 self.answers += 1
             elif now.phase is Phase.OVER or (now.phase is Phase.CONFIRM and ran):
                 return how
             elif now.phase is Phase.FAILED and self.rng.random() < 0.5:
-                interview.retry()
+                interview.steps.retry()
                 how = "lost in the run, tried again"
             elif now.phase is Phase.FAILED:
-                interview.fail(_pending(now), now.problem or "")
+                interview.steps.fail(_pending(now), now.problem or "")
                 how, ran = "lost in the run, counted as failed", True
             elif now.live is not None and now.live.changes is None:
-                interview.retry()
+                interview.steps.retry()
                 how = "lost before the run, read again"
             else:
-                interview.write_and_start(_pending(now))
+                interview.steps.write_and_start(_pending(now))
                 interview.work()
                 ran = interview.now().phase is not Phase.FAILED
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from prefcal_agents.respacing import RESPACEABLE, moved
-from prefcal_app.session.memory import agent_of, agent_state, with_constraints
+from prefcal_app.session.study.memory import agent_of, agent_state, with_constraints
 from prefcal_app.terminal.lines import knob_called
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.knobs.change import respaced

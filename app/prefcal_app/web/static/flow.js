@@ -9,6 +9,8 @@ const KEY = "prefcal-comment";
 const LINGER = 150; // ms after a new question in which a verdict counts as a double press of the last one
 
 export const current = () => state.now;
+// Return whether the person can take a step now, as the study says.
+export const can = (step) => Boolean(state.now?.can.includes(step));
 export const isBlind = () => state.blind;
 
 let waiting = null;
@@ -181,7 +183,7 @@ export const WORDS = { left: "left is better", right: "right is better", same: "
 
 export async function answer(choice) {
   const { now } = state;
-  if (state.view !== "now" || now?.phase !== "question") return;
+  if (state.view !== "now" || !can("answer")) return;
   const { id } = now.question;
   if (state.answered === id || performance.now() - state.shownAt < LINGER) return;
   state.answered = id;
@@ -196,7 +198,7 @@ export async function answer(choice) {
 
 export function mark(side, kind) {
   const { now } = state;
-  if (state.view !== "now" || now?.phase !== "question") return;
+  if (state.view !== "now" || !can("mark")) return;
   const on = !now.question[side].marks.includes(kind);
   act("mark", { question: now.question.id, side, mark: kind, on },
     on ? `${side} is ${kind}` : `${side} is no longer ${kind}`);
@@ -204,7 +206,7 @@ export function mark(side, kind) {
 
 export async function undo() {
   if (state.now?.question?.repeat) return skip();
-  if (!state.now?.can_undo) return undefined;
+  if (!can("undo")) return undefined;
   const done = await act("undo", { version: state.now.version }, "last answer undone");
   if (done && !$("comment").value) putComment(state.now.draft);
   return undefined;

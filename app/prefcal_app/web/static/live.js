@@ -7,7 +7,7 @@ const [WIDE, HIGH] = [600, 120]; // of a curve, in its own units
 let drawn = ""; // which page is drawn; its parts are then changed in place, so that the focus stays
 
 // Return whether a run is in progress on the plant, which can be stopped.
-export const drives = (now) => Boolean(now?.live?.running) && now.live.stops && !now.live.running.recovers && !now.live.running.restores;
+export const drives = (now) => Boolean(now?.live?.running) && now.can.includes("stop_run") && !now.live.running.restores;
 
 // Return whether the page of the plant is the one to show.
 export const inPlace = (now) => Boolean(now?.live) && (now.phase === "confirm" || (now.phase === "running" && Boolean(now.live.running)));

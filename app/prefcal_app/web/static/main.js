@@ -1,7 +1,7 @@
 // Draw the page: each phase and view has its own module, called when the state changes.
 
 import { $, DARK, el, say } from "./dom.js";
-import { act, answer, finish, open, restoreComment, skip, start, state, toggleBlind, undo } from "./flow.js";
+import { act, answer, can, finish, open, restoreComment, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
 import { drives, inPlace, mustRestore, showLive, showUnrestored, stopLive } from "./live.js";
 import { keyboard, showKeys } from "./keys.js";
@@ -27,7 +27,7 @@ function render(before) {
   document.body.dataset.blind = now.blind;
   $("scenario").textContent = now.scenario.title;
   progress(now.progress, now.simulated);
-  $("undo").disabled = !now.can_undo;
+  $("undo").disabled = !can("undo");
   if (now.phase === "question") {
     intro(now);
     question.offer(now);
@@ -47,7 +47,7 @@ function render(before) {
 function look() {
   if (state.view === "history") showHistory(act);
   if (state.view === "status") showStatus(state.now, act);
-  if (state.view === "simulated") showSimulated(state.now, act);
+  if (state.view === "simulated") showSimulated(act);
 }
 
 function opened() {
@@ -87,8 +87,8 @@ function arrange() {
   $("heading").textContent = shown === "question" && state.now.question.repeat ? "Once more: which is better?"
     : mustRestore(state.now) && phase === "confirm" ? "Restore the plant first" : HEADINGS[phase];
   if (state.now) showUnrestored(state.now, shown !== "live");
-  $("verdicts").hidden = shown !== "question";
-  $("replace").hidden = !here || !state.now?.rig?.recorded.length || !["record", "question"].includes(phase);
+  $("verdicts").hidden = shown !== "question" || !can("answer");
+  $("replace").hidden = !here || !can("record") || !state.now.rig?.recorded.length;
   $("stop-live").hidden = !drives(state.now);
   $("skip").hidden = !state.now?.question?.repeat;
   for (const button of document.querySelectorAll("[data-in=question]")) {

@@ -1,6 +1,7 @@
 // Show the end: what was gained, where the report is, and what to do next.
 
 import { $, ask, button, copying, el, fill, shownTable, symbol } from "./dom.js";
+import { can } from "./flow.js";
 import { bestCard } from "./status.js";
 
 const REASONS = {
@@ -45,7 +46,7 @@ function steps(now, act) {
   return el("section", { class: "card steps" }, el("h3", {}, "What next?"), el("ul", {},
     item("Compare more", el("p", { class: "actions" }, more, button("more experiments", on),
       over.reason === "all compared" ? null : button("Keep comparing", () => act("go_on", { more: 0 })),
-      now.can_undo ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
+      can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
       outlook.command ? command(outlook.command, "widens the range") : null) : null,

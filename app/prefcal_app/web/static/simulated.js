@@ -2,7 +2,7 @@
 
 import { fetched, get } from "./api.js";
 import { $, button, el, fill, symbol, table, values, withUnit } from "./dom.js";
-import { open } from "./flow.js";
+import { can, open } from "./flow.js";
 import { draw, drawn, step } from "./map.js";
 import { showAgain } from "./maneuvers.js";
 
@@ -11,10 +11,9 @@ let data = null;
 let which = null; // the axes, chosen by the person; null: those that matter most
 let row = null; // the point that is described
 let send = null;
-let over = false;
 
-export async function showSimulated(now, act) {
-  [send, over] = [act, now.phase === "over"];
+export async function showSimulated(act) {
+  send = act;
   if (!$("map")) build();
   let found = null;
   try {
@@ -135,6 +134,7 @@ function describe() {
 function actions(point) {
   const pending = Object.values(data.sides).includes(row) && row !== data.best;
   const tried = point.number !== null && !pending;
+  const over = can("go_on");
   const full = !over && data.left_to_ask === 0;
   const why = row === data.best ? "It is the best so far." : tried ? "It was compared already."
     : pending ? "It is in the open question." : full ? "All experiments are compared: answer the last questions first."
@@ -148,7 +148,7 @@ function actions(point) {
 async function askFor(event) {
   const { theta } = data.points[row];
   event.target.disabled = true;
-  if (over && !(await send("go_on", { more: data.left_to_ask > 0 ? 0 : 1 }))) return;
+  if (can("go_on") && !(await send("go_on", { more: data.left_to_ask > 0 ? 0 : 1 }))) return;
   if (await send("ask_for", { theta }, "asked for")) open("now");
   else describe();
 }

@@ -2,6 +2,7 @@
 
 import { fetched, get } from "./api.js";
 import { $, button, el, fill, symbol, table, values } from "./dom.js";
+import { can } from "./flow.js";
 
 let known = null;
 let closed = false;
@@ -38,7 +39,7 @@ export function waitFor({ pending, preparing, progress, simulated, stopping }, a
   bar.hidden = !preparing && !unseen?.going_on;
   if (preparing) [bar.max, bar.value] = [preparing.parts, preparing.part - 1];
   else if (unseen) [bar.max, bar.value] = [unseen.due, unseen.simulated];
-  const stops = number && stopping && !preparing;
+  const stops = can("stop_run") && !preparing;
   $("stop").hidden = !stops;
   $("stop-run").onclick = () => act("stop_run", { index: pending.index });
   $("stop-text").textContent = stops ? stopping : "";
@@ -75,6 +76,6 @@ export function showFailed({ pending, problem, live }, act) {
   fill($("view-failed"), el("h2", { id: "failed-title" }, title), el("p", { class: "problem" }, problem),
     pending ? values(pending.theta) : null,
     el("p", {}, "Each answer was saved when you gave it."),
-    el("p", { class: "actions" }, button("Try again", () => act("retry", {}), { class: "primary" }),
-      pending ? button("Count it as failed", () => act("fail", { index: pending.index, reason: problem ?? "" })) : null));
+    el("p", { class: "actions" }, can("retry") ? button("Try again", () => act("retry", {}), { class: "primary" }) : null,
+      can("fail") ? button("Count it as failed", () => act("fail", { index: pending.index, reason: problem ?? "" })) : null));
 }

@@ -149,7 +149,7 @@ def test_a_page_that_waits_is_there_until_its_wait_ends(toy):
         while window.waiting < 1:
             time.sleep(0)
         now[0] = 9.0
-        begun.answer(begun.now().question.id, Choice.LEFT)
+        begun.steps.answer(begun.now().question.id, Choice.LEFT)
         poll.join(20)
         now[0] = 10.0
         assert window.away() == 1.0

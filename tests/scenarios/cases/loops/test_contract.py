@@ -126,7 +126,7 @@ def test_people_compare_its_experiments_in_the_window(name):
         view = now_view(interview)["question"]
         for side in ("left", "right"):
             assert len(view[side]["curves"]) == len(view["panels"]) == len(named(name).panels)
-        interview.answer(question.id, Choice.LEFT)
+        interview.steps.answer(question.id, Choice.LEFT)
     assert proceed(interview).question is None
 
 

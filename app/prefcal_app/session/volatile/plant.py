@@ -1,47 +1,14 @@
 """Hold what an interview knows of a plant on which each run must be confirmed."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
 
-from prefcal_env.sources.run import Change, LiveCurve, Progress, Run
+from prefcal_env.sources.run import Run
 from prefcal_env.sources.source import Source
+
+from ..study.now import LiveNow, Recovery
 
 Attempt = Callable[[], Callable[[], None]]
 """Long-running function, called without the lock; it returns a function to call with the lock."""
-
-
-class Recovery(Enum):
-    """Whether the plant has its old values again, which an interrupted run may have changed."""
-
-    DUE = "due"
-    RUNNING = "running"
-    FAILED = "failed"
-    DONE = "done"
-
-
-@dataclass(frozen=True, slots=True)
-class LiveNow:
-    """What a front end shows of a plant on which each run must be confirmed.
-
-    Args:
-        changes: What a run would write, for the person to confirm; None while it is not known.
-        problem: Why it is not known, or what remains to be done on the plant; empty if all is well.
-        progress: How far the run is; None if none is in progress.
-        times: Instants recorded so far, in seconds.
-        curves: Outputs recorded so far.
-        stopping: Whether the run was told to stop.
-        recovery: Whether the plant has its old values again. If that failed, `problem` says why,
-            and nothing is written until it succeeds.
-    """
-
-    changes: tuple[Change, ...] | None
-    problem: str
-    progress: Progress | None
-    times: tuple[float, ...]
-    curves: tuple[LiveCurve, ...]
-    stopping: bool
-    recovery: Recovery = Recovery.DONE
 
 
 class PlantCare:

@@ -11,7 +11,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.answer import Answer, Preference
 
-from .view import Question
+from ..study.question import Question
 
 LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
 """Possible answers, the most likely first."""

@@ -16,7 +16,7 @@ from prefcal_env.study import Shown, State, StudyFile
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.scenario import Scenario
 
-from .view import Question, Side
+from .question import Question, Side
 
 _KEPT = 32
 """Number of recent experiments to keep in memory; a trajectory can take a megabyte."""

@@ -1,16 +1,11 @@
-"""Define what a front end sees of an interview at one moment, as frozen data."""
+"""Define a question about two experiments, and the choices of the person who answers it."""
 
 from dataclasses import dataclass
 from enum import Enum
 
-from prefcal_app.simulating import Simulated
-from prefcal_env.compiling import Compiling
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Mark, Outcomes, Preference
 from prefcal_env.preferences.loop import completed, counts_as_unsafe
-from prefcal_env.study import State, Suggested
-
-from .plant import LiveNow
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
 MARKS = (UNSAFE, GOOD_ENOUGH)
@@ -18,23 +13,6 @@ MARKS = (UNSAFE, GOOD_ENOUGH)
 
 _CHALLENGER = {UNSAFE: Mark.CHALLENGER_UNSAFE, GOOD_ENOUGH: Mark.CHALLENGER_GOOD_ENOUGH}
 _INCUMBENT = {UNSAFE: Mark.INCUMBENT_UNSAFE, GOOD_ENOUGH: Mark.INCUMBENT_GOOD_ENOUGH}
-
-
-class Phase(Enum):
-    """State of an interview: what it waits for."""
-
-    RUNNING = "running"
-    """A proposal is being computed or an experiment is being run."""
-    RECORD = "record"
-    """The person must run the experiment and provide its record."""
-    CONFIRM = "confirm"
-    """The person must confirm what is written to a live plant."""
-    FAILED = "failed"
-    """The run raised an error, or the study file could not be written."""
-    QUESTION = "question"
-    """The person must answer the open question."""
-    OVER = "over"
-    """The study has ended: all is compared, one is good enough, or the person finished it."""
 
 
 class Choice(Enum):
@@ -126,40 +104,3 @@ class Question:
         """Return the current marks of both sides, as an `Answer` names them."""
         sides = ((self.challenger, _CHALLENGER), (self.incumbent, _INCUMBENT))
         return tuple(words[m] for side, words in sides for m in MARKS if m in side.marks)
-
-
-@dataclass(frozen=True, slots=True)
-class Now:
-    """Consistent view of an interview.
-
-    Args:
-        version: Number that grows with every change.
-        phase: What the interview waits for.
-        question: Open question, in phase QUESTION.
-        problem: Description of the problem, in phase FAILED.
-        pending: Sample that is running, awaited or failed; None while it is being proposed.
-        incumbent: Index of the best experiment so far; None before the first.
-        can_undo: Whether there is an answer to undo.
-        state: State of the study file.
-        draft: Comment of the answer that was just undone.
-        preparing: Part that is being compiled before the first experiment; None when done.
-        run_limit: Time limit of a run in seconds; None if it has none.
-        simulated: Numbers of what was simulated unseen; None if the agent simulates nothing.
-        live: What is known of the live plant; None if the scenario has none.
-        running: Number of experiments that are running, if several can; 0 if one runs at a time.
-    """
-
-    version: int
-    phase: Phase
-    question: Question | None
-    problem: str | None
-    pending: Suggested | None
-    incumbent: int | None
-    can_undo: bool
-    state: State
-    draft: str = ""
-    preparing: Compiling | None = None
-    run_limit: float | None = None
-    simulated: Simulated | None = None
-    live: LiveNow | None = None
-    running: int = 0

@@ -1,0 +1,183 @@
+"""Say what is known of a study: how far it is, what was learned, and whether to continue."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents import GLISp
+from prefcal_agents.models.learned_cost import LearnedCost
+from prefcal_agents.screening.agent import Screening
+from prefcal_app.simulating import Screened, Simulated
+from prefcal_app.summary.consistency import Consistency
+from prefcal_app.summary.counts import Counts, Planned
+from prefcal_app.summary.outlook import Outlook, falls_outward, others_unbeaten, outlook
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.scenario import Scenario
+
+from .flow import Flow
+from .guarded import Guarded
+from .study.memory import index_of, known_outcomes
+
+Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
+_LEAST = 5
+"""Smallest number of verdicts for an outlook without simulations."""
+
+
+class Known:
+    """What is known of an interview, readable from any thread.
+
+    Args:
+        guarded: Flow of the interview.
+        scenario: Function that returns its scenario, with KPIs found in its experiments.
+    """
+
+    def __init__(self, guarded: Guarded, scenario: Callable[[], Scenario]) -> None:
+        self._guarded, self._scenario = guarded, scenario
+
+    @property
+    def counts(self) -> Counts:
+        """Return the numbers of experiments and comparisons."""
+        with self._guarded.reading() as flow:
+            return Counts.of(flow.state)
+
+    @property
+    def planned(self) -> Planned:
+        """Return how many questions the study asks."""
+        with self._guarded.reading() as flow:
+            return Planned.of(flow.agent)
+
+    @property
+    def n_max(self) -> int:
+        """Return the planned number of experiments; fewer if the space holds fewer θ."""
+        with self._guarded.reading() as flow:
+            return flow.agent.n_max
+
+    @property
+    def questions(self) -> int | None:
+        """Return the maximum number of comparisons per experiment; None if it is fixed at 1."""
+        with self._guarded.reading() as flow:
+            agent = flow.agent
+        return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
+
+    @property
+    def simulated(self) -> Simulated | None:
+        """Return how many θ were simulated unseen; None if the agent simulates nothing."""
+        with self._guarded.reading() as flow:
+            return simulated(flow)
+
+    @property
+    def surrogate(self) -> Surrogate | None:
+        """Return the learned cost of m physical θ, lower is better; None if nothing is learned."""
+        with self._guarded.reading() as flow:
+            closed = flow.state.history.comparisons
+            learned = any(c.answer.preference is not None and not c.retracted for c in closed)
+            # A copy, since the surrogate must not change while it is shown.
+            return getattr(flow.agent.copy(), "surrogate", None) if learned else None
+
+    @property
+    def _promise(self) -> str | None:
+        """Return what the simulated θ still promise; empty without any, None if too early."""
+        if self.screens:
+            screened = self.screened()
+            prospect = None if screened is None else screened.prospect
+            return None if prospect is None else prospect.text
+        with self._guarded.reading() as flow:
+            closed = flow.state.history.comparisons
+        return "" if sum(c.verdict is not None for c in closed) >= _LEAST else None
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """Return whether to continue, and the knobs at the end of their range; None if unknown."""
+        best, promise = self._best(), self._promise
+        if promise is None or best is None:
+            return None
+        with self._guarded.reading() as flow:
+            state, place, by_value = flow.state, flow.file.path, flow.agent.by_value
+        space = self._scenario().space
+        found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
+        if not by_value:
+            found = replace(found, unbeaten=others_unbeaten(state.history))
+        return found if found.sentences else None
+
+    def _helps(self, knob: int, upper: bool) -> bool:
+        """Return whether the model expects that going beyond an end of a knob's range helps."""
+        if self.screens:
+            screened = self.screened()
+            trend = None if screened is None else screened.basis.trend
+            return trend is not None and bool(trend[knob] > 0) == upper
+        surrogate, best = self.surrogate, self._best()
+        if surrogate is None or best is None:
+            return False
+        return falls_outward(surrogate, self._scenario().space, best.theta, knob, upper)
+
+    def _best(self) -> Experiment | None:
+        with self._guarded.reading() as flow:
+            best = flow.study.best
+            return None if best is None else flow.store.experiment(best)
+
+    @property
+    def missed(self) -> list[str]:
+        """Return the titles of the KPIs whose objectives the best experiment misses."""
+        best = self._best()
+        if best is None:
+            return []
+        return [k.title for k in self._scenario().shown_kpis if k.met_by(best) is False]
+
+    @property
+    def screens(self) -> bool:
+        """Return whether the agent simulates θ that are not shown."""
+        with self._guarded.reading() as flow:
+            return isinstance(flow.agent, Screening)
+
+    def screened(self, *, current: bool = True) -> Screened | None:
+        """Return what a screening agent knows; None for other agents and before it is worked out.
+
+        With `current`, what it knew before the latest answer counts as unknown.
+        """
+        with self._guarded.reading() as flow:
+            basis = flow.thoughts.grounds(flow.agent) if current else flow.thoughts.basis
+            return None if basis is None else Screened(flow.agent.space, basis)
+
+    def wait_for_screened(self, timeout: float) -> Screened | None:
+        """Return what a screening agent knows, as soon as that is known; None after `timeout` s.
+
+        It does not wait if nothing works in the background.
+        """
+        guarded = self._guarded
+        with guarded.changed:
+            comes = self.screens and guarded.has_background
+            guarded.changed.wait_for(
+                lambda: not comes or guarded.closing or self.screened() is not None, timeout
+            )
+            return self.screened()
+
+    @property
+    def index(self) -> LearnedCost | None:
+        """Return the cost learned from answers and KPIs; None while they say nothing about it."""
+        with self._guarded.reading() as flow:
+            history, seed = known_outcomes(flow.state, flow.store), flow.study.seed
+        return index_of(history, seed)
+
+    @property
+    def consistency(self) -> Consistency:
+        """Return how consistent the answers are."""
+        with self._guarded.reading() as flow:
+            return Consistency.of(flow.state)
+
+
+def simulated(flow: Flow) -> Simulated | None:
+    """Return how many θ were simulated unseen; None if the agent simulates nothing."""
+    simulator, basis = flow.thoughts.simulator, flow.thoughts.basis
+    if simulator is None or not isinstance(flow.agent, Screening):
+        return None
+    planned = flow.agent.n_simulated
+    # What was simulated for answers that were not given is not counted.
+    shown = len(flow.state.finished)
+    count, failed = min(simulator.count, planned), simulator.failed
+    if basis is not None:
+        count, failed = len(basis.bank), int(basis.bank.failed.sum())
+    # Equal θ run once: where nothing is simulated any more, fewer than that were.
+    twin, due = flow.thoughts.twin is not None, flow.agent.due if simulator.busy else 0
+    return Simulated(count, planned, failed, shown, twin=twin, due=due)

@@ -1,0 +1,109 @@
+"""Hold the runs of an interview: those in progress, and those that wait to begin."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import RunError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.key import theta_key
+from prefcal_env.sources import Run, Source
+from prefcal_env.study import Suggested
+
+from ..study.now import LiveNow
+from .plant import PlantCare
+
+
+class UnderWay:
+    """Runs of a source, by the key of their θ; callers must hold the interview's lock.
+
+    Args:
+        source: What turns θ into experiments.
+        seed: Seed of the study.
+
+    Attributes:
+        plant: What must be done on the plant before anything else.
+        going: Runs in progress.
+        waiting: Runs that have not begun, or that ask a person; they can be stopped already.
+        partial: What runs that failed had recorded until then.
+        checked: Whether an experiment of this process was checked against its scenario.
+        changed: Function that tells front ends, from any thread, that there is news of a run.
+    """
+
+    def __init__(self, source: Source, seed: int) -> None:
+        self.source, self._seed = source, seed
+        self.plant = PlantCare(source)
+        self.going: dict[bytes, Run] = {}
+        self.waiting: dict[bytes, Run] = {}
+        self.partial: dict[bytes, Experiment] = {}
+        self.checked = False
+        self.changed: Callable[[], None] = lambda: None
+
+    def of(self, sample: Suggested | None) -> Run | None:
+        """Return the run of a sample; None unless it waits or is in progress."""
+        key = b"" if sample is None else theta_key(sample.theta)
+        return self.going.get(key) or self.waiting.get(key)
+
+    @property
+    def every(self) -> list[Run]:
+        """Return all runs of θ; it takes no lock."""
+        return [*self.going.values(), *self.waiting.values()]
+
+    @property
+    def moves_plant(self) -> bool:
+        """Return whether a run changes a plant, or is about to; it takes no lock."""
+        return any(run.moves_plant for run in self.every)
+
+    def live_now(self, sample: Suggested | None) -> LiveNow | None:
+        """Return what a front end shows of a plant on which each run is confirmed; None without one."""
+        return self.plant.now(self.of(sample)) if self.source.asks == "confirm" else None
+
+    def wait_for(self, sample: Suggested, unfinished: Iterable[Suggested], *, anew: bool = False) -> None:
+        """Let the run of a sample wait, so that it can be stopped from now on.
+
+        Args:
+            sample: Sample that is due next.
+            unfinished: All samples without an experiment; other runs no longer wait.
+            anew: Whether to make its run again, for example to read a plant's present values.
+        """
+        key, due = theta_key(sample.theta), {theta_key(s.theta) for s in unfinished}
+        self.waiting = {k: run for k, run in self.waiting.items() if k in due}
+        self.partial.pop(key, None)
+        if key not in self.going and (anew or key not in self.waiting):
+            self.waiting[key] = self._made(np.array(sample.theta))
+
+    def begin(self, theta: Float[np.ndarray, " n"]) -> Run:
+        """Return the run of θ, physical, shape (n,), which is in progress from now on."""
+        key = theta_key(theta)
+        self.going[key] = self.waiting.pop(key) if key in self.waiting else self._made(theta)
+        return self.going[key]
+
+    def _made(self, theta: Float[np.ndarray, " n"]) -> Run:
+        run = self.source.begin(theta.copy(), seed=self._seed)
+        run.changed = self.changed
+        return run
+
+    def stop(self, why: str) -> None:
+        """Stop all runs, also the one that restores a plant."""
+        for run in self.every:
+            run.stop(why)
+        if self.plant.run is not None:
+            self.plant.run.stop(why)
+
+    def end(self, theta: Float[np.ndarray, " n"], result: Experiment | Exception | None) -> None:
+        """Take note that the run of θ is over or, without a result, asks something of a person."""
+        key = theta_key(theta)
+        if key not in self.going:  # the result was known before
+            self.waiting.pop(key, None)
+            return
+        run = self.going.pop(key)
+        if result is None:
+            self.waiting[key] = run
+            return
+        if isinstance(result, Exception) and run.partial is not None:
+            self.partial[key] = run.partial
+        # After an error nobody knows how far the run came, but what it left on the disk tells.
+        unknown = isinstance(result, Exception) and not isinstance(result, RunError)
+        if run.moves_plant and (run.problem or unknown):
+            self.plant.is_due(run.problem)

@@ -1,0 +1,72 @@
+"""A study says what is to do from its record alone: no file, no run and no clock is needed."""
+
+from dataclasses import replace
+
+from prefcal_agents import GLISp
+from prefcal_app.session import Choice
+from prefcal_app.session.study.study import Ask, Over, Settle, Study, Wait, Write
+from prefcal_env.preferences.history import History
+from prefcal_env.study import Answered, Created, Finished
+from prefcal_env.study.fold import begin as created
+from prefcal_env.study.fold import step
+from support.interviews import answer_all, begin, judge, proceed
+from toy_study import toy_scenario
+
+TOY = toy_scenario()
+
+
+def in_memory(agent, state, answers):
+    """Drive a study in memory with answers by number; return its last state and what it said."""
+    said, seq, history = [], 1, agent.recorded(state.history)
+    while not isinstance(todo := Study(agent, history, state).todo(), Over):
+        said.append(type(todo))
+        match todo:
+            case Write(event):
+                events = [event]
+            case Settle(index):
+                events = [Answered(None, index, None, answers[index])]
+            case Wait():
+                events = [Finished(len(state.finished))]
+            case Ask(shown):
+                given = answers[shown.challenger]
+                events = [shown, Answered(seq + 1, shown.challenger, shown.incumbent, given)]
+        for event in events:
+            seq += 1
+            state = step(state, seq, "", event)
+        history = agent.recorded(state.history)
+    return state, said
+
+
+def test_a_study_in_memory_tries_what_one_with_a_file_tries():
+    interview = begin(TOY, n_max=8)
+    answer_all(interview, lambda number: None)
+    there = interview.file.state
+    agent = GLISp(TOY.space, n_init=3, n_max=8, seed=0)
+    begun = created(1, "", Created(dict(there.configuration)))
+    state, said = in_memory(agent, begun, [c.answer for c in there.history.comparisons])
+    assert agent.history == History(), "the agent is only asked"
+    assert state.ended == there.ended == "all compared"
+    assert [s.theta for s in state.history.samples] == [s.theta for s in there.history.samples]
+    assert state.history.incumbent == there.history.incumbent
+    assert {Ask, Settle, Wait, Write} == set(said)
+
+
+def test_an_answer_makes_another_study_and_changes_none():
+    interview = begin(TOY, n_max=6)
+    question = proceed(interview).question
+    study = interview._flow.study
+    asked = study.todo()
+    assert asked == Ask(study.state.open[1])
+    assert not study.is_overtaken
+    interview.steps.answer(question.id, judge(question, TOY.cost))
+    assert study.todo() == asked
+    assert interview._flow.study.todo() != asked
+
+
+def test_an_ended_study_asks_nothing_whatever_the_agent_would():
+    interview = begin(TOY, n_max=6)
+    question = proceed(interview).question
+    interview.steps.answer(question.id, Choice.LEFT)
+    study = interview._flow.study
+    assert not isinstance(study.todo(), Over)
+    assert isinstance(replace(study, state=replace(study.state, ended="stopped")).todo(), Over)
