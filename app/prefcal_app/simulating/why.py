@@ -102,13 +102,14 @@ def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
 
 
 def at_stake(stakes: Stakes) -> str:
-    """Return what the answer to the open question can change, as one sentence."""
-    chance = percent(stakes.chance)
+    """Return what the answer to the open question can change, as one sentence.
+
+    A chance is stated only where it is small: larger ones are too high (docs/research/result.md).
+    """
     if not stakes.decides:
-        return f"Your answer hardly changes the result (chance: {chance})."
+        return f"Your answer hardly changes the result (chance: {percent(stakes.chance)})."
     numbers = [str(index + 1) for index in sorted(set(stakes.results.values()))]
-    between = _listed(numbers)
-    return f"Your answer decides between experiments {between} (chance of another result: {chance})."
+    return f"Your answer decides between experiments {_listed(numbers)}."
 
 
 def carried_by(influence: Influence | None) -> str:
