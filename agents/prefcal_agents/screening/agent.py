@@ -14,8 +14,11 @@ from prefcal_agents.protocol.agent import Pair, one_thread
 from prefcal_agents.space.setup import Setup
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
+from prefcal_agents.utility.influence import Influence, Stakes, influences, overtaking, stakes
+from prefcal_agents.utility.menu import others
 from prefcal_agents.utility.posterior import AFTER, explains
 from prefcal_agents.utility.utilities import Utilities
+from prefcal_agents.utility.wishes import Wished, wishes
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Comparison, History
 
@@ -24,9 +27,6 @@ from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
 from .simulations import Simulating, Simulations
 
-_DOUBT = 0.75
-"""Probability of being noticeably better than the best by the answers above which an experiment
-takes its place."""
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
 all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
@@ -131,6 +131,58 @@ class Screening(Simulating):
         stage = self._stages(self.history)
         return trend(stage.bank.z, stage.costs, stage.bank.find(self.best))
 
+    @property
+    def influences(self) -> tuple[Influence, ...]:
+        """Return what the result would be without each answer, and if it were the other way round.
+
+        It simulates if needed.
+        """
+        past = self._past
+        return influences(self._growth.pool(past), past) if past.lessons() else ()
+
+    @property
+    def stakes(self) -> Stakes | None:
+        """Return what the answer to the open query can change; None if nothing new is compared.
+
+        It simulates if needed.
+        """
+        query = None if self.done else self.ask()
+        if query is None or query.incumbent is None or query.further:
+            return None
+        past = self._past.with_pending(self.history.samples[query.challenger.index])
+        if _row(self._stage.bank, query.challenger.theta) is None:
+            return None
+        return stakes(self._growth.pool(past), past, query.incumbent.index)
+
+    @property
+    def menu(self) -> dict[int, Reason]:
+        """Return rows of the bank that people like this one might prefer to the best, with why.
+
+        There are up to two, as different as they can be. It simulates if needed.
+        """
+        if self.best_index is None or not self.history.lessons():
+            return {}
+        stage, past = self._stage, self._past
+        best = stage.bank.find(self.best)
+        rows = others(stage.costs, stage.logs, ~stage.bank.hopeless, best)
+        return {row: reason_for(stage, row, best, past) for row in rows}
+
+    @property
+    def wishes(self) -> tuple[Wished, ...]:
+        """Return what the person wanted by the answers, what matters most first.
+
+        It simulates if needed.
+        """
+        past = self._past
+        if self.best_index is None or not past.lessons():
+            return ()
+        stage = self._stage
+        return wishes(self._growth.pool(past), past, stage.spread, stage.bank.find(self.best))
+
+    @property
+    def _past(self) -> History:
+        return self.history.until(self.history.answered)
+
     # What the agent does.
 
     def _leader(self, history: History) -> int | None:
@@ -145,10 +197,10 @@ class Screening(Simulating):
         stage = self._stages(history)
         rows = stage.bank.rows([s.theta for s in history.samples[: history.answered]])
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
-        better[[*history.unsafe(), *history.cut_short()]] = 0.0  # or judged by half a run
-        if not (better > _DOUBT).any():
+        rivals = overtaking(better, history) > 0
+        if not rivals.any():
             return None
-        value = np.where(better > _DOUBT, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
+        value = np.where(rivals, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
         return int(np.argmax(value))
 
     def question(self, history: History) -> Pair | None:

@@ -10,6 +10,7 @@ from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import Region
 from prefcal_agents.utility.bank import Bank, columns_of
 from prefcal_agents.utility.correction import Measured, corrected
+from prefcal_agents.utility.pool import Pool
 from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.knobs.space import KnobSpace
@@ -40,6 +41,8 @@ _LEARN = 0
 """First stream of random numbers; the next ones place θ."""
 _CORRECT = 1000
 """Stream that draws how the plant differs from the simulation."""
+_POOL, _RECALLED = 2000, 10
+"""Stream of the pool's draws before any answer, and number of the latest answers it has draws of."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -84,10 +87,32 @@ class Growth:
         self._plan = _plan(n_simulated)
         self._design = latin_hypercube(space, sum(wide for wide, _ in self._plan), seed)
         self._stages = Stages(self._first, self._following)
+        self._pooled: tuple[History, Pool] | None = None  # the latest one: it is large
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
         return self._stages.after(history)
+
+    def pool(self, history: History) -> Pool:
+        """Return the draws of the study so far, which say what other answers would teach.
+
+        Raises:
+            KeyError: If a sample is not in the bank.
+        """
+        known = self._pooled
+        if known is None or known[0] != history:
+            known = self._pooled = (history, self._pool(history))
+        return known[1]
+
+    def _pool(self, history: History) -> Pool:
+        stage, last = self.stage(history), history.answered
+        given = [(History(), Utilities.drawn(stage.scale, DRAWS, self._rng(history, _POOL)))]
+        for count in range(max(last - _RECALLED, 1), last):
+            past = history.until(count)
+            earlier = self.stage(past)
+            if earlier.scale.names == stage.scale.names:
+                given.append((past, earlier.utilities))
+        return Pool.of(stage.bank, stage.scale, stage.logs, [*given, (history, stage.utilities)])
 
     def due(self, history: History) -> int:
         """Return how many θ are simulated by the time of the query after `history`."""

@@ -17,4 +17,8 @@ from .simulator import Simulator as Simulator
 from .twin import named_twin as named_twin
 from .twin import twin_of as twin_of
 from .why import as_shown as as_shown
+from .why import at_stake as at_stake
+from .why import carried_by as carried_by
+from .why import menu_names as menu_names
+from .why import wanted as wanted
 from .why import why as why

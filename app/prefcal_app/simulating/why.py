@@ -1,9 +1,11 @@
-"""Say in one sentence why a screening agent shows an experiment."""
+"""Say in one sentence why an experiment is shown, what the answer can change, and what was wanted."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from prefcal_agents.screening.reason import Reason
+from prefcal_agents.utility.influence import Influence, Stakes
+from prefcal_agents.utility.wishes import Wished
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -11,6 +13,8 @@ from .screened import percent
 
 _MOST = 2
 """Number of KPIs named on either side of the sentence, those that matter most."""
+_IN_ORDER = 0.5
+"""Probability that a KPI decides as much as all later ones, from which on it comes first."""
 
 
 def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experiment) -> Reason:
@@ -95,3 +99,61 @@ def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
         return f"{'higher' if rises else 'lower'} {kpi.title}"
 
     return named
+
+
+def at_stake(stakes: Stakes) -> str:
+    """Return what the answer to the open question can change, as one sentence.
+
+    A chance is stated only where it is small: larger ones are too high (docs/research/result.md).
+    """
+    if not stakes.decides:
+        return f"Your answer hardly changes the result (chance: {percent(stakes.chance)})."
+    numbers = [str(index + 1) for index in sorted(set(stakes.results.values()))]
+    return f"Your answer decides between experiments {_listed(numbers)}."
+
+
+def carried_by(influence: Influence | None) -> str:
+    """Return which answer carries the result, as one sentence."""
+    if influence is None or influence.reversed is None:
+        return "No single answer carries the result."
+    return (
+        f"The result rests on your answer about experiment {influence.answer + 1}: if it were the "
+        f"other way round, experiment {influence.reversed + 1} would be the best."
+    )
+
+
+def menu_names(menu: Mapping[int, Reason], scenario: Scenario) -> dict[int, str]:
+    """Return the name of each candidate on the menu, by the KPI that it gains, none twice if possible.
+
+    Args:
+        menu: Rows of the bank, with what each is better in than the result.
+        scenario: Scenario that has the titles of the KPIs.
+    """
+    named, found = _namer(scenario), dict[int, str]()
+    for row, reason in menu.items():
+        names = [named(name, True) for name in reason.better_in] or ["another"]
+        found[row] = next((name for name in names if name not in found.values()), names[0])
+    return found
+
+
+def wanted(wishes: Sequence[Wished], scenario: Scenario) -> str:
+    """Return what the person wanted, with its certainty, as one sentence; empty if it is not known.
+
+    "Then" stands where the KPI before probably decides as much as all that follow.
+    """
+    kpis, named, words = {kpi.name: kpi for kpi in scenario.kpis}, _namer(scenario), ""
+    for place, wish in enumerate(wishes):
+        if place:
+            words += ", then " if wishes[place - 1].first >= _IN_ORDER else " and "
+        kpi, bound = kpis.get(wish.name), wish.bound
+        what = named(wish.name, True) if kpi is None or bound is None else _within(kpi, bound)
+        words += f"{what} ({percent(wish.certainty)})"
+    return f"You wanted {words}." if words else ""
+
+
+def _within(kpi: KPI, bound: float) -> str:
+    """Return a KPI with the bound on its badness, in its unit."""
+    value = f"{kpi.read(-bound if kpi.goal == 'higher' else bound):.4g} {kpi.unit}".rstrip()
+    if kpi.goal == "target":
+        return f"{kpi.title} within {value} of its target"
+    return f"{kpi.title} {'above' if kpi.goal == 'higher' else 'below'} {value}"

@@ -1,9 +1,15 @@
 """The sentence on why an experiment is shown: plain, and true in every case."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from prefcal_agents.screening.reason import Reason
-from prefcal_app.simulating import as_shown, why
+from prefcal_agents.utility.influence import Influence, Stakes
+from prefcal_agents.utility.wishes import Wished
+from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, wanted, why
+from prefcal_env.preferences.answer import Preference
+from prefcal_scenarios.scenario import KPI
 from support.looks import toy
 
 BETTER = Reason(0.64, ("final",), ("t_f",))
@@ -75,3 +81,50 @@ def test_what_differs_is_named_though_it_hardly_matters_to_the_model():
     assert as_shown(Reason(0.5, (), ()), toy, new, best).better_in == ("t_f",)
     turned = as_shown(Reason(0.5, ("t_f",), ()), toy, best, new)
     assert turned.worse_in == ("t_f",)  # what was measured counts, not what was expected
+
+
+def test_the_question_says_what_its_answer_can_change():
+    results = {Preference.CHALLENGER: 10, Preference.TIE: 3, Preference.INCUMBENT: 3}
+    assert at_stake(Stakes(results, 0.35)) == "Your answer decides between experiments 4 and 11."
+    assert at_stake(Stakes(results, 0.03)) == "Your answer hardly changes the result (chance: 3 %)."
+
+
+def test_the_answer_that_carries_the_result_is_named():
+    assert carried_by(Influence(4, 2, 6, 0.3, sure=True)) == (
+        "The result rests on your answer about experiment 5: if it were the other way round, "
+        "experiment 7 would be the best."
+    )
+    assert carried_by(None) == "No single answer carries the result."
+
+
+def test_candidates_are_named_by_what_they_gain_and_by_different_kpis():
+    menu = {7: BETTER, 3: Reason(0.4, ("final", "t_f"), ()), 5: Reason(0.4, (), ("t_f",))}
+    assert menu_names(menu, toy) == {
+        7: "final level nearer to its target",
+        3: "lower settling time t_f",
+        5: "another",
+    }
+
+
+@pytest.mark.parametrize(
+    ("wishes", "words"),
+    [
+        ((), ""),
+        ((Wished("t_f", 12.3456, 0.981, 1.0),), "You wanted settling time t_f below 12.35 h (98 %)."),
+        (
+            (Wished("t_f", 20.0, 0.9, 0.8), Wished("iae", None, 0.7, 0.3), Wished("final", 0.5, 0.8, 1.0)),
+            "You wanted settling time t_f below 20 h (90 %), then lower iae (70 %) and "
+            "final level within 0.5 m of its target (80 %).",
+        ),
+    ],
+)
+def test_what_was_wanted_is_said_with_its_certainty(wishes, words):
+    assert wanted(wishes, toy) == words
+
+
+def test_a_kpi_that_should_be_high_is_wanted_above_a_value():
+    kpis = (KPI("margin", "stability margin", "dB", better="higher"),)
+    scenario = SimpleNamespace(kpis=kpis)
+    assert wanted((Wished("margin", -6.0, 0.9, 1.0),), scenario) == (
+        "You wanted stability margin above 6 dB (90 %)."
+    )

@@ -1,0 +1,146 @@
+"""Which answers carry the result, and what the open question can still change.
+
+The result of another record is what its answers say, unless the draws, weighted again, hold another
+experiment for noticeably better. Nothing is fitted again.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.preferences.history import History
+
+from .choice import worth
+from .pool import Pool
+
+DOUBT = 0.75
+"""Probability of being noticeably better than the best by the answers above which an experiment
+takes its place."""
+_SURE = 0.5
+"""The same up to which it does not, whoever draws."""
+_JUDGES = 256
+"""Number of draws that choose among several that take its place."""
+_HARDLY = 0.05
+"""Chance of another result below which an answer hardly changes it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Influence:
+    """What the result would be without an answer, and if it were the other way round.
+
+    Args:
+        answer: Number of the answer, that of its challenger.
+        without: Sample that would be the best without it.
+        reversed: Sample that would be the best if the other side were preferred; None for a tie.
+        chance: Probability of that other answer, by all answers but this one.
+        sure: Whether draws leave no doubt about `reversed`.
+    """
+
+    answer: int
+    without: int
+    reversed: int | None
+    chance: float
+    sure: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Stakes:
+    """What the answer to the open question can change.
+
+    Args:
+        results: Sample that is the best after each answer.
+        chance: Probability that it is another one than now.
+    """
+
+    results: Mapping[Preference, int]
+    chance: float
+
+    @property
+    def decides(self) -> bool:
+        """Return whether the answer may well decide between two results."""
+        return self.chance >= _HARDLY
+
+
+def overtaking(better: Float[np.ndarray, " n"], history: History) -> Float[np.ndarray, " n"]:
+    """Return how probably each sample is noticeably better than the best by the answers, (n,).
+
+    It is 0 unless the probability is above 0.75, and for those that were unsafe or cut short.
+    """
+    found = np.where(better > DOUBT, better, 0.0)
+    found[[*history.unsafe(), *history.cut_short()]] = 0.0
+    return found
+
+
+def influences(pool: Pool, history: History) -> tuple[Influence, ...]:
+    """Return the influence of each answer that teaches, in the order given.
+
+    Args:
+        pool: Draws of the study.
+        history: Samples and answers.
+    """
+    found = []
+    for index, comparison in enumerate(history.comparisons):
+        if not comparison.teaches:
+            continue
+        rest = history.retracted(index)
+        without, _ = _result(pool, rest)
+        if not comparison.answer.preference:
+            found.append(Influence(index, without, None, 0.0, True))
+            continue
+        other_way = turned(history, index)
+        likely = np.exp(pool.log_likelihood(other_way) - pool.log_likelihood(rest))
+        other, sure = _result(pool, other_way)
+        found.append(Influence(index, without, other, float(pool.weights(rest) @ likely), sure))
+    return tuple(found)
+
+
+def decisive(found: tuple[Influence, ...], best: int) -> Influence | None:
+    """Return the influence of the answer that carries the result; None if none alone does.
+
+    Of those that surely change it, if any, it is the one that the other answers support least.
+    """
+    changing = [each for each in found if each.reversed not in (None, best)]
+    return max(changing, key=lambda each: (each.sure, each.chance), default=None)
+
+
+def stakes(pool: Pool, history: History, incumbent: int) -> Stakes:
+    """Return what the answer to the open question can change.
+
+    Args:
+        pool: Draws of the study, with the challenger among the samples.
+        history: Samples and answers so far; the next sample is the challenger.
+        incumbent: Sample that is the best so far.
+    """
+    given, before = pool.weights(history), pool.log_likelihood(history)
+    results, chance = {}, 0.0
+    for preference in (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT):
+        after = history.with_answer(Answer(preference), incumbent)
+        results[preference], _ = _result(pool, after)
+        likely = given @ np.exp(pool.log_likelihood(after) - before)
+        chance += float(likely) if results[preference] != incumbent else 0.0
+    return Stakes(results, chance)
+
+
+def turned(history: History, index: int) -> History:
+    """Return the record as if the other side had been preferred in comparison `index`."""
+    given = history.comparisons[index]
+    preference = Preference(-int(given.answer.preference or 0))
+    other = replace(given, answer=replace(given.answer, preference=preference))
+    comparisons = (*history.comparisons[:index], other, *history.comparisons[index + 1 :])
+    return replace(history, comparisons=comparisons, leads=())
+
+
+def _result(pool: Pool, history: History) -> tuple[int, bool]:
+    """Return the sample that is the best after a record, and whether draws leave no doubt."""
+    best = history.by_answers
+    assert best is not None  # something was answered
+    count = history.answered
+    better = pool.weights(history) @ (pool.costs[:, :count] < pool.costs[:, [best]] - 1.0)
+    rivals = overtaking(better, history)
+    if not rivals.any():
+        return best, bool(better.max() < _SURE)
+    value = worth(pool.drawn(history, _JUDGES).costs(pool.logs))[:, pool.shown[:count]].mean(axis=0)
+    return int(np.argmax(np.where(rivals > 0, value, -np.inf))), False

@@ -1,0 +1,135 @@
+"""What a person wanted from the KPIs, as statements with their certainty.
+
+Statements are about verdicts, not about the form of a draw, so that orders and trade-offs agree or
+not: what would be noticed as worse than the result, and which KPI decides more pairs.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from prefcal_env.preferences.history import History
+
+from .pool import Pool
+from .utilities import Utilities
+
+_POWER = 0.5
+"""Power of the answers' likelihood, by which the certainties hold for people unlike the draws."""
+_DRAWS = 1024
+_MARKS = np.linspace(0.0, 0.95, 20)
+"""Shares of the worse values of a KPI among which its bound is sought."""
+_LIKELY = 0.8
+"""Certainty that a bound must have."""
+_SAID = 0.5
+"""Certainty below which nothing is said of a KPI."""
+_MOST = 3
+_PAIRS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Wished:
+    """One KPI that the person wanted low.
+
+    Args:
+        name: Name of the KPI.
+        bound: Value from which on the result would be noticeably worse, all other KPIs the same,
+            lower is better; None if no value is that sure, and lower is all that is known.
+        certainty: Probability of that; without a bound, that a poor value would be noticed.
+        first: Probability that no KPI that is named after it decides more pairs; 1 for the last one.
+    """
+
+    name: str
+    bound: float | None
+    certainty: float
+    first: float
+
+
+def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: int) -> tuple[Wished, ...]:
+    """Return what the person wanted, what decides most first; empty if nothing is likely.
+
+    Args:
+        pool: Draws of the study.
+        history: Samples and answers.
+        spread: Rows of the bank that fill the space, shape (r,).
+        result: Row of the result.
+    """
+    usable = spread[~pool.bank.hopeless[spread]]
+    if len(usable) < 2 or not pool.scale.names or not history.lessons():
+        return ()
+    draws = pool.drawn(history, _DRAWS, _POWER)
+    share = deciding(draws, pool.logs, usable)
+    bounds = [_bound(pool, draws, usable, result, kpi) for kpi in range(share.shape[1])]
+    said = [kpi for kpi, (_, certainty) in enumerate(bounds) if certainty >= _SAID]
+    order: list[int] = []
+    while said and len(order) < _MOST:
+        leads = np.bincount(np.argmax(share[:, said], axis=1), minlength=len(said))
+        order.append(said.pop(int(np.argmax(leads))))
+    return tuple(
+        Wished(pool.scale.names[kpi], *bounds[kpi], _leads(share, kpi, order[place + 1 :]))
+        for place, kpi in enumerate(order)
+    )
+
+
+def deciding(
+    draws: Utilities, logs: Float[np.ndarray, "m k"], rows: Int[np.ndarray, " r"]
+) -> Float[np.ndarray, "s k"]:
+    """Return the share of pairs that each KPI decides in each draw, shape (s, k).
+
+    It decides a pair if the verdict is another one once both are the same in it.
+
+    Args:
+        draws: Draws of what the person wants.
+        logs: Log distances of the KPIs, shape (m, k).
+        rows: Rows from which pairs are made, shape (r,).
+    """
+    first, second = pairs(rows)
+    shown, place = np.unique([first, second], return_inverse=True)
+    one, other = place.reshape(2, -1)
+    parts = draws.gains(draws.levels(logs[shown]), one, other)
+    own = parts[: logs.shape[1]] + parts[logs.shape[1] :]  # a KPI and its stated limit
+    total = own.sum(axis=0)
+    return np.array([(_verdict(total - each) != _verdict(total)).mean(axis=1) for each in own]).T
+
+
+def _leads(share: Float[np.ndarray, "s k"], kpi: int, later: list[int]) -> float:
+    """Return how probably a KPI decides no fewer pairs than each of the `later` ones."""
+    return float((share[:, [kpi]] >= share[:, later]).all(axis=1).mean())
+
+
+def pairs(rows: Int[np.ndarray, " r"]) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """Return some pairs of different `rows`, each of shape (p,), the same ones each time."""
+    count = min(_PAIRS, len(rows) * (len(rows) - 1) // 2)
+    first, second = np.triu_indices(len(rows), 1)
+    some = np.linspace(0, len(first) - 1, count).astype(np.int64)
+    return rows[first[some]], rows[second[some]]
+
+
+def _verdict(gain: Float[np.ndarray, "s p"]) -> Int[np.ndarray, "s p"]:
+    return (gain > 1.0).astype(np.int64) - (gain < -1.0)
+
+
+def _bound(
+    pool: Pool, draws: Utilities, rows: Int[np.ndarray, " r"], result: int, kpi: int
+) -> tuple[float | None, float]:
+    """Return the bound of a KPI and its certainty."""
+    values = marks(pool, rows, result, kpi)
+    if not len(values):
+        return None, 0.0
+    logs = np.repeat(pool.logs[[result]], len(values) + 1, axis=0)
+    logs[1:, kpi] = np.log(np.maximum(values - pool.scale.good[kpi], pool.scale.floor[kpi]))
+    worse = np.arange(1, len(values) + 1)
+    gains = draws.gains(draws.levels(logs), np.zeros_like(worse), worse).sum(axis=0)
+    certain = (gains > 1.0).mean(axis=0)
+    if certain.max() < _LIKELY:
+        return None, float(certain[-1])
+    place = int(np.argmax(certain >= _LIKELY))
+    return float(values[place]), float(certain[place])
+
+
+def marks(pool: Pool, rows: Int[np.ndarray, " r"], result: int, kpi: int) -> Float[np.ndarray, " q"]:
+    """Return values of a KPI that are worse than that of the result, rising, shape (q,)."""
+    column = pool.bank.kpis[:, pool.bank.names.index(pool.scale.names[kpi])]
+    here, usual = column[result], column[rows]
+    worse = np.unique(usual[np.isfinite(usual) & (usual > here)])
+    return np.unique(np.quantile(worse, _MARKS)) if len(worse) > 1 and np.isfinite(here) else worse[:0]

@@ -1,0 +1,229 @@
+"""Measure what is said of a result: which answer carries it, a menu of three, and what was wanted.
+
+    python benchmarks/campaigns/result.py --out result.jsonl                  # held-out: an hour
+    python benchmarks/campaigns/result.py --out look.jsonl --loops rough-0 --tastes order
+
+Simulated people of six families with just noticeable differences answer ten questions each, with a
+thousand simulated θ. Studies that are in the file do not run again.
+
+answer    The answer named as decisive is turned round, the whole record is learned again, and the
+          result is compared with what was foretold; likewise without the answer.
+stakes    Before each of the last five questions: the chance that its answer changes the result, and
+          whether it did.
+menu      Whether a candidate on it is not noticeably worse than the best one, the one than which the
+          fewest of all simulated are noticeably better; and the share of those that are.
+wanted    Whether the person finds the result noticeably worse with one KPI at the stated value, and
+          whether the KPI said first decides as many pairs as those said later.
+"""
+
+import argparse
+import json
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.protocol.agent import one_thread
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.utility.influence import decisive, turned
+from prefcal_agents.utility.wishes import Wished, pairs
+from prefcal_bench.cells.simulation import Simulation
+from prefcal_bench.people import USUAL, Runs, Taste, runs_of, sample, taste
+from prefcal_bench.problems import Problem, prefer, problem
+from prefcal_bench.results.words import markdown
+from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
+
+LOOPS = tuple(f"rough-{number}" for number in range(900, 915))
+"""Loops on which nothing was developed."""
+FAMILIES = ("order", "trade", "ideal", "majority", "ranks", "curves")
+_ASKED, _LAST = 10, 5
+"""Numbers of answers, and of those whose stakes are noted."""
+_FEW = 0.01
+"""Share of the candidates that is few."""
+_EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 1.01)
+Row = Mapping[str, Any]
+
+
+class ToldStudy:
+    """One study, and what is true of all that is said at its end.
+
+    Args:
+        where: Problem with a scenario.
+        person: Taste of the person who answers.
+        n_simulated: Number of θ to simulate.
+    """
+
+    def __init__(self, where: Problem, person: Taste, n_simulated: int = 1000) -> None:
+        self._where, self._person, self._judge = where, person, person.calibrator()
+        self.agent = Screening(
+            where.space,
+            simulate=Simulation(where),
+            n_simulated=n_simulated,
+            n_max=_ASKED + 1,
+            seed=person.seed,
+        )
+
+    def row(self) -> Row:
+        """Answer all questions; return what was said, and what is true."""
+        stakes = list(self._answered())
+        thetas = self.agent.bank.thetas
+        experiments = [self._where.outcome(theta).experiment for theta in thetas]
+        runs = runs_of(self._person.kpis, [e for e in experiments if e is not None])
+        best = self.agent.bank.find(self.agent.best)
+        return {
+            "stakes": stakes,
+            "answer": self._answer(),
+            **self._menu(runs, best),
+            **self._wanted(runs, runs.take(np.array([best]))),
+        }
+
+    def _answered(self) -> Iterator[tuple[float, bool]]:
+        """Answer all; yield the stated chances of another result, and whether it is another one."""
+        agent = self.agent
+        while not agent.done:
+            query, old, verdict, stakes = agent.ask(), None, None, None
+            new = self._where.outcome(query.challenger.theta)
+            if query.incumbent is not None:
+                old = self._where.outcome(query.incumbent.theta)
+                verdict = prefer(self._judge, new, old)
+                stakes = agent.stakes if query.challenger.index > _ASKED - _LAST else None
+            agent.tell(query, Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis)))
+            if stakes is not None and query.incumbent is not None:
+                yield stakes.chance, agent.best_index != query.incumbent.index
+
+    def _answer(self) -> Row | None:
+        """Return what was foretold of the decisive answer, and what comes of learning again."""
+        best, history = self.agent.best_index, self.agent.history
+        named = None if best is None else decisive(self.agent.influences, best)
+        if named is None:
+            return None
+        others = turned(history, named.answer), history.retracted(named.answer)
+        return {
+            "foretold": [named.reversed, named.without],
+            "found": [self._relearned(other) for other in others],
+            "now": best,
+            "sure": named.sure,
+        }
+
+    def _relearned(self, history: History) -> int | None:
+        agent = self.agent.copy()
+        agent.history = replace(history, leads=())
+        return agent.best_index
+
+    def _menu(self, runs: Runs, best: int) -> Row:
+        """Return of result and menu which are no worse than the best, and the shares better."""
+        rows, rule = [best, *self.agent.menu], self._person.rule
+        beaten = [np.mean(rule.compare(runs, runs.take(np.array([row]))) < 0) for row in range(len(runs))]
+        top = runs.take(np.array([int(np.argmin(beaten))]))
+        good = rule.compare(runs.take(np.array(rows)), top) <= 0
+        return {"good": good.tolist(), "better": [float(beaten[row]) for row in rows]}
+
+    def _wanted(self, runs: Runs, result: Runs) -> Row:
+        """Return certainties and whether each is true: of bounds, and of the order."""
+        said = self.agent.wishes
+        share = [self._decides(runs, wish.name) for wish in said]
+        bounds = [(wish.certainty, self._worse(result, wish)) for wish in said if wish.bound is not None]
+        order = [(w.first, share[i] >= max(share[i + 1 :])) for i, w in enumerate(said[:-1])]
+        return {"said": len(said), "bounds": bounds, "order": order}
+
+    def _worse(self, result: Runs, wish: Wished) -> bool:
+        changed = _with(result, wish.name, np.array([wish.bound]))
+        return bool(self._person.rule.compare(result, changed)[0] < 0)
+
+    def _decides(self, runs: Runs, name: str) -> float:
+        """Return the share of pairs whose verdict is another one with the same value of a KPI."""
+        one, other = (runs.take(rows) for rows in pairs(np.flatnonzero(np.isinf(runs.survived))))
+        compare = self._person.rule.compare
+        return float(np.mean(compare(_with(one, name, other.column(name)), other) != compare(one, other)))
+
+
+def _with(runs: Runs, name: str, values: Float[np.ndarray, " K"]) -> Runs:
+    """Return runs with other values of one KPI."""
+    changed = runs.values.copy()
+    changed[:, runs.names.index(name)] = values
+    return replace(runs, values=changed)
+
+
+def tables(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the figures of each family and of all, then stated chances against what was true."""
+    families = dict.fromkeys(row["taste"] for row in rows)
+    groups = {family: [row for row in rows if row["taste"] == family] for family in families}
+    heads = "studies", "named", "as foretold", "without", "result", "menu", "result 1 %", "menu 1 %"
+    yield from markdown(
+        ["family", *heads], [[family, *_figures(some)] for family, some in {**groups, "all": rows}.items()]
+    )
+    seen = [row for row in rows if row["taste"] != "curves"]  # which no KPI decides
+    for title, key, some in (
+        ("result changes", "stakes", rows),
+        ("noticed from the stated value on", "bounds", seen),
+        ("decides as many pairs as those said later", "order", seen),
+    ):
+        yield from markdown(["stated", "so often", "was so"], list(_bins(some, key)), title)
+
+
+def _figures(rows: Sequence[Row]) -> Iterator[str]:
+    named = [row["answer"] for row in rows if row["answer"] is not None]
+    yield str(len(rows))
+    yield _share([row["answer"] is not None for row in rows])
+    for place in (0, 1):
+        yield _share([each["foretold"][place] == each["found"][place] for each in named])
+    yield _share([row["good"][0] for row in rows])
+    yield _share([any(row["good"]) for row in rows])
+    yield _share([row["better"][0] < _FEW for row in rows])
+    yield _share([min(row["better"]) < _FEW for row in rows])
+
+
+def _share(found: Sequence[bool]) -> str:
+    return f"{100 * sum(found) / len(found):.0f} %" if found else "–"
+
+
+def _bins(rows: Sequence[Row], key: str) -> Iterator[list[str]]:
+    said = np.array([pair for row in rows for pair in row[key]], dtype=float).reshape(-1, 2)
+    for low, high in pairwise(_EDGES):
+        some = said[(low <= said[:, 0]) & (said[:, 0] < high)]
+        if len(some):
+            mean, was = 100 * some.mean(axis=0)
+            yield [f"{mean:.0f} %", str(len(some)), f"{was:.0f} %"]
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the missing studies, and print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=Path("result.jsonl"), metavar="FILE")
+    parser.add_argument("--loops", nargs="+", default=list(LOOPS))
+    parser.add_argument("--tastes", nargs="+", default=list(FAMILIES))
+    parser.add_argument("--seeds", type=int, default=1, help="people of each loop and family")
+    parser.add_argument("--simulated", type=int, default=1000, help="θ simulated unseen")
+    options = parser.parse_args(words)
+    file = options.out
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    known = {(row["loop"], row["taste"], row["seed"]) for row in rows}
+    wanted = [(loop, t, s) for s in range(options.seeds) for loop in options.loops for t in options.tastes]
+    for loop, family, seed in wanted:
+        if (loop, family, seed) in known:
+            continue
+        where = problem(loop)
+        assert where.scenario is not None
+        with one_thread():
+            usual = sample(where.scenario, USUAL)
+            person = taste(family, where.scenario.kpis, usual, seed)
+            found = ToldStudy(where, person, options.simulated).row()
+        rows.append({"loop": loop, "taste": family, "seed": seed, **found})
+        with file.open("a") as stored:
+            stored.write(json.dumps(rows[-1]) + "\n")
+    print("\n".join(tables(rows)))
+
+
+if __name__ == "__main__":
+    main()

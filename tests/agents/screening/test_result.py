@@ -1,0 +1,77 @@
+"""What a screening agent says of its result."""
+
+import numpy as np
+import pytest
+
+from contracts.agents import MIXED
+from prefcal_agents import Screening
+from prefcal_agents.utility.influence import decisive, turned
+from prefcal_env.knobs.space import KnobSpace
+from support.agents import quick
+
+
+def by_first(query):
+    """The answer of a person who looks at the KPI "first"; the others matter little."""
+    if query.incumbent is None:
+        return None
+    costs = [
+        quick(s.theta)["first"] + 0.01 * quick(s.theta)["others"] for s in (query.challenger, query.incumbent)
+    ]
+    return int(np.sign(costs[0] - costs[1]))
+
+
+@pytest.fixture(scope="module")
+def ended():
+    agent = Screening(MIXED, simulate=quick, n_simulated=100, n_max=8, seed=0)
+    assert (agent.influences, agent.stakes, agent.menu, agent.wishes) == ((), None, {}, ())
+    while not agent.done:
+        query = agent.ask()
+        stakes = agent.stakes
+        assert (stakes is None) == (query.incumbent is None)
+        agent.tell(query, by_first(query))
+        if stakes is not None and stakes.chance < 0.05:
+            assert agent.best_index == query.incumbent.index
+    return agent
+
+
+def test_turning_the_decisive_answer_gives_what_was_foretold(ended):
+    named = decisive(ended.influences, ended.best_index)
+    assert named is not None
+    agent = ended.copy()
+    agent.history = turned(ended.history, named.answer)
+    assert agent.best_index == named.reversed != ended.best_index
+    assert ended.stakes is None  # nothing is asked any more
+
+
+def test_leaving_an_answer_out_gives_what_was_foretold(ended):
+    for influence in ended.influences:
+        agent = ended.copy()
+        agent.history = ended.history.retracted(influence.answer)
+        if influence.sure:
+            assert agent.best_index == influence.without
+
+
+def test_the_menu_holds_others_with_what_they_gain(ended):
+    best = quick(ended.best)
+    for row, reason in ended.menu.items():
+        theta = ended.bank.thetas[row]
+        assert not np.array_equal(theta, ended.best)
+        assert all(quick(theta)[name] < best[name] for name in reason.better_in)
+        assert all(quick(theta)[name] > best[name] for name in reason.worse_in)
+
+
+def test_what_decided_is_what_was_wanted(ended):
+    wish = {wish.name: wish for wish in ended.wishes}["first"]
+    assert wish.certainty > 0.9
+    assert quick(ended.best)["first"] < wish.bound < np.median(ended.bank.kpis[:, 0])
+
+
+def test_a_requested_theta_that_was_not_simulated_says_nothing():
+    agent = Screening(MIXED, simulate=quick, n_simulated=60, n_max=6, seed=0)
+    for _ in range(3):
+        query = agent.ask()
+        agent.tell(query, by_first(query))
+    agent.ask()
+    free = KnobSpace.decode(MIXED, np.full(len(MIXED), 0.123))
+    agent.replace_pending(MIXED.decode(MIXED.snap(MIXED.encode(free))))
+    assert agent.stakes is None

@@ -1,0 +1,91 @@
+"""Which answer carries the result, and what the next one can change."""
+
+import numpy as np
+import pytest
+
+from prefcal_agents.utility.influence import decisive, influences, overtaking, stakes, turned
+from prefcal_agents.utility.pool import Pool
+from prefcal_agents.utility.posterior import DRAWS
+from prefcal_agents.utility.utilities import Scale, Utilities
+from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.preferences.history import Comparison, History
+from support.histories import in_cube
+from support.simulated import bank_of, random_bank
+
+OTHERS = random_bank(60).kpis
+POOR, FAIR, GOOD, SAME, BEST = range(5)
+BANK = bank_of(
+    np.vstack([[[0.9, 0.9, 0.9], [0.5, 0.5, 0.5], [0.2, 0.2, 0.2], [0.2, 0.2, 0.2], [0.1] * 3], OTHERS])
+)
+SCALE = Scale.of(BANK, np.arange(len(BANK)))
+
+
+def record(*given, pending=None):
+    """A record in which each row is compared with the best so far: (row, answer)."""
+    samples = [in_cube(BANK.thetas[row]) for row, _ in given]
+    comparisons, best = [], 0
+    for index, (_, answer) in enumerate(given):
+        rival = best if index else None
+        comparisons.append(Comparison(index, rival, Answer.of(answer) if index else Answer(None)))
+        best = index if answer == -1 else best
+    if pending is not None:
+        samples.append(in_cube(BANK.thetas[pending]))
+    return History(tuple(samples), tuple(comparisons))
+
+
+def pool_of(history):
+    prior = Utilities.drawn(SCALE, 4 * DRAWS, np.random.default_rng(0))
+    return Pool.of(BANK, SCALE, SCALE(BANK), [(history.until(0), prior), (history, prior)])
+
+
+def test_a_verdict_that_all_people_would_give_is_less_open_than_one_of_taste():
+    history = record((POOR, None), (GOOD, -1), (9, 1), (FAIR, 1))
+    found = {each.answer: each for each in influences(pool_of(history), history)}
+    assert set(found) == {1, 2, 3}
+    assert found[2].chance > 3 * max(found[1].chance, found[3].chance)
+    assert found[2].reversed == 2
+    named = decisive(tuple(found.values()), 1)
+    assert named is not None
+    assert named.answer == 2
+
+
+def test_without_the_answer_that_crowned_the_best_the_one_before_is_the_result():
+    history = record((FAIR, None), (9, -1))
+    (only,) = influences(pool_of(history), history)
+    assert (only.answer, only.reversed) == (1, 0)
+
+
+def test_a_tie_has_no_other_way_round():
+    history = record((GOOD, None), (SAME, 0))
+    (only,) = influences(pool_of(history), history)
+    assert only.reversed is None
+    assert decisive((only,), 0) is None
+
+
+def test_turning_an_answer_twice_changes_nothing():
+    history = record((POOR, None), (GOOD, -1), (9, 1))
+    once = turned(history, 1)
+    assert once.comparisons[1].answer.preference is Preference.INCUMBENT
+    assert once.comparisons[2] == history.comparisons[2]
+    assert turned(once, 1) == history
+
+
+@pytest.mark.parametrize(("new", "low", "high"), [(BEST, 0.8, 1.0), (POOR, 0.0, 0.1), (SAME, 0.0, 0.1)])
+def test_a_question_matters_if_the_new_one_may_win(new, low, high):
+    history = record((FAIR, None), (GOOD, -1), pending=new)
+    found = stakes(pool_of(history), history, 1)
+    assert low <= found.chance <= high
+    assert found.decides == (found.chance >= 0.05)
+
+
+def test_the_winner_is_the_result_unless_nobody_would_say_so():
+    history = record((FAIR, None), (GOOD, -1), pending=SAME)
+    same = stakes(pool_of(history), history, 1).results
+    assert (same[Preference.CHALLENGER], same[Preference.TIE], same[Preference.INCUMBENT]) == (2, 1, 1)
+    history = record((FAIR, None), (GOOD, -1), pending=POOR)
+    assert stakes(pool_of(history), history, 1).results[Preference.CHALLENGER] == 1  # a slip
+
+
+def test_only_the_probably_better_overtake_the_winner_of_the_answers():
+    history = record((POOR, None), (GOOD, -1), (9, 1))
+    assert overtaking(np.array([0.74, 0.0, 0.76]), history).tolist() == [0.0, 0.0, 0.76]

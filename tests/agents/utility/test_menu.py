@@ -1,0 +1,50 @@
+"""A menu that satisfies as many of the drawn people as it can."""
+
+import numpy as np
+
+from prefcal_agents.utility.menu import others
+
+USABLE = np.ones(6, dtype=bool)
+LOGS = np.array([[0.0, 5.0], [1.0, 4.0], [2.0, 3.0], [3.0, 2.0], [4.0, 1.0], [5.0, 0.0]])
+
+
+def costs_of(*favourites, noticed=3.0):
+    """Costs of people who each notice everything but their favourite rows as worse."""
+    costs = np.full((len(favourites), 6), noticed)
+    for person, rows in enumerate(favourites):
+        costs[person, list(rows)] = 0.0
+    costs[:, 0] = 2.0  # the result: nothing else is noticeably worse, the favourites are better
+    return costs
+
+
+def test_it_satisfies_those_whom_the_result_does_not():
+    costs = costs_of((2,), (2,), (2,), (4,), (4,), (5,))
+    assert others(costs, LOGS, USABLE, 0) == (2, 4)
+
+
+def test_what_is_better_for_all_comes_once():
+    costs = costs_of((3,), (3,), (3,))
+    assert others(costs, LOGS, USABLE, 0) == (3,)
+
+
+def test_nothing_is_left_to_offer_where_the_result_satisfies_all():
+    costs = costs_of((1,), (2,))
+    costs[:, 0] = 0.5
+    assert others(costs, LOGS, USABLE, 0) == ()
+
+
+def test_of_those_that_satisfy_alike_the_most_different_is_taken():
+    costs = costs_of((1, 2, 3), (1, 2, 3), (4,), (4,))
+    assert others(costs, LOGS, USABLE, 0) == (4, 2)  # 4 differs most, then 1 and 2 from both
+    costs = costs_of((1, 2, 5), (1, 2, 5))
+    assert others(costs, LOGS, USABLE, 0) == (5,)
+
+
+def test_no_candidate_that_is_refused_and_none_that_most_would_find_worse_than_the_result():
+    costs = costs_of((2,), (2,), (4,))
+    usable = USABLE.copy()
+    usable[2] = False
+    assert 2 not in others(costs, LOGS, usable, 0)
+    costs = np.vstack([np.tile(costs_of((4,))[0], (9, 1)), costs_of((5,))])
+    costs[:9, 5] = 4.0
+    assert others(costs, LOGS, USABLE, 0) == (4,)  # one in ten would take 5
