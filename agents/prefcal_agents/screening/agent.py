@@ -110,7 +110,7 @@ class Screening(Simulating):
         """
         if self.best_index is None or len(self.history.lessons()) < FROM:
             return None
-        stage = self._stage
+        stage = self._stages(self.history)
         row = None if stage.rough else _row(stage.bank, self.best)
         return None if row is None else evidence(stage, row, self.history)
 
@@ -150,7 +150,7 @@ class Screening(Simulating):
         if query is None or query.incumbent is None or query.further:
             return None
         past = self._past.with_pending(self.history.samples[query.challenger.index])
-        if _row(self._stage.bank, query.challenger.theta) is None:
+        if _row(self.bank, query.challenger.theta) is None:
             return None
         return stakes(self._growth.pool(past), past, query.incumbent.index)
 
@@ -162,7 +162,7 @@ class Screening(Simulating):
         """
         if self.best_index is None or not self.history.lessons():
             return {}
-        stage, past = self._stage, self._past
+        stage, past = self._stages(self.history), self._past
         best = stage.bank.find(self.best)
         rows = others(stage.costs, stage.logs, ~stage.bank.hopeless, best)
         return {row: reason_for(stage, row, best, past) for row in rows}
@@ -176,7 +176,7 @@ class Screening(Simulating):
         past = self._past
         if self.best_index is None or not past.lessons():
             return ()
-        stage = self._stage
+        stage = self._stages(self.history)
         return wishes(self._growth.pool(past), past, stage.spread, stage.bank.find(self.best))
 
     @property

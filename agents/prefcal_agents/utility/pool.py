@@ -86,8 +86,9 @@ class Pool:
 
     def log_likelihood(self, history: History) -> Float[np.ndarray, " s"]:
         """Return the logarithm of the probability of all answers of a record, shape (s,)."""
-        lessons = Lessons.of(self.bank, self.scale, history)
-        return np.asarray(lessons.judged(self.utilities, self.levels) @ lessons.strength)
+        given = Lessons.of(self.bank, self.scale, history)
+        logs = self.utilities.log_answers(self.levels, given.better, given.worse, given.tie)
+        return np.asarray(logs @ given.strength)
 
     def weights(self, history: History, power: float = 1.0) -> Float[np.ndarray, " s"]:
         """Return how probable each draw is given a record of these samples, shape (s,), in all 1.

@@ -21,7 +21,7 @@ from prefcal_scenarios.scenario import Scenario
 from . import steps
 from .flow import Flow, Guarded
 from .study.memory import index_of, known_outcomes
-from .study.now import Question
+from .study.now import Phase, Question
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 _LEAST = 5
@@ -100,6 +100,9 @@ class Known:
             state, place, by_value = flow.state, flow.file.path, flow.agent.by_value
         space = self._scenario().space
         found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
+        screened = self.screened()
+        if screened is not None:
+            found = replace(found, result=screened.result(self._scenario()))
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history))
         return found if found.sentences else None
@@ -151,10 +154,15 @@ class Known:
         guarded = self._guarded
         with guarded.changed:
             comes = self.screens and guarded.has_background
-            guarded.changed.wait_for(
-                lambda: not comes or guarded.closing or self.screened() is not None, timeout
-            )
+            guarded.changed.wait_for(lambda: not comes or guarded.closing or self._worked_out(), timeout)
             return self.screened()
+
+    def _worked_out(self) -> bool:
+        """Return whether it is known what the question was chosen from and, at the end, all else."""
+        screened = self.screened()
+        with self._guarded.reading() as flow:
+            over = flow.phase is Phase.OVER
+        return screened is not None and (not over or screened.told_result)
 
     @property
     def index(self) -> LearnedCost | None:

@@ -4,6 +4,7 @@ Its functions return an `Attempt`, as the work of `runs` is.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -11,7 +12,7 @@ from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.simulating import Abandoned, Basis
+from prefcal_app.simulating import Abandoned, Basis, Carried
 
 from .flow import Flow
 from .study.now import Phase, Question
@@ -98,26 +99,30 @@ def look_ahead(
 
 
 def is_unexplained(flow: Flow) -> bool:
-    """Return whether it is not known what the open question was chosen from.
+    """Return whether it is not worked out what is said of the open question, or of the result.
 
-    That is so after a restart, after the last answer, and if the person asked for a θ.
+    What it was chosen from is known, except after a restart, after the last answer, and if the
+    person asked for a θ.
     """
-    return (
-        flow.thoughts.simulator is not None
-        and flow.thoughts.grounds(flow.agent) is None
-        and not flow.thoughts.prefetch.explained
-    )
+    if flow.thoughts.simulator is None or flow.thoughts.prefetch.explained:
+        return False
+    known = flow.thoughts.grounds(flow.agent)
+    over = flow.phase is Phase.OVER
+    return known is None or known.carried is None or known.carried.over is not over
 
 
 def explain(flow: Flow) -> Attempt:
-    """Find out what the open question was chosen from. Errors are ignored: it can be answered."""
-    asked, twin = flow.question, flow.agent.copy()
+    """Find out what is said of the open question, or of the result. Errors are ignored."""
+    asked, twin, known = flow.question, flow.agent.copy(), flow.thoughts.grounds(flow.agent)
+    over = flow.phase is Phase.OVER
     flow.thoughts.prefetch.explained = True
     flow.thoughts.resume()
 
     def look() -> Callable[[], None]:
         try:
-            basis = Basis.of(cast(Screening, twin))
+            screening = cast(Screening, twin)
+            basis = known or Basis.of(screening)
+            basis = replace(basis, carried=Carried.of(screening, over=over))
         except Exception:
             return lambda: None
 

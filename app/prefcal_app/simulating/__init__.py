@@ -5,6 +5,7 @@ chosen from. `Screened` and `why` say what a person sees of that.
 """
 
 from .basis import Basis as Basis
+from .basis import Carried as Carried
 from .basis import Simulated as Simulated
 from .basis import past_of as past_of
 from .basis import simulates as simulates

@@ -1,5 +1,6 @@
 """What the open question was chosen from: the simulated θ, and why this one is shown."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +9,40 @@ from jaxtyping import Float
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.certificate import Certificate
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.bank import Bank
+from prefcal_agents.utility.influence import Influence, Stakes, decisive
+from prefcal_agents.utility.wishes import Wished
 from prefcal_env.preferences.history import History, Sample
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Carried:
+    """What carries a result, and what is near it. It is worked out while nobody waits.
+
+    Args:
+        over: Whether it is about the result of a study that is over.
+        stakes: What the answer to the open question can change; None without such a question.
+        decisive: The answer that carries the result; None if none alone does.
+        menu: Rows of the bank that the person might prefer to the result, with why.
+        wishes: What the person wanted by the answers, what matters most first.
+    """
+
+    over: bool
+    stakes: Stakes | None
+    decisive: Influence | None
+    menu: Mapping[int, Reason]
+    wishes: tuple[Wished, ...]
+
+    @classmethod
+    def of(cls, agent: Screening, *, over: bool) -> "Carried":
+        """Return what is to be said of the open question or, if the study is over, of the result."""
+        if not over:
+            return cls(False, agent.stakes, None, {}, ())
+        best = agent.best_index
+        found = None if best is None else decisive(agent.influences, best)
+        return cls(True, None, found, agent.menu, agent.wishes)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -24,6 +56,8 @@ class Basis:
         reason: Why its challenger is shown; None without a comparison.
         chance_of_better: Probability that the person prefers the most promising simulated θ.
         trend: How expected worth grows along each knob near the best; None if it is not known.
+        certificate: What can be said of the best so far; None while nothing can.
+        carried: What carries the result; None while it is not worked out.
     """
 
     past: History
@@ -32,13 +66,16 @@ class Basis:
     reason: Reason | None
     chance_of_better: float
     trend: Float[np.ndarray, " n"] | None = None
+    certificate: Certificate | None = None
+    carried: Carried | None = None
 
     @classmethod
     def of(cls, agent: Screening) -> "Basis":
         """Return the basis of the open question of `agent`, which simulates what is missing."""
         bank, reason = agent.bank, None if agent.done else agent.reason
         pending = agent.history.pending
-        return cls(past_of(agent), pending, bank, reason, agent.chance_of_better, agent.trend)
+        chance, trend = agent.chance_of_better, agent.trend
+        return cls(past_of(agent), pending, bank, reason, chance, trend, agent.certificate)
 
 
 def past_of(agent: Agent) -> History:

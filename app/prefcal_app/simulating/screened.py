@@ -5,10 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.screening.certificate import Certificate
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.bank import Bank
-from prefcal_app.simulating import Basis
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.scenario import Scenario
+
+from .basis import Basis
+from .why import carried_by, percent, wanted
 
 _UNLIKELY = 0.1
 """Chance below which stopping is offered."""
@@ -20,15 +24,28 @@ class Prospect:
 
     Args:
         simulated: Number of simulated θ.
-        chance: Probability that the person prefers the most promising one to the best so far.
+        chance: Probability that the person prefers the most promising one to the best so far, by
+            the draws alone.
+        certificate: What can be said so that it holds for people unlike the draws; None while
+            nothing can.
     """
 
     simulated: int
     chance: float
+    certificate: Certificate | None = None
 
     @property
     def text(self) -> str:
-        """Return in one sentence whether something better can be expected."""
+        """Return whether something better can be expected."""
+        said = self.certificate
+        if said is not None and not said.explained:
+            return "Your answers do not follow from the KPIs, so nothing can be said of what is left."
+        if said is not None and said.share is not None and said.chance is not None:
+            return (
+                f"With {percent(said.probability)} probability, fewer than {percent(said.share)} of θ drawn "
+                "at random are noticeably better than the best so far; there is a "
+                f"{percent(said.chance)} chance that the most promising of the {self.simulated} simulated is."
+            )
         return (
             f"The chance that the most promising of the {self.simulated} simulated is better than "
             f"the best so far is {percent(self.chance)}."
@@ -37,16 +54,8 @@ class Prospect:
     @property
     def offer(self) -> str:
         """Return the offer to stop; empty if there is a reason to continue."""
-        return f"{self.text} Stop here, or go on?" if self.chance < _UNLIKELY else ""
-
-
-def percent(chance: float) -> str:
-    """Return a probability as text: nothing that a model says is sure."""
-    if chance < 0.01:
-        return "below 1 %"
-    if chance > 0.99:
-        return "above 99 %"
-    return f"{100 * chance:.0f} %"
+        chance = self.chance if self.certificate is None else self.certificate.chance
+        return f"{self.text} Stop here, or go on?" if chance is not None and chance < _UNLIKELY else ""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -76,7 +85,19 @@ class Screened:
         """Return what the simulated θ still promise; None before an answer that teaches."""
         if not self.basis.past.lessons():
             return None
-        return Prospect(len(self.bank), self.basis.chance_of_better)
+        return Prospect(len(self.bank), self.basis.chance_of_better, self.basis.certificate)
+
+    @property
+    def told_result(self) -> bool:
+        """Return whether it is worked out what carries the result of a study that is over."""
+        return self.basis.carried is not None and self.basis.carried.over
+
+    def result(self, scenario: Scenario) -> tuple[str, ...]:
+        """Return what was wanted, and on which answer the result rests; empty while not known."""
+        carried = self.basis.carried
+        if carried is None or not self.told_result:
+            return ()
+        return tuple(filter(None, (wanted(carried.wishes, scenario), carried_by(carried.decisive))))
 
     def row(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Return the row of the bank that a person cannot tell from θ, shape (n,); None if none.

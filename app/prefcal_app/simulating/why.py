@@ -9,12 +9,19 @@ from prefcal_agents.utility.wishes import Wished
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import KPI, Scenario
 
-from .screened import percent
-
 _MOST = 2
 """Number of KPIs named on either side of the sentence, those that matter most."""
 _IN_ORDER = 0.5
 """Probability that a KPI decides as much as all later ones, from which on it comes first."""
+
+
+def percent(chance: float) -> str:
+    """Return a probability as text: nothing that a model says is sure."""
+    if chance < 0.01:
+        return "below 1 %"
+    if chance > 0.99:
+        return "above 99 %"
+    return f"{100 * chance:.0f} %"
 
 
 def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experiment) -> Reason:
@@ -102,14 +109,13 @@ def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
 
 
 def at_stake(stakes: Stakes) -> str:
-    """Return what the answer to the open question can change, as one sentence.
+    """Return that the answer to the open question hardly changes the result; empty if it may.
 
     A chance is stated only where it is small: larger ones are too high (docs/research/result.md).
     """
-    if not stakes.decides:
-        return f"Your answer hardly changes the result (chance: {percent(stakes.chance)})."
-    numbers = [str(index + 1) for index in sorted(set(stakes.results.values()))]
-    return f"Your answer decides between experiments {_listed(numbers)}."
+    if stakes.decides:
+        return ""
+    return f"Your answer hardly changes the result (chance: {percent(stakes.chance)})."
 
 
 def carried_by(influence: Influence | None) -> str:

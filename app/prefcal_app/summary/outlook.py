@@ -34,6 +34,7 @@ class Outlook:
         command: Command that widens those ranges; empty without a study file.
         unbeaten: Sentence on other experiments that never lost; empty if there are none.
         missed: Sentence on the objectives that the best experiment misses; empty if it meets all.
+        result: Sentences on what was wanted, and on which answer the result rests.
     """
 
     promise: str = ""
@@ -41,11 +42,13 @@ class Outlook:
     command: str = ""
     unbeaten: str = ""
     missed: str = ""
+    result: tuple[str, ...] = ()
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return all sentences, without the command."""
-        return tuple(part for part in (self.unbeaten, self.missed, self.promise, self.ends) if part)
+        parts = (self.unbeaten, self.missed, *self.result, self.promise, self.ends)
+        return tuple(part for part in parts if part)
 
     @property
     def lines(self) -> tuple[str, ...]:

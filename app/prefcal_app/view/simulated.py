@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_app.session import Interview, Now, Question, Side
-from prefcal_app.simulating import Screened, as_shown, why
+from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, why
 from prefcal_app.summary.outlook import after_a_slip
 from prefcal_env.knobs.knob import Knob
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -32,8 +32,25 @@ def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, 
     asks = now.question is not None and now.question.repeats is None and not interview.known.missed
     return {
         "why": "" if blind else why_view(interview, now),
-        "offer": prospect.offer if asks and prospect is not None else "",
+        "offer": (prospect.offer or _stakes(screened)) if asks and prospect is not None else "",
     }
+
+
+def _stakes(screened: Screened | None) -> str:
+    """Return the offer to stop since the answer hardly changes the result; empty if it may."""
+    carried = None if screened is None else screened.basis.carried
+    said = "" if carried is None or carried.stakes is None else at_stake(carried.stakes)
+    return f"{said} Stop here, or go on?" if said else ""
+
+
+def menu_view(interview: Interview) -> list[dict[str, Any]]:
+    """Return simulated θ that the person might prefer to the result; empty while not known."""
+    screened = interview.known.screened()
+    carried = None if screened is None else screened.basis.carried
+    if screened is None or carried is None:
+        return []
+    names = menu_names(carried.menu, interview.scenario)
+    return [{"name": name, "theta": screened.bank.thetas[row].tolist()} for row, name in names.items()]
 
 
 def why_view(interview: Interview, now: Now) -> str:

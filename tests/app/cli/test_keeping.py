@@ -88,7 +88,7 @@ def test_an_empty_study_that_is_open_elsewhere_is_left_alone(prefcal, monkeypatc
         held.append(subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
         held[0].stdout.read(1)
 
-    monkeypatch.setattr("prefcal_app.terminal.converse", hold)
+    monkeypatch.setattr("prefcal_app.cli.calibrate_run.converse", hold)
     start(prefcal, monkeypatch, "")
     assert names(prefcal) == ["toy-1"]
     held[0].communicate()
@@ -99,7 +99,7 @@ def test_a_study_that_was_removed_while_it_was_open_is_saved_elsewhere_and_told(
         converse(*args)
         study_path("toy-1").unlink()
 
-    monkeypatch.setattr("prefcal_app.terminal.converse", lose)
+    monkeypatch.setattr("prefcal_app.cli.calibrate_run.converse", lose)
     code, _, err = start(prefcal, monkeypatch, "l\n")
     assert code == 2
     assert "toy-1.prefcal was moved, renamed, removed or replaced while it was open" in err
@@ -113,7 +113,7 @@ def test_a_file_in_the_place_of_an_unanswered_study_is_left_alone(prefcal, monke
         study_path("toy-1").unlink()
         study_path("toy-1").write_text("precious")
 
-    monkeypatch.setattr("prefcal_app.terminal.converse", replace_file)
+    monkeypatch.setattr("prefcal_app.cli.calibrate_run.converse", replace_file)
     start(prefcal, monkeypatch, "")
     assert study_path("toy-1").read_text() == "precious"
 

@@ -1,13 +1,16 @@
 """What is read from a screening agent, when, and what of it front ends get."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.certificate import Certificate
 from prefcal_agents.screening.reason import Reason
 from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import Prospect
-from prefcal_app.simulating.screened import percent
+from prefcal_app.simulating.why import percent
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_scenarios.kpis import screened
 from support.interviews import begin, proceed
@@ -29,6 +32,7 @@ def chances(monkeypatch):
 
     monkeypatch.setattr(Screening, "chance_of_better", property(chance))
     monkeypatch.setattr(Screening, "reason", property(lambda agent: REASON))
+    monkeypatch.setattr(Screening, "certificate", None)
     return said
 
 
@@ -54,7 +58,8 @@ def test_it_comes_with_the_question_and_no_request_computes_it(chances):
     for _ in range(3):
         assert interview.known.screened().prospect is None
         assert interview.known.outlook is None
-    assert not interview.work()
+    while interview.work():
+        pass  # what its answer can change is worked out afterward
     assert chances["asked"] == asked
 
 
@@ -179,3 +184,46 @@ def test_from_ten_percent_on_it_only_says_what_is_left_to_gain():
 )
 def test_nothing_reads_as_sure(chance, text):
     assert percent(chance) == text
+
+
+CERTIFIED = Certificate(0.06, 0.95, 0.3, (1.0,))
+
+
+def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
+    assert Prospect(940, 0.08, CERTIFIED).text == (
+        "With 95 % probability, fewer than 6 % of θ drawn at random are noticeably better than the best so "
+        "far; there is a 30 % chance that the most promising of the 940 simulated is."
+    )
+    assert Prospect(940, 0.08, CERTIFIED).offer == "", "not the draws' own chance decides"
+    assert Prospect(940, 0.5, replace(CERTIFIED, chance=0.05)).offer.endswith("Stop here, or go on?")
+
+
+def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
+    found = Prospect(940, 0.08, replace(CERTIFIED, share=None, chance=None))
+    assert found.text == "Your answers do not follow from the KPIs, so nothing can be said of what is left."
+    assert found.offer == ""
+
+
+def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on():
+    interview = explained(screening(n_max=5))
+    while interview.now().phase is not Phase.OVER:
+        assert interview.known.outlook is None or interview.known.outlook.result == ()
+        answered(interview, Choice.LEFT)
+    while interview.work():
+        pass
+    said = interview.known.outlook.result
+    assert any(words.startswith(("The result rests on your answer", "No single answer")) for words in said)
+    assert set(said) <= set(interview.known.outlook.sentences)
+    assert interview.known.screened().told_result
+    interview.steps.go_on(1)
+    assert proceed(interview).phase is Phase.QUESTION
+    assert interview.known.outlook is None or interview.known.outlook.result == ()
+
+
+def test_a_study_that_a_person_ends_is_told_of_its_result_as_well():
+    interview = explained(screening())
+    answered(interview, Choice.LEFT)
+    interview.steps.finish()
+    while interview.work():
+        pass
+    assert interview.known.screened().told_result

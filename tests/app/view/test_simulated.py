@@ -9,10 +9,12 @@ import pytest
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.bank import Bank
+from prefcal_agents.utility.influence import Stakes
 from prefcal_app.session import Choice
-from prefcal_app.simulating import Basis, Screened
+from prefcal_app.simulating import Basis, Carried, Screened
 from prefcal_app.view import look_view, map_view, now_view, why_view
-from prefcal_app.view.simulated import _axes, _chosen, _points
+from prefcal_app.view.simulated import _axes, _chosen, _points, menu_view
+from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 from support.interviews import begin, proceed
 from support.looks import toy
@@ -216,3 +218,41 @@ def test_the_picture_is_made_once_per_version(monkeypatch):
     room.post("finish")
     room.page().get("/api/simulated")
     assert len(made) == 2
+
+
+def carries(interview, monkeypatch, found):
+    """Let what was worked out be `found`."""
+    known = interview.known.screened()
+    basis = replace(known.basis, carried=found)
+    monkeypatch.setattr(interview.known, "screened", lambda **_: Screened(known.space, basis))
+
+
+def test_an_answer_that_hardly_changes_the_result_is_a_reason_to_stop(says, monkeypatch):
+    interview = explained(screening())
+    interview.steps.answer(interview.now().question.id, Choice.LEFT)
+    explained(interview)
+    monkeypatch.setattr(type(interview.known), "missed", [])
+    results = {Preference.CHALLENGER: 1, Preference.INCUMBENT: 0}
+    known = interview.known.screened().basis
+    monkeypatch.setattr(interview._flow.thoughts, "basis", replace(known, chance_of_better=0.5))
+    carries(interview, monkeypatch, Carried(False, Stakes(results, 0.03), None, {}, ()))
+    assert told(interview)["offer"] == (
+        "Your answer hardly changes the result (chance: 3 %). Stop here, or go on?"
+    )
+    carries(interview, monkeypatch, Carried(False, Stakes(results, 0.3), None, {}, ()))
+    assert told(interview)["offer"] == ""
+
+
+def test_the_menu_names_other_simulated_theta_by_what_they_gain(monkeypatch):
+    interview = explained(screening())
+    assert menu_view(interview) == []
+    menu = {3: Reason(0.4, ("t_f",), ()), 7: Reason(0.3, ("final",), ())}
+    carries(interview, monkeypatch, Carried(True, None, None, menu, ()))
+    bank = interview.known.screened().bank
+    assert [choice["name"] for choice in menu_view(interview)] == [
+        "lower settling time t_f",
+        "final level nearer to its target",
+    ]
+    assert [choice["theta"] for choice in menu_view(interview)] == bank.thetas[[3, 7]].tolist()
+    points = [point["theta"] for point in map_view(interview)["points"]]
+    assert all(choice["theta"] in points for choice in menu_view(interview)), "the page finds them by θ"

@@ -4,7 +4,7 @@ import sqlite3
 
 import pytest
 
-from prefcal_app.session import Interview
+from prefcal_app.session.person import Steps
 from prefcal_env.errors import PrefcalError, RecordError, StaleError, StudyError
 
 
@@ -21,7 +21,7 @@ def test_errors_are_told_in_a_sentence(room, monkeypatch, error, status, kind):
     def fail(self):
         raise error
 
-    monkeypatch.setattr(Interview, "finish", fail)
+    monkeypatch.setattr(Steps, "finish", fail)
     response = room.post("finish")
     told = response.json()
     assert (response.status_code, told["kind"], told["error"]) == (status, kind, str(error))
@@ -32,7 +32,7 @@ def test_a_fault_of_ours_is_told_and_logged(room, monkeypatch, caplog):
     def fail(self):
         raise sqlite3.InterfaceError("a bug")
 
-    monkeypatch.setattr(Interview, "finish", fail)
+    monkeypatch.setattr(Steps, "finish", fail)
     response = room.post("finish")
     assert response.status_code == 500
     assert "a bug" in response.json()["error"]

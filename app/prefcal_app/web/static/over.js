@@ -1,7 +1,8 @@
 // Show the end: what was gained, where the report is, and what to do next.
 
 import { $, ask, button, copying, el, fill, shownTable, symbol } from "./dom.js";
-import { can } from "./flow.js";
+import { can, open } from "./flow.js";
+import { point } from "./simulated.js";
 import { bestCard } from "./status.js";
 
 const REASONS = {
@@ -50,8 +51,15 @@ function steps(now, act) {
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
+    over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. To choose one, ask for it and compare it."),
+      el("p", { class: "actions" }, over.menu.map(({ name, theta }) => button(name, () => choosing(theta), { class: "other" })))) : null,
     item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
     item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));
+
+  function choosing(theta) {
+    point(theta);
+    open("simulated");
+  }
 
   async function close() {
     if (await act("close", {})) {

@@ -12,6 +12,13 @@ let which = null; // the axes, chosen by the person; null: those that matter mos
 let row = null; // the point that is described
 let send = null;
 
+let wished = null; // the θ of the point to describe first, once it is known
+
+// Describe the point of a θ when the picture is shown next.
+export function point(theta) {
+  wished = String(theta);
+}
+
 export async function showSimulated(act) {
   send = act;
   if (!$("map")) build();
@@ -22,7 +29,8 @@ export async function showSimulated(act) {
     return fill($("map-told"), error.message);
   }
   if (!found) return fill($("map-told"), "The simulations are running: the picture comes with the next question.");
-  const key = row === null ? null : String(data.points[row].theta);
+  const key = wished ?? (row === null ? null : String(data.points[row].theta));
+  wished = null;
   data = found;
   const kept = data.points.findIndex(({ theta }) => String(theta) === key);
   row = kept >= 0 ? kept : asked() ?? data.best;
