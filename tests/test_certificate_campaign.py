@@ -24,7 +24,8 @@ def script(monkeypatch):
 def row(script, true=0.0, better=False, family="trade", **changes):
     """A study of which a few percent are stated, and 50 % of the most promising θ."""
     found = {"answers": 10, "better": 0.01, "wide": 0.0, "held": 2.0, "predicted": -0.4, "chance": 0.5}
-    return script.Row("lag", family, 0, 0, Evidence(**found | changes, promising=(1.0,)), true, better)
+    known = Evidence(**found | changes, explained=True, promising=(1.0,))
+    return script.Row("lag", family, 0, 0, known, true, better)
 
 
 def test_a_study_is_exceeded_if_more_is_better_than_was_stated(script):

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import expit, logit, logsumexp
 
-from prefcal_agents.utility.posterior import Lessons
+from prefcal_agents.utility.posterior import Lessons, explains
 from prefcal_agents.utility.utilities import Utilities, noticed
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
@@ -56,6 +56,7 @@ class Evidence:
         held: How far the result has held against challengers since it won: the sum of -log(1 - p),
             where p is the chance that each would win, by the draws and all other answers.
         predicted: Mean logarithm of the probability of each answer by all others, in nats.
+        explained: Whether KPIs predict the answers about as well as θ does, see `explains`.
         chance: Share of the draws to which the most promising θ is noticeably better.
         promising: The most promising θ of those that were not shown, physical.
     """
@@ -65,6 +66,7 @@ class Evidence:
     wide: float
     held: float
     predicted: float
+    explained: bool
     chance: float
     promising: tuple[float, ...]
 
@@ -102,9 +104,10 @@ class Certificate:
     def of(cls, found: Evidence) -> Self:
         """Return what can be said by the evidence.
 
-        Nothing can if the draws predict each answer from the others no better than by chance.
+        Nothing can if the draws predict each answer from the others no better than by chance, or
+        if θ predicts them better.
         """
-        if found.predicted < _BY_CHANCE:
+        if found.predicted < _BY_CHANCE or not found.explained:
             return cls(None, PROBABILITY, None, found.promising)
         constant, *slopes = _SHARE
         size = constant + float(np.dot(slopes, found.terms))
@@ -134,6 +137,7 @@ def evidence(stage: Stage, best: int, history: History) -> Evidence:
         wide=float(np.quantile(better[:, stage.spread].mean(axis=1), _QUANTILE)),
         held=held,
         predicted=predicted,
+        explained=explains(history, stage.bank, stage.scale, stage.utilities),
         chance=float(chances[row]),
         promising=tuple(stage.bank.thetas[row].tolist()),
     )

@@ -13,7 +13,7 @@ from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
 from support.simulated import SQUARE, in_chain
 
-KNOWN = Evidence(10, 0.01, 0.002, 2.0, -0.4, 0.3, (0.5, 0.5))
+KNOWN = Evidence(10, 0.01, 0.002, 2.0, -0.4, True, 0.3, (0.5, 0.5))
 WON, SAME, LOST = -1, 0, 1
 """What the challenger did."""
 
@@ -102,8 +102,9 @@ def test_nothing_is_promised_that_was_shown_or_that_failed():
     assert found.promising[0] > 0.5
 
 
-def test_if_answers_are_predicted_no_better_than_by_chance_no_number_is_stated():
-    said = Certificate.of(replace(KNOWN, predicted=np.log(1 / 3) - 0.01))
+@pytest.mark.parametrize("badly", [{"predicted": np.log(1 / 3) - 0.01}, {"explained": False}])
+def test_if_answers_do_not_follow_from_the_kpis_no_number_is_stated(badly):
+    said = Certificate.of(replace(KNOWN, **badly))
     assert not said.explained
     assert said.share is None
     assert said.chance is None
@@ -136,7 +137,7 @@ def test_the_share_is_a_whole_percentage_between_the_least_and_all():
 
 
 def test_the_share_by_hand():
-    said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, 0.5, ()))
+    said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, True, 0.5, ()))
     size = 10 ** (1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5)
     assert said.share == pytest.approx(np.ceil(100 * size) / 100)
     assert said.chance == pytest.approx(0.5)
