@@ -122,7 +122,7 @@ def test_whatever_the_agent_the_answers_say_what_counts():
     index = interview.known.index
     assert index.explains
     assert index(outcome(TOY, FINE)) < index(outcome(TOY, UNSAFE))
-    assert begin(TOY).index is None
+    assert begin(TOY).known.index is None
 
 
 @pytest.mark.parametrize(("right", "doubt"), [(31, ""), (23, ": not clearly better than chance")])

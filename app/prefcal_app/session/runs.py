@@ -48,9 +48,12 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         return thinking.explain(flow)
     if flow.at_once > 1:
         return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
-    if flow.phase is Phase.QUESTION and ahead and not underway.source.asks:
-        return _looking_ahead(flow)
-    return None
+    if flow.phase is not Phase.QUESTION:
+        return None
+    looking = _looking_ahead(flow) if ahead and not underway.source.asks else None
+    if looking is None and thinking.is_untold(flow):
+        return thinking.explain(flow)
+    return looking
 
 
 def _attended(flow: Flow) -> Attempt | None:

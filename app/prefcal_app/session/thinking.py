@@ -99,16 +99,24 @@ def look_ahead(
 
 
 def is_unexplained(flow: Flow) -> bool:
-    """Return whether it is not worked out what is said of the open question, or of the result.
+    """Return whether it is not known what the open question was chosen from, or what a result rests on.
 
-    What it was chosen from is known, except after a restart, after the last answer, and if the
-    person asked for a θ.
+    That is so after a restart, after the last answer, and if the person asked for a θ.
     """
     if flow.thoughts.simulator is None or flow.thoughts.prefetch.explained:
         return False
     known = flow.thoughts.grounds(flow.agent)
-    over = flow.phase is Phase.OVER
-    return known is None or known.carried is None or known.carried.over is not over
+    if known is None or flow.phase is not Phase.OVER:
+        return known is None
+    return known.carried is None or not known.carried.over
+
+
+def is_untold(flow: Flow) -> bool:
+    """Return whether it is not worked out what the answer to the open question can change."""
+    if flow.thoughts.simulator is None or flow.thoughts.prefetch.explained:
+        return False
+    known = flow.thoughts.grounds(flow.agent)
+    return known is not None and known.carried is None
 
 
 def explain(flow: Flow) -> Attempt:

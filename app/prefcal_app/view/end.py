@@ -14,7 +14,7 @@ from prefcal_scenarios.scenario import KPI
 
 from . import tables
 from .seen import Seen
-from .simulated import menu_view
+from .simulated import decisive_view, menu_view
 
 FIRST, CURRENT = "first experiment", "current tuning"
 """Names of the first experiment: without and with a tuning that the person gave."""
@@ -46,6 +46,7 @@ def over_view(
         "report": report_view(report),
         "command": command,
         "next": next_view(interview, now, report),
+        "decisive": decisive_view(interview),
         "menu": menu_view(interview),
     }
 

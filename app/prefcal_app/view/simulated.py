@@ -43,6 +43,13 @@ def _stakes(screened: Screened | None) -> str:
     return f"{said} Stop here, or go on?" if said else ""
 
 
+def decisive_view(interview: Interview) -> int | None:
+    """Return the number of the answer that the result rests on; None without one, or while not known."""
+    screened = interview.known.screened()
+    carried = None if screened is None else screened.basis.carried
+    return None if carried is None or carried.decisive is None else carried.decisive.answer
+
+
 def menu_view(interview: Interview) -> list[dict[str, Any]]:
     """Return simulated θ that the person might prefer to the result; empty while not known."""
     screened = interview.known.screened()

@@ -198,7 +198,7 @@ def test_a_study_is_the_same_with_and_without_kpis_that_are_as_simulated():
 
 def test_where_kpis_differ_every_fourth_theta_is_one_of_those_that_fill_the_space():
     agent = study(biased)
-    stage = agent._stage
+    stage = agent._stages(agent.history)
     filling = {theta.tobytes() for theta in stage.bank.thetas[stage.spread]}
     shown = [theta.tobytes() in filling for theta in agent.samples]
     assert [shown[4], shown[8]] == [True, True]

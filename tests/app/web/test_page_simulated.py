@@ -8,7 +8,9 @@ import pytest
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.reason import Reason
+from prefcal_agents.utility.influence import Influence
 from prefcal_app.session import Background
+from prefcal_app.simulating import Carried
 from prefcal_app.web import Window
 from support.browser import Served, Watched
 from support.interviews import begin
@@ -25,6 +27,7 @@ def screen(tmp_path, monkeypatch):
     reason = Reason(0.7, ("final",), ("t_f",))
     monkeypatch.setattr(Screening, "reason", property(lambda agent: reason))
     monkeypatch.setattr(Screening, "chance_of_better", property(lambda agent: 0.08))
+    monkeypatch.setattr(Screening, "certificate", None)
     with contextlib.ExitStack() as served:
 
         def start(n_max=6):
@@ -179,6 +182,34 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     watched.phase("over")
     page.wait_for_function("() => document.body.textContent.includes('Continue or stop?')")
     assert served.state.ended == "stopped"
+    assert watched.errors == []
+
+
+def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browser, screen, monkeypatch):
+    decisive = Influence(1, 0, 1, 0.3, sure=True)
+    menu = {5: Reason(0.4, ("t_f",), ()), 9: Reason(0.3, ("final",), ())}
+    monkeypatch.setattr(Carried, "of", lambda agent, *, over: Carried(over, None, decisive, menu, ()))
+    watched = Watched(browser)
+    watched.open(screen(n_max=3).link)
+    page = watched.page
+    watched.answer("ArrowLeft")
+    page.keyboard.press("ArrowRight")
+    watched.phase("over")
+    page.wait_for_selector("text=The result rests on your answer about experiment 2")
+    watched.shot("end-simulated-1280")
+    page.click("text=Look at that answer again")
+    page.wait_for_selector("#again h3")
+    assert "left is better" in page.inner_text("#again").lower()
+    page.keyboard.press("Escape")
+    assert page.locator("button.other").all_inner_texts() == [
+        "lower settling time t_f",
+        "final level nearer to its target",
+    ]
+    page.click("button.other >> nth=1")
+    page.wait_for_selector("#point h3")
+    page.click("#ask-for")  # one more experiment: to choose it is to compare it
+    watched.phase("question")
+    page.wait_for_function("() => document.getElementById('why').textContent.includes('asked')")
     assert watched.errors == []
 
 

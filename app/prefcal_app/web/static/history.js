@@ -7,15 +7,31 @@ import { showAgain } from "./maneuvers.js";
 
 const HEADS = ["question", "experiment", "against", "verdict", "marks", "comment", "answered", "retract"];
 
-export function showHistory(act) {
-  return load($("view-history"), el("h2", { id: "history-title" }, "History"), "/api/history", ({ answers, notes }) => [
+let wanted = null; // the answer to show again as soon as the list is there
+
+export function showNext(answer) {
+  wanted = answer;
+}
+
+export async function showHistory(act) {
+  let asked = null;
+  await load($("view-history"), el("h2", { id: "history-title" }, "History"), "/api/history", ({ answers, notes }) => {
+    asked = answers.find(({ answer }) => answer === wanted);
+    wanted = null;
+    return list(answers, notes, act);
+  });
+  if (asked) await lookAgain(asked);
+}
+
+function list(answers, notes, act) {
+  return [
     el("p", { class: "faint" }, "Newest first. Open a question to see it as it was shown. Retracting an answer only changes what is learned."),
     $("again") ?? el("div", { id: "again", tabindex: "-1" }),
     answers.length ? el("div", { class: "card flat" }, table(HEADS, answers.map((answer) => row(answer, act)).reverse(),
       { class: "answers", label: "Answers", kinds: ["", "", "", "", "", "comment", "faint"] })) : el("p", {}, "There are no answers yet."),
     ...(notes.length ? [el("h3", {}, "Remarks"),
       el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at)))))] : []),
-  ]);
+  ];
 }
 
 function row(answer, act) {

@@ -2,6 +2,7 @@
 
 import { $, ask, button, copying, el, fill, shownTable, symbol } from "./dom.js";
 import { can, open } from "./flow.js";
+import { showNext } from "./history.js";
 import { point } from "./simulated.js";
 import { bestCard } from "./status.js";
 
@@ -50,11 +51,17 @@ function steps(now, act) {
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
+      over.decisive ? el("p", { class: "actions" }, button("Look at that answer again", again)) : null,
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
     over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. To choose one, ask for it and compare it."),
       el("p", { class: "actions" }, over.menu.map(({ name, theta }) => button(name, () => choosing(theta), { class: "other" })))) : null,
     item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
     item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));
+
+  function again() {
+    showNext(over.decisive);
+    open("history");
+  }
 
   function choosing(theta) {
     point(theta);
