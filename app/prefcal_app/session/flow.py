@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import Agent
-from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
-from prefcal_env.own_line import in_words
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.loop import completed
-from prefcal_env.study import Answered, Event, Failed, Finished, Shown, State, StudyFile, Suggested, Taken
+from prefcal_env.study import Answered, Event, Finished, Shown, State, StudyFile, Suggested
 
 from .study.experiments import ExperimentStore
 from .study.now import Phase, Question, Side
@@ -86,27 +84,11 @@ class Flow:
         self.agent.history = self.agent.recorded(self.state.history)
         return numbers
 
-    def tell_change(self) -> None:
-        """Take note of a change for front ends."""
-        self.version += 1
-
     def move(self, phase: Phase, problem: Exception | None = None) -> None:
         """Enter `phase`, without a question."""
         self.proposed = False
         self.phase, self.problem, self.question = phase, problem, None
         self.version += 1
-
-    def make_way(self) -> None:
-        """Stop soon what runs or thinks in advance, if something else is waited for."""
-        self.thoughts.make_way(self.agent.history if self.phase is Phase.RUNNING else None)
-        several = self.at_once > 1
-        if self.underway.source.asks or (self.phase is not Phase.RUNNING and not several):
-            return
-        wanted = self.study.unfinished if several else filter(None, [self.study.pending])
-        keys = {theta_key(sample.theta) for sample in wanted if self.phase is not Phase.OVER}
-        for key, run in self.underway.going.items():
-            if key not in keys:
-                run.stop("given up", within=_COURTESY)
 
     def resume(self) -> None:
         """Resume from the state of the study file; an open question stays open."""
@@ -202,44 +184,6 @@ class Flow:
         role = "new" if side.challenger and not further else ""
         return replace(side, role="best so far" if side.index == self.study.best else role)
 
-    def answered(self, answer: Answer) -> None:
-        """Go on from an answer that is saved: at once if the agent knows what to ask next."""
-        self.thoughts.take(answer)
-        if self.at_once == 1 and self.agent.knows(self.agent.history):
-            return self.proceed()
-        return self.move(Phase.RUNNING)  # a proposal takes time, so `work` computes it
-
-    def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
-        """Take the result of running `sample`, if it is still pending."""
-        theta = np.array(sample.theta)
-        if isinstance(result, Experiment):
-            self.thoughts.prefetch.keep(theta, result)
-        # While it ran, another one may have been answered, which changes its number.
-        index = next((s.index for s in self.study.unfinished if s.theta == sample.theta), None)
-        if index is None or self.phase is Phase.OVER:
-            return None
-        if self.phase not in (Phase.RUNNING, Phase.RECORD, Phase.CONFIRM):
-            return self._ran_beside(index, result, theta)
-        try:
-            if isinstance(result, Experiment):
-                self.append((Finished(index), result))
-                return self.proceed()
-            due = self.state.history.answered
-            self.append(*([] if index == due else [Taken(index)]), Failed(due, in_words(result)))
-        except StudyError as error:
-            return self.move(Phase.FAILED, error)
-        return self.move(Phase.FAILED, result)
-
-    def _ran_beside(self, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]) -> None:
-        """Save the experiment of pending sample `index`; its failure is shown when it is due."""
-        if self.at_once == 1:
-            return
-        if isinstance(result, Experiment):
-            self.append((Finished(index), result))
-        else:
-            self.thoughts.prefetch.keep_failure(theta, result)
-        self.version += 1
-
 
 class Guarded:
     """A flow with its lock, which also tells of changes.
@@ -274,10 +218,23 @@ class Guarded:
                 yield self._flow
             finally:
                 if self._flow.version != version:
-                    self._flow.make_way()
+                    self._make_way()
                     self.changed.notify_all()
 
     def tell(self) -> None:
         """Tell front ends that there is news, such as of a run in progress."""
         with self.changing() as flow:
-            flow.tell_change()
+            flow.version += 1
+
+    def _make_way(self) -> None:
+        """Stop soon what runs or thinks in advance, if something else is waited for."""
+        flow = self._flow
+        flow.thoughts.make_way(flow.agent.history if flow.phase is Phase.RUNNING else None)
+        several = flow.at_once > 1
+        if flow.underway.source.asks or (flow.phase is not Phase.RUNNING and not several):
+            return
+        wanted = flow.study.unfinished if several else filter(None, [flow.study.pending])
+        keys = {theta_key(sample.theta) for sample in wanted if flow.phase is not Phase.OVER}
+        for key, run in flow.underway.going.items():
+            if key not in keys:
+                run.stop("given up", within=_COURTESY)

@@ -224,7 +224,7 @@ class Interview:
         """Tell front ends how far the simulations are while they say nothing else."""
         with self._guarded.changing() as flow:
             if flow.phase is Phase.RUNNING or flow.thoughts.basis is None:
-                flow.tell_change()
+                flow.version += 1
 
 
 def _simulator(scenario: Scenario, file: StudyFile) -> Simulator | None:

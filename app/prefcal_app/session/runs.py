@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_env.errors import RunError, ScenarioError, StaleError
+from prefcal_env.errors import RunError, ScenarioError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
-from prefcal_env.own_line import as_exception
+from prefcal_env.own_line import as_exception, in_words
 from prefcal_env.sources import Run
-from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
+from prefcal_env.study import Ended, Extended, Failed, Finished, Noted, Reopened, Suggested, Taken
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.scenario import Scenario
 
@@ -32,7 +32,7 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     """Return the next piece of work; None if there is none."""
     underway, study = flow.underway, flow.study
     if underway.plant.recovery is Recovery.DUE:
-        return underway.plant.recover(underway.changed, flow.tell_change)
+        return _restoring(flow)
     if flow.phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
         return _attended(flow)
     if flow.phase is Phase.RUNNING:
@@ -54,6 +54,22 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     if looking is None and thinking.is_untold(flow):
         return thinking.explain(flow)
     return looking
+
+
+def _restoring(flow: Flow) -> Attempt:
+    """Restore the plant's old values."""
+    restore = flow.underway.plant.recover(flow.underway.changed)
+
+    def advance() -> Callable[[], None]:
+        done = restore()
+
+        def tell() -> None:
+            done()
+            flow.version += 1
+
+        return tell
+
+    return advance
 
 
 def _attended(flow: Flow) -> Attempt | None:
@@ -94,11 +110,46 @@ def _running(flow: Flow, sample: Suggested) -> Attempt:
             flow.underway.end(theta, result)
             # Not a failure if it was given up: it runs again when it is needed again.
             if result is not None and not given_up:
-                flow.ran(sample, result)
+                _ran(flow, sample, result)
 
         return done
 
     return advance
+
+
+def _ran(flow: Flow, sample: Suggested, result: Experiment | Exception) -> None:
+    """Take the result of running `sample`, if it is still pending."""
+    theta = np.array(sample.theta)
+    if isinstance(result, Experiment):
+        flow.thoughts.prefetch.keep(theta, result)
+    # While it ran, another one may have been answered, which changes its number.
+    index = next((s.index for s in flow.study.unfinished if s.theta == sample.theta), None)
+    if index is None or flow.phase is Phase.OVER:
+        return None
+    if flow.phase not in (Phase.RUNNING, Phase.RECORD, Phase.CONFIRM):
+        return _ran_beside(flow, index, result, theta)
+    try:
+        if isinstance(result, Experiment):
+            flow.append((Finished(index), result))
+            return flow.proceed()
+        due = flow.state.history.answered
+        flow.append(*([] if index == due else [Taken(index)]), Failed(due, in_words(result)))
+    except StudyError as error:
+        return flow.move(Phase.FAILED, error)
+    return flow.move(Phase.FAILED, result)
+
+
+def _ran_beside(
+    flow: Flow, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]
+) -> None:
+    """Save the experiment of pending sample `index`; its failure is shown when it is due."""
+    if flow.at_once == 1:
+        return
+    if isinstance(result, Experiment):
+        flow.append((Finished(index), result))
+    else:
+        flow.thoughts.prefetch.keep_failure(theta, result)
+    flow.version += 1
 
 
 def _go_on_running(flow: Flow) -> None:

@@ -51,10 +51,18 @@ def _close(flow: Flow, asked: Question, given: Answer, comment: str = "", blind:
     given = asked.completed(given)
     flow.append(Answered(asked.id, new, old, given, comment, blind))
     if asked.repeats is None:
-        flow.answered(given)
+        _go_on(flow, given)
     else:
         flow.proceed()
     flow.latest = Latest(flow.version)
+
+
+def _go_on(flow: Flow, answer: Answer) -> None:
+    """Go on from an answer that is saved: at once if the agent knows what to ask next."""
+    flow.thoughts.take(answer)
+    if flow.at_once == 1 and flow.agent.knows(flow.agent.history):
+        return flow.proceed()
+    return flow.move(Phase.RUNNING)  # a proposal takes time, so `work` computes it
 
 
 def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:

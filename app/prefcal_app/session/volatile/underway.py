@@ -39,12 +39,11 @@ class PlantCare:
         if self._source.recovers:
             self.recovery, self.problem = Recovery.DUE, problem
 
-    def recover(self, changed: Callable[[], None], tell: Callable[[], None]) -> Attempt:
+    def recover(self, changed: Callable[[], None]) -> Attempt:
         """Return the work that restores the old values.
 
         Args:
             changed: Function that is called when there is news, from the thread of the work.
-            tell: Function that is called, with the lock, once the work is done.
         """
         self.recovery, self.run = Recovery.RUNNING, self._source.recovery()
         run, run.changed = self.run, changed
@@ -59,7 +58,6 @@ class PlantCare:
             def done() -> None:
                 self.problem, self.run = problem, None
                 self.recovery = Recovery.FAILED if problem else Recovery.DONE
-                tell()
 
             return done
 
