@@ -97,13 +97,18 @@ def _beside(flow: Flow) -> Attempt | None:
 
 
 def _running(flow: Flow, sample: Suggested) -> Attempt:
-    """Run a pending sample, unless its result is known already."""
+    """Run a pending sample, or take its result if that is known already."""
     theta = np.array(sample.theta)
     known = flow.thoughts.prefetch.experiment(theta) or flow.thoughts.prefetch.take_failure(theta)
-    run = None if known else flow.underway.begin(theta)
+    if known is not None:
+        # At once, since another thread would run it again meanwhile.
+        flow.underway.end(theta, known)
+        _ran(flow, sample, known)
+        return lambda: lambda: None
+    run = flow.underway.begin(theta)
 
     def advance() -> Callable[[], None]:
-        result = known if run is None else attempt(flow, run, theta)
+        result = attempt(flow, run, theta)
         given_up = isinstance(result, RunError) and result.why == "given up"
 
         def done() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLIS, RandomSearch
-from prefcal_app.session import Background, Choice, Phase, unattended
+from prefcal_app.session import Background, Choice, Phase, runs, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.end import End
@@ -191,6 +191,29 @@ def test_a_failed_run_beside_an_open_question_is_shown_when_it_is_due_and_may_ru
             interview.steps.answer(now.question.id, Choice.LEFT)
     assert third in {s.theta for s in now.state.history.samples}
     assert not now.state.failures
+
+
+def test_a_known_failure_is_taken_by_one_thread_though_another_looks_for_work_at_once():
+    toy, tried = toy_scenario(), []
+
+    def run(theta, seed=0):
+        tried.append(tuple(theta))
+        if len(tried) == 3:
+            raise ValueError("no licence")
+        return toy.run(theta, seed)
+
+    interview = begin(replace(toy, run=run), n_max=5, at_once=3)
+    while len(tried) < 3:
+        assert interview.work()
+    question = interview.now().question
+    interview.steps.answer(question.id, Choice.LEFT)
+    assert interview.work()  # it proposes what can run
+    works = [runs.due(interview._flow, ahead=False) for _ in range(2)]  # before either is done
+    assert interview.now().phase is Phase.FAILED
+    for work in filter(None, works):
+        work()()
+    assert tried.count(tried[2]) == 1
+    assert interview.now().phase is Phase.FAILED
 
 
 @pytest.mark.parametrize("agent", [RandomSearch, GLIS])
