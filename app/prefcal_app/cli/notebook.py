@@ -15,6 +15,7 @@ from jaxtyping import Float
 from jinja2 import Environment
 from rich.console import Console
 
+from prefcal_agents.screening.certificate import Certificate
 from prefcal_app.cli.calibration import calibration
 from prefcal_app.cli.choices import make_calibrator
 from prefcal_app.cli.opening import open_study
@@ -196,6 +197,16 @@ class Asking:
         if now.incumbent is None:
             return None
         return np.array(now.state.history.samples[now.incumbent].theta)
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """Return what can be said of the best θ so far; None while nothing can.
+
+        That is so before the second answer, while it is worked out, and for agents that simulate
+        nothing.
+        """
+        screened = self._interview.known.screened()
+        return None if screened is None else screened.basis.certificate
 
     @property
     def over(self) -> bool:

@@ -81,6 +81,8 @@ def _driven(
                 lost = 0
         yield
     yield
+    while interview.at_once == 1 and not interview.is_closed and interview.work():
+        pass  # what is said of the result
 
 
 def _given(calibrator: Calibrator[Experiment], question: Question) -> Answer:

@@ -273,3 +273,15 @@ def test_elsewhere_there_is_a_link_and_no_frame(browser):
         page.set_content(asking._repr_html_())
         assert page.locator("iframe").count() == 0
         assert page.locator("a").get_attribute("href") == asking.link
+
+
+def test_a_certificate_is_there_where_the_agent_simulates():
+    simulated = replace(toy_scenario(), simulated=True)
+    with ask(simulated, agent="screening", n_max=5, simulate=80, calibrator="latent") as asking:
+        asking.wait()
+        found = asking.certificate
+        assert found.probability == 0.95
+        assert found.explained == (found.chance is not None)
+    with ask(toy_scenario(), calibrator="latent", **QUICK) as asking:
+        asking.wait()
+        assert asking.certificate is None
