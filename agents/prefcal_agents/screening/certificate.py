@@ -40,6 +40,8 @@ _ADDED = 0.001
 """What is added to shares before their logarithm."""
 _QUANTILE = 0.9
 """Quantile over the draws of the share of the θ that fill the space."""
+_AT_ONCE = 200
+"""Number of θ that are compared with the result at a time, which bounds the memory."""
 _SURE = 0.98
 """Largest chance that is believed; 1 minus it is the smallest."""
 
@@ -149,9 +151,12 @@ def _better(draws: Utilities, logs: Float[np.ndarray, "m k"], best: int) -> Bool
     The two are compared as people compare them. Costs, which order all θ at once, count the steps
     of an order from the best value, which splits differences that nobody notices.
     """
-    rows = np.arange(len(logs))
-    gain = draws.gains(draws.levels(logs), rows, np.full(len(logs), best)).sum(axis=0)
-    return np.asarray(gain > 1.0)
+    found = np.zeros((len(draws), len(logs)), dtype=np.bool_)
+    for rows in np.array_split(np.arange(len(logs)), -(-len(logs) // _AT_ONCE)):
+        levels = draws.levels(logs[np.append(rows, best)])
+        each = np.arange(len(rows))
+        found[:, rows] = draws.gains(levels, each, np.full(len(rows), len(rows))).sum(axis=0) > 1.0
+    return found
 
 
 def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[float, float]:

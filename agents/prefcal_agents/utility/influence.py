@@ -115,13 +115,14 @@ def stakes(pool: Pool, history: History, incumbent: int) -> Stakes:
         incumbent: Sample that is the best so far.
     """
     given, before = pool.weights(history), pool.log_likelihood(history)
-    results, chance = {}, 0.0
+    results, likely = {}, {}
     for preference in (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT):
         after = history.with_answer(Answer(preference), incumbent)
         results[preference], _ = _result(pool, after)
-        likely = given @ np.exp(pool.log_likelihood(after) - before)
-        chance += float(likely) if results[preference] != incumbent else 0.0
-    return Stakes(results, chance)
+        likely[preference] = float(given @ np.exp(pool.log_likelihood(after) - before))
+    # Their sum is below 1 where something was unsafe, which each new experiment is better than.
+    other = sum(chance for preference, chance in likely.items() if results[preference] != incumbent)
+    return Stakes(results, other / sum(likely.values()))
 
 
 def turned(history: History, index: int) -> History:

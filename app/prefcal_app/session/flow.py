@@ -105,6 +105,7 @@ class Flow:
         whose question is already closed.
         """
         self.thoughts.prefetch.forget()
+        self.underway.forget(() if self.state.ended else self.study.unfinished)
         try:
             self._proceed()
         except Exception as error:

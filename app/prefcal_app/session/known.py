@@ -101,7 +101,7 @@ class Known:
         space = self._scenario().space
         found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
         screened = self.screened()
-        if screened is not None:
+        if screened is not None and state.ended:
             found = replace(found, result=screened.result(self._scenario()))
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history))

@@ -46,13 +46,15 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         return _running(flow, pending)
     if flow.phase in (Phase.QUESTION, Phase.OVER) and thinking.is_unexplained(flow):
         return thinking.explain(flow)
+    if flow.phase is Phase.OVER and thinking.is_untold(flow):
+        return thinking.tell(flow)
     if flow.at_once > 1:
         return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
     if flow.phase is not Phase.QUESTION:
         return None
     looking = _looking_ahead(flow) if ahead and not underway.source.asks else None
     if looking is None and thinking.is_untold(flow):
-        return thinking.explain(flow)
+        return thinking.tell(flow)
     return looking
 
 
@@ -113,6 +115,7 @@ def _running(flow: Flow, sample: Suggested) -> Attempt:
 
         def done() -> None:
             flow.underway.end(theta, result)
+            flow.version += result is None  # front ends show what it asks
             # Not a failure if it was given up: it runs again when it is needed again.
             if result is not None and not given_up:
                 _ran(flow, sample, result)

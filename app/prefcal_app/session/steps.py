@@ -136,7 +136,6 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> N
     The θ of that sample is free again.
 
     Raises:
-        StaleError: If the study has ended, or its last step failed.
         ProtocolError: If all experiments are answered, or `theta` was tried before.
         KnobError: If the space does not hold it, or a constraint forbids it.
     """
@@ -156,7 +155,7 @@ def pace(flow: Flow, questions: int) -> None:
     """Ask at most `questions` comparisons per experiment, 1 or more, from now on.
 
     Raises:
-        SettingsError: If the agent cannot ask more than one.
+        SettingsError: If that is not valid.
     """
     agent = cast(GLISp, flow.agent)
     changed = agent.with_questions(questions)

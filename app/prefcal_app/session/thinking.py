@@ -88,9 +88,8 @@ def look_ahead(
                 and flow.agent.history.pending is None
                 and flow.agent.history == told
             ):
-                flow.thoughts.basis = (
-                    basis or flow.thoughts.basis
-                )  # the answer came meanwhile, and it is this one
+                # The answer came meanwhile, and it is this one.
+                flow.thoughts.basis = basis or flow.thoughts.basis
                 flow.proceed()
 
         return keep
@@ -99,38 +98,52 @@ def look_ahead(
 
 
 def is_unexplained(flow: Flow) -> bool:
-    """Return whether it is not known what the open question was chosen from, or what a result rests on.
+    """Return whether it is not known what the open question was chosen from.
 
     That is so after a restart, after the last answer, and if the person asked for a θ.
     """
-    if flow.thoughts.simulator is None or flow.thoughts.prefetch.explained:
-        return False
-    known = flow.thoughts.grounds(flow.agent)
-    if known is None or flow.phase is not Phase.OVER:
-        return known is None
-    return known.carried is None or not known.carried.over
-
-
-def is_untold(flow: Flow) -> bool:
-    """Return whether it is not worked out what the answer to the open question can change."""
-    if flow.thoughts.simulator is None or flow.thoughts.prefetch.explained:
-        return False
-    known = flow.thoughts.grounds(flow.agent)
-    return known is not None and known.carried is None
+    thoughts = flow.thoughts
+    unknown = thoughts.simulator is not None and thoughts.grounds(flow.agent) is None
+    return unknown and not thoughts.prefetch.explained
 
 
 def explain(flow: Flow) -> Attempt:
-    """Find out what is said of the open question, or of the result. Errors are ignored."""
-    asked, twin, known = flow.question, flow.agent.copy(), flow.thoughts.grounds(flow.agent)
-    over = flow.phase is Phase.OVER
+    """Find out what the open question was chosen from. Errors are ignored: it can be answered."""
     flow.thoughts.prefetch.explained = True
+    return _looking(flow, lambda twin: Basis.of(twin))
+
+
+def is_untold(flow: Flow) -> bool:
+    """Return whether it is not worked out what the answer can change or, at the end, what was wanted."""
+    known = flow.thoughts.grounds(flow.agent)
+    if known is None or flow.thoughts.prefetch.told:
+        return False
+    return known.carried is None or known.carried.over is not (flow.phase is Phase.OVER)
+
+
+def tell(flow: Flow) -> Attempt:
+    """Work out what the answer can change or, at the end, what was wanted; nothing after an error."""
+    known, over = flow.thoughts.grounds(flow.agent), flow.phase is Phase.OVER
+    assert known is not None
+    flow.thoughts.prefetch.told = True
+
+    def told(twin: Screening) -> Basis:
+        try:
+            return replace(known, carried=Carried.of(twin, over=over))
+        except Exception:
+            return replace(known, carried=Carried(over, None, None, {}, ()))
+
+    return _looking(flow, told)
+
+
+def _looking(flow: Flow, look: Callable[[Screening], Basis]) -> Attempt:
+    """Look at a copy of the agent; keep what is found if the question is still the same."""
+    asked, twin = flow.question, cast(Screening, flow.agent.copy())
     flow.thoughts.resume()
 
-    def look() -> Callable[[], None]:
+    def advance() -> Callable[[], None]:
         try:
-            screening = cast(Screening, twin)
-            basis = known or Basis.of(screening)
-            basis = replace(basis, carried=Carried.of(screening, over=over))
+            basis = look(twin)
         except Exception:
             return lambda: None
 
@@ -141,7 +154,7 @@ def explain(flow: Flow) -> Attempt:
 
         return keep
 
-    return look
+    return advance
 
 
 def _rest(flow: Flow) -> None:

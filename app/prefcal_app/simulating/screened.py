@@ -11,7 +11,7 @@ from prefcal_agents.utility.bank import Bank
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario
 
-from .basis import Basis
+from .basis import Basis, Carried
 from .why import carried_by, percent, wanted
 
 _UNLIKELY = 0.1
@@ -41,10 +41,14 @@ class Prospect:
         if said is not None and not said.explained:
             return "Your answers do not follow from the KPIs, so nothing can be said of what is left."
         if said is not None and said.share is not None and said.chance is not None:
-            return (
+            left = (
                 f"With {percent(said.probability)} probability, fewer than {percent(said.share)} of θ drawn "
-                "at random are noticeably better than the best so far; there is a "
-                f"{percent(said.chance)} chance that the most promising of the {self.simulated} simulated is."
+                "at random are noticeably better than the best so far."
+            )
+            return (
+                f"{left if said.share < 1 else 'It is too early to say how much better is left.'} The chance "
+                f"that the most promising of the {self.simulated} simulated is noticeably better is "
+                f"{percent(said.chance)}."
             )
         return (
             f"The chance that the most promising of the {self.simulated} simulated is better than "
@@ -92,10 +96,16 @@ class Screened:
         """Return whether it is worked out what carries the result of a study that is over."""
         return self.basis.carried is not None and self.basis.carried.over
 
+    @property
+    def carried(self) -> Carried | None:
+        """Return what carries the result; None while not known, and if the KPIs do not explain answers."""
+        certificate = self.basis.certificate
+        return self.basis.carried if certificate is None or certificate.explained else None
+
     def result(self, scenario: Scenario) -> tuple[str, ...]:
         """Return what was wanted, and on which answer the result rests; empty while not known."""
-        carried = self.basis.carried
-        if carried is None or not self.told_result:
+        carried = self.carried
+        if carried is None or not carried.over:
             return ()
         return tuple(filter(None, (wanted(carried.wishes, scenario), carried_by(carried.decisive))))
 

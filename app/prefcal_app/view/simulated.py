@@ -31,33 +31,35 @@ def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, 
     prospect = None if screened is None else screened.prospect
     asks = now.question is not None and now.question.repeats is None and not interview.known.missed
     return {
-        "why": "" if blind else why_view(interview, now),
-        "offer": (prospect.offer or _stakes(screened)) if asks and prospect is not None else "",
+        "why": "" if blind else " ".join(filter(None, (why_view(interview, now), _stakes(screened)))),
+        "offer": prospect.offer if asks and prospect is not None else "",
     }
 
 
 def _stakes(screened: Screened | None) -> str:
-    """Return the offer to stop since the answer hardly changes the result; empty if it may."""
-    carried = None if screened is None else screened.basis.carried
-    said = "" if carried is None or carried.stakes is None else at_stake(carried.stakes)
-    return f"{said} Stop here, or go on?" if said else ""
+    """Return that the answer hardly changes the result; empty if it may, or while not known."""
+    carried = None if screened is None else screened.carried
+    return "" if carried is None or carried.stakes is None else at_stake(carried.stakes)
 
 
 def decisive_view(interview: Interview) -> int | None:
     """Return the number of the answer that the result rests on; None without one, or while not known."""
     screened = interview.known.screened()
-    carried = None if screened is None else screened.basis.carried
+    carried = None if screened is None else screened.carried
     return None if carried is None or carried.decisive is None else carried.decisive.answer
 
 
 def menu_view(interview: Interview) -> list[dict[str, Any]]:
-    """Return simulated θ that the person might prefer to the result; empty while not known."""
+    """Return simulated θ that the person might prefer to the result; those shown are left out."""
     screened = interview.known.screened()
-    carried = None if screened is None else screened.basis.carried
+    carried = None if screened is None else screened.carried
     if screened is None or carried is None:
         return []
-    names = menu_names(carried.menu, interview.scenario)
-    return [{"name": name, "theta": screened.bank.thetas[row].tolist()} for row, name in names.items()]
+    names, bank = menu_names(carried.menu, interview.scenario), screened.bank
+    shown = {screened.row(np.array(s.theta)) for s in interview.now().state.history.samples}
+    return [
+        {"name": name, "theta": bank.thetas[row].tolist()} for row, name in names.items() if row not in shown
+    ]
 
 
 def why_view(interview: Interview, now: Now) -> str:

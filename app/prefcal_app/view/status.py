@@ -8,7 +8,6 @@ from jaxtyping import Float
 
 from prefcal_app.session import Consistency, Interview, Now
 from prefcal_app.session.study.memory import trust_text
-from prefcal_app.session.study.study import to_repeat
 from prefcal_env.knobs.space import KnobSpace
 
 from .end import outlook_view
@@ -23,15 +22,11 @@ def status_view(interview: Interview) -> dict[str, Any]:
     """Return STATUS for the page."""
     now = interview.now()
     consistency = interview.known.consistency
-    seed = int(now.state.configuration["seed"])
     return {
         "best": best_view(interview, now),
         "tried": _tried(interview, now),
         "slices": _slices(interview, now),
-        "consistency": {
-            "text": in_words(consistency),
-            "can_repeat": now.question is not None and to_repeat(now.state, seed) is not None,
-        },
+        "consistency": {"text": in_words(consistency), "can_repeat": "repeat" in now.can},
         "outlook": outlook_view(interview.known.outlook),
         "questions": interview.known.questions,
         "simulated": simulated_view(now),

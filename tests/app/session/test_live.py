@@ -58,6 +58,17 @@ def test_each_run_is_confirmed_saved_and_compared(scenario, plant, tmp_path):
     assert plant.values["kp"] == pytest.approx(1.0)
 
 
+def test_front_ends_are_told_when_the_values_to_confirm_are_known(scenario):
+    interview = begin(scenario)
+    while interview.now().phase is not Phase.CONFIRM:
+        assert interview.work()
+    while (asked := interview.now()).live.changes is None:
+        assert "write_and_start" not in asked.can
+        assert interview.work()  # it restores what an earlier run left, and reads the plant
+        assert interview.now().version > asked.version
+    assert "write_and_start" in asked.can
+
+
 def test_nothing_is_written_before_the_confirmation(scenario, plant):
     interview = begin(scenario)
     with pytest.raises(StaleError, match="not known yet"):

@@ -9,7 +9,7 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.certificate import Certificate
 from prefcal_agents.screening.reason import Reason
 from prefcal_app.session import Choice, Phase
-from prefcal_app.simulating import Prospect
+from prefcal_app.simulating import Carried, Prospect
 from prefcal_app.simulating.why import percent
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_scenarios.kpis import screened
@@ -74,7 +74,10 @@ def test_after_a_request_it_is_worked_out_anew_in_the_background(chances):
     assert interview.work()
     assert interview.known.screened().basis.pending.theta == tuple(WANTED)
     assert interview.now().version == version + 1  # pages are told
-    assert not interview.work()
+    while interview.work():
+        pass  # what its answer can change
+    assert interview.now().version <= version + 2
+    assert interview.known.screened().basis.pending.theta == tuple(WANTED)
 
 
 def test_it_is_about_the_open_question_alone(chances):
@@ -192,8 +195,10 @@ CERTIFIED = Certificate(0.06, 0.95, 0.3, (1.0,))
 def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
     assert Prospect(940, 0.08, CERTIFIED).text == (
         "With 95 % probability, fewer than 6 % of θ drawn at random are noticeably better than the best so "
-        "far; there is a 30 % chance that the most promising of the 940 simulated is."
+        "far. The chance that the most promising of the 940 simulated is noticeably better is 30 %."
     )
+    early = Prospect(940, 0.08, replace(CERTIFIED, share=1.0)).text
+    assert early.startswith("It is too early to say how much better is left. The chance that the most")
     assert Prospect(940, 0.08, CERTIFIED).offer == "", "not the draws' own chance decides"
     assert Prospect(940, 0.5, replace(CERTIFIED, chance=0.05)).offer.endswith("Stop here, or go on?")
 
@@ -211,10 +216,16 @@ def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on():
         answered(interview, Choice.LEFT)
     while interview.work():
         pass
+    known = interview.known.screened()
+    certified = replace(known.basis, certificate=CERTIFIED)
+    interview._flow.thoughts.basis = certified
     said = interview.known.outlook.result
     assert any(words.startswith(("The result rests on your answer", "No single answer")) for words in said)
     assert set(said) <= set(interview.known.outlook.sentences)
     assert interview.known.screened().told_result
+    unexplained = replace(CERTIFIED, share=None, chance=None)
+    interview._flow.thoughts.basis = replace(certified, certificate=unexplained)
+    assert interview.known.outlook.result == (), "whatever is said of KPIs would be wrong"
     interview.steps.go_on(1)
     assert proceed(interview).phase is Phase.QUESTION
     assert interview.known.outlook is None or interview.known.outlook.result == ()
@@ -227,3 +238,23 @@ def test_a_study_that_a_person_ends_is_told_of_its_result_as_well():
     while interview.work():
         pass
     assert interview.known.screened().told_result
+    interview.steps.go_on()
+    while interview.work():
+        pass
+    assert interview.now().question is not None
+    assert not interview.known.screened().told_result
+    assert interview.known.outlook is None or interview.known.outlook.result == ()
+
+
+def test_an_error_in_what_is_said_of_a_result_leaves_the_rest(monkeypatch):
+    def broken(agent, *, over):
+        raise ValueError("singular")
+
+    monkeypatch.setattr(Carried, "of", broken)
+    interview = explained(screening(n_max=3))
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT)
+    while interview.work():
+        pass
+    assert interview.known.screened().told_result
+    assert len(interview.known.screened().bank) > 0

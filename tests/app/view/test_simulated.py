@@ -227,32 +227,29 @@ def carries(interview, monkeypatch, found):
     monkeypatch.setattr(interview.known, "screened", lambda **_: Screened(known.space, basis))
 
 
-def test_an_answer_that_hardly_changes_the_result_is_a_reason_to_stop(says, monkeypatch):
+def test_an_answer_that_hardly_changes_the_result_is_said_and_blind_hides_it(says, monkeypatch):
     interview = explained(screening())
-    interview.steps.answer(interview.now().question.id, Choice.LEFT)
-    explained(interview)
-    monkeypatch.setattr(type(interview.known), "missed", [])
     results = {Preference.CHALLENGER: 1, Preference.INCUMBENT: 0}
-    known = interview.known.screened().basis
-    monkeypatch.setattr(interview._flow.thoughts, "basis", replace(known, chance_of_better=0.5))
     carries(interview, monkeypatch, Carried(False, Stakes(results, 0.03), None, {}, ()))
-    assert told(interview)["offer"] == (
-        "Your answer hardly changes the result (chance: 3 %). Stop here, or go on?"
-    )
+    assert told(interview)["why"].endswith(" Your answer hardly changes the result (chance: 3 %).")
+    assert told(interview, blind=True)["why"] == ""
     carries(interview, monkeypatch, Carried(False, Stakes(results, 0.3), None, {}, ()))
-    assert told(interview)["offer"] == ""
+    assert "hardly" not in told(interview)["why"]
 
 
 def test_the_menu_names_other_simulated_theta_by_what_they_gain(monkeypatch):
     interview = explained(screening())
     assert menu_view(interview) == []
-    menu = {3: Reason(0.4, ("t_f",), ()), 7: Reason(0.3, ("final",), ())}
-    carries(interview, monkeypatch, Carried(True, None, None, menu, ()))
     bank = interview.known.screened().bank
+    shown = interview.known.screened().row(interview.past.experiment(0).theta)
+    rows = [row for row in range(len(bank)) if row != shown][5:7]
+    gains = (Reason(0.4, ("t_f",), ()), Reason(0.3, ("final",), ()), Reason(0.3, ("final",), ()))
+    menu = dict(zip([*rows, shown], gains, strict=True))
+    carries(interview, monkeypatch, Carried(True, None, None, menu, ()))
     assert [choice["name"] for choice in menu_view(interview)] == [
         "lower settling time t_f",
         "final level nearer to its target",
     ]
-    assert [choice["theta"] for choice in menu_view(interview)] == bank.thetas[[3, 7]].tolist()
+    assert [choice["theta"] for choice in menu_view(interview)] == bank.thetas[rows].tolist()
     points = [point["theta"] for point in map_view(interview)["points"]]
     assert all(choice["theta"] in points for choice in menu_view(interview)), "the page finds them by θ"

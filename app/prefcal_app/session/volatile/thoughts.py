@@ -42,6 +42,8 @@ class Prefetch:
     """Answer that a copy is learning now, in the background."""
     explained: bool = False
     """Whether the basis of the open question was looked for."""
+    told: bool = False
+    """Whether what its answer can change was looked for, or what the result rests on."""
 
     def missing(self, asked: Question, most: int = len(LIKELY)) -> Answer | None:
         """Return the next of the `most` likeliest answers to `asked`; None if all were tried."""
@@ -67,7 +69,7 @@ class Prefetch:
         """Drop what likely answers lead to, since the question has changed."""
         self._bases.clear()
         self._tried.clear()
-        self.next, self.explained = None, False
+        self.next, self.explained, self.told = None, False, False
 
     def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
         """Keep the experiment of the requested θ; the plant may report a rounded one."""

@@ -89,7 +89,7 @@ class UnderWay:
         plant: What must be done on the plant before anything else.
         going: Runs in progress.
         waiting: Runs that have not begun, or that ask a person; they can be stopped already.
-        partial: What runs that failed had recorded until then.
+        partial: What runs that failed had recorded until then; dropped when they wait again.
         checked: Whether an experiment of this process was checked against its scenario.
         changed: Function that tells front ends, from any thread, that there is news of a run.
     """
@@ -130,16 +130,23 @@ class UnderWay:
             unfinished: All samples without an experiment; other runs no longer wait.
             anew: Whether to make its run again, for example to read a plant's present values.
         """
-        key, due = theta_key(sample.theta), {theta_key(s.theta) for s in unfinished}
-        self.waiting = {k: run for k, run in self.waiting.items() if k in due}
+        key = theta_key(sample.theta)
+        self.forget(unfinished)
         self.partial.pop(key, None)
         if key not in self.going and (anew or key not in self.waiting):
             self.waiting[key] = self._made(np.array(sample.theta))
 
+    def forget(self, unfinished: Iterable[Suggested]) -> None:
+        """Let no run wait but those of `unfinished` samples: a stop is for the run that was due."""
+        due = {theta_key(sample.theta) for sample in unfinished}
+        self.waiting = {key: run for key, run in self.waiting.items() if key in due}
+
     def begin(self, theta: Float[np.ndarray, " n"]) -> Run:
         """Return the run of θ, physical, shape (n,), which is in progress from now on."""
         key = theta_key(theta)
-        self.going[key] = self.waiting.pop(key) if key in self.waiting else self._made(theta)
+        # Never in neither: whether a run moves the plant is read without a lock.
+        self.going[key] = self.waiting.get(key) or self._made(theta)
+        self.waiting.pop(key, None)
         return self.going[key]
 
     def _made(self, theta: Float[np.ndarray, " n"]) -> Run:

@@ -15,9 +15,10 @@ export function showNext(answer) {
 
 export async function showHistory(act) {
   let asked = null;
+  const named = wanted;
+  wanted = null;
   await load($("view-history"), el("h2", { id: "history-title" }, "History"), "/api/history", ({ answers, notes }) => {
-    asked = answers.find(({ answer }) => answer === wanted);
-    wanted = null;
+    asked = answers.find(({ answer }) => answer === named);
     return list(answers, notes, act);
   });
   if (asked) await lookAgain(asked);

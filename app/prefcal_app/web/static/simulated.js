@@ -21,6 +21,8 @@ export function point(theta) {
 
 export async function showSimulated(act) {
   send = act;
+  const named = wished;
+  wished = null;
   if (!$("map")) build();
   let found = null;
   try {
@@ -29,8 +31,7 @@ export async function showSimulated(act) {
     return fill($("map-told"), error.message);
   }
   if (!found) return fill($("map-told"), "The simulations are running: the picture comes with the next question.");
-  const key = wished ?? (row === null ? null : String(data.points[row].theta));
-  wished = null;
+  const key = named ?? (row === null ? null : String(data.points[row].theta));
   data = found;
   const kept = data.points.findIndex(({ theta }) => String(theta) === key);
   row = kept >= 0 ? kept : asked() ?? data.best;
