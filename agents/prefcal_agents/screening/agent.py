@@ -13,8 +13,8 @@ from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
 from prefcal_agents.space.setup import Setup
 from prefcal_agents.utility.bank import Bank
-from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, trend, worth
-from prefcal_agents.utility.influence import Influence, Stakes, influences, overtaking, stakes
+from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, overtaking, trend, worth
+from prefcal_agents.utility.influence import Influence, Stakes, influences, stakes
 from prefcal_agents.utility.menu import others
 from prefcal_agents.utility.posterior import AFTER, explains
 from prefcal_agents.utility.utilities import Utilities

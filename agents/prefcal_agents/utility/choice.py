@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+from prefcal_env.preferences.history import History
+
 _CLEAR = (0.1, 0.25)
 """Smallest difference that is clear: a share of the larger value, and one of the middle half of
 all good simulations."""
@@ -15,6 +17,10 @@ _TIE, _LESS = 0.4, 0.2
 does."""
 _ALIKE = 3.0
 """Ranks below this are worth about the same: the very first ones are a matter of chance."""
+
+_DOUBT = 0.75
+"""Probability of being noticeably better than the best by the answers above which an experiment
+takes its place."""
 
 
 def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
@@ -134,3 +140,13 @@ def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
     weighted = plane.T * near
     square = weighted @ plane + 1e-6 * np.eye(plane.shape[1])
     return np.asarray(np.linalg.solve(square, weighted @ worth(costs).mean(axis=0))[1:])
+
+
+def overtaking(better: Float[np.ndarray, " n"], history: History) -> Float[np.ndarray, " n"]:
+    """Return how probably each sample is noticeably better than the best by the answers, (n,).
+
+    It is 0 unless the probability is above 0.75, and for those that were unsafe or cut short.
+    """
+    found = np.where(better > _DOUBT, better, 0.0)
+    found[[*history.unsafe(), *history.cut_short()]] = 0.0
+    return found

@@ -8,19 +8,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
 
-from .choice import worth
+from .choice import overtaking, worth
 from .pool import Pool
 
-DOUBT = 0.75
-"""Probability of being noticeably better than the best by the answers above which an experiment
-takes its place."""
 _SURE = 0.5
-"""The same up to which it does not, whoever draws."""
+"""Probability of being noticeably better than the best by the answers, up to which an experiment
+does not take its place, whoever draws."""
 _JUDGES = 256
 """Number of draws that choose among several that take its place."""
 _HARDLY = 0.05
@@ -62,16 +59,6 @@ class Stakes:
     def decides(self) -> bool:
         """Return whether the answer may well decide between two results."""
         return self.chance >= _HARDLY
-
-
-def overtaking(better: Float[np.ndarray, " n"], history: History) -> Float[np.ndarray, " n"]:
-    """Return how probably each sample is noticeably better than the best by the answers, (n,).
-
-    It is 0 unless the probability is above 0.75, and for those that were unsafe or cut short.
-    """
-    found = np.where(better > DOUBT, better, 0.0)
-    found[[*history.unsafe(), *history.cut_short()]] = 0.0
-    return found
 
 
 def influences(pool: Pool, history: History) -> tuple[Influence, ...]:

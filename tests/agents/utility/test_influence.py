@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.utility.influence import decisive, influences, overtaking, stakes, turned
+from prefcal_agents.utility.choice import overtaking
+from prefcal_agents.utility.influence import decisive, influences, stakes, turned
 from prefcal_agents.utility.pool import Pool
 from prefcal_agents.utility.posterior import DRAWS
 from prefcal_agents.utility.utilities import Scale, Utilities
