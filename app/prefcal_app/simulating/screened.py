@@ -39,7 +39,7 @@ class Prospect:
         """Return whether something better can be expected."""
         said = self.certificate
         if said is not None and not said.explained:
-            return "Your answers do not follow from the KPIs, so nothing can be said of what is left."
+            return "The KPIs do not explain your answers well enough to say how much better is left."
         if said is not None and said.share is not None and said.chance is not None:
             left = (
                 f"With {percent(said.probability)} probability, fewer than {percent(said.share)} of θ drawn "

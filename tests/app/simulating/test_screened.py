@@ -205,7 +205,7 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
 
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
     found = Prospect(940, 0.08, replace(CERTIFIED, share=None, chance=None))
-    assert found.text == "Your answers do not follow from the KPIs, so nothing can be said of what is left."
+    assert found.text == "The KPIs do not explain your answers well enough to say how much better is left."
     assert found.offer == ""
 
 
