@@ -39,6 +39,11 @@ class ClosedLoop:
         self._env, self.controller, self.kpis = made, controller, kpis
 
     @property
+    def env(self) -> gym.Env[Any, Any]:
+        """Environment that the controllers drive, without its wrappers."""
+        return self._env.unwrapped
+
+    @property
     def channels(self) -> Channels | None:
         """Channels of the experiments; None if the environment does not define them."""
         found = getattr(self._env.unwrapped, "channels", None)

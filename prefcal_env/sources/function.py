@@ -11,7 +11,7 @@ from jaxtyping import Float
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.knobs.space import KnobSpace
 
-from .source import Source
+from .source import Source, WithKPIs
 
 
 class Function(Source):
@@ -47,3 +47,12 @@ def with_space(function: Any, space: KnobSpace) -> Any:
 def source_of(run: Any) -> Source:
     """Return a source as it is, and a function of θ as a source."""
     return run if isinstance(run, Source) else Function(run)
+
+
+def function_of(run: Any) -> Any:
+    """Return the function of θ behind a run or its source; None if there is none."""
+    if isinstance(run, WithKPIs):
+        return function_of(run.source)
+    if isinstance(run, Function):
+        return run.function
+    return None if isinstance(run, Source) else run

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from prefcal_env.controllers.margins import MarginKPIs, margin_kpis
 from prefcal_env.controllers.stored import KINDS, from_data
+from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.panels import Panel, plots_of
@@ -17,6 +19,7 @@ from prefcal_env.experiments.tracking import every_tracking_kpi, found_kpis
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import live_rig
+from prefcal_env.sources.function import function_of
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -167,6 +170,7 @@ def _dressed(made: Scenario, d: Description, where: str) -> Scenario:
         changes["simulated"] = d.simulated
     if d.kpis is not None:
         changes["kpis"] = () if isinstance(d.kpis, str) else _kpis(d.kpis, made, where)
+        changes |= _with_margins(made, changes["kpis"])
     if d.panels or (d.show and d.fmu is None):
         changes["panels"] = _panels(d, made, where)
     starts = {name: _start(name, theta, made.space, where) for name, theta in d.starts.items()}
@@ -191,8 +195,23 @@ def _kpis(
     channels = made.source.channels
     known = {kpi.name: kpi for kpi in made.kpis}
     if channels is not None:
-        known = every_tracking_kpi(channels) | known
+        known = every_tracking_kpi(channels) | _margins(made) | known
     return tuple(_kpi(name, value, known, where) for name, value in stated.items())
+
+
+def _margins(made: Scenario) -> dict[str, KPI]:
+    """Return the margins that a file may name as KPIs; none if the loop is not known as one."""
+    loop = function_of(made.source)
+    if not isinstance(loop, ClosedLoop) or loop.channels is None:
+        return {}
+    return {kpi.name: kpi for kpi in margin_kpis(loop.channels.time_unit)}
+
+
+def _with_margins(made: Scenario, kpis: tuple[KPI, ...]) -> dict[str, Any]:
+    """Return the run that also computes margins, if some of the KPIs are margins."""
+    if not _margins(made).keys() & {kpi.name for kpi in kpis}:
+        return {}
+    return {"run": made.source.measured(lambda _: MarginKPIs(function_of(made.source)))}
 
 
 def _kpi(name: str, value: float | str | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:

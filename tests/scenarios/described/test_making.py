@@ -205,3 +205,26 @@ def test_a_source_is_written_as_options():
     assert words_to_resume(source) == ["loop.fmu"]
     assert words_of('overtake {"lanes_count": 3}') == ['overtake {"lanes_count": 3}']
     assert words_to_resume('pid {"plant": "m.py:p"}') == ["pid", "--plant", "m.py:p"]
+
+
+LAGS = """
+from prefcal_env import Channel, Plant
+plant = Plant.of(([0.8], [160.0, 28.0, 1.0]), delay=6.0, inputs=[Channel("valve", "%", 0, 100)])
+"""
+
+
+def test_margins_can_be_limits_of_a_pid(tmp_path):
+    (tmp_path / "model.py").write_text(LAGS)
+    file = tmp_path / "heater.toml"
+    text = f'controller = "pid"\nplant = "{tmp_path / "model.py"}:plant"\n[kpis]\nsettling_time = 300\n'
+    file.write_text(text)
+    without = load(str(file))
+    file.write_text(f"{text}phase_margin = {{ at_least = 50 }}\ngain_margin = {{ at_least = 6 }}\n")
+    scenario = load(str(file))
+    phase, gain = scenario.kpis[1:]
+    theta = scenario.references["robust"]
+    run = scenario.run(theta)
+    assert (phase.at_least, phase.unit, gain.at_least) == (50, "°", 6)
+    assert not phase.met_by(run) and gain.met_by(run) and 40 < run.kpis["phase_margin"] < 50
+    assert run.kpis["M_s"] == without.run(theta).kpis["M_s"]
+    assert "phase_margin" not in without.run(theta).kpis

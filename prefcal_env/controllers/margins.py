@@ -1,0 +1,409 @@
+"""Stability margins of a sampled loop, broken at the plant's input, for any controller."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from prefcal_env.envs.closed_loop import ClosedLoop
+from prefcal_env.envs.dead_time import dead_times, delays_of
+from prefcal_env.envs.plant_env import PlantEnv
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.control import Controller, Measurement
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.kpi import KPI
+from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems import LinearSystem
+from prefcal_env.plants.systems.linear import local_system
+
+from .sampled import sampled
+
+Response = Callable[[Float[np.ndarray, " m"]], Complex[np.ndarray, "m n n"]]
+"""Function of angular frequencies that returns the sensitivity (1 + L)^-1 at the plant's input."""
+
+UNCONSTRAINED = "the unconstrained law, linearized at the operating point"
+_POINTS = 1500
+"""Number of frequencies between the slowest and the fastest one that matter."""
+_SMALL = 1e-4
+"""Size of the impulse, as a share of the input's range: far from limits, and above rounding."""
+_LEFT = 1e-9
+"""Share of its peak below which a response has died out."""
+_LOOKS = tuple(64 * 2**k for k in range(9))
+"""Numbers of samples after which to look whether a response has died out. After the last one, a
+slow loop counts as stable if the response still shrinks; its slowest part is cut off."""
+_SHRINKS = 0.99
+"""Ratio of its late peak to the one before below which a response shrinks."""
+_BEYOND = 1e5
+"""Multiple of the impulse beyond which a response grows without limit."""
+_BALANCINGS = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """How far a loop is from instability, at the plant's input.
+
+    Gain, phase and delay margin are the smallest ones of one input at a time, with the other loops
+    closed. The disk margin lets gain and phase of all inputs change together. An unstable loop has
+    none: 1, 0 and 0.
+
+    Source: Seiler, Packard, Gahinet (2020), An introduction to disk margins, IEEE Control Systems
+    Magazine 40, for the symmetric (balanced) disk margin: α = 1 / sup μ(S - 1/2).
+
+    Args:
+        gain: Factor by which the loop gain may grow; infinite for any.
+        gain_reduction: Factor to which it may fall; 0 for any.
+        phase: Phase that may be lost at any frequency, degrees; 180 for any.
+        delay: Additional dead time, in the plant's unit of time; infinite for any.
+        M_s: Largest sensitivity, max σ(S).
+        disk: Disk margin α, 0 to 2 and more.
+        stable: Whether the loop is stable.
+        basis: What the margins hold for.
+    """
+
+    gain: float
+    gain_reduction: float
+    phase: float
+    delay: float
+    M_s: float
+    disk: float
+    stable: bool = True
+    basis: str = UNCONSTRAINED
+
+    @property
+    def disk_gain(self) -> float:
+        """Return the factor by which all gains may grow, or fall to its inverse, together."""
+        return (2 + self.disk) / (2 - self.disk) if self.disk < 2 else np.inf
+
+    @property
+    def disk_phase(self) -> float:
+        """Return the phase that all inputs may lose together, degrees."""
+        return float(np.rad2deg(2 * np.arctan(self.disk / 2)))
+
+
+UNSTABLE = Margins(1.0, 1.0, 0.0, 0.0, np.inf, 0.0, stable=False)
+"""Margins of a loop that is not stable."""
+
+
+def margins(
+    plant: Plant,
+    make: Callable[[], Controller],
+    x0: Any,
+    u0: Any,
+    d0: Any = None,
+    *,
+    y_ref: Any = None,
+    measurement_delay: float | Sequence[float] = 0.0,
+    settle: int = 200,
+) -> Margins:
+    """Return the margins of the loop of `plant` and the controller that `make` returns.
+
+    The controller runs as it is, on the plant linearized at a steady state, with its dead time. An
+    impulse at the plant's input, too small to reach a limit, shows the sensitivity there; its mean
+    over both signs is exact to the second order. So this holds for any law, with its sampling,
+    filters and estimator. Of an MPC it is the unconstrained law at this point.
+
+    The delay margin takes the delay as a loss of phase ω τ, as for a continuous signal.
+
+    Args:
+        plant: Plant.
+        make: Function that returns a new controller; it is called twice for each input.
+        x0: Steady state, shape (n_x,).
+        u0: Input there, shape (n_u,), within the limits of the plant's inputs.
+        d0: Measured disturbances there, shape (n_d,); None for zeros.
+        y_ref: References of the outputs, shape (n_y,); None for the outputs at rest. NaN for an
+            output without one.
+        measurement_delay: Dead time of the measured outputs, in the plant's unit of time.
+        settle: Samples before the impulse, in which an estimator finds its steady gain.
+
+    Raises:
+        SettingsError: If an input is at one of its limits, so that there is no linear law.
+        PlantError: If a derivative of the plant is not finite.
+    """
+    found = Rest.of(plant, x0, u0, d0, y_ref, measurement_delay)
+    records = [found.record(make, j, settle) for j in range(len(found.u))]
+    if any(record is None for record in records):
+        return UNSTABLE
+    length = max(len(record) for record in records if record is not None)
+    S = np.zeros((length, len(found.u), len(found.u)))
+    for j, record in enumerate(records):
+        assert record is not None
+        S[: len(record), :, j] = record
+    T_s = make().T_s
+
+    def response(omega: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n n"]:
+        if len(omega) * length < 100_000:
+            return np.tensordot(np.exp(-1j * np.outer(omega * T_s, np.arange(length))), S, 1)
+        values = np.polynomial.polynomial.polyval(np.exp(-1j * omega * T_s), S)
+        return np.moveaxis(np.asarray(values), -1, 0)
+
+    return margins_of(response, frequencies(T_s, length))
+
+
+def margins_of(sensitivity: Response, omega: Float[np.ndarray, " m"]) -> Margins:
+    """Return the margins of a stable loop with this sensitivity (1 + L)^-1 at the plant's input.
+
+    Crossings and peaks are found between neighbors of `omega`, and then to rounding.
+
+    Args:
+        sensitivity: Function of angular frequencies, shape (m,), that returns (m, n, n).
+        omega: Frequencies, increasing, shape (m,); the last one is Nyquist's for a sampled loop.
+    """
+    S = sensitivity(omega)
+    gains, phases, delays = [np.inf, 0.0], [np.pi], [np.inf]
+    for i in range(S.shape[-1]):
+        one = _OneInput(sensitivity, i)
+        L = _loop(S[:, i, i])
+        gains += [-1 / value for value in one.phase_crossings(omega, L)]
+        for at, value in one.gain_crossings(omega, L):
+            lag = float(np.angle(-value)) % (2 * np.pi)  # phase lag until the loop is at -1
+            phases.append(min(lag, 2 * np.pi - lag))
+            delays.append(lag / at)
+    return Margins(
+        gain=min(gain for gain in gains if gain >= 1),
+        gain_reduction=max(gain for gain in gains if gain < 1),
+        phase=float(np.rad2deg(min(phases))),
+        delay=min(delays),
+        M_s=_peak(lambda w: np.linalg.svd(sensitivity(w), compute_uv=False)[:, 0], omega),
+        disk=1 / _peak(lambda w: _mu(sensitivity(w) - np.eye(S.shape[-1]) / 2), omega),
+    )
+
+
+def frequencies(T_s: float, samples: int) -> Float[np.ndarray, " m"]:
+    """Return frequencies from a tenth of what `samples` can tell to Nyquist's, shape (m,)."""
+    return np.geomspace(0.2 * np.pi / (samples * T_s), np.pi / T_s, _POINTS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """A plant at rest, sampled: from deviations of its inputs to those of states and outputs."""
+
+    plant: Plant
+    J: LinearSystem
+    delay: Float[np.ndarray, "n n_u"]
+    x: Float[np.ndarray, " n_x"]
+    u: Float[np.ndarray, " n_u"]
+    d: Float[np.ndarray, " n_d"]
+    y: Float[np.ndarray, " n_y"]
+    y_ref: Float[np.ndarray, " n_y"]
+
+    @classmethod
+    def of(cls, plant: Plant, x0: Any, u0: Any, d0: Any, y_ref: Any, measurement_delay: Any) -> "Rest":
+        """Return the plant at (x0, u0, d0). Raises as `margins` does."""
+        x, u = np.array(x0, dtype=float), np.array(u0, dtype=float)
+        d = np.zeros(len(plant.disturbances)) if d0 is None else np.array(d0, dtype=float)
+        for channel, value in zip(plant.inputs, u, strict=True):
+            room = _SMALL * (channel.high - channel.low)
+            if np.isfinite(room) and not channel.low + room < value < channel.high - room:
+                raise SettingsError(
+                    f"input {channel.name!r} rests at {value:g} {channel.unit}, a limit: there the "
+                    "loop has no linear law and so no margins; choose another operating point"
+                )
+        J, n = local_system(plant, x, u, d), len(x)
+        C, D = np.vstack([np.eye(n), J.C]), np.vstack([np.zeros((n, len(u))), J.D])
+        late = np.broadcast_to(np.asarray(measurement_delay, dtype=float), len(plant.outputs))
+        delay = np.vstack([np.tile(delays_of(plant)[0], (n, 1)), dead_times(plant) + late[:, None]])
+        y = np.asarray(plant.g(x, u, d), dtype=float)
+        aims = y if y_ref is None else np.array(y_ref, dtype=float)
+        return cls(plant, LinearSystem(J.A, J.B, C, D, J.dt), delay, x, u, d, y, aims)
+
+    def record(
+        self, make: Callable[[], Controller], j: int, settle: int
+    ) -> Float[np.ndarray, "N n_u"] | None:
+        """Return how the plant's inputs respond to a unit impulse at input j; None if they grow."""
+        channel = self.plant.inputs[j]
+        span = channel.high - channel.low
+        size = _SMALL * (span if np.isfinite(span) else max(1.0, abs(self.u[j])))
+        impulse = size * np.eye(len(self.u))[j]
+        model = sampled(self.J, make().T_s, self.delay)
+        both = [self._inputs(model, make(), sign * impulse, settle) for sign in (1, -1)]
+        rows: list[np.ndarray] = []
+        for up, down in zip(*both, strict=True):
+            rows.append((up - down) / (2 * size))
+            if not np.abs(rows[-1]).max() < _BEYOND:
+                return None
+            if len(rows) in _LOOKS:
+                late, before, first = _peaks(np.array(rows))
+                if late <= _LEFT * max(before, first):
+                    break
+                if len(rows) == _LOOKS[-1] and not late < _SHRINKS * before:
+                    return None
+        return np.array(rows)
+
+    def _inputs(
+        self, model: LinearSystem, controller: Controller, impulse: np.ndarray, settle: int
+    ) -> Iterator[np.ndarray]:
+        """Yield the deviations of the plant's inputs from the impulse on, each shape (n_u,)."""
+        n, z, du, T_s = len(self.x), np.zeros(len(model.A)), np.zeros(len(self.u)), model.dt
+        for k in range(settle + _LOOKS[-1]):
+            seen = model.C @ z
+            x, y = self.x + seen[:n], self.y + seen[n:]
+            move = controller.move(Measurement(k * T_s, x, self.u + du, self.d, self.y_ref, y))
+            du = (move.u if move.solved else self.u + du) - self.u
+            acting = du + impulse if k == settle else du
+            if k >= settle:
+                yield acting
+            z = model.A @ z + model.B @ acting
+
+
+def _peaks(rows: Float[np.ndarray, "N n_u"]) -> tuple[float, float, float]:
+    """Return the peaks of the last quarter of a response, the one before, and the first half."""
+    sizes, half = np.abs(rows).max(axis=1), len(rows) // 2
+    parts = sizes[half + half // 2 :], sizes[half : half + half // 2], sizes[:half]
+    late, before, first = (float(part.max()) for part in parts)
+    return late, before, first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OneInput:
+    """The loop at one input, with the other ones closed: L_i = 1 / S_ii - 1."""
+
+    sensitivity: Response
+    i: int
+
+    def at(self, omega: float) -> complex:
+        """Return L_i at one frequency."""
+        return complex(_loop(self.sensitivity(np.array([omega]))[:, self.i, self.i])[0])
+
+    def phase_crossings(self, omega: np.ndarray, L: np.ndarray) -> Iterator[float]:
+        """Yield the negative real values of L_i; at Nyquist's frequency it is always real."""
+        from scipy.optimize import brentq
+
+        for k in np.flatnonzero(np.diff(np.signbit(L.imag))):
+            if L.real[k] < 0 or L.real[k + 1] < 0:
+                at = brentq(lambda w: self.at(w).imag, omega[k], omega[k + 1], xtol=1e-15, rtol=1e-14)
+                value = self.at(at)
+                if value.real < 0 and abs(value.imag) <= 1e-6 * abs(value):
+                    yield value.real
+        if L.real[-1] < 0 and abs(L.imag[-1]) <= 1e-9 * abs(L.real[-1]):
+            yield float(L.real[-1])
+
+    def gain_crossings(self, omega: np.ndarray, L: np.ndarray) -> Iterator[tuple[float, complex]]:
+        """Yield each frequency at which |L_i| is 1, and L_i there."""
+        from scipy.optimize import brentq
+
+        for k in np.flatnonzero(np.diff(np.signbit(np.abs(L) - 1))):
+            at = brentq(lambda w: abs(self.at(w)) - 1, omega[k], omega[k + 1], xtol=1e-15, rtol=1e-14)
+            yield float(at), self.at(at)
+
+
+def _loop(S: np.ndarray) -> np.ndarray:
+    """Return L = 1 / S - 1; where S is 0, as with an integrator at rest, a large one."""
+    return np.asarray(1 / np.where(np.abs(S) < 1e-12, 1e-12, S) - 1)
+
+
+def _peak(size: Callable[[np.ndarray], np.ndarray], omega: np.ndarray) -> float:
+    """Return the largest value of a positive function of frequency, refined around its peaks."""
+    from scipy.optimize import minimize_scalar
+
+    values = size(omega)
+    best = float(values.max())
+    inside = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
+    for k in inside[values[inside] >= 0.8 * best]:
+        ends = (omega[k - 1], omega[k + 1])
+        found = minimize_scalar(
+            lambda w: -float(size(np.array([w]))[0]), bounds=ends, method="bounded", options={"xatol": 1e-12}
+        )
+        best = max(best, -float(found.fun))
+    return best
+
+
+def _mu(M: Complex[np.ndarray, "m n n"]) -> Float[np.ndarray, " m"]:
+    """Return min σ(D M D^-1) over diagonal D: μ for independent complex changes of each input.
+
+    It is found by balancing rows and columns (Osborne), which minimizes the Frobenius norm. That is
+    exact for one and two inputs (there σ1² + σ2² is that norm, and σ1 σ2 does not depend on D); for
+    more it is an upper bound, so that the disk margin is not overstated.
+
+    Source: Osborne (1960), On pre-conditioning of matrices, Journal of the ACM 7.
+    """
+    n, balanced = M.shape[-1], np.abs(M) ** 2
+    scale = np.ones(M.shape[:2])
+    for _ in range(_BALANCINGS if n > 1 else 0):
+        for i in range(n):
+            others = np.arange(n) != i
+            row = balanced[:, i, others].sum(axis=1) + 1e-300
+            column = balanced[:, others, i].sum(axis=1) + 1e-300
+            factor = (column / row) ** 0.25
+            scale[:, i] *= factor
+            balanced[:, i, :] *= factor[:, None] ** 2
+            balanced[:, :, i] /= factor[:, None] ** 2
+    scaled = scale[:, :, None] * M / scale[:, None, :]
+    return np.asarray(np.linalg.svd(scaled, compute_uv=False)[:, 0])
+
+
+# Margins as KPIs.
+
+_MOST_GAIN, _MOST_PERIODS = 60.0, 1e4
+"""Gain margin in dB and delay margin in sampling periods that stand for an infinite one."""
+
+
+def margins_at(loop: ClosedLoop, theta: Float[np.ndarray, " n"]) -> Margins:
+    """Return the margins of a closed loop where its experiments start, for a physical θ, shape (n,).
+
+    Raises:
+        SettingsError: If the environment does not say its plant and task, or as `margins` does.
+    """
+    env = loop.env
+    if not isinstance(env, PlantEnv):
+        raise SettingsError(f"margins need a PlantEnv, whose plant can be linearized, got {env!r:.60}")
+    plant, task = env.plant, env.task
+    d = task.disturbance(0.0)
+    y = np.asarray(plant.g(task.x0, task.u0, d), dtype=float)
+    return margins(
+        plant,
+        lambda: loop.controller(theta),
+        task.x0,
+        task.u0,
+        d,
+        y_ref=np.where(np.isnan(task.reference(0.0)), np.nan, y),
+        measurement_delay=task.measurement_delay,
+    )
+
+
+def margin_kpis(time_unit: str) -> tuple[KPI, ...]:
+    """Return the KPIs that `MarginKPIs` computes; `at_least` makes one a limit."""
+    rows = (
+        (
+            "gain_margin",
+            "gain margin",
+            "dB",
+            0.01,
+            "Smallest change of the gain, up or down, that is too much.",
+        ),
+        ("phase_margin", "phase margin", "°", 0.1, "Phase that the loop may lose before it is unstable."),
+        ("delay_margin", "delay margin", time_unit, None, "Dead time that may be added."),
+        ("disk_margin", "disk margin", "", 0.001, "Joint change of gain and phase, of all inputs at once."),
+    )
+    return tuple(
+        KPI(name, title, unit, better="higher", about=f"{about} Of {UNCONSTRAINED}.", resolution=step)
+        for name, title, unit, step, about in rows
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class MarginKPIs:
+    """Function of an experiment that returns its KPIs and the margins of its θ.
+
+    What is infinite has a large finite value, since KPIs that are better when higher are: 60 dB,
+    180° and ten thousand sampling periods.
+
+    Args:
+        loop: Closed loop of the experiments.
+    """
+
+    loop: ClosedLoop
+
+    def __call__(self, experiment: Experiment) -> dict[str, float]:
+        """Return the KPIs by name; an unstable loop has margins of 0."""
+        found = margins_at(self.loop, experiment.theta)
+        T_s = self.loop.controller(experiment.theta).T_s
+        gain = min(found.gain, 1 / found.gain_reduction if found.gain_reduction else np.inf)
+        return {
+            **experiment.kpis,
+            "gain_margin": min(float(20 * np.log10(gain)), _MOST_GAIN),
+            "phase_margin": found.phase,
+            "delay_margin": min(found.delay, _MOST_PERIODS * T_s),
+            "disk_margin": found.disk,
+        }
