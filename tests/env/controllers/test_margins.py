@@ -69,7 +69,8 @@ def test_the_margins_of_a_pid_are_those_of_python_control(system, delay, T_s, pi
     found = margins(plant, make, np.zeros(len(plant.states)), np.zeros(1))
     L = loop_of(control, plant, delay, T_s, K_p, T_i, T_d, N)
     GM, PM, SM, _, at, _ = control.stability_margins(L, returnall=True)
-    assert found.stable and found.basis == UNCONSTRAINED
+    assert found.stable
+    assert found.basis == UNCONSTRAINED
     assert found.gain == pytest.approx(min(g for g in GM if g > 1), rel=1e-6)
     assert found.phase == pytest.approx(min(abs(PM)), rel=1e-6)
     assert found.M_s == pytest.approx(1 / min(SM), rel=1e-6)
@@ -117,7 +118,8 @@ def test_state_feedback_without_sampling_would_have_60_degrees_and_half_the_gain
     model = linearized(plant, None, None, None, 1.0)
     made = partial(LQR, model, np.diag([1.0, 0.0]), [[1.0]], T_s=0.002)
     found = margins(plant, made, np.zeros(2), np.zeros(1))
-    assert found.phase > 59 and found.M_s == pytest.approx(1.0, abs=0.01)
+    assert found.phase > 59
+    assert found.M_s == pytest.approx(1.0, abs=0.01)
     assert found.gain_reduction < 0.5
 
 
@@ -142,7 +144,8 @@ def test_the_law_of_an_mpc_is_that_of_a_simulation():
     make = partial(loop.controller.make, values, plant, task, T_s)
     x0, u0, d0 = task.x0, task.u0, task.disturbance(0.0)
     found = margins(plant, make, x0, u0, d0, settle=600)
-    assert found.stable and found.M_s > 1.05
+    assert found.stable
+    assert found.M_s > 1.05
     periods, samples, size = 12, 24, 0.01
     omega = 2 * np.pi / (samples * T_s)
     S = np.zeros((2, 2), dtype=complex)
