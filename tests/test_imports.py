@@ -45,7 +45,7 @@ LAYERS = {
         {"described", "presentation"},
         {"cases"},
         {"catalog"},
-        {"isolated", "kpis", "many"},
+        {"isolated", "kpis", "many", "verification"},
     ),
     "prefcal_app": (
         {"simulating", "summary"},

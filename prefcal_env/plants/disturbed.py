@@ -66,6 +66,11 @@ class Disturbed:
         # Addresses mean nothing in another process.
         return {name: value for name, value in self.__dict__.items() if name != "equations"}
 
+    def around(self, plant: Plant, inputs: tuple[Channel, ...]) -> "Disturbed":
+        """Return the same disturbances of another plant with the same channels, with other limits."""
+        on_outputs, on_inputs = (chosen.tolist() for chosen in self._on)
+        return Disturbed(plant, on_outputs, on_inputs, inputs)
+
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative, per `time_unit`."""
         return self.plant.f(x, *self._acting(u, d))

@@ -51,11 +51,12 @@ class Course:
         options: Differences from the paper; None for none.
     """
 
-    plant = _PLANT
+    plant: Bicycle = _PLANT
     channels = Channels(_PLANT.states, _PLANT.inputs, _PLANT.outputs)
 
     def __init__(self, options: OvertakeOptions | None = None) -> None:
         self.options = options or OvertakeOptions()
+        self.plant = Bicycle(self.options.wheelbase)
         self.end: End | None = None
         self.mishap: Mishap | None = None
         self.phase = Phase.LANE_KEEPING
@@ -155,13 +156,13 @@ class Course:
 
         def states(at: Times) -> Poses:
             later = at[at > start]
-            after = _PLANT.hold(x, u, _NONE, later - start)
+            after = self.plant.hold(x, u, _NONE, later - start)
             return after if len(later) == len(at) else np.concatenate([x[None], after])
 
         def motion(at: Times) -> tuple[Poses, list[Poses]]:
             return states(at), [mover.at(at)[:, :3] for mover in self.movers]
 
-        driven = np.concatenate([x[None], _PLANT.hold(x, u, _NONE, t[1:] - start)])
+        driven = np.concatenate([x[None], self.plant.hold(x, u, _NONE, t[1:] - start)])
         last, left = kept(driven, self.options.road, ROAD_MARGIN)
         t, driven, touched = t[: last + 1], driven[: last + 1], None
         if not surely_apart(driven, others):

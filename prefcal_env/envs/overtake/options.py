@@ -6,6 +6,7 @@ from typing import Any
 
 from prefcal_env.envs.checks import number, vector
 from prefcal_env.errors import SettingsError
+from prefcal_env.plants.bicycle import Bicycle
 
 from .rules import HORIZON, LANE_WIDTH, START
 
@@ -31,6 +32,7 @@ class OvertakeOptions:
         vehicles_density: Density of these drivers, as in highway-env.
         other_vehicles_type: Type of these drivers, one of `DRIVERS`.
         simulation_frequency: Frequency of their decisions [Hz]; at least one per period.
+        wheelbase: Distance of the axles of the car [m]; a controller need not know it.
 
     Raises:
         SettingsError: If a number is out of range or the type is unknown.
@@ -43,11 +45,13 @@ class OvertakeOptions:
     vehicles_density: float = 1.0
     other_vehicles_type: str = DRIVERS[0]
     simulation_frequency: float = 15.0
+    wheelbase: float = Bicycle().length
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x0", tuple(vector(self.x0, 3, "initial pose x0").tolist()))
         number(self.duration, (0.5, 3600.0), "duration [s]")
         number(self.vehicles_density, (0.01, 100.0), "vehicles_density")
+        number(self.wheelbase, (0.5, 50.0), "wheelbase [m]")
         number(self.simulation_frequency, (1.0, 1000.0), "simulation_frequency [Hz]")
         for name, low, high in (("lanes_count", 1, 10), ("vehicles_count", 0, 1000)):
             count = getattr(self, name)
