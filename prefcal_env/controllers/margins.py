@@ -37,6 +37,8 @@ _SHRINKS = 0.99
 """Ratio of its late peak to the one before below which a response shrinks."""
 _BEYOND = 1e5
 """Multiple of the impulse beyond which a response grows without limit."""
+_NOTHING = 1e-6
+"""Loop gain below which its phase is rounding: no gain that matters brings it to -1."""
 _BALANCINGS = 30
 
 
@@ -268,24 +270,29 @@ class _OneInput:
 
     def phase_crossings(self, omega: np.ndarray, L: np.ndarray) -> Iterator[float]:
         """Yield the negative real values of L_i; at Nyquist's frequency it is always real."""
-        from scipy.optimize import brentq
-
-        for k in np.flatnonzero(np.diff(np.signbit(L.imag))):
+        for k in np.flatnonzero(np.diff(np.signbit(L.imag)) & (np.abs(L[1:]) > _NOTHING)):
             if L.real[k] < 0 or L.real[k + 1] < 0:
-                at = brentq(lambda w: self.at(w).imag, omega[k], omega[k + 1], xtol=1e-15, rtol=1e-14)
-                value = self.at(at)
+                value = self.at(_root(lambda w: self.at(w).imag, omega[k], omega[k + 1]))
                 if value.real < 0 and abs(value.imag) <= 1e-6 * abs(value):
                     yield value.real
-        if L.real[-1] < 0 and abs(L.imag[-1]) <= 1e-9 * abs(L.real[-1]):
+        if L.real[-1] < -_NOTHING and abs(L.imag[-1]) <= 1e-9 * abs(L.real[-1]):
             yield float(L.real[-1])
 
     def gain_crossings(self, omega: np.ndarray, L: np.ndarray) -> Iterator[tuple[float, complex]]:
         """Yield each frequency at which |L_i| is 1, and L_i there."""
-        from scipy.optimize import brentq
-
         for k in np.flatnonzero(np.diff(np.signbit(np.abs(L) - 1))):
-            at = brentq(lambda w: abs(self.at(w)) - 1, omega[k], omega[k + 1], xtol=1e-15, rtol=1e-14)
-            yield float(at), self.at(at)
+            at = _root(lambda w: abs(self.at(w)) - 1, omega[k], omega[k + 1])
+            yield at, self.at(at)
+
+
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Return where f changes its sign; the nearer end if rounding has moved that beyond it."""
+    from scipy.optimize import brentq
+
+    ends = f(low), f(high)
+    if np.signbit(ends[0]) == np.signbit(ends[1]):
+        return low if abs(ends[0]) < abs(ends[1]) else high
+    return float(brentq(f, low, high, xtol=1e-15, rtol=1e-14))
 
 
 def _loop(S: np.ndarray) -> np.ndarray:

@@ -3,13 +3,14 @@
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.control import Controller
@@ -22,6 +23,24 @@ from .record import StudyRecord
 
 FORMAT = 1
 """Format of best.json; raised when older versions of prefcal could not read a newer file."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tuning:
+    """A tuning with its scenario.
+
+    Args:
+        scenario: Scenario, with the ranges of the study.
+        theta: Tuning, physical, shape (n,).
+        before: What it was compared with, shape (n,); None if the file does not say.
+        baseline: What that is, such as "current tuning".
+    """
+
+    scenario: Scenario
+    theta: Float[np.ndarray, " n"]
+    before: Float[np.ndarray, " n"] | None
+    baseline: str
+
 
 REBUILD = """\
 from prefcal_app import load_controller
@@ -106,26 +125,31 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
         raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
     if described is not None:
         return described
-    scenario = _scenario(content["scenario"], Path(path).parent)
+    scenario = _loaded(content, path)
     if scenario.controller is None:  # the run of an own scenario knows how
-        make = scenario.source.controller
-        scenario = replace(scenario, controller=make)
+        scenario = replace(scenario, controller=scenario.source.controller)
     if scenario.controller is None:
         raise ScenarioError(f"scenario {scenario.name!r} does not say how to build a controller")
-    theta = content["theta"]
-    if not isinstance(theta, Mapping) or list(theta) != list(scenario.space.names):
-        raise ScenarioError(
-            f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta}"
-        )
-    try:
-        scenario = with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
-        values = scenario.space.check(np.array(list(theta.values()), dtype=float))
-    except (TypeError, ValueError) as error:
-        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
+    values = _values(scenario, content["theta"], path)
     if check and scenario.settings is not None:
         _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
     assert scenario.controller is not None
     return scenario.controller(values)
+
+
+def tuning_of(path: str | Path) -> Tuning:
+    """Return the tuning that a best.json holds, and its scenario, which may be a file that is executed.
+
+    Raises:
+        ScenarioError: If the file is no best.json, or the scenario is unknown or has other knobs.
+    """
+    content = _read(Path(path))
+    scenario = _loaded(content, path)
+    theta = _values(scenario, content["theta"], path)
+    before = content.get("before") or {}
+    start = before.get("theta")
+    known = None if start is None else _values(scenario, start, path)
+    return Tuning(scenario, theta, known, str(before.get("what", "")))
 
 
 def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
@@ -133,6 +157,32 @@ def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
     parts = [(knob, *ranges.get(knob.name, (knob.low, knob.high))) for knob in space]
     knobs = [replace(k, low=min(k.low, low), high=max(k.high, high)) for k, low, high in parts]
     return KnobSpace(knobs, space.constraints)
+
+
+def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
+    """Return the scenario of a best.json with the ranges of its study."""
+    scenario = _scenario(content["scenario"], Path(path).parent)
+    _named_knobs(scenario, content["theta"], path)
+    try:
+        return with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
+
+
+def _values(scenario: Scenario, theta: Any, path: str | Path) -> Float[np.ndarray, " n"]:
+    """Return the values of θ in a best.json, shape (n,)."""
+    _named_knobs(scenario, theta, path)
+    try:
+        return scenario.space.check(np.array(list(theta.values()), dtype=float))
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
+
+
+def _named_knobs(scenario: Scenario, theta: Any, path: str | Path) -> None:
+    if not isinstance(theta, Mapping) or list(theta) != list(scenario.space.names):
+        raise ScenarioError(
+            f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta}"
+        )
 
 
 def jsonable(value: Any) -> Any:

@@ -1,11 +1,10 @@
 """What varies in the closed loops that come with prefcal."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 
 from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.envs.task import Task
@@ -91,7 +90,7 @@ class LoopSubject:
         step = abs(aims[0][0] - start)
         channel = loop.plant.states[first]
         ends = min(start, *(a[0] for a in aims)), max(start, *(a[0] for a in aims))
-        return ends[0] - channel.low >= _ROOM * step and channel.high - ends[1] >= _ROOM * step
+        return bool(min(ends[0] - channel.low, channel.high - ends[1]) >= _ROOM * step)
 
     def _others(self) -> Iterator[Factor]:
         """Yield what varies besides the parameters of the plant."""
@@ -189,7 +188,7 @@ def _task(loop: Loop, plant: CompiledPlant, values: Values) -> Task:
     moved = x0[list(plant.measured)] - y0
     size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
 
-    def aimed(row: Float[np.ndarray, " n_m"]) -> tuple[float, ...]:
+    def aimed(row: Sequence[float] | np.ndarray) -> tuple[float, ...]:
         return tuple((y0 + size * (np.asarray(row) - y0) + moved).tolist())
 
     y_ref = StepSignal(aimed(target.start), tuple((t, aimed(row)) for t, row in target.steps))

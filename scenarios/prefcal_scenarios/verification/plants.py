@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.dead_time import delays_of
+from prefcal_env.envs.fit import tracked_of
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.envs.task import Task
@@ -138,8 +139,10 @@ class PlantSubject:
     def _task(self, values: Values) -> Task:
         """Return the task with other noise, rate and load."""
         task, d = self.task, self.task.d
-        stated = task.noise is not None and bool(np.any(task.noise))
-        noise = values.get(NOISE, 1.0 if stated else 0.0) * (task.noise if stated else self._step)
+        if task.noise is not None and np.any(task.noise):
+            noise = values.get(NOISE, 1.0) * task.noise
+        else:
+            noise = values.get(NOISE, 0.0) * self._step
         if LOAD in values:
             assert isinstance(d, StepSignal)
             start, size = np.asarray(d.start, dtype=float), values[LOAD]
@@ -163,8 +166,8 @@ class PlantSubject:
             if not at_rest(self.plant, *start, d):
                 return start
             y = np.asarray(self.plant.g(*start, d))
-            tracked = np.flatnonzero(np.isfinite(task.reference(0.0)) & (self._step > 0))
-            chosen = [int(i) for i in tracked[: len(plant.inputs)]]
+            stepping = [i for i in tracked_of(task) if self._step[i] > 0]
+            chosen = stepping[: len(plant.inputs)]
             return rest(plant, *start, d, chosen, y[chosen].tolist()) or start
         except PlantError:  # a discrete plant without ẋ
             return start
@@ -274,7 +277,8 @@ def _with_numbers(value: Any, values: Values) -> Any:
             changes[name] = values[name.replace("_", " ")]
         elif is_dataclass(each) or hasattr(each, "_fields"):
             changes[name] = _with_numbers(each, values)
-    return replace(value, **changes) if is_dataclass(value) else value._replace(**changes)
+    made: Any = value._replace(**changes) if hasattr(value, "_replace") else replace(value, **changes)
+    return made
 
 
 def _with_parameters(inner: Plant, values: Values) -> Plant:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.controllers.margins import Margins
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.kpis import Result
 from prefcal_scenarios.scenario import KPI
@@ -75,6 +76,8 @@ class Verification:
         alone: Runs with the lowest and the highest value of each factor, in pairs.
         before: Random runs of `start`, with the values and seeds of `runs`.
         nominal_before: Run of `start` without variation.
+        margins: Margins of the tuning on the nominal plant, or why there are none.
+        margins_before: Those of `start`.
         seed: Seed of the verification.
     """
 
@@ -91,6 +94,8 @@ class Verification:
     alone: tuple[VerifiedRun, ...] = ()
     before: tuple[VerifiedRun, ...] = ()
     nominal_before: VerifiedRun | None = None
+    margins: Margins | str = "no margins"
+    margins_before: Margins | str = "no margins"
     confidence: float = field(default=CONFIDENCE)
 
     @property
@@ -123,6 +128,20 @@ class Verification:
         early = "" if self.complete else f" (stopped early, {self.planned} were planned)"
         sure = f"below {_percent(self.bound)} with {100 * self.confidence:g} % confidence"
         return f"{kept}{early}: for plants within these ranges, the probability that one does not is {sure}."
+
+    @property
+    def limits(self) -> str:
+        """Return what the stated limits are, in a sentence."""
+        aims = [kpi.title for kpi in self.kpis if kpi.met(0.0) is not None]
+        stated = f"the objectives of {', '.join(aims)}" if aims else "no KPI has an objective"
+        never = f" Infinite nominally, which counts in no run: {', '.join(self.never)}." if self.never else ""
+        return f"Stated limits: a safe end, {stated}, and nothing infinite that is finite nominally.{never}"
+
+    @property
+    def never(self) -> tuple[str, ...]:
+        """Return the titles of the KPIs that are infinite even on the nominal plant."""
+        kpis = (kpi for kpi in self.kpis if kpi.goal is not None)
+        return tuple(kpi.title for kpi in kpis if np.isinf(self.nominal.kpis.get(kpi.name, 0.0)))
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:

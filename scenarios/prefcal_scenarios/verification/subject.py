@@ -30,15 +30,15 @@ _OURS = ("theta", "seed", "space")
 
 
 class Subject(Protocol):
-    """A scenario with what can vary.
+    """A scenario with what can vary."""
 
-    Attributes:
-        factors: What can vary.
-        left_out: What cannot, a sentence each.
-    """
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        """What can vary."""
 
-    factors: tuple[Factor, ...]
-    left_out: tuple[str, ...]
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What cannot, a sentence each."""
 
     def at(self, values: Values) -> Callable[..., Experiment]:
         """Return the run of θ and a seed with these values; the controller stays as it is designed."""

@@ -23,6 +23,7 @@ from prefcal_scenarios.scenario import Scenario
 
 from .factor import Factor, Ranges, chosen, drawn
 from .result import Verification, VerifiedRun, problems_of
+from .robustness import robustness
 from .subject import Subject, named, subject_of, varied
 
 RUNS = 299
@@ -89,20 +90,19 @@ def verify(
     factors = chosen(subject.factors, ranges, vary)
     if not factors:
         raise SettingsError("nothing varies: all ranges are 0, or none of the chosen kinds is there")
-    before, nominals = clock(), [_nominal(found, each, seed) for each in thetas]
-    seconds = (clock() - before) / len(thetas)
+    nominals = [_nominal(found, each, seed) for each in thetas]
+    before = clock()  # after the first run, which may have compiled something
+    _nominal(found, thetas[0], seed)
+    seconds = clock() - before
     factors, unfair = _fair(found, subject, factors, thetas[0], nominals[0])
     cases = list(_cases(factors, len(thetas), runs, seed))
     source = Variations(found.source, subject, tuple(thetas), tuple(cases))
     here = jobs is None and timeout is None and seconds * len(cases) <= _QUICK
     done = _done(source, 1 if here else jobs, timeout, progress)
-    made = [
-        VerifiedRun(
-            case.values, case.seed, each.end, each.kpis, problems_of(found.kpis, each, nominals[case.which])
-        )
-        for case, each in zip(cases, done, strict=False)
-    ]
+    pairs = zip(cases, done, strict=False)
+    made = [_run(found, case, each, nominals[case.which]) for case, each in pairs]
     one = runs + 2 * len(factors)
+    margins = [robustness(found, subject, each) for each in thetas]
     return Verification(
         scenario=found.name,
         theta=thetas[0],
@@ -117,6 +117,8 @@ def verify(
         alone=tuple(made[runs:one]),
         before=tuple(made[one:]),
         nominal_before=nominals[1] if len(nominals) > 1 else None,
+        margins=margins[0],
+        margins_before=margins[1] if len(margins) > 1 else "no margins",
     )
 
 

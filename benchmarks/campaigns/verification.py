@@ -1,0 +1,171 @@
+"""Measure how many tunings of studies hold on plants that are not exactly as modeled.
+
+    python benchmarks/campaigns/verification.py --out results          # 75 studies: half an hour
+    python benchmarks/campaigns/verification.py --out results --loops rough-900 --tastes weights
+    python benchmarks/campaigns/verification.py --quick --out look     # a minute
+
+Each study is `Screening` with ten answers of a simulated person on a held-out rough loop. Its θ runs
+on 299 plants: each parameter up to 10 % smaller or larger, and 20 % more dead time where there is
+one. A run fails if it ends unsafe, or if a KPI is infinite that is finite nominally: the output
+never settles. Noise is drawn anew for each run, so as a control the θ also runs 299 times on the
+nominal plant. "Random θ" are the first three random ones of each loop that keep the limits
+nominally. Studies and rows in the folder do not run again.
+"""
+
+import argparse
+import json
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from rich.console import Console
+
+from prefcal_bench.cells.engine import Processes
+from prefcal_bench.cells.runner import run_suite
+from prefcal_bench.cells.store import Store
+from prefcal_bench.cells.suite import Suite
+from prefcal_bench.cli.display import BenchDisplay
+from prefcal_bench.results.words import markdown
+from prefcal_scenarios import load
+from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification import verify
+from prefcal_scenarios.verification.result import problems_of
+
+LOOPS = tuple(f"rough-{number}" for number in range(900, 915))
+"""Loops on which nothing was developed."""
+TASTES = ("weights", "ideal", "majority", "ranks", "curves")
+RUNS, ANSWERS, RANDOM = 299, 10, 3
+RANGES = {"parameter": 0.1, "dead time": (0.2, 0.2)}
+_TRIES = 2000
+_BANDS = (0.0, 0.01, 0.1, 0.5)
+Row = dict[str, Any]
+
+
+def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=Path("prefcal-verification"), metavar="FOLDER")
+    parser.add_argument("--loops", nargs="+", default=list(LOOPS), metavar="LOOP")
+    parser.add_argument("--tastes", nargs="+", default=list(TASTES))
+    parser.add_argument("--seeds", type=int, default=1, help="seeds of each loop and taste")
+    parser.add_argument("--runs", type=int, default=RUNS, help="plants for each θ")
+    parser.add_argument("--jobs", type=int, default=1, help="processes of the studies")
+    parser.add_argument("--quick", action="store_true", help="one loop and person, few runs")
+    options = parser.parse_args(words)
+    if options.quick:
+        options.loops, options.tastes, options.runs = ["rough-0"], ["weights"], 20
+    return options
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run what is missing, and write the tables to verification.md."""
+    options = options_of(words)
+    suite = Suite(
+        ("Screening",), tuple(options.loops), tuple(options.tastes), options.seeds, ANSWERS // 2, ANSWERS + 1
+    )
+    with BenchDisplay(Console(stderr=True)) as display:
+        studies = run_suite(
+            suite, Store(options.out), None if options.quick else Processes(options.jobs), display
+        )
+    file = options.out / "verification.jsonl"
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    known = {(row["loop"], row["who"]) for row in rows}
+    for name in options.loops:
+        found = [
+            (f"{result.cell.calibrator}, seed {result.cell.seed}", np.array(result.best))
+            for result in studies.results
+            if result.cell.problem == name and not result.failure
+        ]
+        scenario = load(name)
+        for who, theta in (*found, *random_tunings(scenario)):
+            if (name, who) in known:
+                continue
+            row = {"loop": name, "who": who, "runs": options.runs, **row_of(scenario, theta, options.runs)}
+            rows.append(row)
+            with file.open("a") as stored:
+                stored.write(json.dumps(row) + "\n")
+    report = "\n".join(tables([row for row in rows if row["loop"] in options.loops]))
+    (options.out / "verification.md").write_text(report + "\n", encoding="utf-8")
+    print(report)
+
+
+def random_tunings(scenario: Scenario) -> Iterable[tuple[str, Float[np.ndarray, " n"]]]:
+    """Yield the first random θ that end safely and settle."""
+    rng, found = np.random.default_rng(0), 0
+    for z in rng.random((_TRIES, len(scenario.space))):
+        theta = scenario.space.decode(scenario.space.snap(z))
+        made = scenario.run(theta)
+        if not made.end.interrupted and np.isfinite(list(made.kpis.values())).all():
+            yield f"random {found}", theta
+            found += 1
+            if found == RANDOM:
+                return
+
+
+def row_of(scenario: Scenario, theta: Float[np.ndarray, " n"], runs: int) -> Row:
+    """Return how θ fares on varied plants, and on the nominal one with other noise."""
+    vary = [f.kind for f in verify_factors(scenario)]
+    found = verify(scenario, theta, runs, ranges=RANGES, vary=sorted(set(vary)), jobs=1)
+    unsafe = sum(run.end.interrupted for run in found.failed)
+    ends = [scenario.run(theta, seed=run.seed) for run in found.runs]
+    control = [problems_of(found.kpis, made, found.nominal) for made in ends]
+    hurting = next((effect for effect in found.effects), None)
+    return {
+        "nominal": len(found.nominal.problems),
+        "unsafe": unsafe,
+        "failed": len(found.failed),
+        "by noise": sum(map(bool, control)),
+        "hurts": "" if hurting is None else hurting.factor.name,
+        "theta": np.asarray(theta).tolist(),
+    }
+
+
+def verify_factors(scenario: Scenario) -> list[Any]:
+    """Return the parameters and the dead time of a loop."""
+    from prefcal_scenarios.verification.subject import subject_of
+
+    return [f for f in subject_of(scenario).factors if f.kind in RANGES]
+
+
+def tables(rows: Sequence[Row]) -> list[str]:
+    """Return the tables: of all tunings, and of each loop."""
+    groups: dict[str, Callable[[Row], bool]] = {
+        "tuned": lambda row: not row["who"].startswith("random"),
+        "random θ": lambda row: row["who"].startswith("random"),
+    }
+    heads = ["θ", "tunings", "all runs kept", *(f"above {100 * b:g} %" for b in _BANDS[1:])]
+    heads += ["an unsafe run", "failed runs", "unsafe runs", "failed on the nominal plant"]
+    lines = [[name, *summary([row for row in rows if kept(row)])] for name, kept in groups.items()]
+    by_loop = [
+        [loop, *(summary([row for row in rows if row["loop"] == loop and groups["tuned"](row)]))]
+        for loop in dict.fromkeys(row["loop"] for row in rows)
+    ]
+    return [
+        *markdown(heads, lines, "Tunings by their share of failed runs, and shares of all runs"),
+        "",
+        *markdown(["loop", *heads[1:]], by_loop, "Tuned θ of each loop"),
+    ]
+
+
+def summary(rows: Sequence[Row]) -> list[str]:
+    """Return the cells of a group of tunings."""
+    if not rows:
+        return ["0", *["–"] * 8]
+    shares = np.array([row["failed"] / row["runs"] for row in rows])
+    total = sum(row["runs"] for row in rows)
+    sums = [sum(row[name] for row in rows) / total for name in ("failed", "unsafe", "by noise")]
+    counts = [int((shares == 0).sum()), *(int((shares > band).sum()) for band in _BANDS[1:])]
+    unsafe = sum(row["unsafe"] > 0 for row in rows)
+    return [str(len(rows)), *map(str, counts), str(unsafe), *(f"{100 * each:.2g} %" for each in sums)]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,154 @@
+"""Verification: what varies, what stays, how sure the statement is, and what is kept."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
+from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_scenarios import KPI, Scenario
+from prefcal_scenarios.verification import Factor, replay, verify
+from prefcal_scenarios.verification.factor import drawn
+from prefcal_scenarios.verification.result import most_probable
+
+SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
+THETA = np.array([2.0])
+LAG = np.array([2.0, 20.0, 3.0, 3.0, 0.5, 20.0])
+
+
+def run(theta, seed=0, mass=1.0, stiffness=4.0):
+    t = np.linspace(0.0, 1.0, 11)
+    y = theta[0] / mass + 0.0 * t
+    made: Experiment = recorded(theta, t, {"y": y})
+    return made.with_kpis({"weight": float(y[0]), "pull": stiffness})
+
+
+KPIS = (KPI("weight", "weight", at_most=2.1), KPI("pull", "pull", better="lower"))
+SPRING = Scenario("spring", "A spring", SPACE, run, kpis=KPIS)
+
+
+@pytest.mark.parametrize(
+    ("failed", "count", "bound"),
+    [(0, 299, 0.01), (0, 59, 0.0495), (1, 299, 0.01577), (10, 10, 1.0), (0, 0, 1.0)],
+)
+def test_the_bound_is_that_of_clopper_and_pearson(failed, count, bound):
+    assert most_probable(failed, count) == pytest.approx(bound, abs=1e-4)
+
+
+def test_299_good_runs_show_less_than_one_percent_and_298_do_not():
+    assert most_probable(0, 299) < 0.01 < most_probable(0, 298)
+
+
+@pytest.mark.parametrize("chance", [0.005, 0.02])
+def test_the_statement_is_right_in_95_of_100_verifications(chance):
+    factor, repetitions = [Factor("x", "parameter", 0.5, 0.0, 1.0)], 200
+    right = 0
+    for seed in range(repetitions):
+        failed = sum(drawn(factor, seed, k)[0] < chance for k in range(100))
+        right += most_probable(failed, 100) >= chance
+    assert right >= 0.95 * repetitions - 2 * np.sqrt(repetitions * 0.05 * 0.95)
+
+
+def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
+    found = verify(SPRING, THETA, 200, jobs=1)
+    assert [(f.name, f.low, f.high) for f in found.factors] == [("mass", 0.9, 1.1), ("stiffness", 3.6, 4.4)]
+    heavy = [run for run in found.runs if 2.0 / run.values["mass"] > 2.1]
+    assert found.failed == tuple(heavy)
+    assert found.share == 1 - len(heavy) / 200
+    assert heavy[0].problems == ("weight misses its objective",)
+    assert f"{200 - len(heavy)} of 200 runs keep the stated limits" in found.statement
+    first, second = found.effects
+    assert (first.factor.name, first.worst.values, first.worsening) == ("mass", {"mass": 0.9}, np.inf)
+    assert (second.factor.name, second.kpi) == ("stiffness", "pull")
+    assert found.worst(3)[0].values["mass"] < 2.0 / 2.1
+
+
+def test_a_function_of_theta_alone_says_what_to_add():
+    bare = replace(SPRING, run=lambda theta, seed=0: run(theta, seed))
+    with pytest.raises(ScenarioError, match=r"only a function of θ.*run\(theta, seed=0, mass=1\.2\)"):
+        verify(bare, THETA)
+
+
+def test_a_run_does_not_depend_on_how_many_there_are_nor_on_the_processes():
+    few, many = (verify("lag", LAG, n, jobs=jobs) for n, jobs in ((4, 1), (12, 2)))
+    assert many.runs[:4] == few.runs
+    assert few.alone == many.alone
+    assert verify("lag", LAG, 4, jobs=1, seed=1).runs != few.runs
+
+
+def test_what_is_done_before_an_interruption_is_kept():
+    def stop(arrived, total):
+        if arrived == 7:
+            raise KeyboardInterrupt
+
+    found = verify("lag", LAG, 299, jobs=1, progress=stop)
+    assert not found.complete
+    assert len(found.runs) == 6  # the seventh was not handed over
+    assert found.runs == verify("lag", LAG, 6, jobs=1).runs
+    assert "6 of 6" in found.statement
+    assert "stopped early, 299 were planned" in found.statement
+    assert found.effects == ()
+
+
+def test_the_current_tuning_meets_the_same_plants():
+    start = LAG * [0.5, 1, 1, 1, 1, 1]
+    found = verify("lag", LAG, 8, start=start, jobs=1)
+    assert [run.values for run in found.before] == [run.values for run in found.runs]
+    assert [run.kpis for run in found.before] == [run.kpis for run in verify("lag", start, 8, jobs=1).runs]
+    assert found.quantiles("error", before=True)[1] > found.quantiles("error")[1]
+
+
+def test_ranges_and_kinds_are_chosen_by_name_and_misspelled_ones_are_refused():
+    found = verify("lag", LAG, 2, vary=["parameter", "dead time"], ranges={"dead time": (0.2, 0.2)}, jobs=1)
+    assert {f.kind for f in found.factors} == {"parameter", "dead time"}
+    assert all(run.values["dead time"] == pytest.approx(7.2) for run in found.runs)
+    with pytest.raises(SettingsError, match="nothing that varies is called 'dead-time'"):
+        verify("lag", LAG, 2, ranges={"dead-time": 0.1})
+    with pytest.raises(SettingsError, match="nothing varies"):
+        verify("lag", LAG, 2, vary=["noise"], ranges={"noise": 0.0})
+    with pytest.raises(SettingsError, match="from low to high"):
+        verify("lag", LAG, 2, ranges={"noise": (1.0, 0.0)})
+
+
+def test_a_worst_run_can_be_looked_at():
+    found = verify("lag", LAG, 5, jobs=1)
+    worst = found.worst(1)[0]
+    made = replay("lag", found, worst)
+    assert dict(made.kpis) == dict(worst.kpis)
+    assert len(made.t) > 100
+
+
+def test_a_fragile_tuning_is_told_from_a_robust_one():
+    fragile = verify("unstable", np.array([12.0, 4.0, 0.3, 0.02, 1.0]), 60, jobs=1)
+    robust = verify("unstable", np.array([3.0, 20.0, 0.3, 0.05, 0.5]), 60, jobs=1)
+    assert robust.share == 1
+    assert fragile.share < 0.95
+    assert fragile.margins.gain < 1.3 < 2 < robust.margins.gain
+
+
+def test_a_rig_is_not_verified():
+    from prefcal_env import Rig
+    from prefcal_env.experiments.experiment import Channels
+
+    channel = Channel("level", "m")
+    rig = Rig(Channels((channel,), (), (channel,), "h"), (2.0,))
+    with pytest.raises(ScenarioError, match="verify a model of it"):
+        verify(replace(SPRING, run=rig, kpis=()), THETA)
+
+
+def test_a_run_that_raises_fails_and_says_why():
+    def breaks(theta, seed=0, mass=1.0):
+        if mass > 1.05:
+            raise ValueError("too heavy")
+        return run(theta, seed, mass)
+
+    found = verify(replace(SPRING, run=breaks), THETA, 40, jobs=1)
+    assert any("too heavy" in problem for each in found.failed for problem in each.problems)
+
+
+def test_a_nominal_run_that_never_settles_is_said():
+    found = verify("lag", LAG * [0.05, 5, 1, 1, 1, 1], 3, jobs=1)
+    assert "settling time of temperature (within ±5 %)" in found.never
+    assert "counts in no run" in found.limits
+    assert verify("lag", LAG, 3, jobs=1).never == ()
