@@ -46,6 +46,7 @@ EXTENDED = {
         "env/workers/*",
         "scenarios/isolated/*",
         "scenarios/many/*",
+        "scenarios/verification/test_verify.py",
         "app/test_crash.py",
     ),
     "servers": (

@@ -1,7 +1,7 @@
 """What came of a verification, as frozen data, and what follows from it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -97,6 +97,13 @@ class Verification:
     margins: Margins | str = "no margins"
     margins_before: Margins | str = "no margins"
     confidence: float = field(default=CONFIDENCE)
+
+    def with_runs(self, made: Sequence[VerifiedRun]) -> "Verification":
+        """Return this with its runs: random ones, those of one factor alone, and those of `start`."""
+        alone = self.planned + 2 * len(self.factors)
+        parts = made[: self.planned], made[self.planned : alone], made[alone:]
+        runs, one, before = map(tuple, parts)
+        return replace(self, runs=runs, alone=one, before=before)
 
     @property
     def complete(self) -> bool:

@@ -90,18 +90,26 @@ def verify(
     factors = chosen(subject.factors, ranges, vary)
     if not factors:
         raise SettingsError("nothing varies: all ranges are 0, or none of the chosen kinds is there")
-    nominals = [_nominal(found, each, seed) for each in thetas]
-    before = clock()  # after the first run, which may have compiled something
-    _nominal(found, thetas[0], seed)
-    seconds = clock() - before
-    factors, unfair = _fair(found, subject, factors, thetas[0], nominals[0])
-    cases = list(_cases(factors, len(thetas), runs, seed))
-    source = Variations(found.source, subject, tuple(thetas), tuple(cases))
-    here = jobs is None and timeout is None and seconds * len(cases) <= _QUICK
-    done = _done(source, 1 if here else jobs, timeout, progress)
+    without = _without_runs(found, subject, thetas, factors, (runs, seed))
+    cases = tuple(_cases(without.factors, len(thetas), runs, seed))
+    if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
+        jobs = 1
+    done = _done(Variations(found.source, subject, tuple(thetas), cases), jobs, timeout, progress)
     pairs = zip(cases, done, strict=False)
-    made = [_run(found, case, each, nominals[case.which]) for case, each in pairs]
-    one = runs + 2 * len(factors)
+    return without.with_runs([_run(found, without, case, result) for case, result in pairs])
+
+
+def _without_runs(
+    found: Scenario,
+    subject: Subject,
+    thetas: Sequence[Float[np.ndarray, " n"]],
+    factors: tuple[Factor, ...],
+    planned: tuple[int, int],
+) -> Verification:
+    """Return a verification with its nominal runs and margins; `planned` holds runs and seed."""
+    runs, seed = planned
+    nominals = [_nominal(found, each, seed) for each in thetas]
+    factors, unfair = _fair(found, subject, factors, thetas[0], nominals[0])
     margins = [robustness(found, subject, each) for each in thetas]
     return Verification(
         scenario=found.name,
@@ -113,13 +121,17 @@ def verify(
         planned=runs,
         seed=seed,
         nominal=nominals[0],
-        runs=tuple(made[:runs]),
-        alone=tuple(made[runs:one]),
-        before=tuple(made[one:]),
-        nominal_before=nominals[1] if len(nominals) > 1 else None,
+        nominal_before=nominals[1] if len(thetas) > 1 else None,
         margins=margins[0],
-        margins_before=margins[1] if len(margins) > 1 else "no margins",
+        margins_before=margins[1] if len(thetas) > 1 else "no margins",
     )
+
+
+def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable[[], float]) -> float:
+    """Return how long a run takes that is not the first one, which may compile something."""
+    before = clock()
+    scenario.run(theta.copy())
+    return clock() - before
 
 
 def replay(scenario: Scenario | str | Source, verification: Verification, run: VerifiedRun) -> Experiment:
@@ -168,8 +180,9 @@ def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
     return Scenario("source", "A source", KnobSpace(knobs), given)
 
 
-def _run(scenario: Scenario, case: _Case, result: Result, nominal: VerifiedRun) -> VerifiedRun:
+def _run(scenario: Scenario, of: Verification, case: _Case, result: Result) -> VerifiedRun:
     """Return what remains of a run; of one without an experiment, what its code said."""
+    nominal = of.nominal_before if case.which else of.nominal
     problems = problems_of(scenario.kpis, result, nominal)
     if isinstance(result, FailedRun):
         problems = (f"the run failed: {result.words}",)
