@@ -112,27 +112,18 @@ def random_tunings(scenario: Scenario) -> Iterable[tuple[str, Float[np.ndarray, 
 
 def row_of(scenario: Scenario, theta: Float[np.ndarray, " n"], runs: int) -> Row:
     """Return how θ fares on varied plants, and on the nominal one with other noise."""
-    vary = [f.kind for f in verify_factors(scenario)]
-    found = verify(scenario, theta, runs, ranges=RANGES, vary=sorted(set(vary)), jobs=1)
+    found = verify(scenario, theta, runs, ranges=RANGES, vary=list(RANGES), jobs=1)
     unsafe = sum(run.end.interrupted for run in found.failed)
     ends = [scenario.run(theta, seed=run.seed) for run in found.runs]
     control = [problems_of(found.kpis, made, found.nominal) for made in ends]
-    hurting = next((effect for effect in found.effects), None)
     return {
         "nominal": len(found.nominal.problems),
         "unsafe": unsafe,
         "failed": len(found.failed),
         "by noise": sum(map(bool, control)),
-        "hurts": "" if hurting is None else hurting.factor.name,
+        "hurts": found.effects[0].factor.name,
         "theta": np.asarray(theta).tolist(),
     }
-
-
-def verify_factors(scenario: Scenario) -> list[Any]:
-    """Return the parameters and the dead time of a loop."""
-    from prefcal_scenarios.verification.subject import subject_of
-
-    return [f for f in subject_of(scenario).factors if f.kind in RANGES]
 
 
 def tables(rows: Sequence[Row]) -> list[str]:
