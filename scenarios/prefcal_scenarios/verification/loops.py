@@ -9,7 +9,7 @@ import numpy as np
 from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.envs.task import Task
 from prefcal_env.experiments.control import Controller
-from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.cases.loops.controllers import Gains, Tunable, TunedLQR, TunedPID
 from prefcal_scenarios.cases.loops.controllers import Values as Knobs
@@ -18,6 +18,7 @@ from prefcal_scenarios.cases.loops.plant import CompiledPlant
 from prefcal_scenarios.cases.loops.right_hand_sides import Linear, Parameters
 
 from .factor import Factor, Kind, Values
+from .plants import DELAY, GRAIN, LOAD, NOISE, PLAY, narrowed
 from .rest import rest
 
 _SIZE, _WEAR, _RANGE = 0.2, (-0.5, 1.0), 0.1
@@ -28,8 +29,7 @@ _ROOM = 2.0
 """Distance of a limit from the target, in steps, that leaves room for other references."""
 _OFFSET = 0.1
 """Largest change of the operating point, in steps."""
-DIRECTION, REFERENCE, START, LOAD = "direction of the step", "size of the step", "start", "size of the load"
-DELAY, NOISE, GRAIN, WEAR, PLAY = "dead time", "noise", "resolution of sensors", "roughness", "backlash"
+DIRECTION, REFERENCE, START, WEAR = "direction of the step", "size of the step", "start", "roughness"
 
 
 class LoopSubject:
@@ -163,16 +163,8 @@ def _plant(plant: CompiledPlant, values: Values) -> CompiledPlant:
         named = {n: values.get(n.replace("_", " "), v) for n, v in p._asdict().items()}
         parameters = type(p)(**named)
     dead_time = values.get(DELAY, plant.dead_time)
-    inputs = tuple(_narrowed(c, values.get(f"range of {c.name}", 1.0)) for c in plant.inputs)
+    inputs = tuple(narrowed(c, values.get(f"range of {c.name}", 1.0)) for c in plant.inputs)
     return replace(plant, parameters=parameters, dead_time=dead_time, inputs=inputs)
-
-
-def _narrowed(c: Channel, share: float) -> Channel:
-    """Return an input that has only a share of its range, around its middle."""
-    if not np.isfinite(c.high - c.low):
-        return c
-    middle, half = (c.high + c.low) / 2, share * (c.high - c.low) / 2
-    return replace(c, low=middle - half, high=middle + half)
 
 
 def _task(loop: Loop, plant: CompiledPlant, values: Values) -> Task:

@@ -131,7 +131,7 @@ class PlantSubject:
     def _varied(self, values: Values) -> Plant:
         """Return the plant with these values, with its loads."""
         inner = _with_parameters(self.inner, values)
-        inputs = tuple(_narrowed(c, values.get(f"range of {c.name}", 1.0)) for c in self.plant.inputs)
+        inputs = tuple(narrowed(c, values.get(f"range of {c.name}", 1.0)) for c in self.plant.inputs)
         if isinstance(self.plant, Disturbed):
             return self.plant.around(inner, inputs)
         return Disturbed(inner, inputs=inputs)
@@ -249,7 +249,8 @@ def _constant(state: Channel) -> str:
     return f"time constant of {state.name}"
 
 
-def _narrowed(c: Channel, share: float) -> Channel:
+def narrowed(c: Channel, share: float) -> Channel:
+    """Return an input that has only a share of its range, around its middle."""
     if share == 1.0:
         return c
     middle, half = (c.high + c.low) / 2, share * (c.high - c.low) / 2

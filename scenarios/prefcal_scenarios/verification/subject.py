@@ -24,7 +24,7 @@ PARAMETER = 0.1
 """Usual relative change of a parameter."""
 _ADD = (
     "nothing of it can be varied: give the parameters of its plant as arguments with a default, such as "
-    "run(theta, seed=0, mass=1.2), or run it as a ClosedLoop of a plant"
+    "run(theta, seed=0, mass=1.2), or run it as a ClosedLoop of a plant (FMUs cannot be varied yet)"
 )
 _OURS = ("theta", "seed", "space")
 
