@@ -149,7 +149,8 @@ def _lines(found: Verification) -> Iterator[str]:
         yield f"Margins: {found.margins.basis}{stable}."
     else:
         yield f"{found.margins[:1].upper()}{found.margins[1:]}."
-    yield "What hurts most, one at a time:"
+    if found.effects:  # they come after all random runs, and an interruption may end before
+        yield "What hurts most, one at a time:"
     yield from (f"  {_effect(each)}" for each in found.effects[:_EFFECTS])
     yield f"Worst runs, of seed {found.seed}:"
     for each in found.worst(_WORST):
