@@ -169,7 +169,7 @@ class VariedLoop:
             size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
             y_ref = _scaled(y_ref, self.start, size, plant.g(x0, u0, task.disturbance(0.0)) - self.start)
         moves = None if task.max_move is None else task.max_move * values.get(MOVE, 1.0)
-        if noise.any():
+        if self._noisy or noise.any():
             task = replace(task, noise=noise)
         jitter = max(task.jitter, values.get(JITTER, 0.0))
         return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter)

@@ -7,10 +7,11 @@ import pytest
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_scenarios import KPI, Scenario
+from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import Factor, replay, verify
 from prefcal_scenarios.verification.factor import drawn
 from prefcal_scenarios.verification.result import most_probable
+from prefcal_scenarios.verification.verified import Verified
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
 THETA = np.array([2.0])
@@ -87,6 +88,8 @@ def test_what_is_done_before_an_interruption_is_kept():
     assert found.runs == verify("lag", LAG, 6, jobs=1).runs
     assert "6 of 6" in found.statement
     assert "stopped early, 299 were planned" in found.statement
+    kept = Verified.of(found, load("lag"), "current tuning", "1.0", "")
+    assert (kept.runs, kept.planned, kept.baseline, kept.effects) == (6, 299, "", ())
     assert found.effects == ()
 
 
@@ -151,5 +154,5 @@ def test_a_run_that_raises_fails_and_says_why():
 def test_a_nominal_run_that_never_settles_is_said():
     found = verify("lag", LAG * [0.05, 5, 1, 1, 1, 1], 3, jobs=1)
     assert "settling time of temperature (within ±5 %)" in found.never
-    assert "counts in no run" in found.limits
+    assert "Not counted, since infinite nominally, too: settling time of" in found.statement
     assert verify("lag", LAG, 3, jobs=1).never == ()
