@@ -19,7 +19,7 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.kpis import Result
 from prefcal_scenarios.many.results import FailedRun
 from prefcal_scenarios.many.simulate import Progress, simulate_iter
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from .cases import RIG, subject_of
 from .factor import Factor, Ranges, Values, drawn, within
@@ -74,6 +74,8 @@ def verify(
     integer("seed", seed, low=0, error=SettingsError)
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
+    if finds_kpis(found):
+        found = with_found_kpis(found, returned(found.run(thetas[0].copy(), seed=seed)))
     subject = _subject(found)
     factors = within(subject.factors, ranges or {})
     if not factors:
