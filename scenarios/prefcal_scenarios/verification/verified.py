@@ -1,0 +1,102 @@
+"""What a verification leaves beside its best.json, as plain data for people and programs."""
+
+import json
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from prefcal_env.disk import write_durably
+from prefcal_env.errors import ScenarioError
+from prefcal_env.plain import from_plain, to_plain
+
+FILE, BEST = "verification.json", "best.json"
+"""Names of the files of a verification and of its tuning, in one folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorstRun:
+    """One of the worst random runs.
+
+    Args:
+        words: Which stated limits it loses, or "within the limits".
+        values: Values that differ from the nominal ones, by name, in the units of `varied`.
+        seed: Seed of the run.
+        verdict: "acceptable" or "not acceptable"; "" if nobody was asked.
+    """
+
+    words: str
+    values: dict[str, float]
+    seed: int
+    verdict: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """What a verification says. Texts are as people read them; "–" is unknown.
+
+    Args:
+        statement: How sure it is that the limits are kept, in a sentence.
+        limits_kept: What the stated limits are, in a sentence.
+        share: Share of the runs that kept them; None without any.
+        bound: What the probability of not keeping them is below, with 95 % confidence.
+        runs: Number of random runs.
+        planned: Number that was asked for.
+        baseline: What the tuning is compared with, such as "current tuning"; "" if that is unknown.
+        kpis: A row for each KPI: title with unit, objective, nominal value, 5 % and 95 % quantile,
+            then the same three of the baseline, if it is known.
+        margins: A row for each margin: name with unit, value, then that of the baseline, likewise.
+            Empty if there are none.
+        basis: What the margins hold for, or why there are none, in a sentence.
+        effects: What each factor does alone, the one that hurts most first, a text each.
+        worst: The worst random runs, the worst first.
+        varied: What varied, with ranges and units, a text each.
+        left_out: What did not, a sentence each.
+        scenario: Name of the scenario.
+        version: Version of prefcal.
+        best: SHA-256 of the best.json, in hexadecimal digits.
+    """
+
+    statement: str
+    limits_kept: str
+    share: float | None
+    bound: float
+    runs: int
+    planned: int
+    baseline: str
+    kpis: tuple[tuple[str, ...], ...]
+    margins: tuple[tuple[str, ...], ...]
+    basis: str
+    effects: tuple[str, ...]
+    worst: tuple[WorstRun, ...]
+    varied: tuple[str, ...]
+    left_out: tuple[str, ...]
+    scenario: str
+    version: str
+    best: str
+
+    @classmethod
+    def read(cls, folder: str | Path) -> "Verified | None":
+        """Return what was verified of the best.json in a folder; None if nothing, or of another one.
+
+        Raises:
+            ScenarioError: If the file is there, but cannot be read.
+        """
+        path, tuning = Path(folder) / FILE, Path(folder) / BEST
+        if not (path.is_file() and tuning.is_file()):
+            return None
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise ScenarioError(f"cannot read {str(path)!r}: {error}") from error
+        found = from_plain(content, cls, ScenarioError, repr(str(path)))
+        return found if found.best == digest_of(tuning) else None
+
+    def write(self, folder: str | Path) -> None:
+        """Write the file, durably. Raises OSError."""
+        text = json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False)
+        write_durably(Path(folder) / FILE, f"{text}\n".encode())
+
+
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits. Raises OSError."""
+    return sha256(path.read_bytes()).hexdigest()
