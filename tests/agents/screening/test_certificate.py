@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import Screening
-from prefcal_agents.screening.certificate import FROM, LEAST, Certificate, Evidence, evidence
+from prefcal_agents.screening.certificate import FROM, LEAST, MOST, Certificate, Evidence, evidence
 from prefcal_agents.screening.growth import Growth
 from prefcal_agents.screening.simulations import Simulations
 from prefcal_env.preferences.answer import Answer, Preference
@@ -141,6 +141,18 @@ def test_the_share_by_hand():
     size = 10 ** (1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5)
     assert said.share == pytest.approx(np.ceil(100 * size) / 100)
     assert said.chance == pytest.approx(0.5)
+
+
+def test_the_number_of_random_experiments_by_hand():
+    said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, True, 0.5, ()))
+    size = 1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5
+    for number, chance in zip(said.experiments[:2], (0.05, 0.5), strict=True):
+        share = 10 ** (size - 0.544 * (np.log(chance / (1 - chance)) - np.log(0.01 / 0.99)))
+        assert (1 - share) ** number == pytest.approx(0.5), "so many find nothing better half of the time"
+    assert said.experiments[0] < said.experiments[1] < said.experiments[2] == MOST
+    poor, *_ = Certificate.of(replace(KNOWN, better=1.0, wide=1.0, held=0.0, answers=2)).experiments
+    assert poor == 1
+    assert Certificate.of(replace(KNOWN, explained=False)).experiments is None
 
 
 def test_the_draws_are_believed_less_the_surer_they_are():

@@ -203,6 +203,20 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
     assert Prospect(940, 0.5, replace(CERTIFIED, chance=0.05)).offer.endswith("Stop here, or go on?")
 
 
+@pytest.mark.parametrize(
+    ("experiments", "words"),
+    [
+        ((3.4, 123.0, 1000.0), "about 120 random experiments (90 %: 3 to more than 1,000)."),
+        ((112.0, 1000.0, 1000.0), "more than 1,000 random experiments (90 %: 110 to more than 1,000)."),
+        ((1.0, 9.6, 88.0), "about 10 random experiments (90 %: 1 to 88)."),
+    ],
+)
+def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments, words):
+    said = replace(CERTIFIED, experiments=experiments)
+    assert f"the best so far. It is as good as the best of {words} The chance" in Prospect(9, 0.1, said).text
+    assert "random experiments" not in Prospect(9, 0.1, replace(said, share=1.0)).text
+
+
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
     found = Prospect(940, 0.08, replace(CERTIFIED, share=None, chance=None))
     assert found.text == "The KPIs do not explain your answers well enough to say how much better is left."
