@@ -56,7 +56,7 @@ function steps(now, act) {
       over.decisive ? el("p", { class: "actions" }, button("Look at that answer again", again)) : null,
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
     over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. Look at one beside the result, and at what lies between them."),
-      el("p", { class: "actions" }, over.menu.map(({ name }, k) => button([name, el("kbd", { "aria-hidden": "true" }, String(k + 1))], () => showOther(k), { class: "other" })))) : null,
+      el("p", { class: "actions" }, over.menu.map(({ name }, k) => [button(name, () => showOther(k), { class: "other" }), el("kbd", {}, String(k + 1))]))) : null,
     item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
     item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));
 

@@ -86,7 +86,7 @@ function way() {
   if (!$("way")) return;
   const at = stops.indexOf(row), from = stops.indexOf(data.best), far = at < from ? from : stops.length - 1 - from;
   const words = at < 0 ? "another point" : at === from ? "the result"
-    : `${Math.abs(at - from)} of ${far} to ${current().over.menu[at < from ? 0 : 1].name}`;
+    : `${Math.abs(at - from)} of ${far} to ${current().over?.menu[at < from ? 0 : 1].name}`;
   if (at >= 0) $("way").value = at;
   $("way").setAttribute("aria-valuetext", words);
   fill(document.querySelector("#ways output"), symbol(words));
