@@ -18,7 +18,7 @@ from prefcal_agents.utility.influence import Influence, Stakes, influences, stak
 from prefcal_agents.utility.menu import others
 from prefcal_agents.utility.posterior import AFTER, explains
 from prefcal_agents.utility.utilities import Utilities
-from prefcal_agents.utility.wishes import Wished, wishes
+from prefcal_agents.utility.wishes import Wished, objections, wishes
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Comparison, History
 
@@ -178,6 +178,20 @@ class Screening(Simulating):
             return ()
         stage = self._stages(self.history)
         return wishes(self._growth.pool(past), past, stage.spread, stage.bank.find(self.best))
+
+    @property
+    def objections(self) -> dict[str, int]:
+        """Return which row to compare with the best if a KPI matters more than was said, by its name.
+
+        It simulates if needed.
+        """
+        said, past = self.wishes, self._past
+        if not said:
+            return {}
+        stage = self._stages(self.history)
+        return objections(
+            self._growth.pool(past), past, stage.spread, stage.bank.find(self.best), said[0].name
+        )
 
     @property
     def _past(self) -> History:

@@ -1,7 +1,7 @@
 """What the open question was chosen from: the simulated θ, and why this one is shown."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +27,8 @@ class Carried:
         decisive: The answer that carries the result; None if none alone does.
         menu: Rows of the bank that the person might prefer to the result, with why.
         wishes: What the person wanted by the answers, what matters most first.
+        objections: Rows of the bank to compare with the result, by the KPI that matters more than
+            was said.
     """
 
     over: bool
@@ -34,6 +36,7 @@ class Carried:
     decisive: Influence | None
     menu: Mapping[int, Reason]
     wishes: tuple[Wished, ...]
+    objections: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, agent: Screening, *, over: bool) -> "Carried":
@@ -42,7 +45,7 @@ class Carried:
             return cls(False, agent.stakes, None, {}, ())
         best = agent.best_index
         found = None if best is None else decisive(agent.influences, best)
-        return cls(True, None, found, agent.menu, agent.wishes)
+        return cls(True, None, found, agent.menu, agent.wishes, agent.objections)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -14,7 +14,7 @@ from prefcal_scenarios.scenario import KPI
 
 from . import tables
 from .seen import Seen
-from .simulated import decisive_view, menu_view
+from .simulated import decisive_view, menu_view, objections_view
 
 FIRST, CURRENT = "first experiment", "current tuning"
 """Names of the first experiment: without and with a tuning that the person gave."""
@@ -48,6 +48,7 @@ def over_view(
         "next": next_view(interview, now, report),
         "decisive": decisive_view(interview),
         "menu": menu_view(interview),
+        "objections": objections_view(interview),
     }
 
 

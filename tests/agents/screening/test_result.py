@@ -24,6 +24,7 @@ def by_first(query):
 def ended():
     agent = Screening(MIXED, simulate=quick, n_simulated=100, n_max=8, seed=0)
     assert (agent.influences, agent.stakes, agent.menu, agent.wishes) == ((), None, {}, ())
+    assert agent.objections == {}
     while not agent.done:
         query = agent.ask()
         stakes = agent.stakes
@@ -64,6 +65,15 @@ def test_what_decided_is_what_was_wanted(ended):
     wish = {wish.name: wish for wish in ended.wishes}["first"]
     assert wish.certainty > 0.9
     assert quick(ended.best)["first"] < wish.bound < np.median(ended.bank.kpis[:, 0])
+
+
+def test_an_objection_leads_to_what_gains_in_that_kpi(ended):
+    assert ended.wishes[0].name not in ended.objections
+    assert ended.objections
+    for name, row in ended.objections.items():
+        theta = ended.bank.thetas[row]
+        assert quick(theta)[name] < quick(ended.best)[name]
+        assert not ended.space.close(theta, ended.samples).any()
 
 
 def test_a_requested_theta_that_was_not_simulated_says_nothing():

@@ -11,9 +11,10 @@ from prefcal_agents.screening.reason import Reason
 from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import Carried, Prospect
 from prefcal_app.simulating.why import percent
-from prefcal_env.errors import KnobError, ScenarioError
+from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
+from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.kpis import screened
-from support.interviews import begin, proceed
+from support.interviews import begin, proceed, reopened
 from support.looks import toy
 from support.screened import explained, screening, simulated
 
@@ -272,3 +273,53 @@ def test_an_error_in_what_is_said_of_a_result_leaves_the_rest(monkeypatch):
         pass
     assert interview.known.screened().told_result
     assert len(interview.known.screened().bank) > 0
+
+
+def ended(**more):
+    """A study that is over, with what carries its result."""
+    interview = explained(screening(n_max=3, **more))
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT)
+    return interview
+
+
+def test_a_choice_after_a_look_is_an_answer_and_leaves_the_study_over(tmp_path):
+    interview = ended(path=tmp_path / "a.prefcal")
+    best, given = interview.now().incumbent, interview.known.counts.comparisons
+    interview.look_at(WANTED)
+    now = interview.steps.choose(WANTED, best)
+    assert now.phase is Phase.OVER  # without another run, and without a question to the person
+    assert now.incumbent == 3
+    assert interview.past.experiment(3).theta.tolist() == WANTED.tolist()
+    assert interview.known.counts.comparisons == given + 1
+    assert now.state.requested == {3}
+    interview.file.close()
+    again = reopened(simulated, tmp_path / "a.prefcal")
+    assert again.now().incumbent == 3, "it is as durable as any answer"
+    asked = again.steps.undo(again.now().version).question
+    assert (asked.challenger.index, asked.incumbent.index) == (3, best), "and can be undone as any"
+    again.steps.give(asked.id, Answer(Preference.INCUMBENT))
+    assert proceed(again).incumbent == best
+
+
+def test_a_choice_that_was_not_looked_at_is_only_asked_for():
+    interview = ended()
+    now = interview.steps.choose(WANTED, interview.now().incumbent)
+    assert now.phase is Phase.RUNNING
+    asked = proceed(interview).question
+    assert asked.challenger.experiment.theta.tolist() == WANTED.tolist()
+    assert interview.known.counts.comparisons == 2
+
+
+def test_a_choice_beside_another_best_or_of_what_was_tried_changes_nothing():
+    interview = ended()
+    best, version = interview.now().incumbent, interview.now().version
+    other = interview.past.experiment(1 - min(best, 1)).theta
+    interview.look_at(WANTED)
+    with pytest.raises(StaleError, match="another experiment is the best"):
+        interview.steps.choose(WANTED, best + 1)
+    with pytest.raises(ProtocolError, match="compared already"):
+        interview.steps.choose(other, best)
+    with pytest.raises(KnobError):
+        interview.steps.choose(np.array([9.0, 21.0, 1.0]), best)
+    assert (interview.now().version, interview.now().phase) == (version, Phase.OVER)
