@@ -56,6 +56,7 @@ class Screening(Simulating):
 
     def _prepare(self) -> None:
         self._stages = Remembered(self._stage_after)
+        self._evidences = Remembered(self._evidence_after)
 
     def _stage_after(self, history: History) -> Stage:
         with one_thread():
@@ -108,11 +109,16 @@ class Screening(Simulating):
         None before the second answer, and where experiments measured other KPIs than those
         simulated, on which no certificate was measured.
         """
-        if self.best_index is None or len(self.history.lessons()) < FROM:
-            return None
-        stage = self._stages(self.history)
-        row = None if stage.rough else _row(stage.bank, self.best)
-        return None if row is None else evidence(stage, row, self.history)
+        (found,) = self._evidences(self._past)
+        return found
+
+    def _evidence_after(self, history: History) -> tuple[Evidence | None]:
+        best = self.leader(history)
+        if best is None or len(history.lessons()) < FROM:
+            return (None,)
+        stage = self._stages(history)
+        row = None if stage.rough else _row(stage.bank, np.array(history.samples[best].theta))
+        return (None if row is None else evidence(stage, row, history),)
 
     @property
     def certificate(self) -> Certificate | None:
@@ -216,6 +222,16 @@ class Screening(Simulating):
             return None
         value = np.where(rivals, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
         return int(np.argmax(value))
+
+    def has_enough(self, history: History) -> bool:
+        """Return whether the certificate says that little is left, and the best misses no objective."""
+        past = history.until(history.answered)
+        (found,), best = self._evidences(past), self.leader(past)
+        if found is None or best is None or not Certificate.of(found).enough:
+            return False
+        bank = self._stages(past).bank
+        row = bank.find(np.array(past.samples[best].theta))
+        return not self.simulations.reading.missed(bank.names, bank.kpis[[row]]).any()
 
     def question(self, history: History) -> Pair | None:
         """Return None: nothing is asked twice."""

@@ -8,7 +8,7 @@ import { bestCard } from "./status.js";
 
 const REASONS = {
   "all compared": "All experiments have been compared", "good enough": "The best is good enough",
-  stopped: "You finished the study",
+  stopped: "You finished the study", "little is left to gain": "Little is left to gain",
 };
 
 const link = (words, properties) => el("a", { class: "button", ...properties }, words);
