@@ -202,7 +202,8 @@ class Worn:
     """
 
     def __init__(self, controller: Controller, grain: Y, play: U) -> None:
-        self.controller, self.grain, self.play, self.T_s = controller, grain, play, controller.T_s
+        self.controller, self.play, self.T_s = controller, play, controller.T_s
+        self.rounded, self.grain = grain > 0, np.where(grain > 0, grain, 1.0)
 
     @classmethod
     def of(cls, make: ControllerFactory, grain: Y, play: U, theta: Float[np.ndarray, " n"]) -> "Worn":
@@ -211,8 +212,9 @@ class Worn:
 
     def move(self, measurement: Measurement) -> Move:
         """Decide by what the sensors show; return where the actuators go."""
-        m, grain = measurement, np.where(self.grain > 0, self.grain, 1.0)
-        y = np.where(self.grain > 0, np.round(m.y / grain) * grain, m.y)
-        move = self.controller.move(replace(m, y=y))
-        reached = np.clip(m.u, move.u - self.play, move.u + self.play)
-        return replace(move, u=np.where(np.isfinite(move.u), reached, move.u))
+        m = measurement
+        y = np.where(self.rounded, (m.y / self.grain).round() * self.grain, m.y)
+        move = self.controller.move(Measurement(m.t, m.x, m.u, m.d, m.y_ref, y))
+        # What is NaN stays so: it tells that the controller failed.
+        reached = np.minimum(np.maximum(m.u, move.u - self.play), move.u + self.play)
+        return Move(reached, solved=move.solved, iterations=move.iterations)
