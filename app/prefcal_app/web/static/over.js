@@ -52,7 +52,7 @@ function steps(now, act) {
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
-      over.objections.length ? el("p", { class: "actions" }, "No, this matters more:", over.objections.map(({ name, theta }) =>
+      over.objections.length ? el("p", { class: "actions" }, "Is that not what you want? This matters more:", over.objections.map(({ name, theta }) =>
         button(symbol(name), () => request(theta, progress.questions - progress.answered, act), { class: "objection" }))) : null,
       over.decisive ? el("p", { class: "actions" }, button("Look at that answer again", again)) : null,
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
