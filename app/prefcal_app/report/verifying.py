@@ -94,4 +94,5 @@ def _drawn(tuning: Tuning, worst: VerifiedRun, rank: int) -> bytes:
     nominal, made = (
         replay(tuning.scenario, tuning.theta, each) for each in (replace(worst, values={}), worst)
     )
-    return png(figure(tuning.scenario, nominal, made, ("nominal", f"worst run {rank}: {worst.words}")))
+    labels = "nominal", f"worst run {rank}: {worst.words}"
+    return png(figure(tuning.scenario, nominal, made, labels, own=True))
