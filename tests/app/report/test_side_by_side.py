@@ -36,5 +36,7 @@ def test_a_varied_plant_has_a_target_of_its_own():
     varied = replace(nominal, channels=replace(nominal.channels, y=(other,)))
     for own, end in ((False, level.target), (True, other.target)):
         drawn = figure(scenario, nominal, varied, own=own)
-        shown = [f"target {number(end)}" in axes.get_title("left") for axes in drawn.axes if axes.get_visible()]
+        shown = [
+            f"target {number(end)}" in axes.get_title("left") for axes in drawn.axes if axes.get_visible()
+        ]
         assert sum(shown) == (1 if own else 2)
