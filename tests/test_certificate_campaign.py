@@ -68,15 +68,15 @@ def test_a_study_ends_with_its_first_answer_after_which_it_is_enough(script):
     def study(seed, shares, chances):
         rows = [
             row(script, share, answers=n, wide=0.0, chance=c)
-            for n, share, c in zip((5, 7, 10), shares, chances, strict=True)
+            for n, share, c in zip((5, 8, 10), shares, chances, strict=True)
         ]
         return [replace(each, seed=seed) for each in rows]
 
-    one = study(0, (0.1, 3 / 8192, 1 / 8192), (0.2, 0.2, 0.2))  # ends after 7, at half the worth
+    one = study(0, (0.1, 3 / 8192, 1 / 8192), (0.2, 0.2, 0.2))  # ends after 8, at half the worth
     two = study(1, (0.1, 1 / 8192, 1 / 8192), (0.2, 0.9, 0.9))  # its most promising θ remains likely
     text = "\n".join(script.tables([*one, *two]))
-    assert "| trade | 2 | 8.5 | 0.71 |" in text  # the geometric mean of 1/2 and 1
-    assert "| all | 2 | 8.50 | 0.707 |" in text
+    assert "| trade | 2 | 9.0 | 0.71 |" in text  # the geometric mean of 1/2 and 1
+    assert "| all | 2 | 9.00 | 0.707 |" in text
     assert "Studies that end when it is enough" in text
 
 

@@ -6,7 +6,7 @@
     python benchmarks/campaigns/certificate.py --quick --out look             # less than a minute
 
 Each study is one of `Screening` with a simulated person who gives 0 or 10 % wrong answers. After 2,
-3, 5 to 10, 12, 15 and 20 answers, the evidence is noted, with the truth: the share of a pool of
+3, 5, 6, 8, 10, 12, 15 and 20 answers, the evidence is noted, with the truth: the share of a pool of
 random θ that are noticeably better than the result by the person's rule without mistakes, and
 whether the most promising θ is. Studies in the folder do not run again.
 
@@ -55,7 +55,7 @@ TRADING = ("weights", "limits", "narrow", "rising", "trade")
 FAMILIES = (*TRADING, "priorities", "order", "ideal", "majority", "ranks", "curves")
 WRONG = {0: "", 10: "-noisy10"}
 """End of the name of a taste by the percentage of wrong answers."""
-ANSWERS = (2, 3, 5, 6, 7, 8, 9, 10, 12, 15, 20)
+ANSWERS = (2, 3, 5, 6, 8, 10, 12, 15, 20)
 _MOST_ANSWERS = 10
 """Answers of a study that does not end by itself."""
 _POOL = 8192
