@@ -2,7 +2,7 @@
 
 import importlib
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +62,22 @@ def test_the_chance_is_compared_with_what_was_true_in_bins(script):
     text = "\n".join(script.tables(rows))
     assert "| 40% to 60% | 4 | 50% | 50% |" in text
     assert "| 0% to 20% | 1 | 6% | 0% |" in text
+
+
+def test_a_study_ends_with_its_first_answer_after_which_it_is_enough(script):
+    def study(seed, shares, chances):
+        rows = [
+            row(script, share, answers=n, wide=0.0, chance=c)
+            for n, share, c in zip((5, 8, 10), shares, chances, strict=True)
+        ]
+        return [replace(each, seed=seed) for each in rows]
+
+    one = study(0, (0.1, 3 / 8192, 1 / 8192), (0.2, 0.2, 0.2))  # ends after 8, at half the worth
+    two = study(1, (0.1, 1 / 8192, 1 / 8192), (0.2, 0.9, 0.9))  # its most promising θ remains likely
+    text = "\n".join(script.tables([*one, *two]))
+    assert "| trade | 2 | 9.0 | 0.71 |" in text  # the geometric mean of 1/2 and 1
+    assert "| all | 2 | 9.00 | 0.707 |" in text
+    assert "Studies that end when it is enough" in text
 
 
 def test_the_fit_finds_the_coefficients_by_which_shares_were_drawn(script):

@@ -6,12 +6,13 @@
     python benchmarks/campaigns/certificate.py --quick --out look             # less than a minute
 
 Each study is one of `Screening` with a simulated person who gives 0 or 10 % wrong answers. After 2,
-3, 5, 8, 10, 12, 15 and 20 answers, the evidence is noted, with the truth: the share of a pool of
+3, 5, 6, 8, 10, 12, 15 and 20 answers, the evidence is noted, with the truth: the share of a pool of
 random θ that are noticeably better than the result by the person's rule without mistakes, and
 whether the most promising θ is. Studies in the folder do not run again.
 
 The tables say how often the stated share was exceeded, with 95 % Clopper-Pearson intervals, how often
-the number of random experiments was in its interval, and how often the most promising θ was better.
+the number of random experiments was in its interval, how often the most promising θ was better, and
+how many answers studies take that end when it is enough, and what part of the worth of ten they have.
 With --fit, the coefficients of the certificate are fitted to the studies in the folder, in which
 every family counts the same; fit on other loops than those that are reported.
 """
@@ -54,7 +55,11 @@ TRADING = ("weights", "limits", "narrow", "rising", "trade")
 FAMILIES = (*TRADING, "priorities", "order", "ideal", "majority", "ranks", "curves")
 WRONG = {0: "", 10: "-noisy10"}
 """End of the name of a taste by the percentage of wrong answers."""
-ANSWERS = (2, 3, 5, 8, 10, 12, 15, 20)
+ANSWERS = (2, 3, 5, 6, 8, 10, 12, 15, 20)
+_MOST_ANSWERS = 10
+"""Answers of a study that does not end by itself."""
+_POOL = 8192
+"""Number of random θ that the truth is read off."""
 _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Shares whose chances to be exceeded are fitted."""
 _FIT_AT, _PENALTY = 0.01, 1e-3
@@ -223,6 +228,8 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
     yield from markdown(["stated share", *counts], lines, "By what is stated, after any number of answers")
     heads = ["stated chance", "studies", "mean stated", "was better"]
     yield from markdown(heads, _reliability(rows), "Chance that the most promising θ is noticeably better")
+    heads = ["family", "studies", "answers", "worth of ten"]
+    yield from markdown(heads, _ended(rows), "Studies that end when it is enough")
 
 
 def _between(low: float, row: Row, high: float) -> bool:
@@ -262,6 +269,25 @@ def _reliability(rows: Sequence[Row]) -> Iterator[list[str]]:
         if some:
             stated, was = np.mean(np.array(some, dtype=float), axis=0)
             yield [f"{low:.0%} to {high:.0%}", str(len(some)), f"{stated:.0%}", f"{was:.0%}"]
+
+
+def _ended(rows: Sequence[Row]) -> Iterator[list[str]]:
+    """Yield for each family how many answers its studies take, and the mean of families."""
+    studies: dict[tuple[str, str, int, int], dict[int, Row]] = {}
+    for row in rows:
+        studies.setdefault((row.loop, row.family, row.wrong, row.seed), {})[row.evidence.answers] = row
+    found: dict[str, list[tuple[int, float]]] = {}
+    for study in studies.values():
+        if _MOST_ANSWERS in study:
+            last = min(n for n, row in study.items() if n == _MOST_ANSWERS or row.said.enough)
+            worth = np.log([study[n].exceeded_by + 1 / _POOL for n in (_MOST_ANSWERS, last)])
+            found.setdefault(study[last].family, []).append((last, float(worth[0] - worth[1])))
+    means = {family: np.mean(each, axis=0) for family, each in found.items()}
+    for family, (answers, log) in means.items():
+        yield [family, str(len(found[family])), f"{answers:.1f}", f"{np.exp(log):.2f}"]
+    if means:
+        answers, log = np.mean(list(means.values()), axis=0)
+        yield ["all", str(sum(map(len, found.values()))), f"{answers:.2f}", f"{np.exp(log):.3f}"]
 
 
 def fitted(rows: Sequence[Row]) -> Iterator[str]:

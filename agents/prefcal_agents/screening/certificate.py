@@ -28,11 +28,11 @@ LEAST = 0.01
 """Smallest share that is said."""
 MOST = 1000
 """Largest number of random experiments that is said: 8,192 tell little of more."""
-ENOUGH_ANSWERS, ENOUGH_SHARE, ENOUGH_CHANCE = 6, 0.1, 0.5
-"""Number of answers from which on a study can end, and the largest share and chance with which it does.
+ENOUGH_AFTER, ENOUGH_SHARE, ENOUGH_CHANCE = (6, 8), 0.1, 0.5
+"""Numbers of answers after which a study can end, and the largest share and chance with which it does.
 
 Source: none. Of the rules that ask ten questions at most, one that keeps nine tenths of what ten
-answers are worth.
+answers are worth. There are two looks, since each one can end a study by mistake.
 """
 _BY_CHANCE = -1.1
 """Mean log probability of an answer, in nats, if each of the three is as likely: log(1/3)."""
@@ -106,7 +106,7 @@ class Certificate:
         experiments: Number of random experiments whose best one is as good as the result: the lower
             end of a 90 % interval for people of all kinds together, the median, and the upper end,
             1 to 1000, which stands for more, too. None if the answers do not follow from the KPIs.
-        enough: Whether so little is left that a study can end.
+        enough: Whether so little is left that a study can end, after 6 and 8 answers.
     """
 
     share: float | None
@@ -135,7 +135,7 @@ class Certificate:
         share = ceil(100 * np.clip(10.0 ** min(size, 0.0), LEAST, 1.0)) / 100
         believed = np.clip(found.chance, 1.0 - _SURE, _SURE)
         chance = float(expit(_CHANCE * logit(believed)))
-        enough = found.answers >= ENOUGH_ANSWERS and share <= ENOUGH_SHARE and chance <= ENOUGH_CHANCE
+        enough = found.answers in ENOUGH_AFTER and share <= ENOUGH_SHARE and chance <= ENOUGH_CHANCE
         return cls(share, PROBABILITY, chance, found.promising, _experiments(size), enough)
 
 

@@ -58,10 +58,8 @@ class Prospect:
     @property
     def offer(self) -> str:
         """Return the offer to stop; empty if there is a reason to continue."""
-        said = self.certificate
-        chance = self.chance if said is None else said.chance
-        unlikely = chance is not None and chance < _UNLIKELY
-        return f"{self.text} Stop here, or go on?" if unlikely or (said is not None and said.enough) else ""
+        chance = self.chance if self.certificate is None else self.certificate.chance
+        return f"{self.text} Stop here, or go on?" if chance is not None and chance < _UNLIKELY else ""
 
 
 def _as_good_as(said: Certificate) -> str:

@@ -154,11 +154,12 @@ def test_the_share_by_hand():
     assert said.chance == pytest.approx(0.5)
 
 
-def test_it_is_enough_from_the_sixth_answer_on_if_share_and_chance_are_small():
+def test_it_is_enough_after_six_and_eight_answers_if_share_and_chance_are_small():
     good = replace(KNOWN, answers=6, better=0.0, wide=0.0)
     assert Certificate.of(good).share <= 0.1
     assert Certificate.of(good).enough
-    for less in ({"answers": 5}, {"chance": 0.51}, {"wide": 0.1}, {"explained": False}):
+    assert Certificate.of(replace(good, answers=8)).enough
+    for less in ({"answers": 5}, {"answers": 7}, {"chance": 0.51}, {"wide": 0.1}, {"explained": False}):
         assert not Certificate.of(replace(good, **less)).enough
     assert Certificate.of(replace(good, chance=0.5)).enough
 
