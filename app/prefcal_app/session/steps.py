@@ -170,8 +170,8 @@ def choose(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...], best:
         raise ProtocolError("an experiment was run with this θ: it was compared already")
     runs.go_on(flow, more=int(flow.state.history.answered >= flow.state.n_max))
     ask_for(flow, wanted)
-    asked = flow.question
-    if asked is not None and asked.challenger.index == flow.state.history.answered:
+    asked, samples = flow.question, flow.state.history.samples
+    if asked is not None and np.array_equal(samples[asked.challenger.index].theta, wanted):
         _close(flow, asked, Answer(Preference.CHALLENGER, marks=asked.marks))
         runs.finish(flow)
 

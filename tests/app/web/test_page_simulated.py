@@ -256,7 +256,9 @@ def test_one_key_looks_at_another_candidate_and_one_chooses_it(menu):
     assert served.state == before
     theta = page.inner_text("#look .right .theta")
     page.keyboard.press("c")
+    page.keyboard.press("c")  # a double press chooses once
     page.wait_for_selector("#view-over h3 >> text=The result: experiment 4")
+    assert page.is_hidden("#banner")
     assert served.state.ended
     assert len(served.state.history.comparisons) == len(before.history.comparisons) + 1
     assert served.state.requested == {3}

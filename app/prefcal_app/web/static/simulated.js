@@ -71,8 +71,10 @@ function build() {
 function ways() {
   const [one = [], two = []] = data.ways, { menu = [] } = current()?.over ?? {};
   stops = [...one.slice(1).reverse(), data.best, ...two.slice(1)];
+  const key = String([stops, menu.map(({ name }) => name)]);
   $("ways").hidden = !one.length;
-  if (!one.length) return;
+  if (!one.length || $("ways").dataset.key === key) return; // it may be in use
+  $("ways").dataset.key = key;
   const ends = menu.map(({ name }, k) => button([symbol(name), " ", el("kbd", {}, String(k + 1))], () => showOther(k)));
   fill($("ways"), el("label", { for: "way" }, "What lies between: each stop was simulated. To choose one is an answer."),
     el("input", { type: "range", id: "way", min: 0, max: stops.length - 1, on: { input: ({ target }) => choose(stops[target.value]) } }),
@@ -206,7 +208,10 @@ export async function request(theta, left, act) {
 export async function chooseIt() {
   const { theta, number } = data?.points[row] ?? {};
   if (looked === null || looked !== row || number !== null || !can("choose")) return;
-  if (await send("choose", { theta, best: data.points[data.best].number - 1 }, "chosen")) open("now");
+  looked = null; // once
+  if (!(await send("choose", { theta, best: data.points[data.best].number - 1 }, "chosen"))) return;
+  fill($("look"));
+  open("now");
 }
 
 // Show the curves of the point beside the best so far; while they are fetched, it may become another one.
