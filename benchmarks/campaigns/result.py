@@ -2,6 +2,7 @@
 
     python benchmarks/campaigns/result.py --out result.jsonl                  # held-out: an hour
     python benchmarks/campaigns/result.py --out look.jsonl --loops rough-0 --tastes order
+    python benchmarks/campaigns/result.py --out smaller.jsonl --start         # the smaller change
 
 Simulated people of six families with just noticeable differences answer ten questions each, with a
 thousand simulated θ. Studies that are in the file do not run again.
@@ -14,6 +15,9 @@ menu      Whether a candidate on it is not noticeably worse than the best one, t
           fewest of all simulated are noticeably better; and the share of those that are.
 wanted    Whether the person finds the result noticeably worse with one KPI at the stated value, and
           whether the KPI said first decides as many pairs as those said later.
+smaller   With --start alone, where each study begins with a random θ that ends safely, the current
+          tuning: how many knobs of the result that differ from it are put back, and whether the
+          person does not find that noticeably worse than the result.
 """
 
 import argparse
@@ -37,6 +41,7 @@ from prefcal_agents.utility.influence import decisive, turned
 from prefcal_agents.utility.wishes import Wished, pairs
 from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.people import USUAL, Runs, Taste, runs_of, sample, taste
+from prefcal_bench.people.sample import thetas
 from prefcal_bench.problems import Problem, prefer, problem
 from prefcal_bench.results.words import markdown
 from prefcal_env.preferences.answer import Answer
@@ -60,9 +65,12 @@ class ToldStudy:
         where: Problem with a scenario.
         person: Taste of the person who answers.
         n_simulated: Number of θ to simulate.
+        start: Whether it begins with a current tuning, to measure the smaller change alone.
     """
 
-    def __init__(self, where: Problem, person: Taste, n_simulated: int = 1000) -> None:
+    def __init__(
+        self, where: Problem, person: Taste, n_simulated: int = 1000, *, start: bool = False
+    ) -> None:
         self._where, self._person, self._judge = where, person, person.calibrator()
         self.agent = Screening(
             where.space,
@@ -70,14 +78,15 @@ class ToldStudy:
             n_simulated=n_simulated,
             n_max=_ASKED + 1,
             seed=person.seed,
+            start=_safe(where) if start else None,
         )
 
     def row(self) -> Row:
         """Answer all questions; return what was said, and what is true."""
         stakes = list(self._answered())
-        thetas = self.agent.bank.thetas
-        experiments = [self._where.outcome(theta).experiment for theta in thetas]
-        runs = runs_of(self._person.kpis, [e for e in experiments if e is not None])
+        if self.agent.setup.start:
+            return {"smaller": self._smaller()}
+        runs = self._runs(self.agent.bank.thetas)
         best = self.agent.bank.find(self.agent.best)
         return {
             "stakes": stakes,
@@ -85,6 +94,21 @@ class ToldStudy:
             **self._menu(runs, best),
             **self._wanted(runs, runs.take(np.array([best]))),
         }
+
+    def _runs(self, thetas: Float[np.ndarray, "m n"]) -> Runs:
+        experiments = [self._where.outcome(theta).experiment for theta in thetas]
+        return runs_of(self._person.kpis, [e for e in experiments if e is not None])
+
+    def _smaller(self) -> Row:
+        """Return how many knobs differ and are put back, and whether that is no worse."""
+        best, before = self.agent.best, np.array(self.agent.history.samples[0].theta)
+        found, certificate = self.agent.smaller_change, self.agent.certificate
+        row = {"knobs": len(best), "changed": int(np.sum(best != before)), "back": 0, "good": None}
+        if found is None or (certificate is not None and not certificate.explained):
+            return row  # as on the page: nothing is said where the KPIs do not explain the answers
+        result, smaller = (self._runs(np.array([theta])) for theta in (best, found.theta))
+        good = bool(self._person.rule.compare(result, smaller)[0] >= 0)
+        return row | {"back": int(np.sum(best != found.theta)), "good": good}
 
     def _answered(self) -> Iterator[tuple[float, bool]]:
         """Answer all; yield the stated chances of another result, and whether it is another one."""
@@ -146,6 +170,13 @@ class ToldStudy:
         return float(np.mean(compare(_with(one, name, other.column(name)), other) != compare(one, other)))
 
 
+def _safe(where: Problem) -> Float[np.ndarray, " n"]:
+    """Return the first random θ whose experiment is not interrupted, shape (n,)."""
+    assert where.scenario is not None
+    experiments = ((theta, where.outcome(theta).experiment) for theta in thetas(where.scenario, "start", 256))
+    return next(theta for theta, e in experiments if e is not None and not e.end.interrupted)
+
+
 def _with(runs: Runs, name: str, values: Float[np.ndarray, " K"]) -> Runs:
     """Return runs with other values of one KPI."""
     changed = runs.values.copy()
@@ -157,6 +188,11 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the figures of each family and of all, then stated chances against what was true."""
     families = dict.fromkeys(row["taste"] for row in rows)
     groups = {family: [row for row in rows if row["taste"] == family] for family in families}
+    if "smaller" in rows[0]:
+        heads = "studies", "offered", "no worse", "knobs that differ", "put back"
+        some = [[family, *_changes(some)] for family, some in {**groups, "all": rows}.items()]
+        yield from markdown(["family", *heads], some)
+        return
     heads = "studies", "named", "as foretold", "without", "result", "menu", "result 1 %", "menu 1 %"
     yield from markdown(
         ["family", *heads], [[family, *_figures(some)] for family, some in {**groups, "all": rows}.items()]
@@ -182,6 +218,16 @@ def _figures(rows: Sequence[Row]) -> Iterator[str]:
     yield _share([min(row["better"]) < _FEW for row in rows])
 
 
+def _changes(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the figures of the smaller change; of knobs the medians where one is offered."""
+    offered = [row["smaller"] for row in rows if row["smaller"]["back"]]
+    yield str(len(rows))
+    yield _share([row["smaller"]["back"] > 0 for row in rows])
+    yield _share([each["good"] for each in offered])
+    for key in ("changed", "back"):
+        yield f"{np.median([each[key] for each in offered]):g}" if offered else "–"
+
+
 def _share(found: Sequence[bool]) -> str:
     return f"{100 * sum(found) / len(found):.0f} %" if found else "–"
 
@@ -205,6 +251,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--tastes", nargs="+", default=list(FAMILIES))
     parser.add_argument("--seeds", type=int, default=1, help="people of each loop and family")
     parser.add_argument("--simulated", type=int, default=1000, help="θ simulated unseen")
+    parser.add_argument("--start", action="store_true", help="begin with a tuning; the smaller change alone")
     options = parser.parse_args(words)
     file = options.out
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
@@ -218,7 +265,7 @@ def main(words: Sequence[str] | None = None) -> None:
         with one_thread():
             usual = sample(where.scenario, USUAL)
             person = taste(family, where.scenario.kpis, usual, seed)
-            found = ToldStudy(where, person, options.simulated).row()
+            found = ToldStudy(where, person, options.simulated, start=options.start).row()
         rows.append({"loop": loop, "taste": family, "seed": seed, **found})
         with file.open("a") as stored:
             stored.write(json.dumps(rows[-1]) + "\n")

@@ -16,6 +16,7 @@ from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.study.memory import trust_text
 from prefcal_app.session.study.now import GOOD_ENOUGH
+from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State
@@ -122,6 +123,9 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
         gain, result = gain_of(record), result_table(record)
         if not gain["same"]:
             console.print(_drawn(gain["title"], gain["table"]))
+        if gain["back"] is not None:
+            console.print(_drawn(gain["back"]["label"], gain["back"]))
+            say(console, gain["back"]["caption"])
         del result["columns"][2]  # the experiment before, which stands in the first table
         for row in result["rows"]:
             del row["cells"][1]

@@ -118,22 +118,28 @@ def is_untold(flow: Flow) -> bool:
     known = flow.thoughts.grounds(flow.agent)
     if known is None or flow.thoughts.prefetch.told:
         return False
-    return known.carried is None or known.carried.over is not (flow.phase is Phase.OVER)
+    return known.carried is None or not known.carried.complete or known.carried.over is not _over(flow)
 
 
 def tell(flow: Flow) -> Attempt:
     """Work out what the answer can change or, at the end, what was wanted; nothing after an error."""
-    known, over = flow.thoughts.grounds(flow.agent), flow.phase is Phase.OVER
+    known, over = flow.thoughts.grounds(flow.agent), _over(flow)
     assert known is not None
-    flow.thoughts.prefetch.told = True
+    carried = None if known.carried is None or known.carried.over is not over else known.carried
+    flow.thoughts.prefetch.told = not over or carried is not None  # else the smaller change comes next
 
     def told(twin: Screening) -> Basis:
         try:
-            return replace(known, carried=Carried.of(twin, over=over))
+            return known.completed(twin) if carried else replace(known, carried=Carried.of(twin, over=over))
         except Exception:
-            return replace(known, carried=Carried(over, None, None, {}, ()))
+            failed = carried or Carried(over, None, None, {}, ())
+            return replace(known, carried=replace(failed, complete=True))
 
     return _looking(flow, told)
+
+
+def _over(flow: Flow) -> bool:
+    return flow.phase is Phase.OVER
 
 
 def _looking(flow: Flow, look: Callable[[Screening], Basis]) -> Attempt:

@@ -8,7 +8,8 @@ import pytest
 from prefcal_app.session import Choice
 from prefcal_app.summary.compare import Spread
 from prefcal_app.view import now_view
-from prefcal_app.view.end import baseline_of, gained
+from prefcal_app.view.end import baseline_of, gained, way_back
+from prefcal_app.view.sides import theta_texts
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked
 
@@ -31,6 +32,20 @@ def test_every_kpi_of_the_result_stands_beside_the_first_experiment_largest_chan
     assert old["text"] == f"{before.kpis['t_f']:.4g}"
     assert new["text"] == f"{after.kpis['t_f']:.4g}"
     assert new["met"] == (after.kpis["t_f"] <= 20)
+
+
+def test_the_tuning_that_the_person_gave_stands_beside_the_result():
+    interview, now = asked(*[Choice.LEFT] * 5)
+    space = interview.scenario.space
+    both = interview.past.experiment(0), interview.past.experiment(now.incumbent)
+    found = way_back("current tuning", 3, space, both)
+    assert [column["name"] for column in found["columns"]] == ["", "current tuning (1)", "best (4)"]
+    assert [row["name"] for row in found["rows"]] == list(space.names)
+    old, new = found["rows"][0]["cells"]
+    assert (old["text"], new["text"]) == tuple(theta_texts(space, e.theta)[0] for e in both)
+    assert "To go back, set the values of the current tuning" in found["caption"]
+    assert way_back("first experiment", 3, space, both) is None  # it was in no plant
+    assert way_back("current tuning", 0, space, both) is None  # nothing was changed
 
 
 def row(before, after, *, kpi=None, study=()):

@@ -35,7 +35,8 @@ export function showOver(now, act) {
 function gained(gain) {
   if (!gain || !gain.table.rows.length) return null;
   return el("div", { class: "card gain" }, el("h3", {}, gain.same ? "What was gained" : gain.title),
-    gain.same ? el("p", {}, gain.none) : shownTable(gain.table));
+    gain.same ? el("p", {}, gain.none) : shownTable(gain.table),
+    gain.back ? [el("h3", {}, gain.back.label), shownTable(gain.back), el("p", { class: "faint" }, gain.back.caption)] : null);
 }
 
 // Show what to do next: continue, use the controller, widen a range, or close.
@@ -51,7 +52,8 @@ function steps(now, act) {
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
-      over.decisive ? el("p", { class: "actions" }, button("Look at that answer again", again)) : null,
+      over.decisive || over.smaller ? el("p", { class: "actions" }, over.decisive ? button("Look at that answer again", again) : null,
+        over.smaller ? button("Look at the smaller change", () => choosing(over.smaller)) : null) : null,
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
     over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. To choose one, ask for it and compare it."),
       el("p", { class: "actions" }, over.menu.map(({ name, theta }) => button(name, () => choosing(theta), { class: "other" })))) : null,
