@@ -41,7 +41,7 @@ LOOPS = tuple(f"rough-{number}" for number in range(900, 915))
 """Loops on which nothing was developed."""
 TASTES = ("weights", "ideal", "majority", "ranks", "curves")
 RUNS, ANSWERS, RANDOM = 299, 10, 3
-RANGES = {"parameter": 0.1, "dead time": (0.2, 0.2)}
+RANGES = {"dead time": (0.2, 0.2), "sensor": 0.0, "actuator": 0.0, "task": 0.0}
 _TRIES = 2000
 _BANDS = (0.0, 0.01, 0.1, 0.5)
 Row = dict[str, Any]
@@ -112,12 +112,12 @@ def random_tunings(scenario: Scenario) -> Iterable[tuple[str, Float[np.ndarray, 
 
 def row_of(scenario: Scenario, theta: Float[np.ndarray, " n"], runs: int) -> Row:
     """Return how θ fares on varied plants, and on the nominal one with other noise."""
-    found = verify(scenario, theta, runs, ranges=RANGES, vary=list(RANGES), jobs=1)
+    found = verify(scenario, theta, runs, ranges=RANGES, jobs=1)
     unsafe = sum(run.end.interrupted for run in found.failed)
     ends = [scenario.run(theta, seed=run.seed) for run in found.runs]
-    control = [problems_of(found.kpis, made, found.nominal) for made in ends]
+    control = [problems_of(found.kpis, made, found.tuning.nominal) for made in ends]
     return {
-        "nominal": len(found.nominal.problems),
+        "nominal": len(found.tuning.nominal.problems),
         "unsafe": unsafe,
         "failed": len(found.failed),
         "by noise": sum(map(bool, control)),

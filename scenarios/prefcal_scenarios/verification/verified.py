@@ -1,13 +1,22 @@
 """What a verification leaves beside its best.json, as plain data for people and programs."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
+
+from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins
 from prefcal_env.disk import write_durably
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plain import from_plain, to_plain
+from prefcal_scenarios.presentation.wording import labeled, limits_text, number, quantity
+from prefcal_scenarios.scenario import KPI, Scenario
+
+from .factor import Factor
+from .result import Effect, Robustness, Verification
 
 FILE, BEST = "verification.json", "best.json"
 """Names of the files of a verification and of its tuning, in one folder."""
@@ -75,6 +84,35 @@ class Verified:
     best: str
 
     @classmethod
+    def of(
+        cls, found: Verification, scenario: Scenario, baseline: str, version: str, best: str
+    ) -> "Verified":
+        """Return what a verification of a scenario's tuning says; see the class for the others."""
+        both = [found.tuning, *([found.before] if found.before else [])]
+        unit = scenario.source.channels.time_unit if scenario.source.channels else ""
+        margins = found.tuning.margins
+        basis = margins if isinstance(margins, str) else f"margins of {UNCONSTRAINED}"
+        return cls(
+            statement=found.statement,
+            limits_kept=found.limits,
+            share=found.share if found.runs else None,
+            bound=found.bound,
+            runs=len(found.runs),
+            planned=found.planned,
+            baseline=baseline if found.before else "",
+            kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
+            margins=() if isinstance(margins, str) else tuple(_margin_rows(both, unit)),
+            basis=f"{basis}; this loop is NOT STABLE" if margins == UNSTABLE else basis,
+            effects=tuple(map(_effect, found.effects)),
+            worst=tuple(WorstRun(r.words, dict(r.values), r.seed) for r in found.worst()),
+            varied=tuple(f"{f.name} {_range(f)}" for f in found.factors),
+            left_out=found.left_out,
+            scenario=found.scenario,
+            version=version,
+            best=best,
+        )
+
+    @classmethod
     def read(cls, folder: str | Path) -> "Verified | None":
         """Return what was verified of the best.json in a folder; None if nothing, or of another one.
 
@@ -100,3 +138,42 @@ class Verified:
 def digest_of(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits. Raises OSError."""
     return sha256(path.read_bytes()).hexdigest()
+
+
+def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
+    cells = [labeled(kpi.title, kpi.unit), limits_text(kpi)]
+    for each in tunings:
+        values = (each.nominal.kpis.get(kpi.name), *each.quantiles(kpi.name))
+        cells += [number(None if value is None else kpi.read(value)) for value in values]
+    return tuple(cells)
+
+
+def _margin_rows(tunings: list[Robustness], time_unit: str) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more."""
+    found = [each.margins for each in tunings]
+    for name, read in (
+        ("gain margin [dB]", _gain_margin),
+        ("phase margin [°]", lambda m: number(m.phase)),
+        (labeled("delay margin", time_unit), lambda m: number(m.delay)),
+        ("largest sensitivity M_s", lambda m: number(m.M_s)),
+        ("disk margin", lambda m: number(m.disk)),
+    ):
+        yield name, *(read(m) if isinstance(m, Margins) else number(None) for m in found)
+
+
+def _gain_margin(m: Margins) -> str:
+    down = f", {number(20 * np.log10(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
+    return number(20 * np.log10(m.gain)) + down
+
+
+def _range(factor: Factor) -> str:
+    return f"{number(factor.low)} to {quantity(factor.high, factor.unit)}"
+
+
+def _effect(each: Effect) -> str:
+    name = f"{each.factor.name} ({_range(each.factor)})"
+    if np.isinf(each.worsening):
+        return f"{name}: {'; '.join(each.run.problems)}"
+    if not each.kpi:
+        return f"{name}: no KPI gets worse"
+    return f"{name}: {each.kpi} by {100 * each.worsening:.0f} % of its range in all runs"
