@@ -23,6 +23,7 @@ from prefcal_env.study import State
 from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.presentation.wording import labeled, printable
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification.verified import digest_of
 
 from .choices import follows_cost
 from .options import Options
@@ -60,6 +61,7 @@ def record_of(
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
         baseline=baseline_of(state),
         fingerprint=_fingerprint(options, state),
+        digest=digest_of(Path(interview.file.path)) if name and options.by_a_person else "",
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
+from prefcal_app.report.answers import refresh
 from prefcal_app.report.export import Tuning, tuning_of, versions
 from prefcal_app.report.trajectories import figure
 from prefcal_app.terminal.lines import ask_line
@@ -46,7 +47,8 @@ def run(options: "VerifyOptions") -> int:
         say(console, f"Worst run {k + 1}, beside the nominal one: {_drawn(tuning, each, k + 1, best.parent)}")
     if sys.stdin.isatty():
         _asked(said, console).write(best.parent)
-    say(console, f"Kept in {best.parent / FILE}.")
+    refresh(best.parent)
+    say(console, f"Kept in {best.parent / FILE}, and on the acceptance sheet if it is there.")
     return 0
 
 
