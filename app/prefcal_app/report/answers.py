@@ -140,7 +140,7 @@ def verified_answers(verified: Verified) -> Answers:
     found += [
         ("Hurts most", next(iter(verified.effects), _UNKNOWN)),
         ("Varied", f"{'; '.join(verified.varied)}. Beyond these ranges: {_UNKNOWN}."),
-        ("Not verified", " ".join(f"{text.rstrip('.')}." for text in verified.left_out) or "–"),
+        ("Not verified", " ".join(f"{text[:1].upper()}{text[1:]}." for text in verified.left_out) or "–"),
     ]
     return [(question, _short(answer, "verification.json")) for question, answer in found]
 

@@ -135,7 +135,7 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
         return ""
     names = [scenario.space.names[knob] for knob in smaller.kept]
     return (
-        f"{len(names)} of {len(scenario.space)} knobs can stay as they were ({_listed(names)}) without "
+        f"{len(names)} of {len(scenario.space)} knobs can stay as before ({_listed(names)}) without "
         f"looking worse to you (chance that it does: {percent(smaller.chance)})."
     )
 

@@ -278,5 +278,5 @@ def test_at_the_end_a_smaller_change_than_from_the_given_start_is_looked_for(cha
     assert found is not None
     assert set(found.theta) <= {*best, *start}
     assert screened.row(np.array(found.theta)) is not None  # the page can show it
-    assert any("can stay as they were" in words for words in screened.result(simulated))
+    assert any("can stay as before" in words for words in screened.result(simulated))
     assert tuple(smaller_view(interview)) == found.theta

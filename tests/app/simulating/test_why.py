@@ -61,7 +61,7 @@ def test_objectives_that_only_the_new_one_misses_are_named():
 
 def test_the_knobs_that_can_stay_are_named():
     assert kept(SmallerChange((0.5, 10.0, 1.0), (0, 2), 0.031), toy) == (
-        "2 of 3 knobs can stay as they were (T_s and gain) without looking worse to you "
+        "2 of 3 knobs can stay as before (T_s and gain) without looking worse to you "
         "(chance that it does: 3 %)."
     )
     assert kept(None, toy) == ""

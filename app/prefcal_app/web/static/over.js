@@ -1,6 +1,6 @@
 // Show the end: what was gained, where the report is, and what to do next.
 
-import { $, ask, button, copying, el, fill, shownTable, symbol } from "./dom.js";
+import { $, ask, button, copying, el, fill, shownTable, symbol, values } from "./dom.js";
 import { can, open } from "./flow.js";
 import { showNext } from "./history.js";
 import { point } from "./simulated.js";
@@ -36,7 +36,9 @@ function gained(gain) {
   if (!gain || !gain.table.rows.length) return null;
   return el("div", { class: "card gain" }, el("h3", {}, gain.same ? "What was gained" : gain.title),
     gain.same ? el("p", {}, gain.none) : shownTable(gain.table),
-    gain.back ? [el("h3", {}, gain.back.label), shownTable(gain.back), el("p", { class: "faint" }, gain.back.caption)] : null);
+    gain.back ? [el("h3", {}, `${gain.back.label}: ${gain.back.columns[1].name}`),
+      values(gain.back.rows.map(({ name, unit, cells: [before] }) => ({ name, unit, text: before.text, title: null }))),
+      el("p", { class: "faint" }, gain.back.caption)] : null);
 }
 
 // Show what to do next: continue, use the controller, widen a range, or close.
