@@ -57,6 +57,17 @@ def test_the_smaller_change_is_counted_where_it_is_offered(result):
     assert "| order | 1 | 0 % | – | – | – |" in "\n".join(result.tables(rows[:1]))
 
 
+def test_objections_are_compared_with_usual_answers(result):
+    rows = [
+        row("order", [3, 5], [True], [0.0]) | {"object": [0.03, 0.03, 0.01]},
+        row("order", [3, 5], [True], [0.0]) | {"object": [0.01, 0.02, 0.01]},
+        row("order", [3, 5], [True], [0.0]) | {"object": []},
+    ]
+    text = "\n".join(result.tables(rows))
+    assert "| usual | 2 | 0 | 1 | 2.50 % |" in text
+    assert "| objection | 2 | 1 | 0 | 1.00 % |" in text
+
+
 def test_one_kpi_is_changed_and_the_others_stay(result):
     runs = Runs(("a", "b"), np.array([[1.0, 2.0], [3.0, 4.0]]), np.full(2, np.inf))
     changed = result._with(runs, "b", np.array([7.0, 8.0]))

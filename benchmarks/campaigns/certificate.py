@@ -10,10 +10,10 @@ Each study is one of `Screening` with a simulated person who gives 0 or 10 % wro
 random θ that are noticeably better than the result by the person's rule without mistakes, and
 whether the most promising θ is. Studies in the folder do not run again.
 
-The tables say how often the stated share was exceeded, with 95 % Clopper-Pearson intervals, and how
-often the most promising θ was better. With --fit, the coefficients of the certificate are fitted to
-the studies in the folder, in which every family counts the same; fit on other loops than those that
-are reported.
+The tables say how often the stated share was exceeded, with 95 % Clopper-Pearson intervals, how often
+the number of random experiments was in its interval, and how often the most promising θ was better.
+With --fit, the coefficients of the certificate are fitted to the studies in the folder, in which
+every family counts the same; fit on other loops than those that are reported.
 """
 
 import argparse
@@ -39,7 +39,7 @@ from screening import GROUPS
 
 from prefcal_agents import Screening
 from prefcal_agents.protocol.agent import one_thread
-from prefcal_agents.screening.certificate import Certificate, Evidence
+from prefcal_agents.screening.certificate import MOST, Certificate, Evidence
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import each
 from prefcal_bench.cells.simulation import Simulation
@@ -93,6 +93,13 @@ class Row:
     def exceeded(self) -> bool:
         """Return whether more θ are better than was said."""
         return self.said.share is not None and self.exceeded_by > self.said.share
+
+    @property
+    def in_interval(self) -> bool:
+        """Return whether the result is equal to a number of random experiments in the stated interval."""
+        low, _, high = self.said.experiments or (1, MOST, MOST)
+        number = np.log(2) / max(-np.log1p(-min(self.exceeded_by, 0.5)), np.log(2) / MOST)
+        return bool(low <= number <= high)
 
 
 def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
@@ -209,7 +216,7 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         groups = {name: [row for row in after if row.family == name] for name in (*FAMILIES, "hidden")}
         groups["all"] = after
         lines = [[name, *_exceeded(some), *_medians(some)] for name, some in groups.items() if some]
-        heads = ["family", *counts, "median stated", "median true"]
+        heads = ["family", *counts, "median stated", "median true", "in the interval", "its lower end"]
         yield from markdown(heads, lines, f"After {answers} answers") if lines else ()
     spans = {(low, high): [row for row in rows if _between(low, row, high)] for low, high in pairwise(_SPANS)}
     lines = [[f"up to {high:.0%}", *_exceeded(some)] for (_, high), some in spans.items() if some]
@@ -241,7 +248,12 @@ def _exceeded(rows: Sequence[Row]) -> list[str]:
 
 def _medians(rows: Sequence[Row]) -> list[str]:
     said = [row.said.share for row in rows if row.said.share is not None]
-    return [f"{np.median(said):.0%}" if said else "", f"{np.median([row.exceeded_by for row in rows]):.2%}"]
+    found = [f"{np.median(said):.0%}" if said else "", f"{np.median([row.exceeded_by for row in rows]):.2%}"]
+    lows = [row.said.experiments[0] for row in rows if row.said.experiments is not None]
+    count = sum(row.in_interval for row in rows if row.said.explained)
+    return (
+        [*found, f"{count} ({count / len(lows):.1%})", f"{np.median(lows):.0f}"] if lows else [*found, "", ""]
+    )
 
 
 def _reliability(rows: Sequence[Row]) -> Iterator[list[str]]:
@@ -258,8 +270,8 @@ def fitted(rows: Sequence[Row]) -> Iterator[str]:
     terms = np.array([(1.0, *row.evidence.terms) for row in said])
     per_family = {row.family: sum(r.family == row.family for r in said) for row in said}
     weights = np.array([1.0 / per_family[row.family] for row in said])
-    share = fitted_share(terms, np.array([row.exceeded_by for row in said]), weights / weights.sum())
-    yield f"Share: {np.round(share, 3).tolist()}"
+    share, step = fitted_share(terms, np.array([row.exceeded_by for row in said]), weights / weights.sum())
+    yield f"Share: {np.round(share, 3).tolist()}, step: {step:.3f}"
     chances = logit(np.clip([row.evidence.chance for row in said], 0.02, 0.98))[:, None]
     better = np.array([row.better for row in said])[:, None]
     yield f"Chance: {_logistic(chances[:, None], better, weights / weights.sum()).round(2).tolist()}"
@@ -267,11 +279,12 @@ def fitted(rows: Sequence[Row]) -> Iterator[str]:
 
 def fitted_share(
     terms: Float[np.ndarray, "r t"], truths: Float[np.ndarray, " r"], weights: Float[np.ndarray, " r"]
-) -> Float[np.ndarray, " t"]:
-    """Return the coefficients of log10 of the share that is exceeded with a chance of 1 %.
+) -> tuple[Float[np.ndarray, " t"], float]:
+    """Return the coefficients of log10 of the share that is exceeded with a chance of 1 %, and the step.
 
     It is an ordinal logistic regression: the logit of the chance that more than a share s of all θ
-    are better is linear in the terms and in log10(s).
+    are better is linear in the terms and in log10(s). The step is by how many decades the share falls
+    where that logit is larger by 1.
     """
     middle, spread = terms.mean(axis=0), terms.std(axis=0)
     middle[0], spread[0] = 0.0, 1.0
@@ -281,7 +294,7 @@ def fitted_share(
     found = _logistic(inputs, truths[:, None] > np.array(_SHARES), weights)
     slopes, slope = found[:-1] / spread, found[-1]
     slopes[0] -= slopes[1:] @ middle[1:] + logit(_FIT_AT)
-    return np.asarray(slopes / slope)
+    return np.asarray(slopes / slope), float(1 / slope)
 
 
 def _logistic(

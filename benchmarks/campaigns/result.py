@@ -15,6 +15,9 @@ menu      Whether a candidate on it is not noticeably worse than the best one, t
           fewest of all simulated are noticeably better; and the share of those that are.
 wanted    Whether the person finds the result noticeably worse with one KPI at the stated value, and
           whether the KPI said first decides as many pairs as those said later.
+object    If another KPI decides more pairs than the one said first: the share of candidates that are
+          better than the result, then after one more usual answer, and after the one to the
+          question that an objection leads to.
 smaller   With --start alone, where each study begins with a random θ that ends safely, the current
           tuning: how many knobs of the result that differ from it are put back, and whether the
           person does not find that noticeably worse than the result.
@@ -76,7 +79,7 @@ class ToldStudy:
             where.space,
             simulate=Simulation(where),
             n_simulated=n_simulated,
-            n_max=_ASKED + 1,
+            n_max=_ASKED + 2,
             seed=person.seed,
             start=_safe(where) if start else None,
         )
@@ -93,6 +96,7 @@ class ToldStudy:
             "answer": self._answer(),
             **self._menu(runs, best),
             **self._wanted(runs, runs.take(np.array([best]))),
+            "object": self._objected(runs),
         }
 
     def _runs(self, thetas: Float[np.ndarray, "m n"]) -> Runs:
@@ -113,16 +117,21 @@ class ToldStudy:
     def _answered(self) -> Iterator[tuple[float, bool]]:
         """Answer all; yield the stated chances of another result, and whether it is another one."""
         agent = self.agent
-        while not agent.done:
-            query, old, verdict, stakes = agent.ask(), None, None, None
-            new = self._where.outcome(query.challenger.theta)
+        while agent.history.answered <= _ASKED:
+            query, stakes = agent.ask(), None
             if query.incumbent is not None:
-                old = self._where.outcome(query.incumbent.theta)
-                verdict = prefer(self._judge, new, old)
                 stakes = agent.stakes if query.challenger.index > _ASKED - _LAST else None
-            agent.tell(query, Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis)))
+            self._answer_next(agent)
             if stakes is not None and query.incumbent is not None:
                 yield stakes.chance, agent.best_index != query.incumbent.index
+
+    def _answer_next(self, agent: Screening) -> None:
+        query, old, verdict = agent.ask(), None, None
+        new = self._where.outcome(query.challenger.theta)
+        if query.incumbent is not None:
+            old = self._where.outcome(query.incumbent.theta)
+            verdict = prefer(self._judge, new, old)
+        agent.tell(query, Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis)))
 
     def _answer(self) -> Row | None:
         """Return what was foretold of the decisive answer, and what comes of learning again."""
@@ -158,6 +167,27 @@ class ToldStudy:
         bounds = [(wish.certainty, self._worse(result, wish)) for wish in said if wish.bound is not None]
         order = [(w.first, share[i] >= max(share[i + 1 :])) for i, w in enumerate(said[:-1])]
         return {"said": len(said), "bounds": bounds, "order": order}
+
+    def _objected(self, runs: Runs) -> list[float]:
+        """Return the shares better than the result, after a usual answer, and after an objection."""
+        said, asked = self.agent.wishes, self.agent.objections
+        share = {name: self._decides(runs, name) for name in (*[w.name for w in said[:1]], *asked)}
+        meant = max(asked, key=lambda name: share[name], default=None)
+        if meant is None or share[meant] <= share[said[0].name]:
+            return []
+        found = [self.agent.copy() for _ in range(3)]
+        found[2].ask()
+        found[2].replace_pending(found[2].bank.thetas[asked[meant]])
+        for agent in found[1:]:
+            self._answer_next(agent)
+        return [self._better(runs, agent.best) for agent in found]
+
+    def _better(self, runs: Runs, theta: Float[np.ndarray, " n"]) -> float:
+        """Return the share of runs that are noticeably better than that of θ, physical, shape (n,)."""
+        experiment = self._where.outcome(theta).experiment
+        assert experiment is not None
+        one = runs_of(self._person.kpis, [experiment])
+        return float(np.mean(self._person.rule.compare(runs, one) < 0))
 
     def _worse(self, result: Runs, wish: Wished) -> bool:
         changed = _with(result, wish.name, np.array([wish.bound]))
@@ -204,6 +234,17 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         ("decides as many pairs as those said later", "order", seen),
     ):
         yield from markdown(["stated", "so often", "was so"], list(_bins(some, key)), title)
+    objected = [row["object"] for row in rows if row.get("object")]
+    if objected:
+        heads = "one more answer", "people", "better", "worse", "of all, noticeably better"
+        yield from markdown(heads, list(_after(np.array(objected))), "another order was meant")
+
+
+def _after(found: Float[np.ndarray, "n 3"]) -> Iterator[list[str]]:
+    """Yield how many results are better and worse after an answer, and the mean share beyond them."""
+    for words, now in zip(("none", "usual", "objection"), found.T, strict=True):
+        changed = [int(np.sum(now < found[:, 0])), int(np.sum(now > found[:, 0]))]
+        yield [words, *map(str, (len(found), *changed)), f"{100 * now.mean():.2f} %"]
 
 
 def _figures(rows: Sequence[Row]) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """What the open question was chosen from: the simulated θ, and why this one is shown."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +28,8 @@ class Carried:
         decisive: The answer that carries the result; None if none alone does.
         menu: Rows of the bank that the person might prefer to the result, with why.
         wishes: What the person wanted by the answers, what matters most first.
+        objections: Rows of the bank to compare with the result, by the KPI that matters more than
+            was said.
         smaller: The result with knobs as in the current tuning; None if none can be.
         complete: Whether `smaller` is worked out, which takes more simulations.
     """
@@ -37,6 +39,7 @@ class Carried:
     decisive: Influence | None
     menu: Mapping[int, Reason]
     wishes: tuple[Wished, ...]
+    objections: Mapping[str, int] = field(default_factory=dict)
     smaller: SmallerChange | None = None
     complete: bool = True
 
@@ -47,7 +50,8 @@ class Carried:
             return cls(False, agent.stakes, None, {}, ())
         best = agent.best_index
         found = None if best is None else decisive(agent.influences, best)
-        return cls(True, None, found, agent.menu, agent.wishes, complete=not agent.setup.start)
+        told = found, agent.menu, agent.wishes, agent.objections
+        return cls(True, None, *told, complete=not agent.setup.start)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

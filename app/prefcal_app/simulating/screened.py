@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.screening.certificate import Certificate
+from prefcal_agents.screening.certificate import MOST, Certificate
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.bank import Bank
 from prefcal_env.knobs.space import KnobSpace
@@ -43,7 +43,7 @@ class Prospect:
         if said is not None and said.share is not None and said.chance is not None:
             left = (
                 f"With {percent(said.probability)} probability, fewer than {percent(said.share)} of θ drawn "
-                "at random are noticeably better than the best so far."
+                f"at random are noticeably better than the best so far.{_as_good_as(said)}"
             )
             return (
                 f"{left if said.share < 1 else 'It is too early to say how much better is left.'} The chance "
@@ -58,8 +58,21 @@ class Prospect:
     @property
     def offer(self) -> str:
         """Return the offer to stop; empty if there is a reason to continue."""
-        chance = self.chance if self.certificate is None else self.certificate.chance
-        return f"{self.text} Stop here, or go on?" if chance is not None and chance < _UNLIKELY else ""
+        said = self.certificate
+        chance = self.chance if said is None else said.chance
+        unlikely = chance is not None and chance < _UNLIKELY
+        return f"{self.text} Stop here, or go on?" if unlikely or (said is not None and said.enough) else ""
+
+
+def _as_good_as(said: Certificate) -> str:
+    """Return how many random experiments the result is equal to, as a sentence after another one."""
+    if said.experiments is None:
+        return ""
+    low, middle, high = (
+        f"{float(f'{n:.2g}'):,.0f}" if n < MOST else f"more than {MOST:,}" for n in said.experiments
+    )
+    about = middle if middle.startswith("more") else f"about {middle}"
+    return f" It is as good as the best of {about} random experiments (90 %: {low} to {high})."
 
 
 @dataclass(frozen=True, eq=False, slots=True)

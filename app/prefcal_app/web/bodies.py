@@ -44,6 +44,7 @@ _FIELDS: dict[str, dict[str, Any]] = {
     "repeat": {},
     "pace": {"questions": Annotated[int, Meta(ge=1, le=MOST_QUESTIONS)]},
     "ask_for": {"theta": tuple[Real, ...]},
+    "choose": {"theta": tuple[Real, ...], "best": Whole},
     "stop_run": {"index": Whole},
     "write_and_start": {"index": Whole},
     "retry": {},

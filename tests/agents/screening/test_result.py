@@ -25,6 +25,7 @@ def by_first(query):
 def ended():
     agent = Screening(MIXED, simulate=quick, n_simulated=100, n_max=8, seed=0)
     assert (agent.influences, agent.stakes, agent.menu, agent.wishes) == ((), None, {}, ())
+    assert agent.objections == {}
     while not agent.done:
         query = agent.ask()
         stakes = agent.stakes
@@ -90,6 +91,15 @@ def test_knobs_that_no_kpi_depends_on_stay_as_they_were():
 def test_a_result_without_a_given_start_is_compared_with_nothing(ended):
     assert ended.best_index != 0
     assert ended.smaller_change is None
+
+
+def test_an_objection_leads_to_what_gains_in_that_kpi(ended):
+    assert ended.wishes[0].name not in ended.objections
+    assert ended.objections
+    for name, row in ended.objections.items():
+        theta = ended.bank.thetas[row]
+        assert quick(theta)[name] < quick(ended.best)[name]
+        assert not ended.space.close(theta, ended.samples).any()
 
 
 def test_a_requested_theta_that_was_not_simulated_says_nothing():
