@@ -48,10 +48,7 @@ def test_the_figures_are_shares_of_the_studies_that_have_them(result):
 
 def test_the_smaller_change_is_counted_where_it_is_offered(result):
     backs = [(0, None), (2, True), (4, False), (4, True)]
-    rows = [
-        {"taste": "order", "smaller": {"knobs": 6, "changed": 5, "back": back, "good": good}}
-        for back, good in backs
-    ]
+    rows = [{"taste": "order", "smaller": {"changed": 5, "back": back, "good": good}} for back, good in backs]
     text = "\n".join(result.tables(rows))
     assert "| order | 4 | 75 % | 67 % | 5 | 4 |" in text
     assert "| order | 1 | 0 % | – | – | – |" in "\n".join(result.tables(rows[:1]))
@@ -87,7 +84,7 @@ def test_a_study_is_stored_and_does_not_run_again(result, tmp_path, capsys, monk
     result.main([*words[:1], str(tmp_path / "smaller.jsonl"), *words[2:], "--start"])
     (found,) = map(json.loads, (tmp_path / "smaller.jsonl").read_text().splitlines())
     smaller = found["smaller"]
-    assert 0 <= smaller["back"] <= smaller["changed"] <= smaller["knobs"] == 7
+    assert 0 <= smaller["back"] <= smaller["changed"] <= 7
     assert "| family | studies | offered |" in capsys.readouterr().out
     monkeypatch.setattr(result, "ToldStudy", None)
     result.main(words)

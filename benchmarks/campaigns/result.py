@@ -40,6 +40,7 @@ from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_agents.screening.agent import Screening
+from prefcal_agents.space.start import Start
 from prefcal_agents.utility.influence import decisive, turned
 from prefcal_agents.utility.wishes import Wished, pairs
 from prefcal_bench.cells.simulation import Simulation
@@ -68,12 +69,10 @@ class ToldStudy:
         where: Problem with a scenario.
         person: Taste of the person who answers.
         n_simulated: Number of θ to simulate.
-        start: Whether it begins with a current tuning, to measure the smaller change alone.
+        start: Current tuning that it begins with, to measure the smaller change alone.
     """
 
-    def __init__(
-        self, where: Problem, person: Taste, n_simulated: int = 1000, *, start: bool = False
-    ) -> None:
+    def __init__(self, where: Problem, person: Taste, n_simulated: int, start: Start | None) -> None:
         self._where, self._person, self._judge = where, person, person.calibrator()
         self.agent = Screening(
             where.space,
@@ -81,7 +80,7 @@ class ToldStudy:
             n_simulated=n_simulated,
             n_max=_ASKED + 2,
             seed=person.seed,
-            start=_safe(where) if start else None,
+            start=start,
         )
 
     def row(self) -> Row:
@@ -105,14 +104,13 @@ class ToldStudy:
 
     def _smaller(self) -> Row:
         """Return how many knobs differ and are put back, and whether that is no worse."""
-        best, before = self.agent.best, np.array(self.agent.history.samples[0].theta)
-        found, certificate = self.agent.smaller_change, self.agent.certificate
-        row = {"knobs": len(best), "changed": int(np.sum(best != before)), "back": 0, "good": None}
-        if found is None or (certificate is not None and not certificate.explained):
-            return row  # as on the page: nothing is said where the KPIs do not explain the answers
-        result, smaller = (self._runs(np.array([theta])) for theta in (best, found.theta))
+        agent, found = self.agent, self.agent.smaller_change
+        explained = agent.certificate is None or agent.certificate.explained
+        thetas = [agent.history.samples[0].theta, found.theta if found and explained else agent.best]
+        changed, back = (int(np.sum(agent.best != theta)) for theta in thetas)
+        result, smaller = (self._runs(np.array([theta])) for theta in (agent.best, thetas[1]))
         good = bool(self._person.rule.compare(result, smaller)[0] >= 0)
-        return row | {"back": int(np.sum(best != found.theta)), "good": good}
+        return {"changed": changed, "back": back, "good": good}
 
     def _answered(self) -> Iterator[tuple[float, bool]]:
         """Answer all; yield the stated chances of another result, and whether it is another one."""
@@ -219,9 +217,8 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
     families = dict.fromkeys(row["taste"] for row in rows)
     groups = {family: [row for row in rows if row["taste"] == family] for family in families}
     if "smaller" in rows[0]:
-        heads = "studies", "offered", "no worse", "knobs that differ", "put back"
-        some = [[family, *_changes(some)] for family, some in {**groups, "all": rows}.items()]
-        yield from markdown(["family", *heads], some)
+        heads = ["family", "studies", "offered", "no worse", "knobs that differ", "put back"]
+        yield from markdown(heads, [[f, *_changes(some)] for f, some in {**groups, "all": rows}.items()])
         return
     heads = "studies", "named", "as foretold", "without", "result", "menu", "result 1 %", "menu 1 %"
     yield from markdown(
@@ -306,7 +303,8 @@ def main(words: Sequence[str] | None = None) -> None:
         with one_thread():
             usual = sample(where.scenario, USUAL)
             person = taste(family, where.scenario.kpis, usual, seed)
-            found = ToldStudy(where, person, options.simulated, start=options.start).row()
+            start = _safe(where) if options.start else None
+            found = ToldStudy(where, person, options.simulated, start).row()
         rows.append({"loop": loop, "taste": family, "seed": seed, **found})
         with file.open("a") as stored:
             stored.write(json.dumps(rows[-1]) + "\n")

@@ -125,15 +125,11 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
         gain, result = gain_of(record), result_table(record)
         if not gain["same"]:
             console.print(_drawn(gain["title"], gain["table"]))
-        if gain["back"] is not None:
-            console.print(_drawn(gain["back"]["label"], gain["back"]))
-            say(console, gain["back"]["caption"])
-        del result["columns"][2]  # the experiment before, which stands in the first table
-        for row in result["rows"]:
-            del row["cells"][1]
         shown = _drawn(record.scenario.title, result)
         shown.columns[1].style = "bold blue"
         console.print(shown)
+        if gain["before"]:
+            say(console, gain["back"])
     if record.outlook is not None:
         for line in record.outlook.lines:
             console.print(line, soft_wrap=True, markup=False, highlight=False)

@@ -14,7 +14,7 @@ from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import knob_number, number, with_unit
 from prefcal_scenarios.verification.verified import Verified
 
-from .answers import LINE, MOST_VERIFIED, answers, left, lines_of, section, unverified, verified_answers
+from .answers import LINE, MOST_VERIFIED, answers, left, section, unverified, verified_answers
 from .html import data_uri, environment
 from .record import StudyRecord
 from .tables import foremost, gain_rows, pid_forms_of
@@ -72,7 +72,7 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     limits = list(limits_kept(before.experiment, after.experiment))[: _MOST - _LEAST]
     limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))
     asked = answers(record)
-    room = _PAGE - LINE * lines_of(asked) - _height(knobs[:_MOST]) - _height(limits)
+    room = left(_PAGE, asked) - _height(knobs[:_MOST]) - _height(limits)
     shown = list(kpis)
     while len(shown) > _MOST - len(limits) or (
         _height(shown) > room - LINE * MOST_VERIFIED and len(shown) > _FEW

@@ -1,12 +1,12 @@
 """Answer, on the acceptance sheet, what a colleague asks who has to answer for the tuning, too."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from prefcal_app.view.end import FIRST
 from prefcal_env.errors import ScenarioError
-from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.presentation.folder import put
 from prefcal_scenarios.presentation.wording import number, with_unit
 from prefcal_scenarios.verification.cases import subject_of
@@ -40,51 +40,25 @@ Answers = list[tuple[str, str]]
 
 def answers(record: StudyRecord) -> Answers:
     """Return what is asked about the study: who and how, why this tuning, its form, and the way back."""
-    assert record.best is not None
-    found = [
-        ("Who answered", _study(record)),
-        ("On which model", _model(record)),
-        ("Enough answers", _enough(record)),
-        ("Why this one", " ".join(_why(record))),
-        ("The PID", _pid(record)),
-        ("The way back", _back(record)),
-    ]
-    return [(question, _short(answer, "report.html")) for question, answer in found if answer]
-
-
-def _study(record: StudyRecord) -> str:
-    by = record.origin.get("answered by", "a score")
+    by, digits = (record.origin.get(key) for key in ("answered by", "fingerprint of the scenario"))
     counts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items() if n)
-    partial = "; the study is not complete" if record.stopped and not record.good_enough else ""
     each = f" ({counts}; each one in comparisons.csv)" if record.questions else ""
-    said = f"{len(record.trials)} experiments, {record.questions} comparisons by {by}{each}{partial}."
-    return said + (f" SHA-256 of the study file: {record.digest}." if record.digest else "")
-
-
-def _model(record: StudyRecord) -> str:
-    digits = record.origin.get("fingerprint of the scenario")
+    partial = "; the study is not complete" if record.stopped and not record.good_enough else ""
+    digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
     made = f", fingerprint of the scenario {digits}" if digits else ""
-    return f"{record.source}{made}, prefcal {versions()['prefcal']}."
-
-
-def _enough(record: StudyRecord) -> str:
-    promise = "" if record.outlook is None else record.outlook.promise
-    return promise or "Not stated: only where candidates are simulated, at the end of a study."
-
-
-def _why(record: StudyRecord) -> Iterator[str]:
-    """Yield how the result fared in comparisons, then what is said of the result."""
-    assert record.best is not None
-    best, given = record.best.index, list[int]()
-    for query, preference in ((c.query, c.answer.preference) for c in record.asked):
-        if preference is not None and query.challenger.index == best:
-            given.append(preference)
-        elif preference is not None and query.incumbent is not None and query.incumbent.index == best:
-            given.append(-preference)
-    won, same, lost = (given.count(p) for p in Preference)
-    yield f"Experiment {best + 1} won {won} and lost {lost} comparisons; {same} were about the same."
-    if record.outlook is not None:
-        yield from record.outlook.result
+    promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)
+    found = {
+        "Who answered": f"{len(record.trials)} experiments, {record.questions} comparisons by "
+        f"{by or 'a score'}{each}{partial}.{digest}",
+        "On which model": f"{record.source}{made}, prefcal {versions()['prefcal']}.",
+        "Enough answers": promise
+        or "Not stated: only where candidates are simulated, at the end of a study.",
+        "Why this one": " ".join(told)
+        or "It is the best by the answers, each of which is in comparisons.csv.",
+        "The PID": _pid(record),
+        "The way back": _back(record),
+    }
+    return [(question, _short(answer, "report.html")) for question, answer in found.items() if answer]
 
 
 def _pid(record: StudyRecord) -> str:
@@ -105,13 +79,12 @@ def _pid(record: StudyRecord) -> str:
 def _back(record: StudyRecord) -> str:
     assert record.best is not None
     before, after, name = record.before.number, record.best.number, record.baseline
-    words = f"Before: {name} (experiment {before}). After: experiment {after}."
+    said = f"Before: {name} (experiment {before}). After: experiment {after}."
     if before == after:
-        none = f"No experiment was better than the {name}."
-        words += f" {none if record.questions else 'Nothing was compared.'}"
+        said += f" No experiment beat the {name}." if record.questions else " Nothing was compared."
     if name == FIRST:
-        return f"{words} It was chosen by prefcal: the tuning in use was not given (--start)."
-    return f"{words} To go back, set the parameters of the column “{name}”; best.json has them, too."
+        return f"{said} It was chosen by prefcal: the tuning in use was not given (--start)."
+    return f"{said} To go back, set the parameters of the column “{name}”; best.json has them, too."
 
 
 def unverified(record: StudyRecord) -> Answers:
@@ -128,36 +101,25 @@ def unverified(record: StudyRecord) -> Answers:
 
 def verified_answers(verified: Verified) -> Answers:
     """Return what was verified: margins, other plants, what varied, and what nobody looked at."""
-    worst = next(iter(verified.worst), None)
-    found = [
-        ("Margins", _margins(verified.margins, verified.basis)),
-        ("Other plants", f"{verified.statement} {verified.limits_kept}"),
-    ]
-    if worst is not None:
+    found = {
+        "Margins": _margins(verified.margins, verified.basis),
+        "Other plants": f"{verified.statement} {verified.limits_kept}",
+    }
+    for worst in verified.worst[:1]:
         values = ", ".join(f"{name} {number(value)}" for name, value in worst.values.items())
-        asked = f" ({worst.verdict})" if worst.verdict else ""
-        found.append(("Worst run", f"{worst.words}{asked}: {values}."))
-    found += [
-        ("Hurts most", next(iter(verified.effects), _UNKNOWN)),
-        ("Varied", f"{'; '.join(verified.varied)}. Beyond these ranges: {_UNKNOWN}."),
-        ("Not verified", " ".join(f"{text[:1].upper()}{text[1:]}." for text in verified.left_out) or "–"),
-    ]
-    return [(question, _short(answer, "verification.json")) for question, answer in found]
+        found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {values}."
+    found["Hurts most"] = next(iter(verified.effects), _UNKNOWN)
+    found["Varied"] = f"{'; '.join(verified.varied) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
+    found["Not verified"] = " ".join(f"{text[:1].upper()}{text[1:]}." for text in verified.left_out) or "–"
+    return [(question, _short(answer, "verification.json")) for question, answer in found.items()]
 
 
 def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
     """Return margins with those before in brackets, if they are known, and what they hold for."""
     if not rows:
         return f"{_UNKNOWN}: {basis}"
-    words = (
-        f"{name} {after}" + "".join(f" (before {old})" for old in before) for name, after, *before in rows
-    )
+    words = (f"{name} {after}{f' (before {old[0]})' if old else ''}" for name, after, *old in rows)
     return f"{', '.join(words)}: {basis}."
-
-
-def lines_of(answers: Answers) -> int:
-    """Return the number of lines that answers take."""
-    return sum(1 + len(answer) // _WIDE for _, answer in answers)
 
 
 def _short(text: str, rest: str) -> str:
@@ -167,21 +129,15 @@ def _short(text: str, rest: str) -> str:
 
 def left(room: float, holds: Answers) -> float:
     """Return the height that curves may have beside these answers, in mm; 0 if that is too little."""
-    height = room - LINE * lines_of(holds)
+    height = room - LINE * sum(1 + len(answer) // _WIDE for _, answer in holds)
     return height if height >= _LOW else 0.0
 
 
 def section(holds: Answers, room: float) -> str:
-    """Return the part of the sheet that a verification changes, as HTML with its marks.
-
-    Args:
-        holds: What it says.
-        room: Height for that and for the curves, in mm.
-    """
-    height = left(room, holds)
-    curves = f"figure img {{ max-height: {height:.0f}mm; }}" if height else ".curves { display: none; }"
-    made = environment().get_template("report/parts.html.j2").module.answers(holds)  # type: ignore[attr-defined]
-    return f"<!-- verified {room:.0f} --><style>{curves}</style>{made}<!-- end -->"
+    """Return the part of the sheet that a verification changes, as HTML; it and curves have `room` mm."""
+    template: Any = environment().get_template("report/parts.html.j2").module
+    style = f"<style>figure img {{ max-height: {left(room, holds):.0f}mm; }}</style>"
+    return f"<!-- verified {room:.0f} -->{style}{template.answers(holds)}<!-- end -->"
 
 
 def refresh(folder: Path) -> None:
@@ -194,6 +150,5 @@ def refresh(folder: Path) -> None:
     path, verified = folder / FILE, Verified.read(folder)
     if verified is None or not path.is_file():
         return
-    holds = verified_answers(verified)
-    text = path.read_text(encoding="utf-8")
+    holds, text = verified_answers(verified), path.read_text(encoding="utf-8")
     put(path, _PART.sub(lambda part: section(holds, float(part[1])), text, count=1).encode())

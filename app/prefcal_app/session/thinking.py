@@ -118,12 +118,13 @@ def is_untold(flow: Flow) -> bool:
     known = flow.thoughts.grounds(flow.agent)
     if known is None or flow.thoughts.prefetch.told:
         return False
-    return known.carried is None or not known.carried.complete or known.carried.over is not _over(flow)
+    carried, over = known.carried, flow.phase is Phase.OVER
+    return carried is None or not carried.complete or carried.over is not over
 
 
 def tell(flow: Flow) -> Attempt:
     """Work out what the answer can change or, at the end, what was wanted; nothing after an error."""
-    known, over = flow.thoughts.grounds(flow.agent), _over(flow)
+    known, over = flow.thoughts.grounds(flow.agent), flow.phase is Phase.OVER
     assert known is not None
     carried = None if known.carried is None or known.carried.over is not over else known.carried
     flow.thoughts.prefetch.told = not over or carried is not None  # else the smaller change comes next
@@ -136,10 +137,6 @@ def tell(flow: Flow) -> Attempt:
             return replace(known, carried=replace(failed, complete=True))
 
     return _looking(flow, told)
-
-
-def _over(flow: Flow) -> bool:
-    return flow.phase is Phase.OVER
 
 
 def _looking(flow: Flow, look: Callable[[Screening], Basis]) -> Attempt:

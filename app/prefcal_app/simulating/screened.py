@@ -117,10 +117,7 @@ class Screened:
         return self.basis.carried if certificate is None or certificate.explained else None
 
     def result(self, scenario: Scenario) -> tuple[str, ...]:
-        """Return what was wanted, on which answer the result rests, and what need not change.
-
-        Empty while not known.
-        """
+        """Return what was wanted, what the result rests on, and what need not change; empty if unknown."""
         carried = self.carried
         if carried is None or not carried.over:
             return ()

@@ -7,7 +7,6 @@ from typing import Any
 from prefcal_app.session import Interview, Now, Outlook
 from prefcal_app.summary.compare import Spread, compared, unmeasured
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import State
 from prefcal_scenarios.kpis import WORST
 from prefcal_scenarios.presentation.wording import MISSING
@@ -15,7 +14,7 @@ from prefcal_scenarios.scenario import KPI
 
 from . import tables
 from .seen import Seen
-from .sides import theta_texts
+from .sides import theta_view
 from .simulated import decisive_view, menu_view, objections_view, smaller_view
 
 FIRST, CURRENT = "first experiment", "current tuning"
@@ -59,33 +58,11 @@ def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, An
     both = interview.past.experiment(0), interview.past.experiment(best)
     baseline, scenario = baseline_of(now.state), interview.scenario
     rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread)
-    return gain_view(baseline, best, rows, way_back(baseline, best, scenario.space, both))
-
-
-def way_back(
-    baseline: str, best: int, space: KnobSpace, both: tuple[Experiment, Experiment]
-) -> dict[str, Any] | None:
-    """Return θ of the tuning that the person gave beside that of the result; None without one.
-
-    Args:
-        baseline: What the first experiment is; see `baseline_of`.
-        best: Index of the best experiment.
-        space: Knobs.
-        both: The first experiment and the best one.
-    """
-    if baseline == FIRST or not best:
-        return None
-    before, after = (theta_texts(space, e.theta) for e in both)
-    lines = [
-        tables.row(knob.name, [tables.cell(old), tables.cell(new, kind="best")], unit=knob.unit)
-        for knob, old, new in zip(space, before, after, strict=True)
-    ]
-    caption = f"To go back, set the values of the {baseline}. best.json has both."
-    return tables.table("The way back", ("", f"{baseline} (1)", f"best ({best + 1})"), lines, caption)
+    return gain_view(baseline, best, rows, theta_view(scenario.space, both[0]))
 
 
 def gain_view(
-    baseline: str, best: int, rows: Sequence[Mapping[str, Any]], back: dict[str, Any] | None
+    baseline: str, best: int, rows: Sequence[Mapping[str, Any]], before: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """Return the KPIs of the baseline next to those of the best experiment.
 
@@ -93,7 +70,7 @@ def gain_view(
         baseline: What the first experiment is; see `baseline_of`.
         best: Index of the best experiment.
         rows: What `gained` returns of both.
-        back: What `way_back` returns of both.
+        before: θ of the baseline, as `theta_view` returns it: the way back, if the person gave it.
     """
     kinds = {"better": "words yes", "worse": "words no", "": ""}
     lines = [
@@ -118,7 +95,8 @@ def gain_view(
         "none": f"No experiment was better than the {baseline}: experiment {best + 1} is still the best.",
         "same": best == 0,
         "table": tables.table("What was gained", heads, lines, caption),
-        "back": back,
+        "before": before if best and baseline != FIRST else [],
+        "back": f"To go back, set the values of the {baseline}; best.json has them, too.",
     }
 
 

@@ -8,8 +8,7 @@ import pytest
 from prefcal_app.session import Choice
 from prefcal_app.summary.compare import Spread
 from prefcal_app.view import now_view
-from prefcal_app.view.end import baseline_of, gained, way_back
-from prefcal_app.view.sides import theta_texts
+from prefcal_app.view.end import baseline_of, gain_view, gained
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked
 
@@ -34,18 +33,14 @@ def test_every_kpi_of_the_result_stands_beside_the_first_experiment_largest_chan
     assert new["met"] == (after.kpis["t_f"] <= 20)
 
 
-def test_the_tuning_that_the_person_gave_stands_beside_the_result():
-    interview, now = asked(*[Choice.LEFT] * 5)
-    space = interview.scenario.space
-    both = interview.past.experiment(0), interview.past.experiment(now.incumbent)
-    found = way_back("current tuning", 3, space, both)
-    assert [column["name"] for column in found["columns"]] == ["", "current tuning (1)", "best (4)"]
-    assert [row["name"] for row in found["rows"]] == list(space.names)
-    old, new = found["rows"][0]["cells"]
-    assert (old["text"], new["text"]) == tuple(theta_texts(space, e.theta)[0] for e in both)
-    assert "To go back, set the values of the current tuning" in found["caption"]
-    assert way_back("first experiment", 3, space, both) is None  # it was in no plant
-    assert way_back("current tuning", 0, space, both) is None  # nothing was changed
+@pytest.mark.parametrize("baseline", ["current tuning", "paper"])
+def test_the_tuning_that_the_person_gave_stands_beside_the_result(baseline):
+    theta, best = [{"name": "T_s"}], 3
+    found = gain_view(baseline, best, [], theta)
+    assert found["before"] == theta
+    assert f"To go back, set the values of the {baseline}" in found["back"]
+    assert gain_view("first experiment", best, [], theta)["before"] == []  # it was in no plant
+    assert gain_view(baseline, 0, [], theta)["before"] == []  # nothing was changed
 
 
 def row(before, after, *, kpi=None, study=()):

@@ -36,9 +36,7 @@ function gained(gain) {
   if (!gain || !gain.table.rows.length) return null;
   return el("div", { class: "card gain" }, el("h3", {}, gain.same ? "What was gained" : gain.title),
     gain.same ? el("p", {}, gain.none) : shownTable(gain.table),
-    gain.back ? [el("h3", {}, `${gain.back.label}: ${gain.back.columns[1].name}`),
-      values(gain.back.rows.map(({ name, unit, cells: [before] }) => ({ name, unit, text: before.text, title: null }))),
-      el("p", { class: "faint" }, gain.back.caption)] : null);
+    gain.before.length ? [el("h3", {}, "The way back"), el("p", { class: "faint" }, gain.back), values(gain.before)] : null);
 }
 
 // Show what to do next: continue, use the controller, widen a range, or close.
