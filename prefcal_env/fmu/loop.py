@@ -86,15 +86,8 @@ class FMULoop:
             raise PlantError(f"timeout must be above 0 s, got {timeout!r}")
         found = tuned(self.model, knobs)
         self.parameters, self.space = tuple(found), KnobSpace(list(found.values()))
-        self._options: dict[str, Any] = {
-            "outputs": outputs,
-            "inputs": inputs,
-            "reference": reference,
-            "stop_time": stop_time,
-            "output_interval": output_interval,
-            "timeout": timeout,
-            "kpis": kpis,
-        }
+        self._shows = outputs, inputs, reference, stop_time
+        self._takes = output_interval, timeout
         self._parameters = [self.model.variable(f"{n} [{k.unit}]") for n, k in found.items()]
         self._outputs, self._inputs = shown(self.model, outputs, inputs)
         self._numbers, self._variables = referenced(self.model, self._outputs, reference)
@@ -151,7 +144,10 @@ class FMULoop:
     def with_knobs(self, more: Sequence[Knob]) -> "FMULoop":
         """Return the same loop with more knobs behind its own, named as parameters of the FMU."""
         knobs = dict(zip(self.parameters, self.space, strict=True)) | {knob.name: knob for knob in more}
-        return FMULoop(self.model.path, knobs, **self._options)
+        interval, timeout = self._takes
+        return FMULoop(
+            self.model.path, knobs, *self._shows, output_interval=interval, timeout=timeout, kpis=self.kpis
+        )
 
     def close(self) -> None:
         """End the process and remove its files now rather than at exit; a further run restarts."""

@@ -32,7 +32,7 @@ def of_loop(loop: Loop, space: KnobSpace) -> Subject:
     """Return what varies of a loop whose θ are in `space`; a model in its controller stays."""
     law, moves = isinstance(loop.controller, TunedPID | TunedLQR), tuple(_moves(loop))
     build, make = partial(_built, loop, space), partial(controller_of, loop)
-    varied = VariedLoop(loop.plant, loop.task, build, make, law, moves)
+    varied = VariedLoop(loop.plant, loop.task, build, make, wears=law, moves=moves)
     ideal = "sensors and actuators of an MPC are ideal here: only noise and ranges are varied"
     near = "start, size and direction of the step are not varied: a limit is near the target"
     return varied.subject(*([] if law else [ideal]), *([] if moves else [near]))

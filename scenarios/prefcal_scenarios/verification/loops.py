@@ -32,6 +32,8 @@ _NOISE, _GRAIN, _PLAY, _OFFSET = 0.002, 0.005, 0.005, 0.1
 """Largest noise of sensors without any, and resolution, as shares of the largest step; half backlash
 of actuators, as a share of the range; change of the operating point, as a share of the step."""
 NOISE, GRAIN, PLAY, LOAD = "noise", "resolution of sensors", "backlash", "size of the load"
+JITTER, _JITTER = "sampling jitter", 0.1
+"""Largest jitter, as a share of the period."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 Build = Callable[[Plant, Task, Y, U], Callable[..., Experiment]]
 """Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
@@ -46,7 +48,9 @@ def of_closed_loop(loop: ClosedLoop) -> Subject:
             "only the loop of a PlantEnv can be varied, since it says its plant and task: "
             f"make its environment one, got {type(env).__name__}"
         )
-    varied = VariedLoop(env.plant, env.task, partial(_built, loop), loop.controller)
+    discrete = getattr(env.plant, "sample_time", 0.0) > 0
+    build = partial(_built, loop)
+    varied = VariedLoop(env.plant, env.task, build, loop.controller, jitters=not discrete)
     return varied.subject("references and start are not varied: the KPIs are those of this step")
 
 
@@ -67,6 +71,7 @@ class VariedLoop:
         build: What a loop does.
         controller: Function of θ that makes the controller.
         wears: Whether sensors can have a resolution, and actuators backlash.
+        jitters: Whether periods can differ.
         moves: What varies of the step: `SHIFT`, `REFERENCE`, `DIRECTION` or less.
     """
 
@@ -75,6 +80,7 @@ class VariedLoop:
     build: Build
     controller: ControllerFactory
     wears: bool = True
+    jitters: bool = False
     moves: tuple[str, ...] = ()
 
     def subject(self, *said: str) -> Subject:
@@ -84,9 +90,9 @@ class VariedLoop:
             "the plant has no dead time, and none is added: see the delay margin": late,
             "no rate of an actuator is stated, so none is varied": self.task.max_move is not None,
             "the task has no steps of a load, so none is varied": self._loaded,
+            "sampling jitter is not varied: a period has one length": self.jitters,
         }
-        left_out = (*said, "sampling jitter is not varied: a period has one length")
-        left_out += tuple(text for text, there in missing.items() if not there)
+        left_out = (*said, *(text for text, there in missing.items() if not there))
         factors = (*factors_of(self.plant), *self._others())
         return Subject(factors, left_out, self.at, self.margins)
 
@@ -114,6 +120,8 @@ class VariedLoop:
         if self.wears:
             yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN)
             yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY)
+        if self.jitters:
+            yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER)
         if self.task.max_move is not None:
             yield Factor.around(MOVE, "actuator", SIZE)
         if self._loaded:
@@ -163,7 +171,8 @@ class VariedLoop:
         moves = None if task.max_move is None else task.max_move * values.get(MOVE, 1.0)
         if noise.any():
             task = replace(task, noise=noise)
-        return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves)
+        jitter = max(task.jitter, values.get(JITTER, 0.0))
+        return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter)
 
     def _rest(self, plant: Plant, shift: float) -> tuple[X, U]:
         """Return where a varied plant rests with the outputs of the start; the start if nowhere.
@@ -202,7 +211,8 @@ class Worn:
     """
 
     def __init__(self, controller: Controller, grain: Y, play: U) -> None:
-        self.controller, self.grain, self.play, self.T_s = controller, grain, play, controller.T_s
+        self.controller, self.play, self.T_s = controller, play, controller.T_s
+        self.rounded, self.grain = grain > 0, np.where(grain > 0, grain, 1.0)
 
     @classmethod
     def of(cls, make: ControllerFactory, grain: Y, play: U, theta: Float[np.ndarray, " n"]) -> "Worn":
@@ -211,8 +221,9 @@ class Worn:
 
     def move(self, measurement: Measurement) -> Move:
         """Decide by what the sensors show; return where the actuators go."""
-        m, grain = measurement, np.where(self.grain > 0, self.grain, 1.0)
-        y = np.where(self.grain > 0, np.round(m.y / grain) * grain, m.y)
-        move = self.controller.move(replace(m, y=y))
-        reached = np.clip(m.u, move.u - self.play, move.u + self.play)
-        return replace(move, u=np.where(np.isfinite(move.u), reached, move.u))
+        m = measurement
+        y = np.where(self.rounded, (m.y / self.grain).round() * self.grain, m.y)
+        move = self.controller.move(Measurement(m.t, m.x, m.u, m.d, m.y_ref, y))
+        # What is NaN stays so: it tells that the controller failed.
+        reached = np.minimum(np.maximum(m.u, move.u - self.play), move.u + self.play)
+        return Move(reached, solved=move.solved, iterations=move.iterations)

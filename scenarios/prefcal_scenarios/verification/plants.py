@@ -73,8 +73,8 @@ def _changed(plant: Plant, values: Values) -> Plant:
         named: CompiledPlant = _with_numbers(plant, values)
         return replace(named, dead_time=later * plant.dead_time)
     if isinstance(plant, LinearPlant):
-        plant = plant if (rates == 1).all() else plant.with_rates(rates)
-    elif dict(_numbers(plant)):
+        return plant.scaled(rates, gains, later)
+    if dict(_numbers(plant)):
         plant = _with_numbers(plant, values)
     if (gains == 1).all() and speed == later == 1:
         return plant
@@ -118,11 +118,6 @@ class Scaled:
     def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times`."""
         return self.plant.hold(x, self.gains * u, d, np.asarray(times) * self.speed)
-
-    def entries(self, x: X, u: U, d: D) -> Float[np.ndarray, "n_y n"]:
-        """Return what each input adds to the outputs."""
-        found: np.ndarray = self.plant.entries(x, self.gains * u, d)  # type: ignore[attr-defined]
-        return found
 
 
 def _matrices(plant: Plant) -> tuple[np.ndarray, np.ndarray] | None:

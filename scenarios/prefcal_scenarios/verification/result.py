@@ -186,11 +186,11 @@ class Verification:
         for kpi in self.kpis:
             if kpi.goal is None or kpi.name not in run.kpis or kpi.name not in nominal.kpis:
                 continue
-            here, there = kpi.badness(run.kpis[kpi.name]), kpi.badness(nominal.kpis[kpi.name])
+            here, there = (float(kpi.badness(each.kpis[kpi.name])) for each in (run, nominal))
             if here > there:
                 low, high = self.tuning.quantiles(kpi.name)
                 span = max(abs(high - low), 1e-9 * abs(there), 1e-300)
-                found.append((float((here - there) / span) if np.isfinite(span) else 0.0, kpi.name))
+                found.append(((here - there) / span if np.isfinite(span) else 0.0, kpi.name))
         return max(found)
 
 
