@@ -38,6 +38,7 @@ def record_of(
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
+    kept = Path(interview.file.path)
     times = [recorded.at for recorded in interview.file.events()]
     return StudyRecord(
         scenario=interview.scenario,
@@ -61,7 +62,7 @@ def record_of(
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
         baseline=baseline_of(state),
         fingerprint=_fingerprint(options, state),
-        digest=digest_of(Path(interview.file.path)) if name and options.by_a_person else "",
+        digest=digest_of(kept) if options.by_a_person and kept.is_file() else "",
     )
 
 

@@ -1,13 +1,17 @@
 """The acceptance sheet answers what is asked of a tuning, or says "not verified"."""
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from prefcal_app.report.acceptance import sheet
 from prefcal_app.report.answers import FILE, answers, refresh, unverified, verified_answers
 from prefcal_app.report.export import best_as_json
 from prefcal_app.summary.outlook import Outlook
+from prefcal_scenarios.catalog import load
 from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun, digest_of
 from toy_study import toy_record
 
@@ -53,6 +57,22 @@ def test_what_nobody_looked_at_is_not_verified():
     assert found["Margins"].startswith("not verified: ")
     assert "dead times, noise, loads and set points" in found["Other plants"]
     assert "Run prefcal verify best.json" in found["Other plants"]
+
+
+def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monkeypatch):
+    loop = load("lag")
+    theta = loop.space.decode(np.full(len(loop.space), 0.5))
+    trial = SimpleNamespace(experiment=loop.run(theta))
+    record = SimpleNamespace(scenario=loop, best=trial, before=trial)
+    said = dict(unverified(record))["Margins"]
+    assert re.match(r"gain margin \[dB\] [\d.]+ \(before [\d.]+\), phase margin", said)
+    assert "linearized at the operating point" in said
+
+    def fails(*_):
+        raise RuntimeError("no plant")
+
+    monkeypatch.setattr("prefcal_app.report.answers.subject_of", fails)
+    assert dict(unverified(record))["Margins"] == "not verified: no margins: no plant"
 
 
 def test_what_was_verified_is_said_with_what_was_not():
