@@ -165,7 +165,7 @@ def choose(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...], best:
     """
     if flow.study.best != best:
         raise StaleError("another experiment is the best by now: look at both again")
-    wanted = flow.agent.space.check_allowed(theta)
+    wanted = flow.agent.space.check_allowed(np.array(theta))
     if flow.agent.space.close(wanted, flow.agent.samples).any():
         raise ProtocolError("an experiment was run with this θ: it was compared already")
     runs.go_on(flow, more=int(flow.state.history.answered >= flow.state.n_max))

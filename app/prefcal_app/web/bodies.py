@@ -65,6 +65,13 @@ class Nothing(Struct, forbid_unknown_fields=True):
     """Body without fields."""
 
 
+class JudgedRun(Struct, forbid_unknown_fields=True):
+    """A verdict on one of the worst runs of a verification, numbered from 0."""
+
+    run: Whole
+    acceptable: bool
+
+
 Check = Callable[[str, str], Any]
 """Function of a parameter's name and text that returns its value or raises MalformedError."""
 

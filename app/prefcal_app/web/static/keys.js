@@ -5,6 +5,7 @@ import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, toggl
 import { $, ask, el, table } from "./dom.js";
 import { drives, stopLive } from "./live.js";
 import { chooseIt, showOther } from "./simulated.js";
+import { verify } from "./verify.js";
 import { briefing } from "./waiting.js";
 
 export const QUESTION = {
@@ -41,6 +42,7 @@ const EVERYWHERE = {
   1: ["1 2 C", "at the end: look at another candidate beside the result; choose what you look at", () => showOther(0)],
   2: [null, "", () => showOther(1)],
   c: [null, "", chooseIt],
+  v: ["V", "at the end: verify the result on plants that are not exactly as modeled", verify],
   Escape: ["Esc", "back to the question; skip a repeated question", leave],
   "?": ["?", "the task, and these keys", showKeys],
 };

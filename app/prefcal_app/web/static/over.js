@@ -5,6 +5,7 @@ import { can, open } from "./flow.js";
 import { showNext } from "./history.js";
 import { request, showOther, showTheta } from "./simulated.js";
 import { bestCard } from "./status.js";
+import { verification } from "./verify.js";
 
 const REASONS = {
   "all compared": "All experiments have been compared", "good enough": "The best is good enough",
@@ -52,13 +53,14 @@ function steps(now, act) {
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
-      over.objections.length ? el("p", { class: "actions" }, "No, this matters more:", over.objections.map(({ name, theta }) =>
+      over.objections.length ? el("p", { class: "actions" }, "Is that not what you want? This matters more:", over.objections.map(({ name, theta }) =>
         button(symbol(name), () => request(theta, progress.questions - progress.answered, act), { class: "objection" }))) : null,
       over.decisive || over.smaller ? el("p", { class: "actions" }, over.decisive ? button("Look at that answer again", again) : null,
         over.smaller ? button("Look at the smaller change", () => showTheta(over.smaller)) : null) : null,
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
     over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. Look at one beside the result, and at what lies between them."),
       el("p", { class: "actions" }, over.menu.map(({ name }, k) => [button(name, () => showOther(k), { class: "other" }), el("kbd", {}, String(k + 1))]))) : null,
+    over.next.download ? item("Will it hold on the plant?", verification()) : null,
     item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
     item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));
 
