@@ -2,6 +2,7 @@
 
     python benchmarks/campaigns/result.py --out result.jsonl                  # held-out: an hour
     python benchmarks/campaigns/result.py --out look.jsonl --loops rough-0 --tastes order
+    python benchmarks/campaigns/result.py --out smaller.jsonl --start         # the smaller change
 
 Simulated people of six families with just noticeable differences answer ten questions each, with a
 thousand simulated θ. Studies that are in the file do not run again.
@@ -17,6 +18,9 @@ wanted    Whether the person finds the result noticeably worse with one KPI at t
 object    If another KPI decides more pairs than the one said first: the share of candidates that are
           better than the result, then after one more usual answer, and after the one to the
           question that an objection leads to.
+smaller   With --start alone, where each study begins with a random θ that ends safely, the current
+          tuning: how many knobs of the result that differ from it are put back, and whether the
+          person does not find that noticeably worse than the result.
 """
 
 import argparse
@@ -36,10 +40,12 @@ from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_agents.screening.agent import Screening
+from prefcal_agents.space.start import Start
 from prefcal_agents.utility.influence import decisive, turned
 from prefcal_agents.utility.wishes import Wished, pairs
 from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.people import USUAL, Runs, Taste, runs_of, sample, taste
+from prefcal_bench.people.sample import thetas
 from prefcal_bench.problems import Problem, prefer, problem
 from prefcal_bench.results.words import markdown
 from prefcal_env.preferences.answer import Answer
@@ -63,9 +69,10 @@ class ToldStudy:
         where: Problem with a scenario.
         person: Taste of the person who answers.
         n_simulated: Number of θ to simulate.
+        start: Current tuning that it begins with, to measure the smaller change alone.
     """
 
-    def __init__(self, where: Problem, person: Taste, n_simulated: int = 1000) -> None:
+    def __init__(self, where: Problem, person: Taste, n_simulated: int, start: Start | None) -> None:
         self._where, self._person, self._judge = where, person, person.calibrator()
         self.agent = Screening(
             where.space,
@@ -73,14 +80,15 @@ class ToldStudy:
             n_simulated=n_simulated,
             n_max=_ASKED + 2,
             seed=person.seed,
+            start=start,
         )
 
     def row(self) -> Row:
         """Answer all questions; return what was said, and what is true."""
         stakes = list(self._answered())
-        thetas = self.agent.bank.thetas
-        experiments = [self._where.outcome(theta).experiment for theta in thetas]
-        runs = runs_of(self._person.kpis, [e for e in experiments if e is not None])
+        if self.agent.setup.start:
+            return {"smaller": self._smaller()}
+        runs = self._runs(self.agent.bank.thetas)
         best = self.agent.bank.find(self.agent.best)
         return {
             "stakes": stakes,
@@ -89,6 +97,20 @@ class ToldStudy:
             **self._wanted(runs, runs.take(np.array([best]))),
             "object": self._objected(runs),
         }
+
+    def _runs(self, thetas: Float[np.ndarray, "m n"]) -> Runs:
+        experiments = [self._where.outcome(theta).experiment for theta in thetas]
+        return runs_of(self._person.kpis, [e for e in experiments if e is not None])
+
+    def _smaller(self) -> Row:
+        """Return how many knobs differ and are put back, and whether that is no worse."""
+        agent, found = self.agent, self.agent.smaller_change
+        explained = agent.certificate is None or agent.certificate.explained
+        thetas = [agent.history.samples[0].theta, found.theta if found and explained else agent.best]
+        changed, back = (int(np.sum(agent.best != theta)) for theta in thetas)
+        result, smaller = (self._runs(np.array([theta])) for theta in (agent.best, thetas[1]))
+        good = bool(self._person.rule.compare(result, smaller)[0] >= 0)
+        return {"changed": changed, "back": back, "good": good}
 
     def _answered(self) -> Iterator[tuple[float, bool]]:
         """Answer all; yield the stated chances of another result, and whether it is another one."""
@@ -176,6 +198,13 @@ class ToldStudy:
         return float(np.mean(compare(_with(one, name, other.column(name)), other) != compare(one, other)))
 
 
+def _safe(where: Problem) -> Float[np.ndarray, " n"]:
+    """Return the first random θ whose experiment is not interrupted, shape (n,)."""
+    assert where.scenario is not None
+    experiments = ((theta, where.outcome(theta).experiment) for theta in thetas(where.scenario, "start", 256))
+    return next(theta for theta, e in experiments if e is not None and not e.end.interrupted)
+
+
 def _with(runs: Runs, name: str, values: Float[np.ndarray, " K"]) -> Runs:
     """Return runs with other values of one KPI."""
     changed = runs.values.copy()
@@ -187,6 +216,10 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the figures of each family and of all, then stated chances against what was true."""
     families = dict.fromkeys(row["taste"] for row in rows)
     groups = {family: [row for row in rows if row["taste"] == family] for family in families}
+    if "smaller" in rows[0]:
+        heads = ["family", "studies", "offered", "no worse", "knobs that differ", "put back"]
+        yield from markdown(heads, [[f, *_changes(some)] for f, some in {**groups, "all": rows}.items()])
+        return
     heads = "studies", "named", "as foretold", "without", "result", "menu", "result 1 %", "menu 1 %"
     yield from markdown(
         ["family", *heads], [[family, *_figures(some)] for family, some in {**groups, "all": rows}.items()]
@@ -223,6 +256,16 @@ def _figures(rows: Sequence[Row]) -> Iterator[str]:
     yield _share([min(row["better"]) < _FEW for row in rows])
 
 
+def _changes(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the figures of the smaller change; of knobs the medians where one is offered."""
+    offered = [row["smaller"] for row in rows if row["smaller"]["back"]]
+    yield str(len(rows))
+    yield _share([row["smaller"]["back"] > 0 for row in rows])
+    yield _share([each["good"] for each in offered])
+    for key in ("changed", "back"):
+        yield f"{np.median([each[key] for each in offered]):g}" if offered else "–"
+
+
 def _share(found: Sequence[bool]) -> str:
     return f"{100 * sum(found) / len(found):.0f} %" if found else "–"
 
@@ -246,6 +289,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--tastes", nargs="+", default=list(FAMILIES))
     parser.add_argument("--seeds", type=int, default=1, help="people of each loop and family")
     parser.add_argument("--simulated", type=int, default=1000, help="θ simulated unseen")
+    parser.add_argument("--start", action="store_true", help="begin with a tuning; the smaller change alone")
     options = parser.parse_args(words)
     file = options.out
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
@@ -259,7 +303,8 @@ def main(words: Sequence[str] | None = None) -> None:
         with one_thread():
             usual = sample(where.scenario, USUAL)
             person = taste(family, where.scenario.kpis, usual, seed)
-            found = ToldStudy(where, person, options.simulated).row()
+            start = _safe(where) if options.start else None
+            found = ToldStudy(where, person, options.simulated, start).row()
         rows.append({"loop": loop, "taste": family, "seed": seed, **found})
         with file.open("a") as stored:
             stored.write(json.dumps(rows[-1]) + "\n")

@@ -17,8 +17,9 @@ from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_
 from prefcal_agents.utility.influence import Influence, Stakes, influences, stakes
 from prefcal_agents.utility.menu import others
 from prefcal_agents.utility.posterior import AFTER, explains
+from prefcal_agents.utility.smaller_change import SmallerChange, smaller_change
 from prefcal_agents.utility.utilities import Utilities
-from prefcal_agents.utility.wishes import Wished, objections, wishes
+from prefcal_agents.utility.wishes import Wished, cautious, noticed_worse, objections, wishes
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Comparison, History
 
@@ -198,6 +199,31 @@ class Screening(Simulating):
         return objections(
             self._growth.pool(past), past, stage.spread, stage.bank.find(self.best), said[0].name
         )
+
+    @property
+    def smaller_change(self) -> SmallerChange | None:
+        """Return the best θ with knobs as in the given start, so that people hardly notice; it simulates.
+
+        None without a given start, if no knob can be put back, and where experiments measured other
+        KPIs than those simulated.
+        """
+        past = self._past
+        if self.best_index is None or not self.setup.start or not past.lessons():
+            return None
+        stage = self._stages(self.history)
+        if stage.rough or not stage.scale.names:
+            return None
+        draws = cautious(self._growth.pool(past), past)
+
+        def chances(thetas: Float[np.ndarray, "p n"]) -> Float[np.ndarray, " p"]:
+            bank = self.with_simulated(thetas)
+            return noticed_worse(draws, stage.scale(bank, bank.rows([self.best, *thetas])))
+
+        return smaller_change(self.best, np.array(past.samples[0].theta), self.space, chances)
+
+    def with_simulated(self, thetas: Float[np.ndarray, "p n"]) -> Bank:
+        """Return the bank with more θ, physical, shape (p, n); it simulates them."""
+        return self._growth.extended(self.bank, self.space.encode_all(thetas), thetas)
 
     @property
     def _past(self) -> History:

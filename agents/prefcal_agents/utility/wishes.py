@@ -59,7 +59,7 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
     usable = spread[~pool.bank.hopeless[spread]]
     if len(usable) < 2 or not pool.scale.names or not history.lessons():
         return ()
-    draws = pool.drawn(history, _DRAWS, _POWER)
+    draws = cautious(pool, history)
     share = deciding(draws, pool.logs, usable)
     bounds = [_bound(pool, draws, usable, result, kpi) for kpi in range(share.shape[1])]
     said = [kpi for kpi, (_, certainty) in enumerate(bounds) if certainty >= _SAID]
@@ -71,6 +71,11 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
         Wished(pool.scale.names[kpi], *bounds[kpi], _leads(share, kpi, order[place + 1 :]))
         for place, kpi in enumerate(order)
     )
+
+
+def cautious(pool: Pool, history: History) -> Utilities:
+    """Return draws whose certainties hold for people unlike the draws, too."""
+    return pool.drawn(history, _DRAWS, _POWER)
 
 
 def deciding(
@@ -157,13 +162,23 @@ def _bound(
         return None, 0.0
     logs = np.repeat(pool.logs[[result]], len(values) + 1, axis=0)
     logs[1:, kpi] = np.log(np.maximum(values - pool.scale.good[kpi], pool.scale.floor[kpi]))
-    worse = np.arange(1, len(values) + 1)
-    gains = draws.gains(draws.levels(logs), np.zeros_like(worse), worse).sum(axis=0)
-    certain = (gains > 1.0).mean(axis=0)
+    certain = noticed_worse(draws, logs)
     if certain.max() < _LIKELY:
         return None, float(certain[-1])
     place = int(np.argmax(certain >= _LIKELY))
     return float(values[place]), float(certain[place])
+
+
+def noticed_worse(draws: Utilities, logs: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " q"]:
+    """Return the share of draws to which each row but the first is noticeably worse than it, shape (q,).
+
+    Args:
+        draws: Draws of what the person wants.
+        logs: Log distances of the KPIs, shape (m, k), with m = q + 1.
+    """
+    others = np.arange(1, len(logs))
+    gains = draws.gains(draws.levels(logs), np.zeros_like(others), others).sum(axis=0)
+    return np.asarray((gains > 1.0).mean(axis=0))
 
 
 def marks(pool: Pool, rows: Int[np.ndarray, " r"], result: int, kpi: int) -> Float[np.ndarray, " q"]:

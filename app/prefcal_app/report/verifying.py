@@ -1,4 +1,4 @@
-"""Verify the tuning of a best.json; what came of it, and pictures of its worst runs, stay beside it."""
+"""Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +13,7 @@ from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.verified import Verified, digest_of
 from prefcal_scenarios.verification.verify import RUNS, unvaried
 
+from .answers import refresh
 from .export import Tuning, tuning_of, versions
 from .trajectories import figure
 
@@ -65,6 +66,7 @@ def _kept(found: Verification, tuning: Tuning, best: Path) -> Verified:
     said.write(best.parent)
     for k, each in enumerate(found.worst()):
         put(best.parent / picture(k), _drawn(tuning, each, k + 1))
+    refresh(best.parent)
     return said
 
 
@@ -86,6 +88,7 @@ def judge(folder: Path, worst: int, *, acceptable: bool) -> Verified:
     runs[worst] = replace(runs[worst], verdict=_VERDICTS[acceptable])
     told = replace(said, worst=tuple(runs))
     told.write(folder)
+    refresh(folder)
     return told
 
 

@@ -12,7 +12,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario
 
 from .basis import Basis, Carried
-from .why import carried_by, percent, wanted
+from .why import carried_by, kept, percent, wanted
 
 _UNLIKELY = 0.1
 """Chance below which stopping is offered."""
@@ -105,7 +105,8 @@ class Screened:
     @property
     def told_result(self) -> bool:
         """Return whether it is worked out what carries the result of a study that is over."""
-        return self.basis.carried is not None and self.basis.carried.over
+        carried = self.basis.carried
+        return carried is not None and carried.over and carried.complete
 
     @property
     def carried(self) -> Carried | None:
@@ -114,11 +115,12 @@ class Screened:
         return self.basis.carried if certificate is None or certificate.explained else None
 
     def result(self, scenario: Scenario) -> tuple[str, ...]:
-        """Return what was wanted, and on which answer the result rests; empty while not known."""
+        """Return what was wanted, what the result rests on, and what need not change; empty if unknown."""
         carried = self.carried
         if carried is None or not carried.over:
             return ()
-        return tuple(filter(None, (wanted(carried.wishes, scenario), carried_by(carried.decisive))))
+        told = wanted(carried.wishes, scenario), carried_by(carried.decisive), kept(carried.smaller, scenario)
+        return tuple(filter(None, told))
 
     def row(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Return the row of the bank that a person cannot tell from θ, shape (n,); None if none.

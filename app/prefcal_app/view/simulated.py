@@ -50,6 +50,15 @@ def decisive_view(interview: Interview) -> int | None:
     return None if carried is None or carried.decisive is None else carried.decisive.answer
 
 
+def smaller_view(interview: Interview) -> list[float] | None:
+    """Return θ of the smaller change, to look at and to ask for; None without one, or if it was shown."""
+    screened = interview.known.screened()
+    carried = None if screened is None else screened.carried
+    found = None if carried is None or carried.smaller is None else carried.smaller.theta
+    shown = {sample.theta for sample in interview.now().state.history.samples}
+    return None if found is None or found in shown else list(found)
+
+
 def menu_view(interview: Interview) -> list[dict[str, Any]]:
     """Return simulated θ that the person might prefer to the result; those shown are left out."""
     screened = interview.known.screened()

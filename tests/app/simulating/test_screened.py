@@ -1,6 +1,7 @@
 """What is read from a screening agent, when, and what of it front ends get."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from prefcal_agents.screening.reason import Reason
 from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import Carried, Prospect
 from prefcal_app.simulating.why import percent
+from prefcal_app.view.simulated import smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.kpis import screened
@@ -273,6 +275,26 @@ def test_an_error_in_what_is_said_of_a_result_leaves_the_rest(monkeypatch):
         pass
     assert interview.known.screened().told_result
     assert len(interview.known.screened().bank) > 0
+
+
+def test_at_the_end_a_smaller_change_than_from_the_given_start_is_looked_for(chances):
+    start = [0.5, 10.0, 1.0]
+    agent = partial(Screening, n_simulated=80, start=[start])
+    interview = explained(begin(simulated, n_max=3, agent=agent))
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT if interview.now().question.left.challenger else Choice.RIGHT)
+    assert not interview.known.screened().told_result
+    while interview.work():
+        pass
+    screened = interview.known.screened()
+    assert screened.told_result
+    best = np.array(interview.now().state.history.samples[interview.now().incumbent].theta)
+    found = screened.carried.smaller
+    assert found is not None
+    assert set(found.theta) <= {*best, *start}
+    assert screened.row(np.array(found.theta)) is not None  # the page can show it
+    assert any("can stay as before" in words for words in screened.result(simulated))
+    assert tuple(smaller_view(interview)) == found.theta
 
 
 def ended(**more):

@@ -10,6 +10,7 @@ import pytest
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.influence import Influence
+from prefcal_agents.utility.smaller_change import SmallerChange
 from prefcal_app.session import Background
 from prefcal_app.simulating import Carried
 from prefcal_app.web import Window
@@ -190,13 +191,21 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
 def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browser, screen, monkeypatch):
     decisive = Influence(1, 0, 1, 0.3, sure=True)
     menu = {5: Reason(0.4, ("t_f",), ()), 9: Reason(0.3, ("final",), ())}
-    monkeypatch.setattr(Carried, "of", lambda agent, *, over: Carried(over, None, decisive, menu, ()))
+    smaller = SmallerChange((0.5, 21.0, 1.0), (0, 2), 0.03)
+    said = {"over": True, "stakes": None, "decisive": decisive, "menu": menu, "wishes": (), "complete": False}
+    monkeypatch.setattr(Carried, "of", lambda agent, *, over: Carried(**{**said, "over": over}))
+    monkeypatch.setattr(Screening, "smaller_change", smaller)
     watched = Watched(browser)
     watched.open(screen(n_max=3).link)
     page = watched.page
     watched.answer("ArrowLeft")
     page.keyboard.press("ArrowRight")
     watched.phase("over")
+    page.wait_for_selector("text=2 of 3 knobs can stay as before")
+    page.click("text=Look at the smaller change")  # simulated apart from all others, and in the picture
+    page.wait_for_function("() => document.querySelector('#point .values')?.textContent.includes('21')")
+    assert "Simulated, never shown" in page.inner_text("#point")
+    page.keyboard.press("Escape")
     page.wait_for_selector("text=The result rests on your answer about experiment 2")
     watched.shot("end-simulated-1280")
     page.click("text=Look at that answer again")

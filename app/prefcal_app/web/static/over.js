@@ -1,9 +1,9 @@
 // Show the end: what was gained, where the report is, and what to do next.
 
-import { $, ask, button, copying, el, fill, shownTable, symbol } from "./dom.js";
+import { $, ask, button, copying, el, fill, shownTable, symbol, values } from "./dom.js";
 import { can, open } from "./flow.js";
 import { showNext } from "./history.js";
-import { request, showOther } from "./simulated.js";
+import { request, showOther, showTheta } from "./simulated.js";
 import { bestCard } from "./status.js";
 import { verification } from "./verify.js";
 
@@ -36,7 +36,8 @@ export function showOver(now, act) {
 function gained(gain) {
   if (!gain || !gain.table.rows.length) return null;
   return el("div", { class: "card gain" }, el("h3", {}, gain.same ? "What was gained" : gain.title),
-    gain.same ? el("p", {}, gain.none) : shownTable(gain.table));
+    gain.same ? el("p", {}, gain.none) : shownTable(gain.table),
+    gain.before.length ? [el("h3", {}, "The way back"), el("p", { class: "faint" }, gain.back), values(gain.before)] : null);
 }
 
 // Show what to do next: continue, use the controller, widen a range, or close.
@@ -54,7 +55,8 @@ function steps(now, act) {
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
       over.objections.length ? el("p", { class: "actions" }, "Is that not what you want? This matters more:", over.objections.map(({ name, theta }) =>
         button(symbol(name), () => request(theta, progress.questions - progress.answered, act), { class: "objection" }))) : null,
-      over.decisive ? el("p", { class: "actions" }, button("Look at that answer again", again)) : null,
+      over.decisive || over.smaller ? el("p", { class: "actions" }, over.decisive ? button("Look at that answer again", again) : null,
+        over.smaller ? button("Look at the smaller change", () => showTheta(over.smaller)) : null) : null,
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
     over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. Look at one beside the result, and at what lies between them."),
       el("p", { class: "actions" }, over.menu.map(({ name }, k) => [button(name, () => showOther(k), { class: "other" }), el("kbd", {}, String(k + 1))]))) : null,

@@ -19,8 +19,12 @@ let wished = null; // the θ of the point to describe first, once it is known
 // Show the first (0) or second (1) other candidate of the end beside the result.
 export function showOther(k) {
   const other = current()?.over?.menu[k];
-  if (!other) return;
-  wished = String(other.theta);
+  if (other) showTheta(other.theta);
+}
+
+// Show a simulated θ beside the result.
+export function showTheta(theta) {
+  wished = String(theta);
   open("simulated");
 }
 
