@@ -119,12 +119,12 @@ def objections(
     prefer = _prefer(draws, logs, result)
     free = ~pool.bank.hopeless & ~np.isin(np.arange(len(logs)), pool.shown)
     for kpi, name in enumerate(pool.scale.names):
-        object_ = np.flatnonzero(share[:, kpi] > share[:, pool.scale.names.index(first)])
+        objectors = np.flatnonzero(share[:, kpi] > share[:, pool.scale.names.index(first)])
         alone = np.repeat(logs[[result]], len(logs), axis=0)
         alone[:, kpi] = logs[:, kpi]
-        if len(object_):
-            gains = free & (_prefer(draws.take(object_), alone, result).mean(axis=0) >= _NOTICED)
-            liked = np.where(gains, prefer[object_].mean(axis=0), 0.0)
+        if len(objectors):
+            gains = free & (_prefer(draws.take(objectors), alone, result).mean(axis=0) >= _NOTICED)
+            liked = np.where(gains, prefer[objectors].mean(axis=0), 0.0)
             if liked.any():
                 found[name] = int(np.argmax(liked))
     return found
