@@ -2,32 +2,25 @@
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 
-from prefcal_app.report.export import Tuning, tuning_of, versions
-from prefcal_app.report.trajectories import figure
+from prefcal_app.report.verifying import judge, picture, verify_best
 from prefcal_app.terminal.lines import ask_line
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.presentation.folder import put
-from prefcal_scenarios.presentation.style import png
 from prefcal_scenarios.presentation.wording import number, printable
-from prefcal_scenarios.verification import Verification, replay, verify
-from prefcal_scenarios.verification.result import VerifiedRun
-from prefcal_scenarios.verification.verified import FILE, Verified, digest_of
-from prefcal_scenarios.verification.verify import unvaried
+from prefcal_scenarios.verification.verified import FILE, Verified
 
 if TYPE_CHECKING:
     from .commands import VerifyOptions
 
 _EFFECTS = 4
 """Number of factors that are printed."""
-_VERDICTS = {"y": "acceptable", "n": "not acceptable"}
+_VERDICTS = {"y": True, "n": False}
 
 
 def run(options: "VerifyOptions") -> int:
@@ -37,32 +30,21 @@ def run(options: "VerifyOptions") -> int:
         PrefcalError: If the file or an option does not fit, or nothing of the scenario can vary.
     """
     best, console = Path(options.best), Console(emoji=False)
-    tuning = tuning_of(best)
-    found = _found(tuning, options)
-    said = Verified.of(found, tuning.scenario, tuning.baseline, versions()["prefcal"], digest_of(best))
-    said.write(best.parent)
-    show(said, console)
-    for k, each in enumerate(found.worst()):
-        say(console, f"Worst run {k + 1}, beside the nominal one: {_drawn(tuning, each, k + 1, best.parent)}")
-    if sys.stdin.isatty():
-        _asked(said, console).write(best.parent)
-    say(console, f"Kept in {best.parent / FILE}.")
-    return 0
-
-
-def _found(tuning: Tuning, options: "VerifyOptions") -> Verification:
-    if tuning.scenario.source.asks:
-        return unvaried(tuning.scenario, tuning.theta, tuning)
-    return verify(
-        tuning.scenario,
-        tuning.theta,
+    said = verify_best(
+        best,
         options.runs,
-        start=tuning.before,
         ranges=dict(_range(text) for text in options.range),
         jobs=options.jobs,
         timeout=options.run_timeout,
         progress=True,
     )
+    show(said, console)
+    for k in range(len(said.worst)):
+        say(console, f"Worst run {k + 1}, beside the nominal one: {best.parent / picture(k)}")
+    if sys.stdin.isatty():
+        _ask(said, best.parent, console)
+    say(console, f"Kept in {best.parent / FILE}.")
+    return 0
 
 
 def _range(text: str) -> tuple[str, float | list[float]]:
@@ -77,24 +59,12 @@ def _range(text: str) -> tuple[str, float | list[float]]:
     return name, ends[0] if len(ends) == 1 else ends
 
 
-def _drawn(tuning: Tuning, worst: VerifiedRun, rank: int, folder: Path) -> Path:
-    """Draw one of the worst runs beside the nominal one; return the file."""
-    path = folder / f"worst_run_{rank}.png"
-    nominal, made = (
-        replay(tuning.scenario, tuning.theta, each) for each in (replace(worst, values={}), worst)
-    )
-    put(path, png(figure(tuning.scenario, nominal, made, ("nominal", f"worst run {rank}: {worst.words}"))))
-    return path
-
-
-def _asked(said: Verified, console: Console) -> Verified:
-    """Return what was verified with a person's verdicts on the worst runs."""
-    answers = [
-        ask_line(console, f"Worst run {k} ({each.words}): acceptable? (y/n)").lower()
-        for k, each in enumerate(said.worst, 1)
-    ]
-    pairs = zip(said.worst, answers, strict=True)
-    return replace(said, worst=tuple(replace(w, verdict=_VERDICTS.get(a, "")) for w, a in pairs))
+def _ask(said: Verified, folder: Path, console: Console) -> None:
+    """Ask a person about the worst runs, and keep each verdict."""
+    for k, each in enumerate(said.worst):
+        told = ask_line(console, f"Worst run {k + 1} ({each.words}): acceptable? (y/n)").lower()
+        if told in _VERDICTS:
+            judge(folder, k, acceptable=_VERDICTS[told])
 
 
 def show(said: Verified, console: Console) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.influence import Influence, Stakes
+from prefcal_agents.utility.smaller_change import SmallerChange
 from prefcal_agents.utility.wishes import Wished
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -125,6 +126,17 @@ def carried_by(influence: Influence | None) -> str:
     return (
         f"The result rests on your answer about experiment {influence.answer + 1}: if it were the "
         f"other way round, experiment {influence.reversed + 1} would be the best."
+    )
+
+
+def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
+    """Return which knobs can stay as they were, as one sentence; empty if none can."""
+    if smaller is None:
+        return ""
+    names = [scenario.space.names[knob] for knob in smaller.kept]
+    return (
+        f"{len(names)} of {len(scenario.space)} knobs can stay as before ({_listed(names)}) without "
+        f"looking worse to you (chance that it does: {percent(smaller.chance)})."
     )
 
 

@@ -71,7 +71,7 @@ class Effect:
     Args:
         factor: Factor.
         run: Run at its lowest or at its highest value, the worse of both.
-        kpi: KPI that gets worst, "" if none gets worse.
+        kpi: Title of the KPI that gets worst, "" if none gets worse.
         worsening: How much worse, as a share of the KPI's 5 to 95 % range over all runs; infinite
             if a limit is lost.
     """
@@ -190,7 +190,7 @@ class Verification:
             if here > there:
                 low, high = self.tuning.quantiles(kpi.name)
                 span = max(abs(high - low), 1e-9 * abs(there), 1e-300)
-                found.append(((here - there) / span if np.isfinite(span) else 0.0, kpi.name))
+                found.append(((here - there) / span if np.isfinite(span) else 0.0, kpi.title))
         return max(found)
 
 

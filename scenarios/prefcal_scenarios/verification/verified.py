@@ -1,7 +1,7 @@
 """What a verification leaves beside its best.json, as plain data for people and programs."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -90,8 +90,7 @@ class Verified:
         """Return what a verification of a scenario's tuning says; see the class for the others."""
         both = [found.tuning, *([found.before] if found.before else [])]
         unit = scenario.source.channels.time_unit if scenario.source.channels else ""
-        margins = found.tuning.margins
-        basis = margins if isinstance(margins, str) else f"margins of {UNCONSTRAINED}"
+        margins, basis = margins_said([each.margins for each in both], unit)
         return cls(
             statement=found.statement,
             limits_kept=found.limits,
@@ -101,8 +100,8 @@ class Verified:
             planned=found.planned,
             baseline=baseline if found.before else "",
             kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
-            margins=() if isinstance(margins, str) else tuple(_margin_rows(both, unit)),
-            basis=f"{basis}; this loop is NOT STABLE" if margins == UNSTABLE else basis,
+            margins=margins,
+            basis=basis,
             effects=tuple(map(_effect, found.effects)),
             worst=tuple(WorstRun(r.words, dict(r.values), r.seed) for r in found.worst()),
             varied=tuple(f"{f.name} {_range(f)}" for f in found.factors),
@@ -148,9 +147,19 @@ def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
     return tuple(cells)
 
 
-def _margin_rows(tunings: list[Robustness], time_unit: str) -> Iterator[tuple[str, ...]]:
+def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[tuple[str, ...], ...], str]:
+    """Return `margins` and `basis` of `Verified`, given margins of the tuning and perhaps of the baseline."""
+    first = found[0]
+    if isinstance(first, str):
+        return (), first
+    basis = f"margins of {UNCONSTRAINED}"
+    return tuple(
+        _margin_rows(found, time_unit)
+    ), f"{basis}; this loop is NOT STABLE" if first == UNSTABLE else basis
+
+
+def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:
     """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more."""
-    found = [each.margins for each in tunings]
     for name, read in (
         ("gain margin [dB]", _gain_margin),
         ("phase margin [°]", lambda m: number(m.phase)),

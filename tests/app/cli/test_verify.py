@@ -24,6 +24,7 @@ def best(tmp_path):
 
 def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(prefcal, best, tmp_path):
     before = {"what": "current tuning", "theta": {**LAG, "K": 1.0}}
+    (tmp_path / "acceptance.html").write_text("A sheet: <!-- verified 60 -->not verified<!-- end -->")
     code, out, err = prefcal("verify", best(before=before), "--runs", "20", "--jobs", "1")
     assert code == 0, err
     words = " ".join(out.split())
@@ -44,6 +45,7 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
     assert "current" in words
     kept = Verified.read(tmp_path)
     assert kept.statement in words
+    assert kept.statement in (tmp_path / "acceptance.html").read_text(encoding="utf-8")
     assert (kept.runs, kept.planned, kept.share, kept.baseline) == (20, 20, 1.0, "current tuning")
     assert {len(row) for row in kept.kpis} == {8}
     assert [len(row) for row in kept.margins] == [3] * 5
