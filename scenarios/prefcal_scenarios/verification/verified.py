@@ -152,10 +152,8 @@ def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[
     first = found[0]
     if isinstance(first, str):
         return (), first
-    basis = f"margins of {UNCONSTRAINED}"
-    return tuple(
-        _margin_rows(found, time_unit)
-    ), f"{basis}; this loop is NOT STABLE" if first == UNSTABLE else basis
+    stable = "; this loop is NOT STABLE" if first == UNSTABLE else ""
+    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}"
 
 
 def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:

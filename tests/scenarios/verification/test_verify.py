@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
-from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import Factor, replay, verify
 from prefcal_scenarios.verification.factor import drawn
@@ -63,6 +63,13 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
     assert (first.factor.name, first.run.values, first.worsening) == ("mass", {"mass": 0.9}, np.inf)
     assert (second.factor.name, second.kpi) == ("stiffness", "pull")
     assert found.worst(3)[0].values["mass"] < 2.0 / 2.1
+
+
+def test_a_run_without_a_scenario_is_verified_too():
+    found = verify(run, THETA, 5, jobs=1)
+    assert [f.name for f in found.factors] == ["mass", "stiffness"]
+    with pytest.raises(KnobError, match="finite numbers"):
+        verify(run, np.array([np.nan]))
 
 
 def test_a_function_of_theta_alone_says_what_to_add():
