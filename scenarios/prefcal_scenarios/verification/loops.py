@@ -51,7 +51,10 @@ def of_closed_loop(loop: ClosedLoop) -> Subject:
     discrete = getattr(env.plant, "sample_time", 0.0) > 0
     build = partial(_built, loop)
     varied = VariedLoop(env.plant, env.task, build, loop.controller, jitters=not discrete)
-    return varied.subject("references and start are not varied: the KPIs are those of this step")
+    return varied.subject(
+        "references and start are not varied: the KPIs are those of this step",
+        "margins and M_s, where they are KPIs, stay those of the nominal plant",
+    )
 
 
 def _built(loop: ClosedLoop, plant: Plant, task: Task, grain: Y, play: U) -> ClosedLoop:

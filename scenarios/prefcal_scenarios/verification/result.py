@@ -159,6 +159,13 @@ class Verification:
         kpis = (kpi for kpi in self.kpis if kpi.goal is not None)
         return tuple(kpi.title for kpi in kpis if np.isinf(self.tuning.nominal.kpis.get(kpi.name, 0.0)))
 
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Return the names of the factors that change no KPI at either end, such as one nobody measures."""
+        pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
+        nominal = self.tuning.nominal.kpis
+        return tuple(f.name for f, *both in pairs if all(run.kpis == nominal for run in both))
+
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         """Return what each factor does alone, the one that hurts most first."""

@@ -105,7 +105,7 @@ class Verified:
             effects=tuple(map(_effect, found.effects)),
             worst=tuple(WorstRun(r.words, dict(r.values), r.seed) for r in found.worst()),
             varied=tuple(f"{f.name} {_range(f)}" for f in found.factors),
-            left_out=found.left_out,
+            left_out=(*found.left_out, *(f"{name} changes no KPI here" for name in found.idle)),
             scenario=found.scenario,
             version=version,
             best=best,

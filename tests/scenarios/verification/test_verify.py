@@ -59,10 +59,20 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
     assert found.share == 1 - len(heavy) / 200
     assert heavy[0].problems == ("weight misses its objective",)
     assert f"{200 - len(heavy)} of 200 runs keep the stated limits" in found.statement
+    assert found.idle == ()
     first, second = found.effects
     assert (first.factor.name, first.run.values, first.worsening) == ("mass", {"mass": 0.9}, np.inf)
     assert (second.factor.name, second.kpi) == ("stiffness", "pull")
     assert found.worst(3)[0].values["mass"] < 2.0 / 2.1
+
+
+def test_what_changes_no_kpi_is_said():
+    def deaf(theta, seed=0, mass=1.0, noise=0.5):
+        return run(theta, seed, mass)
+
+    found = verify(replace(SPRING, run=deaf), THETA, 3, jobs=1)
+    assert found.idle == ("noise",)
+    assert "noise changes no KPI here" in Verified.of(found, SPRING, "", "1.0", "").left_out
 
 
 def test_a_run_without_a_scenario_is_verified_too():
