@@ -1,5 +1,6 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
+from dataclasses import replace
 from typing import ClassVar, final
 
 import numpy as np
@@ -24,8 +25,8 @@ from prefcal_env.preferences.history import Comparison, History
 
 from .certificate import FROM, Certificate, Evidence, evidence
 from .growth import Growth, Stage
-from .reason import Reason, chances, reason_for
-from .simulations import Simulating, Simulations
+from .reason import Reason, Robustness, chances, reason_for
+from .simulations import ENOUGH, Simulating, Simulations
 
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
@@ -33,6 +34,8 @@ all shown: a few answers between θ that are poor in the same way can teach a wr
 _ALIKE = 0.005
 """Experiments whose KPIs differ by less than this share look alike."""
 
+_TRIES = 100
+"""Where a study is robust, largest number of θ that are judged to find one that keeps the limits."""
 _STALLED = 5
 """Number of challengers lost in a row after which every second one is proposed without KPIs."""
 _UNTIL, _EVERY = 30, 4
@@ -86,7 +89,10 @@ class Screening(Simulating):
         new, best = (_row(stage.bank, side.theta) for side in (query.challenger, query.incumbent))
         if new is None or best is None:
             return None
-        return reason_for(stage, new, best, self.history)
+        kept = None
+        if self.simulations.holds is not None:
+            kept = int(self.simulations.runs_kept(stage.bank.thetas[[new]])[0])
+        return replace(reason_for(stage, new, best, self.history), kept=kept)
 
     @property
     def chance_of_better(self) -> float:
@@ -153,6 +159,24 @@ class Screening(Simulating):
         if _row(self.bank, query.challenger.theta) is None:
             return None
         return stakes(self._growth.pool(past), past, query.incumbent.index)
+
+    @property
+    def robustness(self) -> Robustness | None:
+        """Return how the best θ so far holds, and what that costs; None if the study is not robust.
+
+        None before an answer that teaches, too. It simulates if needed.
+        """
+        if self.simulations.holds is None or self.best_index is None or not self.history.lessons():
+            return None
+        stage = self._stages(self.history)
+        bank, nominal = stage.bank, stage.utilities.costs(stage.logs)
+        best, rival = bank.find(self.best), int(np.argmax(worth(nominal).mean(axis=0)))
+        kept, other = self.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
+        if rival == best or other == ENOUGH:
+            return Robustness(kept, {})
+        names = reason_for(replace(stage, costs=nominal), rival, best, self._past).better_in
+        pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T
+        return Robustness(kept, dict(zip(names, map(tuple, pairs.tolist()), strict=True)))
 
     @property
     def menu(self) -> dict[int, Reason]:
@@ -229,8 +253,19 @@ class Screening(Simulating):
             order = np.lexsort([-value, poor])
         else:
             order = np.argsort(-now_and_next(stage.costs, row, allowed), kind="stable")
+        if self.simulations.holds is not None:
+            order = self._robust_first(stage, order, allowed)
         z = tried.first_new(stage.bank.z[order])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
+
+    def _robust_first(
+        self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"]
+    ) -> Int[np.ndarray, " m"]:
+        """Return rows in order behind the first that keeps the limits in all perturbed runs, if one does."""
+        for row in order[allowed[order]][:_TRIES]:
+            if self.simulations.runs_kept(stage.bank.thetas[[row]])[0] == ENOUGH:
+                return np.append(row, order[order != row])
+        return order
 
     def _poor_beginning(self, stage: Stage, row: int | None) -> Int[np.ndarray, " m"]:
         """Return how little each θ suits the first comparison, 0 is best, shape (m,).

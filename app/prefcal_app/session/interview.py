@@ -238,7 +238,9 @@ def _simulator(scenario: Scenario, file: StudyFile) -> Simulator | None:
         raise StudyError(f"the study needs its twin {twin!r} to simulate with")
     if not is_simulating(file.state):
         return None
-    return Simulator(scenario, seed=int(file.state.configuration["seed"]), jobs=0)
+    configuration = file.state.configuration
+    robust = bool(configuration.get("options", {}).get("robust"))
+    return Simulator(scenario, seed=int(configuration["seed"]), jobs=0, robust=robust)
 
 
 def _check_at_once(scenario: Scenario, file: StudyFile) -> None:

@@ -10,7 +10,7 @@ from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.certificate import Certificate
-from prefcal_agents.screening.reason import Reason
+from prefcal_agents.screening.reason import Reason, Robustness
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.influence import Influence, Stakes, decisive
 from prefcal_agents.utility.wishes import Wished
@@ -27,6 +27,7 @@ class Carried:
         decisive: The answer that carries the result; None if none alone does.
         menu: Rows of the bank that the person might prefer to the result, with why.
         wishes: What the person wanted by the answers, what matters most first.
+        robustness: How the result of a robust study holds, and what that costs.
     """
 
     over: bool
@@ -34,6 +35,7 @@ class Carried:
     decisive: Influence | None
     menu: Mapping[int, Reason]
     wishes: tuple[Wished, ...]
+    robustness: Robustness | None = None
 
     @classmethod
     def of(cls, agent: Screening, *, over: bool) -> "Carried":
@@ -42,7 +44,7 @@ class Carried:
             return cls(False, agent.stakes, None, {}, ())
         best = agent.best_index
         found = None if best is None else decisive(agent.influences, best)
-        return cls(True, None, found, agent.menu, agent.wishes)
+        return cls(True, None, found, agent.menu, agent.wishes, agent.robustness)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

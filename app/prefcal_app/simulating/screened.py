@@ -12,7 +12,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario
 
 from .basis import Basis, Carried
-from .why import carried_by, percent, wanted
+from .why import carried_by, percent, robust, wanted
 
 _UNLIKELY = 0.1
 """Chance below which stopping is offered."""
@@ -103,11 +103,13 @@ class Screened:
         return self.basis.carried if certificate is None or certificate.explained else None
 
     def result(self, scenario: Scenario) -> tuple[str, ...]:
-        """Return what was wanted, and on which answer the result rests; empty while not known."""
-        carried = self.carried
-        if carried is None or not carried.over:
+        """Return how it holds, what was wanted, and on which answer it rests; empty while not known."""
+        found, carried = self.basis.carried, self.carried
+        if found is None or not found.over:
             return ()
-        return tuple(filter(None, (wanted(carried.wishes, scenario), carried_by(carried.decisive))))
+        said = () if carried is None else (wanted(carried.wishes, scenario), carried_by(carried.decisive))
+        held = () if found.robustness is None else robust(found.robustness, scenario)
+        return tuple(filter(None, (*held, *said)))
 
     def row(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Return the row of the bank that a person cannot tell from θ, shape (n,); None if none.
