@@ -2,6 +2,7 @@
 
     python benchmarks/campaigns/verification.py --out results          # 75 studies: half an hour
     python benchmarks/campaigns/verification.py --out results --loops rough-900 --tastes weights
+    python benchmarks/campaigns/verification.py --robust --out robust  # as with prefcal calibrate --robust
     python benchmarks/campaigns/verification.py --quick --out look     # a minute
 
 Each study is `Screening` with ten answers of a simulated person on a held-out rough loop. Its θ runs
@@ -26,15 +27,23 @@ import numpy as np
 from jaxtyping import Float
 from rich.console import Console
 
+from prefcal_agents.screening.agent import Screening
 from prefcal_bench.cells.engine import Processes
 from prefcal_bench.cells.runner import run_suite
+from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.results.words import markdown
+from prefcal_env.knobs.key import theta_key
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.kpis import Outcome
 from prefcal_scenarios import load
+from prefcal_scenarios.kpis import screened
+from prefcal_scenarios.many.task import Task
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification import verify
+from prefcal_scenarios.verification.perturbed import Perturbed, runs_kept
 from prefcal_scenarios.verification.result import problems_of
 
 LOOPS = tuple(f"rough-{number}" for number in range(900, 915))
@@ -58,6 +67,7 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=1, help="seeds of each loop and taste")
     parser.add_argument("--runs", type=int, default=RUNS, help="plants for each θ")
     parser.add_argument("--jobs", type=int, default=1, help="processes of the studies")
+    parser.add_argument("--robust", action="store_true", help="show only candidates that hold")
     parser.add_argument("--quick", action="store_true", help="one loop and person, few runs")
     options = parser.parse_args(words)
     if options.quick:
@@ -68,9 +78,9 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
 def main(words: Sequence[str] | None = None) -> None:
     """Run what is missing, and write the tables to verification.md."""
     options = options_of(words)
-    suite = Suite(
-        ("Screening",), tuple(options.loops), tuple(options.tastes), options.seeds, ANSWERS // 2, ANSWERS + 1
-    )
+    agent = f"{Path(__file__).resolve()}:RobustScreening" if options.robust else "Screening"
+    cells = tuple(options.loops), tuple(options.tastes), options.seeds, ANSWERS // 2, ANSWERS + 1
+    suite = Suite((agent,), *cells)
     with BenchDisplay(Console(stderr=True)) as display:
         studies = run_suite(
             suite, Store(options.out), None if options.quick else Processes(options.jobs), display
@@ -93,8 +103,50 @@ def main(words: Sequence[str] | None = None) -> None:
             with file.open("a") as stored:
                 stored.write(json.dumps(row) + "\n")
     report = "\n".join(tables([row for row in rows if row["loop"] in options.loops]))
+    worths = [result.worth[-1] for result in studies.results if result.worth]
+    report += f"\n\nWorth of {len(worths)} tunings: {np.exp(np.log(worths).mean()):.0f}"
     (options.out / "verification.md").write_text(report + "\n", encoding="utf-8")
     print(report)
+
+
+class RobustScreening:
+    """Screening that shows only candidates which keep the limits in perturbed runs."""
+
+    tell = Screening.tell
+
+    def __new__(cls, space: KnobSpace, *, simulate: Simulation, seed: int, **given: Any) -> Any:
+        """Return the agent."""
+        return Screening(space, simulate=PerturbedSimulation(simulate, seed), seed=seed, **given)
+
+
+class PerturbedSimulation:
+    """The simulation of a study, and perturbed runs, each run once.
+
+    Args:
+        simulation: Simulation of the study.
+        seed: Seed of the variations.
+    """
+
+    def __init__(self, simulation: Simulation, seed: int) -> None:
+        self._nominal, self.reading = simulation, simulation.reading
+        self._task = Task(Perturbed(simulation.scenario, seed), 0, trajectories=False)
+        self._known: dict[bytes, Outcome] = {}
+
+    def __call__(self, theta: Float[np.ndarray, " n"]) -> Outcome:
+        """Return the nominal KPIs of θ."""
+        return self._nominal(theta)
+
+    def holds(self, thetas: Sequence[Float[np.ndarray, " n"]], most: int) -> list[int]:
+        """Return how many perturbed runs of each θ keep the limits."""
+        return runs_kept(lambda every: [self._run(each) for each in every], self.reading, thetas, most)
+
+    def _run(self, theta: Float[np.ndarray, " n"]) -> Outcome:
+        scenario, key = self._nominal.scenario, theta_key(theta)
+        if len(theta) == len(scenario.space):
+            return self._nominal(theta)
+        if key not in self._known:
+            self._known[key] = screened(scenario, self._task.here(theta))
+        return self._known[key]
 
 
 def random_tunings(scenario: Scenario) -> Iterable[tuple[str, Float[np.ndarray, " n"]]]:

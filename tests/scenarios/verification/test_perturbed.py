@@ -9,6 +9,8 @@ from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification.perturbed import Perturbed, runs_kept
 from prefcal_scenarios.verification.verify import verify
 
+READING = Reading()
+
 
 @pytest.fixture(scope="module")
 def lag() -> Scenario:
@@ -39,7 +41,7 @@ def test_they_are_not_the_runs_of_the_verification_that_follows(lag):
     assert judged.isdisjoint(run.kpis["error"] for run in verify(lag, theta, 8, jobs=1).runs)
 
 
-def counted(bad, *, reading=Reading(), thetas=(0.0,)):
+def counted(bad, *, reading=READING, thetas=(0.0,)):
     """Count runs; `bad` gives KPIs of θ and run (0: nominal), and note which runs were made."""
     made = []
 
