@@ -261,11 +261,18 @@ class Screening(Simulating):
     def _robust_first(
         self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"]
     ) -> Int[np.ndarray, " m"]:
-        """Return rows in order behind the first that keeps the limits in all perturbed runs, if one does."""
+        """Return rows in order behind the first that keeps the limits in all perturbed runs.
+
+        If none of those tried does, behind the one that keeps them longest.
+        """
+        longest, first = -1, order[0]
         for row in order[allowed[order]][:_TRIES]:
-            if self.simulations.runs_kept(stage.bank.thetas[[row]])[0] == ENOUGH:
-                return np.append(row, order[order != row])
-        return order
+            kept = int(self.simulations.runs_kept(stage.bank.thetas[[row]])[0])
+            if kept > longest:
+                longest, first = kept, row
+            if kept == ENOUGH:
+                break
+        return np.append(first, order[order != first])
 
     def _poor_beginning(self, stage: Stage, row: int | None) -> Int[np.ndarray, " m"]:
         """Return how little each θ suits the first comparison, 0 is best, shape (m,).

@@ -67,8 +67,8 @@ def runs_kept(
 ) -> list[int]:
     """Return how many perturbed runs of each θ keep the limits before one does not, at most `most`.
 
-    A run keeps them that ends safely, meets the objectives that the nominal run meets, and reaches
-    what that reaches: no KPI is infinite that is finite nominally. A θ that reaches nothing has 0.
+    A run keeps them that ends safely, meets all objectives, and has no infinite KPI, such as the time
+    to settle of one that never does. A θ whose nominal run does not has 0.
 
     Args:
         many: Function that returns the `screened` KPIs of each θ of a `Perturbed`.
@@ -76,24 +76,20 @@ def runs_kept(
         thetas: Physical θ, each of shape (n,).
         most: Largest number of runs.
     """
-    nominal = many(thetas)
-    left = [row for row, kpis in enumerate(nominal) if np.isfinite(list(kpis.values())).any()]
+    left = [row for row, kpis in enumerate(many(thetas)) if _keeps(reading, kpis)]
     found, done = np.zeros(len(thetas), dtype=np.int64), 0
     for step in [step for step in STEPS if step < most] + [most]:
         numbers = range(done + 1, step + 1)
         made = many([np.append(thetas[row], k) for row in left for k in numbers])
         for place, row in enumerate(left):
             runs = made[place * len(numbers) : (place + 1) * len(numbers)]
-            kept = [_keeps(reading, nominal[row], kpis) for kpis in runs]
+            kept = [_keeps(reading, kpis) for kpis in runs]
             found[row] = done + (kept.index(False) if False in kept else len(numbers))
         left, done = [row for row in left if found[row] == step], step
     return found.tolist()
 
 
-def _keeps(reading: Reading, nominal: Mapping[str, float], run: Mapping[str, float]) -> bool:
-    """Return whether a run meets and reaches what the nominal run does; what it lacks is not judged."""
-    names = [name for name, value in nominal.items() if np.isfinite(value)]
-    values = np.array([[kpis.get(name, nominal[name]) for name in names] for kpis in (nominal, run)])
-    limits = np.array([reading.limits.get(name, np.inf) for name in names])
-    meets = reading.table(names, values) <= limits
-    return bool(run) and bool(np.isfinite(values[1]).all() and (meets[1] | ~meets[0]).all())
+def _keeps(reading: Reading, kpis: Mapping[str, float]) -> bool:
+    """Return whether a run keeps the limits, by its KPIs as people read them; one without failed."""
+    read = reading.table(list(kpis), np.array([list(kpis.values())]))
+    return bool(kpis) and not reading.missed(list(kpis), read)[0]
