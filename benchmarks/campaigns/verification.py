@@ -95,7 +95,7 @@ def main(words: Sequence[str] | None = None) -> None:
             if result.cell.problem == name and not result.failure
         ]
         scenario = load(name)
-        for who, theta in (*found, *random_tunings(scenario)):
+        for who, theta in (*found, *(() if options.robust else random_tunings(scenario))):
             if (name, who) in known:
                 continue
             row = {"loop": name, "who": who, "runs": options.runs, **row_of(scenario, theta, options.runs)}
