@@ -28,6 +28,7 @@ from jaxtyping import Float
 from rich.console import Console
 
 from prefcal_agents.screening.agent import Screening
+from prefcal_app.simulating import Simulator
 from prefcal_bench.cells.engine import Processes
 from prefcal_bench.cells.runner import run_suite
 from prefcal_bench.cells.simulation import Simulation
@@ -35,15 +36,10 @@ from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.results.words import markdown
-from prefcal_env.knobs.key import theta_key
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.kpis import Outcome
 from prefcal_scenarios import load
-from prefcal_scenarios.kpis import screened
-from prefcal_scenarios.many.task import Task
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.perturbed import Perturbed, runs_kept
 from prefcal_scenarios.verification.result import problems_of
 
 LOOPS = tuple(f"rough-{number}" for number in range(900, 915))
@@ -114,39 +110,9 @@ class RobustScreening:
 
     tell = Screening.tell
 
-    def __new__(cls, space: KnobSpace, *, simulate: Simulation, seed: int, **given: Any) -> Any:
-        """Return the agent."""
-        return Screening(space, simulate=PerturbedSimulation(simulate, seed), seed=seed, **given)
-
-
-class PerturbedSimulation:
-    """The simulation of a study, and perturbed runs, each run once.
-
-    Args:
-        simulation: Simulation of the study.
-        seed: Seed of the variations.
-    """
-
-    def __init__(self, simulation: Simulation, seed: int) -> None:
-        self._nominal, self.reading = simulation, simulation.reading
-        self._task = Task(Perturbed(simulation.scenario, seed), 0, trajectories=False)
-        self._known: dict[bytes, Outcome] = {}
-
-    def __call__(self, theta: Float[np.ndarray, " n"]) -> Outcome:
-        """Return the nominal KPIs of θ."""
-        return self._nominal(theta)
-
-    def holds(self, thetas: Sequence[Float[np.ndarray, " n"]], most: int) -> list[int]:
-        """Return how many perturbed runs of each θ keep the limits."""
-        return runs_kept(lambda every: [self._run(each) for each in every], self.reading, thetas, most)
-
-    def _run(self, theta: Float[np.ndarray, " n"]) -> Outcome:
-        scenario, key = self._nominal.scenario, theta_key(theta)
-        if len(theta) == len(scenario.space):
-            return self._nominal(theta)
-        if key not in self._known:
-            self._known[key] = screened(scenario, self._task.here(theta))
-        return self._known[key]
+    def __new__(cls, space: KnobSpace, *, simulate: Simulation, **given: Any) -> Any:
+        """Return the agent, which simulates as `prefcal calibrate --robust` does."""
+        return Screening(space, simulate=Simulator(simulate.scenario, jobs=0, robust=True), **given)
 
 
 def random_tunings(scenario: Scenario) -> Iterable[tuple[str, Float[np.ndarray, " n"]]]:
