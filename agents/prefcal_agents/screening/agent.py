@@ -14,7 +14,15 @@ from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
 from prefcal_agents.space.setup import Setup
 from prefcal_agents.utility.bank import Bank
-from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, overtaking, trend, worth
+from prefcal_agents.utility.choice import (
+    LOOK,
+    clearly_apart,
+    expected_best,
+    now_and_next,
+    overtaking,
+    trend,
+    worth,
+)
 from prefcal_agents.utility.influence import Influence, Stakes, influences, stakes
 from prefcal_agents.utility.menu import others
 from prefcal_agents.utility.posterior import AFTER, explains
@@ -34,8 +42,8 @@ all shown: a few answers between θ that are poor in the same way can teach a wr
 _ALIKE = 0.005
 """Experiments whose KPIs differ by less than this share look alike."""
 
-_TRIES = 100
-"""Where a study is robust, largest number of θ that are judged to find one that keeps the limits."""
+_LAST = 3
+"""Number of last questions of a robust study that show what holds, if anything does."""
 _STALLED = 5
 """Number of challengers lost in a row after which every second one is proposed without KPIs."""
 _UNTIL, _EVERY = 30, 4
@@ -169,12 +177,12 @@ class Screening(Simulating):
         if self.simulations.holds is None or self.best_index is None or not self.history.lessons():
             return None
         stage = self._stages(self.history)
-        bank, nominal = stage.bank, stage.utilities.costs(stage.logs)
-        best, rival = bank.find(self.best), int(np.argmax(worth(nominal).mean(axis=0)))
+        bank = stage.bank
+        best, rival = bank.find(self.best), int(np.argmax(worth(stage.costs).mean(axis=0)))
         kept, other = self.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
         if rival == best or other == ENOUGH:
             return Robustness(kept, {})
-        names = reason_for(replace(stage, costs=nominal), rival, best, self._past).better_in
+        names = reason_for(stage, rival, best, self._past).better_in
         pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T
         return Robustness(kept, dict(zip(names, map(tuple, pairs.tolist()), strict=True)))
 
@@ -213,7 +221,8 @@ class Screening(Simulating):
         """Return the sample of the largest worth that is probably better than the answers' best.
 
         One wrong answer can cost the best experiment its place. All answers and the KPIs together
-        give it back without a question.
+        give it back without a question. In a robust study the best one that holds takes the place of
+        one that does not.
         """
         best = history.by_answers
         if best is None or len(history.lessons()) < 2 or self._simulations is None:
@@ -222,6 +231,9 @@ class Screening(Simulating):
         rows = stage.bank.rows([s.theta for s in history.samples[: history.answered]])
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         rivals = overtaking(better, history) > 0
+        if self.simulations.holds is not None:
+            held = self.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH
+            rivals = rivals & held if held[best] else held
         if not rivals.any():
             return None
         value = np.where(rivals, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
@@ -254,25 +266,28 @@ class Screening(Simulating):
         else:
             order = np.argsort(-now_and_next(stage.costs, row, allowed), kind="stable")
         if self.simulations.holds is not None:
-            order = self._robust_first(stage, order, allowed)
+            order = self._robust_first(stage, order, allowed, history.answered)
         z = tried.first_new(stage.bank.z[order])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
 
     def _robust_first(
-        self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"]
+        self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"], answered: int
     ) -> Int[np.ndarray, " m"]:
         """Return rows in order behind the first that keeps the limits in all perturbed runs.
 
-        If none of those tried does, behind the one that keeps them longest.
+        It is one of those that promise most: if none of them holds, one that does not teaches more.
+        Only the last questions look at all others, too, those of the largest worth first. What
+        never reaches something holds easily, and so comes only if nothing promises more.
         """
-        longest, first = -1, order[0]
-        for row in order[allowed[order]][:_TRIES]:
-            kept = int(self.simulations.runs_kept(stage.bank.thetas[[row]])[0])
-            if kept > longest:
-                longest, first = kept, row
-            if kept == ENOUGH:
-                break
-        return np.append(first, order[order != first])
+        rows, finite = order[allowed[order]], np.isfinite(stage.bank.kpis).all(axis=1)
+        most, rest = np.split(rows, [LOOK])
+        if self.n_max - answered <= _LAST:
+            by_worth = np.argsort(-worth(stage.costs).mean(axis=0)[rest], kind="stable")
+            most = np.append(most, rest[by_worth])
+        for row in most[finite[most] | (most == order[0])]:
+            if self.simulations.runs_kept(stage.bank.thetas[[row]])[0] == ENOUGH:
+                return np.append(row, order[order != row])
+        return order
 
     def _poor_beginning(self, stage: Stage, row: int | None) -> Int[np.ndarray, " m"]:
         """Return how little each θ suits the first comparison, 0 is best, shape (m,).

@@ -9,7 +9,6 @@ from prefcal_agents.history.stages import Stages
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import Region
 from prefcal_agents.utility.bank import Bank, columns_of
-from prefcal_agents.utility.choice import worth
 from prefcal_agents.utility.correction import Measured, corrected
 from prefcal_agents.utility.pool import Pool
 from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
@@ -38,9 +37,6 @@ _MOVED = 0.8
 """Probability that a knob moves along."""
 _JITTER = 0.01
 """Standard deviation of a random step, in units of the cube, where all leaders agree."""
-_JUDGED, _SELECTIONS = ((40, 8), (10, 32)), 5
-"""Where a study is robust: numbers of leaders that are judged by so many perturbed runs, and of times
-that leaders are chosen again without those that did not keep the limits."""
 _LEARN = 0
 """First stream of random numbers; the next ones place θ."""
 _CORRECT = 1000
@@ -59,8 +55,7 @@ class Stage:
         scale: How KPIs are measured.
         logs: Log distances of the KPIs that are expected, shape (m, k).
         utilities: Draws of what the person wants.
-        costs: Cost of each θ in some of the draws, lower is better, shape (d, m); in a robust study
-            leaders that do not keep the limits in perturbed runs cost more than all others.
+        costs: Cost of each θ in some of the draws, lower is better, shape (d, m).
         rough: Whether experiments measured other KPIs than those simulated.
     """
 
@@ -161,30 +156,7 @@ class Growth:
             expected = np.median(logs, axis=0)
         costs = some.costs(logs)
         rough = len(rows) > 0
-        if self.simulations.holds is not None:
-            costs = self._robust(seen, costs, past)
         return Stage(seen, spread, scale, expected, utilities, costs, rough)
-
-    def _robust(self, bank: Bank, costs: Float[np.ndarray, "d m"], past: History) -> Float[np.ndarray, "d m"]:
-        """Return costs by which leaders that do not keep the limits are worse than all others, (d, m).
-
-        What was shown keeps its costs: the person judges it, and is told how it holds.
-        """
-        fragile = np.zeros(len(bank), dtype=np.bool_)
-        exempt, worst = bank.hopeless, costs.max(axis=1, keepdims=True) + 2.0  # noticeably worse than all
-        exempt[bank.rows([sample.theta for sample in past.samples])] = True
-        some = slice(None, None, max(len(costs) // _GUIDES, 1))
-        for count, runs in _JUDGED:
-            judged = exempt | fragile
-            for _ in range(_SELECTIONS):
-                leaders = np.argsort(-worth(costs[some]).mean(axis=0), kind="stable")[:count]
-                new = leaders[~judged[leaders]]
-                if not len(new):
-                    break
-                judged[new] = True
-                fragile[new] = self.simulations.runs_kept(bank.thetas[new], runs) < runs
-                costs = np.where(fragile, worst, costs)
-        return costs
 
     def _drawn(self, scale: Scale) -> Utilities:
         return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))

@@ -53,7 +53,7 @@ class Simulator:
             less; 0 to run everything in this process.
         longest: Largest time limit of a simulation in seconds, in workers; infinite for none.
         kept: Results of earlier, which are not simulated again, and where new ones are kept.
-        robust: Whether agents judge candidates by perturbed runs, too; see `runs_kept`.
+        robust: Whether agents judge candidates by perturbed runs, too.
     """
 
     def __init__(

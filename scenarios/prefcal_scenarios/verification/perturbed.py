@@ -1,6 +1,6 @@
 """The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment, returned
+from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.reading import Reading
 from prefcal_env.sources.source import Source
 from prefcal_scenarios.scenario import Scenario
@@ -22,7 +23,6 @@ _PLANT = ("parameter", "dead time")
 _APART = 2**40
 """Distance of the seed of the variations: `verify` draws others, so that it can judge what is found."""
 Theta = Float[np.ndarray, " n"]
-Outcomes = Sequence[Mapping[str, float]]
 
 
 class Perturbed(Source):
@@ -63,12 +63,12 @@ class Perturbed(Source):
 
 
 def runs_kept(
-    many: Callable[[Sequence[Theta]], Outcomes], reading: Reading, thetas: Sequence[Theta], most: int
+    many: Callable[[Sequence[Theta]], Sequence[Outcome]], reading: Reading, thetas: Sequence[Theta], most: int
 ) -> list[int]:
     """Return how many perturbed runs of each θ keep the limits before one does not, at most `most`.
 
-    A run keeps them that ends safely, meets all objectives, and has no infinite KPI, such as the time
-    to settle of one that never does. A θ whose nominal run does not has 0.
+    A run keeps them that ends safely, meets the objectives that the nominal run meets, and reaches
+    what that reaches: no KPI is infinite that is finite nominally.
 
     Args:
         many: Function that returns the `screened` KPIs of each θ of a `Perturbed`.
@@ -76,20 +76,21 @@ def runs_kept(
         thetas: Physical θ, each of shape (n,).
         most: Largest number of runs.
     """
-    left = [row for row, kpis in enumerate(many(thetas)) if _keeps(reading, kpis)]
-    found, done = np.zeros(len(thetas), dtype=np.int64), 0
+    nominal, found, left, done = many(thetas), [0] * len(thetas), list(range(len(thetas))), 0
     for step in [step for step in STEPS if step < most] + [most]:
-        numbers = range(done + 1, step + 1)
-        made = many([np.append(thetas[row], k) for row in left for k in numbers])
+        made = many([np.append(thetas[row], k) for row in left for k in range(done + 1, step + 1)])
         for place, row in enumerate(left):
-            runs = made[place * len(numbers) : (place + 1) * len(numbers)]
-            kept = [_keeps(reading, kpis) for kpis in runs]
-            found[row] = done + (kept.index(False) if False in kept else len(numbers))
+            runs = made[place * (step - done) : (place + 1) * (step - done)]
+            found[row] = done + _first_bad(reading, nominal[row], runs)
         left, done = [row for row in left if found[row] == step], step
-    return found.tolist()
+    return found
 
 
-def _keeps(reading: Reading, kpis: Mapping[str, float]) -> bool:
-    """Return whether a run keeps the limits, by its KPIs as people read them; one without failed."""
-    read = reading.table(list(kpis), np.array([list(kpis.values())]))
-    return bool(kpis) and not reading.missed(list(kpis), read)[0]
+def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome]) -> int:
+    """Return the number of runs before the first that loses what the nominal one has; or of all."""
+    names = list(nominal)
+    rows = [[run.get(name, nominal[name]) if run else np.inf for name in names] for run in runs]
+    values = reading.table(names, np.array([list(nominal.values()), *rows]))
+    lost = values > [reading.limits.get(name, np.finfo(float).max) for name in names]
+    bad = (lost[1:] & ~lost[0]).any(axis=1) | (not names)
+    return int(bad.argmax()) if bad.any() else len(runs)
