@@ -230,10 +230,10 @@ class Screening(Simulating):
         stage = self._stages(history)
         rows = stage.bank.rows([s.theta for s in history.samples[: history.answered]])
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
-        rivals = overtaking(better, history) > 0
         if self.simulations.holds is not None:
             held = self.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH
-            rivals = rivals & held if held[best] else held
+            better = better * held if held[best] else held.astype(float)
+        rivals = overtaking(better, history) > 0
         if not rivals.any():
             return None
         value = np.where(rivals, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)

@@ -87,10 +87,15 @@ def runs_kept(
 
 
 def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome]) -> int:
-    """Return the number of runs before the first that loses what the nominal one has; or of all."""
+    """Return the number of runs before the first that loses what the nominal one has; or of all.
+
+    It is 0 if that was interrupted, or failed.
+    """
     names = list(nominal)
     rows = [[run.get(name, nominal[name]) if run else np.inf for name in names] for run in runs]
     values = reading.table(names, np.array([list(nominal.values()), *rows]))
     lost = values > [reading.limits.get(name, np.finfo(float).max) for name in names]
-    bad = (lost[1:] & ~lost[0]).any(axis=1) | (not names)
+    bad = (lost[1:] & ~lost[0]).any(axis=1)
+    if not np.isfinite(values[0]).any():
+        return 0
     return int(bad.argmax()) if bad.any() else len(runs)

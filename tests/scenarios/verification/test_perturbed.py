@@ -66,7 +66,11 @@ def test_a_run_that_failed_or_was_unsafe_does_not_keep_the_limits():
 
 def test_what_never_settles_even_nominally_need_not():
     assert counted(lambda theta, run: {"time": np.inf, "other": np.inf if run == 9 else 1.0})[0] == [8]
+
+
+def test_what_is_unsafe_nominally_does_not_hold():
     assert counted(lambda theta, run: {})[0] == [0]
+    assert counted(lambda theta, run: {"time": np.inf, "other": np.inf})[0] == [0]
 
 
 def test_an_objective_is_a_limit_as_people_read_it():
