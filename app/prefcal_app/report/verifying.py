@@ -10,8 +10,8 @@ from prefcal_scenarios.presentation.style import png
 from prefcal_scenarios.verification import Verification, replay, verify
 from prefcal_scenarios.verification.factor import Ranges
 from prefcal_scenarios.verification.result import VerifiedRun
+from prefcal_scenarios.verification.varied_runs import RUNS, unvaried
 from prefcal_scenarios.verification.verified import Verified, digest_of
-from prefcal_scenarios.verification.verify import RUNS, unvaried
 
 from .answers import refresh
 from .export import Tuning, tuning_of, versions
