@@ -32,3 +32,9 @@ def test_it_runs_and_resumes(campaign, tmp_path, capsys):
     campaign.main(["--quick", "--out", str(tmp_path)])
     assert capsys.readouterr().out == first
     assert (tmp_path / "verification.jsonl").read_text() == rows
+
+
+def test_robust_studies_are_measured_like_others(campaign, tmp_path, capsys):
+    campaign.main(["--quick", "--robust", "--out", str(tmp_path)])
+    assert "| tuned | 1 | 1 | 0 |" in capsys.readouterr().out
+    assert len((tmp_path / "verification.jsonl").read_text().splitlines()) == 1

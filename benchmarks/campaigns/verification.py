@@ -1,6 +1,7 @@
 """Measure how many tunings of studies hold on plants that are not exactly as modeled.
 
     python benchmarks/campaigns/verification.py --out results          # 75 studies: half an hour
+    python benchmarks/campaigns/verification.py --robust --out robust  # as with prefcal calibrate --robust
     python benchmarks/campaigns/verification.py --quick --out look     # a minute
 
 Each study is `Screening` with ten answers of a simulated person on a held-out rough loop. Its θ runs
@@ -26,12 +27,16 @@ import pandas as pd
 from jaxtyping import Float
 from rich.console import Console
 
+from prefcal_agents.screening.agent import Screening
+from prefcal_app.simulating import Simulator
 from prefcal_bench.cells.engine import Processes
 from prefcal_bench.cells.runner import run_suite
+from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.results.words import markdown
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios import load
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification import verify
@@ -56,6 +61,7 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--loops", nargs="+", default=list(LOOPS), metavar="LOOP")
     parser.add_argument("--seeds", type=int, default=1, help="seeds of each loop and kind of people")
     parser.add_argument("--jobs", type=int, default=1, help="processes of the studies")
+    parser.add_argument("--robust", action="store_true", help="show only candidates that hold")
     parser.add_argument("--quick", action="store_true", help="one loop and person, few runs")
     return parser.parse_args(words)
 
@@ -64,7 +70,8 @@ def main(words: Sequence[str] | None = None) -> None:
     """Run what is missing, and write the table to verification.md."""
     options = options_of(words)
     loops, tastes, runs = (["rough-0"], TASTES[:1], 20) if options.quick else (options.loops, TASTES, RUNS)
-    suite = Suite(("Screening",), tuple(loops), tastes, options.seeds, ANSWERS // 2, ANSWERS + 1)
+    agent = f"{Path(__file__).resolve()}:RobustScreening" if options.robust else "Screening"
+    suite = Suite((agent,), tuple(loops), tastes, options.seeds, ANSWERS // 2, ANSWERS + 1)
     with BenchDisplay(Console(stderr=True)) as display:
         processes = None if options.quick else Processes(options.jobs)
         studies = run_suite(suite, Store(options.out), processes, display)
@@ -78,15 +85,27 @@ def main(words: Sequence[str] | None = None) -> None:
             for result in studies.results
             if result.cell.problem == name and not result.failure
         )
-        for who, theta in (*tuned, *random_tunings(scenario)):
+        for who, theta in (*tuned, *(() if options.robust else random_tunings(scenario))):
             if (name, who) in known:
                 continue
             rows.append({"loop": name, "who": who, "runs": runs, **row_of(scenario, theta, runs)})
             with file.open("a") as stored:
                 stored.write(json.dumps(rows[-1]) + "\n")
     report = "\n".join(table([row for row in rows if row["loop"] in loops]))
+    worths = [result.worth[-1] for result in studies.results if result.worth]
+    report += f"\n\nWorth of {len(worths)} tunings: {np.exp(np.log(worths).mean()):.0f}"
     (options.out / "verification.md").write_text(report + "\n", encoding="utf-8")
     print(report)
+
+
+class RobustScreening:
+    """Screening that shows only candidates which keep the limits in perturbed runs."""
+
+    tell = Screening.tell
+
+    def __new__(cls, space: KnobSpace, *, simulate: Simulation, **given: Any) -> Any:
+        """Return the agent, which simulates as `prefcal calibrate --robust` does."""
+        return Screening(space, simulate=Simulator(simulate.scenario, jobs=0, robust=True), **given)
 
 
 def random_tunings(scenario: Scenario) -> Iterable[tuple[str, Float[np.ndarray, " n"]]]:
