@@ -6,8 +6,8 @@ from typing import Any
 
 from prefcal_app import report
 from prefcal_app.view.tables import cell, row, table
+from prefcal_scenarios import verification
 from prefcal_scenarios.presentation.wording import number
-from prefcal_scenarios.verification.verified import BEST, Verified
 
 from .answers import refused
 from .pages import Reports
@@ -50,7 +50,7 @@ class Verifying:
     def view(self) -> dict[str, Any]:
         """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
         folder = self._reports.folder
-        said = None if folder is None or self._running else Verified.read(folder)
+        said = None if folder is None or self._running else verification.Verified.read(folder)
         return {
             "running": self._running,
             "done": self._done,
@@ -61,7 +61,7 @@ class Verifying:
 
     def _verify(self, folder: Path) -> None:
         try:
-            report.verify_best(folder / BEST, progress=self._progress)
+            report.verify_best(folder / verification.BEST, progress=self._progress)
         except Exception as error:
             _, self._problem, _ = refused(error)
         finally:
@@ -73,7 +73,7 @@ class Verifying:
             raise KeyboardInterrupt  # which a verification takes as its early end
 
 
-def _said(said: Verified) -> dict[str, Any]:
+def _said(said: "verification.Verified") -> dict[str, Any]:
     """Return what a verification says, for the page."""
     baseline = [said.baseline] if said.baseline else []
     kpi_heads = ["KPI", "objective", "nominal", "5 %", "95 %"]

@@ -17,5 +17,7 @@ if TYPE_CHECKING:
     from .result import Verification as Verification
     from .varied_runs import replay as replay
     from .varied_runs import verify as verify
+    from .verified import BEST as BEST
+    from .verified import Verified as Verified
 
 __getattr__, __dir__, __all__ = public_names(__name__)

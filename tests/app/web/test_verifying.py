@@ -7,8 +7,9 @@ import pytest
 
 from prefcal_app import report
 from prefcal_app.web import verifying
+from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
-from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun, digest_of
+from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun
 from support.windows import make_room
 
 
