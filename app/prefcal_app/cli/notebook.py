@@ -209,6 +209,16 @@ class Asking:
         return None if screened is None else screened.basis.certificate
 
     @property
+    def chance_of_better(self) -> float | None:
+        """Return the chance that the next experiment is noticeably better than the best so far.
+
+        None before the fifth answer, if the KPIs do not explain the answers, and for agents that
+        simulate, see `certificate`.
+        """
+        foresight = self._interview.known.foresight()
+        return None if foresight is None else foresight.chance
+
+    @property
     def over(self) -> bool:
         """Return whether the study is over and the report of this end is written."""
         now = self._interview.now()
