@@ -212,8 +212,7 @@ class Asking:
     def chance_of_better(self) -> float | None:
         """Return the chance that the next experiment is noticeably better than the best so far.
 
-        None before the fifth answer, if the KPIs do not explain the answers, and for agents that
-        simulate, see `certificate`.
+        None before the fifth answer, where KPIs explain no answers, and for agents that simulate.
         """
         foresight = self._interview.known.foresight()
         return None if foresight is None else foresight.chance

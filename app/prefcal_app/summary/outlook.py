@@ -29,8 +29,7 @@ class Outlook:
     """Advice on what to do next.
 
     Args:
-        promise: Sentence on what the simulated θ still promise, or what the next experiment can
-            bring; empty if that is unknown.
+        promise: Sentence on what simulated θ or the next experiment promise; empty if unknown.
         ends: Sentence on the knobs at the end of their range; empty if there are none.
         command: Command that widens those ranges; empty without a study file.
         unbeaten: Sentence on other experiments that never lost; empty if there are none.
@@ -110,8 +109,7 @@ def outlook(
     """Return the outlook of a study.
 
     Args:
-        promise: Sentence on what the simulated θ still promise, or what the next experiment can
-            bring; empty if that is unknown.
+        promise: Sentence on what simulated θ or the next experiment promise; empty if unknown.
         best: Best θ, physical, shape (n,).
         space: Knobs with their searched ranges.
         place: Path of the study file; ":memory:" if there is none.
