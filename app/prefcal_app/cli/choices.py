@@ -181,7 +181,7 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
             "Scenario(..., simulated=True)"
         )
     if options.robust:
-        verification.subject_of(model.source.elsewhere.here, model.space)
+        verification.cases.subject_of(model.source.elsewhere.here, model.space)
 
 
 def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:

@@ -10,8 +10,5 @@ from prefcal_env.on_first_use import public_names
 if TYPE_CHECKING:
     from .record import StudyRecord as StudyRecord
     from .record import Trial as Trial
-    from .verifying import judge as judge
-    from .verifying import picture as picture
-    from .verifying import verify_best as verify_best
 
 __getattr__, __dir__, __all__ = public_names(__name__)

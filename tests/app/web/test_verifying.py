@@ -55,7 +55,7 @@ def runs(monkeypatch):
         said.write(best.parent)
         return said
 
-    monkeypatch.setattr(report, "verify_best", verify)
+    monkeypatch.setattr(report.verifying, "verify_best", verify)
     return go, counted
 
 
@@ -107,7 +107,7 @@ def test_a_stop_ends_the_runs_early(page, folder, monkeypatch):
         except KeyboardInterrupt:
             ended.set()
 
-    monkeypatch.setattr(report, "verify_best", verify)
+    monkeypatch.setattr(report.verifying, "verify_best", verify)
     page.reports.folder = folder
     page.post("verify")
     page.post("stop_verifying")
@@ -119,7 +119,7 @@ def test_what_went_wrong_is_said_and_it_can_start_again(page, folder, monkeypatc
     def refuse(best, *, progress):
         raise ScenarioError("give it parameters as arguments")
 
-    monkeypatch.setattr(report, "verify_best", refuse)
+    monkeypatch.setattr(report.verifying, "verify_best", refuse)
     page.reports.folder = folder
     page.post("verify")
     told = until(page.page(), lambda told: not told["running"])
