@@ -2,7 +2,7 @@
 
 import importlib
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,17 @@ def test_a_study_is_exceeded_if_more_is_better_than_was_stated(script):
     assert not row(script, true=1.0, predicted=-2.0).exceeded  # nothing was stated
 
 
+def test_the_number_of_random_experiments_is_that_which_finds_something_better_half_of_the_time(script):
+    low, _, high = row(script).said.experiments
+    assert 1 < low < 1000 == high  # 1000 stands for more, too
+    for number, held in ((low - 1, False), (low + 1, True), (1e6, True)):
+        assert row(script, true=1 - 0.5 ** (1 / number)).in_interval is held
+    assert row(script, true=0.0).in_interval
+    assert not row(script, true=1.0).in_interval
+    text = "\n".join(script.tables([row(script, true) for true in (0.0, 0.0, 0.0, 1.0)]))
+    assert f"| 3 (75.0%) | {low:.0f} |" in text
+
+
 def test_the_tables_count_each_family_by_itself(script):
     rows = [row(script, true) for true in (0.0, 0.0, 0.5, 0.0)]
     rows += [row(script, 1.0, family="curves", predicted=-2.0), row(script, family="curves")]
@@ -53,12 +64,29 @@ def test_the_chance_is_compared_with_what_was_true_in_bins(script):
     assert "| 0% to 20% | 1 | 6% | 0% |" in text
 
 
+def test_a_study_ends_with_its_first_answer_after_which_it_is_enough(script):
+    def study(seed, shares, chances):
+        rows = [
+            row(script, share, answers=n, wide=0.0, chance=c)
+            for n, share, c in zip((5, 8, 10), shares, chances, strict=True)
+        ]
+        return [replace(each, seed=seed) for each in rows]
+
+    one = study(0, (0.1, 3 / 8192, 1 / 8192), (0.2, 0.2, 0.2))  # ends after 8, at half the worth
+    two = study(1, (0.1, 1 / 8192, 1 / 8192), (0.2, 0.9, 0.9))  # its most promising θ remains likely
+    text = "\n".join(script.tables([*one, *two]))
+    assert "| trade | 2 | 9.0 | 0.71 |" in text  # the geometric mean of 1/2 and 1
+    assert "| all | 2 | 9.00 | 0.707 |" in text
+    assert "Studies that end when it is enough" in text
+
+
 def test_the_fit_finds_the_coefficients_by_which_shares_were_drawn(script):
     rng = np.random.default_rng(0)
     terms = np.column_stack([np.ones(4000), rng.standard_normal((4000, 2))])
     chance = rng.random(4000)
     logs = terms @ [-1.5, 0.4, -0.2] + np.log(chance / (1 - chance)) / 4.0
-    found = script.fitted_share(terms, 10.0**logs, np.full(4000, 1 / 4000))
+    found, step = script.fitted_share(terms, 10.0**logs, np.full(4000, 1 / 4000))
+    assert step == pytest.approx(1 / 4.0, abs=0.02)
     at = -1.5 + np.log(0.99 / 0.01) / 4.0  # 1 % of the shares are larger
     assert found == pytest.approx([at, 0.4, -0.2], abs=0.06)
     assert np.mean(logs > terms @ found) == pytest.approx(0.01, abs=0.006)

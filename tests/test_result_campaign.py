@@ -46,6 +46,25 @@ def test_the_figures_are_shares_of_the_studies_that_have_them(result):
     assert "| 87 % | 2 | 50 % |" in text  # nobody decides by KPIs in curves
 
 
+def test_the_smaller_change_is_counted_where_it_is_offered(result):
+    backs = [(0, None), (2, True), (4, False), (4, True)]
+    rows = [{"taste": "order", "smaller": {"changed": 5, "back": back, "good": good}} for back, good in backs]
+    text = "\n".join(result.tables(rows))
+    assert "| order | 4 | 75 % | 67 % | 5 | 4 |" in text
+    assert "| order | 1 | 0 % | – | – | – |" in "\n".join(result.tables(rows[:1]))
+
+
+def test_objections_are_compared_with_usual_answers(result):
+    rows = [
+        row("order", [3, 5], [True], [0.0]) | {"object": [0.03, 0.03, 0.01]},
+        row("order", [3, 5], [True], [0.0]) | {"object": [0.01, 0.02, 0.01]},
+        row("order", [3, 5], [True], [0.0]) | {"object": []},
+    ]
+    text = "\n".join(result.tables(rows))
+    assert "| usual | 2 | 0 | 1 | 2.50 % |" in text
+    assert "| objection | 2 | 1 | 0 | 1.00 % |" in text
+
+
 def test_one_kpi_is_changed_and_the_others_stay(result):
     runs = Runs(("a", "b"), np.array([[1.0, 2.0], [3.0, 4.0]]), np.full(2, np.inf))
     changed = result._with(runs, "b", np.array([7.0, 8.0]))
@@ -62,6 +81,11 @@ def test_a_study_is_stored_and_does_not_run_again(result, tmp_path, capsys, monk
     assert 1 <= len(found["good"]) <= 3
     assert all(0 <= share <= 1 for share in found["better"])
     first = capsys.readouterr().out
+    result.main([*words[:1], str(tmp_path / "smaller.jsonl"), *words[2:], "--start"])
+    (found,) = map(json.loads, (tmp_path / "smaller.jsonl").read_text().splitlines())
+    smaller = found["smaller"]
+    assert 0 <= smaller["back"] <= smaller["changed"] <= 7
+    assert "| family | studies | offered |" in capsys.readouterr().out
     monkeypatch.setattr(result, "ToldStudy", None)
     result.main(words)
     assert capsys.readouterr().out == first

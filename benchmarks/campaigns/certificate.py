@@ -6,14 +6,15 @@
     python benchmarks/campaigns/certificate.py --quick --out look             # less than a minute
 
 Each study is one of `Screening` with a simulated person who gives 0 or 10 % wrong answers. After 2,
-3, 5, 8, 10, 12, 15 and 20 answers, the evidence is noted, with the truth: the share of a pool of
+3, 5, 6, 8, 10, 12, 15 and 20 answers, the evidence is noted, with the truth: the share of a pool of
 random θ that are noticeably better than the result by the person's rule without mistakes, and
 whether the most promising θ is. Studies in the folder do not run again.
 
-The tables say how often the stated share was exceeded, with 95 % Clopper-Pearson intervals, and how
-often the most promising θ was better. With --fit, the coefficients of the certificate are fitted to
-the studies in the folder, in which every family counts the same; fit on other loops than those that
-are reported.
+The tables say how often the stated share was exceeded, with 95 % Clopper-Pearson intervals, how often
+the number of random experiments was in its interval, how often the most promising θ was better, and
+how many answers studies take that end when it is enough, and what part of the worth of ten they have.
+With --fit, the coefficients of the certificate are fitted to the studies in the folder, in which
+every family counts the same; fit on other loops than those that are reported.
 """
 
 import argparse
@@ -39,7 +40,7 @@ from screening import GROUPS
 
 from prefcal_agents import Screening
 from prefcal_agents.protocol.agent import one_thread
-from prefcal_agents.screening.certificate import Certificate, Evidence
+from prefcal_agents.screening.certificate import MOST, Certificate, Evidence
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import each
 from prefcal_bench.cells.simulation import Simulation
@@ -54,7 +55,11 @@ TRADING = ("weights", "limits", "narrow", "rising", "trade")
 FAMILIES = (*TRADING, "priorities", "order", "ideal", "majority", "ranks", "curves")
 WRONG = {0: "", 10: "-noisy10"}
 """End of the name of a taste by the percentage of wrong answers."""
-ANSWERS = (2, 3, 5, 8, 10, 12, 15, 20)
+ANSWERS = (2, 3, 5, 6, 8, 10, 12, 15, 20)
+_MOST_ANSWERS = 10
+"""Answers of a study that does not end by itself."""
+_POOL = 8192
+"""Number of random θ that the truth is read off."""
 _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Shares whose chances to be exceeded are fitted."""
 _FIT_AT, _PENALTY = 0.01, 1e-3
@@ -93,6 +98,13 @@ class Row:
     def exceeded(self) -> bool:
         """Return whether more θ are better than was said."""
         return self.said.share is not None and self.exceeded_by > self.said.share
+
+    @property
+    def in_interval(self) -> bool:
+        """Return whether the result is equal to a number of random experiments in the stated interval."""
+        low, _, high = self.said.experiments or (1, MOST, MOST)
+        number = np.log(2) / max(-np.log1p(-min(self.exceeded_by, 0.5)), np.log(2) / MOST)
+        return bool(low <= number <= high)
 
 
 def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
@@ -209,13 +221,15 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         groups = {name: [row for row in after if row.family == name] for name in (*FAMILIES, "hidden")}
         groups["all"] = after
         lines = [[name, *_exceeded(some), *_medians(some)] for name, some in groups.items() if some]
-        heads = ["family", *counts, "median stated", "median true"]
+        heads = ["family", *counts, "median stated", "median true", "in the interval", "its lower end"]
         yield from markdown(heads, lines, f"After {answers} answers") if lines else ()
     spans = {(low, high): [row for row in rows if _between(low, row, high)] for low, high in pairwise(_SPANS)}
     lines = [[f"up to {high:.0%}", *_exceeded(some)] for (_, high), some in spans.items() if some]
     yield from markdown(["stated share", *counts], lines, "By what is stated, after any number of answers")
     heads = ["stated chance", "studies", "mean stated", "was better"]
     yield from markdown(heads, _reliability(rows), "Chance that the most promising θ is noticeably better")
+    heads = ["family", "studies", "answers", "worth of ten"]
+    yield from markdown(heads, _ended(rows), "Studies that end when it is enough")
 
 
 def _between(low: float, row: Row, high: float) -> bool:
@@ -241,7 +255,12 @@ def _exceeded(rows: Sequence[Row]) -> list[str]:
 
 def _medians(rows: Sequence[Row]) -> list[str]:
     said = [row.said.share for row in rows if row.said.share is not None]
-    return [f"{np.median(said):.0%}" if said else "", f"{np.median([row.exceeded_by for row in rows]):.2%}"]
+    found = [f"{np.median(said):.0%}" if said else "", f"{np.median([row.exceeded_by for row in rows]):.2%}"]
+    lows = [row.said.experiments[0] for row in rows if row.said.experiments is not None]
+    count = sum(row.in_interval for row in rows if row.said.explained)
+    return (
+        [*found, f"{count} ({count / len(lows):.1%})", f"{np.median(lows):.0f}"] if lows else [*found, "", ""]
+    )
 
 
 def _reliability(rows: Sequence[Row]) -> Iterator[list[str]]:
@@ -252,14 +271,33 @@ def _reliability(rows: Sequence[Row]) -> Iterator[list[str]]:
             yield [f"{low:.0%} to {high:.0%}", str(len(some)), f"{stated:.0%}", f"{was:.0%}"]
 
 
+def _ended(rows: Sequence[Row]) -> Iterator[list[str]]:
+    """Yield for each family how many answers its studies take, and the mean of families."""
+    studies: dict[tuple[str, str, int, int], dict[int, Row]] = {}
+    for row in rows:
+        studies.setdefault((row.loop, row.family, row.wrong, row.seed), {})[row.evidence.answers] = row
+    found: dict[str, list[tuple[int, float]]] = {}
+    for study in studies.values():
+        if _MOST_ANSWERS in study:
+            last = min(n for n, row in study.items() if n == _MOST_ANSWERS or row.said.enough)
+            worth = np.log([study[n].exceeded_by + 1 / _POOL for n in (_MOST_ANSWERS, last)])
+            found.setdefault(study[last].family, []).append((last, float(worth[0] - worth[1])))
+    means = {family: np.mean(each, axis=0) for family, each in found.items()}
+    for family, (answers, log) in means.items():
+        yield [family, str(len(found[family])), f"{answers:.1f}", f"{np.exp(log):.2f}"]
+    if means:
+        answers, log = np.mean(list(means.values()), axis=0)
+        yield ["all", str(sum(map(len, found.values()))), f"{answers:.2f}", f"{np.exp(log):.3f}"]
+
+
 def fitted(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the coefficients of the certificate that fit the rows which get a number."""
     said = [row for row in rows if row.said.explained]
     terms = np.array([(1.0, *row.evidence.terms) for row in said])
     per_family = {row.family: sum(r.family == row.family for r in said) for row in said}
     weights = np.array([1.0 / per_family[row.family] for row in said])
-    share = fitted_share(terms, np.array([row.exceeded_by for row in said]), weights / weights.sum())
-    yield f"Share: {np.round(share, 3).tolist()}"
+    share, step = fitted_share(terms, np.array([row.exceeded_by for row in said]), weights / weights.sum())
+    yield f"Share: {np.round(share, 3).tolist()}, step: {step:.3f}"
     chances = logit(np.clip([row.evidence.chance for row in said], 0.02, 0.98))[:, None]
     better = np.array([row.better for row in said])[:, None]
     yield f"Chance: {_logistic(chances[:, None], better, weights / weights.sum()).round(2).tolist()}"
@@ -267,11 +305,12 @@ def fitted(rows: Sequence[Row]) -> Iterator[str]:
 
 def fitted_share(
     terms: Float[np.ndarray, "r t"], truths: Float[np.ndarray, " r"], weights: Float[np.ndarray, " r"]
-) -> Float[np.ndarray, " t"]:
-    """Return the coefficients of log10 of the share that is exceeded with a chance of 1 %.
+) -> tuple[Float[np.ndarray, " t"], float]:
+    """Return the coefficients of log10 of the share that is exceeded with a chance of 1 %, and the step.
 
     It is an ordinal logistic regression: the logit of the chance that more than a share s of all θ
-    are better is linear in the terms and in log10(s).
+    are better is linear in the terms and in log10(s). The step is by how many decades the share falls
+    where that logit is larger by 1.
     """
     middle, spread = terms.mean(axis=0), terms.std(axis=0)
     middle[0], spread[0] = 0.0, 1.0
@@ -281,7 +320,7 @@ def fitted_share(
     found = _logistic(inputs, truths[:, None] > np.array(_SHARES), weights)
     slopes, slope = found[:-1] / spread, found[-1]
     slopes[0] -= slopes[1:] @ middle[1:] + logit(_FIT_AT)
-    return np.asarray(slopes / slope)
+    return np.asarray(slopes / slope), float(1 / slope)
 
 
 def _logistic(

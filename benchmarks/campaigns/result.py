@@ -2,6 +2,7 @@
 
     python benchmarks/campaigns/result.py --out result.jsonl                  # held-out: an hour
     python benchmarks/campaigns/result.py --out look.jsonl --loops rough-0 --tastes order
+    python benchmarks/campaigns/result.py --out smaller.jsonl --start         # the smaller change
 
 Simulated people of six families with just noticeable differences answer ten questions each, with a
 thousand simulated θ. Studies that are in the file do not run again.
@@ -14,6 +15,12 @@ menu      Whether a candidate on it is not noticeably worse than the best one, t
           fewest of all simulated are noticeably better; and the share of those that are.
 wanted    Whether the person finds the result noticeably worse with one KPI at the stated value, and
           whether the KPI said first decides as many pairs as those said later.
+object    If another KPI decides more pairs than the one said first: the share of candidates that are
+          better than the result, then after one more usual answer, and after the one to the
+          question that an objection leads to.
+smaller   With --start alone, where each study begins with a random θ that ends safely, the current
+          tuning: how many knobs of the result that differ from it are put back, and whether the
+          person does not find that noticeably worse than the result.
 """
 
 import argparse
@@ -33,10 +40,12 @@ from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_agents.screening.agent import Screening
+from prefcal_agents.space.start import Start
 from prefcal_agents.utility.influence import decisive, turned
 from prefcal_agents.utility.wishes import Wished, pairs
 from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.people import USUAL, Runs, Taste, runs_of, sample, taste
+from prefcal_bench.people.sample import thetas
 from prefcal_bench.problems import Problem, prefer, problem
 from prefcal_bench.results.words import markdown
 from prefcal_env.preferences.answer import Answer
@@ -60,45 +69,67 @@ class ToldStudy:
         where: Problem with a scenario.
         person: Taste of the person who answers.
         n_simulated: Number of θ to simulate.
+        start: Current tuning that it begins with, to measure the smaller change alone.
     """
 
-    def __init__(self, where: Problem, person: Taste, n_simulated: int = 1000) -> None:
+    def __init__(self, where: Problem, person: Taste, n_simulated: int, start: Start | None) -> None:
         self._where, self._person, self._judge = where, person, person.calibrator()
         self.agent = Screening(
             where.space,
             simulate=Simulation(where),
             n_simulated=n_simulated,
-            n_max=_ASKED + 1,
+            n_max=_ASKED + 2,
             seed=person.seed,
+            start=start,
         )
 
     def row(self) -> Row:
         """Answer all questions; return what was said, and what is true."""
         stakes = list(self._answered())
-        thetas = self.agent.bank.thetas
-        experiments = [self._where.outcome(theta).experiment for theta in thetas]
-        runs = runs_of(self._person.kpis, [e for e in experiments if e is not None])
+        if self.agent.setup.start:
+            return {"smaller": self._smaller()}
+        runs = self._runs(self.agent.bank.thetas)
         best = self.agent.bank.find(self.agent.best)
         return {
             "stakes": stakes,
             "answer": self._answer(),
             **self._menu(runs, best),
             **self._wanted(runs, runs.take(np.array([best]))),
+            "object": self._objected(runs),
         }
+
+    def _runs(self, thetas: Float[np.ndarray, "m n"]) -> Runs:
+        experiments = [self._where.outcome(theta).experiment for theta in thetas]
+        return runs_of(self._person.kpis, [e for e in experiments if e is not None])
+
+    def _smaller(self) -> Row:
+        """Return how many knobs differ and are put back, and whether that is no worse."""
+        agent, found = self.agent, self.agent.smaller_change
+        explained = agent.certificate is None or agent.certificate.explained
+        thetas = [agent.history.samples[0].theta, found.theta if found and explained else agent.best]
+        changed, back = (int(np.sum(agent.best != theta)) for theta in thetas)
+        result, smaller = (self._runs(np.array([theta])) for theta in (agent.best, thetas[1]))
+        good = bool(self._person.rule.compare(result, smaller)[0] >= 0)
+        return {"changed": changed, "back": back, "good": good}
 
     def _answered(self) -> Iterator[tuple[float, bool]]:
         """Answer all; yield the stated chances of another result, and whether it is another one."""
         agent = self.agent
-        while not agent.done:
-            query, old, verdict, stakes = agent.ask(), None, None, None
-            new = self._where.outcome(query.challenger.theta)
+        while agent.history.answered <= _ASKED:
+            query, stakes = agent.ask(), None
             if query.incumbent is not None:
-                old = self._where.outcome(query.incumbent.theta)
-                verdict = prefer(self._judge, new, old)
                 stakes = agent.stakes if query.challenger.index > _ASKED - _LAST else None
-            agent.tell(query, Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis)))
+            self._answer_next(agent)
             if stakes is not None and query.incumbent is not None:
                 yield stakes.chance, agent.best_index != query.incumbent.index
+
+    def _answer_next(self, agent: Screening) -> None:
+        query, old, verdict = agent.ask(), None, None
+        new = self._where.outcome(query.challenger.theta)
+        if query.incumbent is not None:
+            old = self._where.outcome(query.incumbent.theta)
+            verdict = prefer(self._judge, new, old)
+        agent.tell(query, Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis)))
 
     def _answer(self) -> Row | None:
         """Return what was foretold of the decisive answer, and what comes of learning again."""
@@ -135,6 +166,27 @@ class ToldStudy:
         order = [(w.first, share[i] >= max(share[i + 1 :])) for i, w in enumerate(said[:-1])]
         return {"said": len(said), "bounds": bounds, "order": order}
 
+    def _objected(self, runs: Runs) -> list[float]:
+        """Return the shares better than the result, after a usual answer, and after an objection."""
+        said, asked = self.agent.wishes, self.agent.objections
+        share = {name: self._decides(runs, name) for name in (*[w.name for w in said[:1]], *asked)}
+        meant = max(asked, key=lambda name: share[name], default=None)
+        if meant is None or share[meant] <= share[said[0].name]:
+            return []
+        found = [self.agent.copy() for _ in range(3)]
+        found[2].ask()
+        found[2].replace_pending(found[2].bank.thetas[asked[meant]])
+        for agent in found[1:]:
+            self._answer_next(agent)
+        return [self._better(runs, agent.best) for agent in found]
+
+    def _better(self, runs: Runs, theta: Float[np.ndarray, " n"]) -> float:
+        """Return the share of runs that are noticeably better than that of θ, physical, shape (n,)."""
+        experiment = self._where.outcome(theta).experiment
+        assert experiment is not None
+        one = runs_of(self._person.kpis, [experiment])
+        return float(np.mean(self._person.rule.compare(runs, one) < 0))
+
     def _worse(self, result: Runs, wish: Wished) -> bool:
         changed = _with(result, wish.name, np.array([wish.bound]))
         return bool(self._person.rule.compare(result, changed)[0] < 0)
@@ -144,6 +196,13 @@ class ToldStudy:
         one, other = (runs.take(rows) for rows in pairs(np.flatnonzero(np.isinf(runs.survived))))
         compare = self._person.rule.compare
         return float(np.mean(compare(_with(one, name, other.column(name)), other) != compare(one, other)))
+
+
+def _safe(where: Problem) -> Float[np.ndarray, " n"]:
+    """Return the first random θ whose experiment is not interrupted, shape (n,)."""
+    assert where.scenario is not None
+    experiments = ((theta, where.outcome(theta).experiment) for theta in thetas(where.scenario, "start", 256))
+    return next(theta for theta, e in experiments if e is not None and not e.end.interrupted)
 
 
 def _with(runs: Runs, name: str, values: Float[np.ndarray, " K"]) -> Runs:
@@ -157,6 +216,10 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the figures of each family and of all, then stated chances against what was true."""
     families = dict.fromkeys(row["taste"] for row in rows)
     groups = {family: [row for row in rows if row["taste"] == family] for family in families}
+    if "smaller" in rows[0]:
+        heads = ["family", "studies", "offered", "no worse", "knobs that differ", "put back"]
+        yield from markdown(heads, [[f, *_changes(some)] for f, some in {**groups, "all": rows}.items()])
+        return
     heads = "studies", "named", "as foretold", "without", "result", "menu", "result 1 %", "menu 1 %"
     yield from markdown(
         ["family", *heads], [[family, *_figures(some)] for family, some in {**groups, "all": rows}.items()]
@@ -168,6 +231,17 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         ("decides as many pairs as those said later", "order", seen),
     ):
         yield from markdown(["stated", "so often", "was so"], list(_bins(some, key)), title)
+    objected = [row["object"] for row in rows if row.get("object")]
+    if objected:
+        heads = "one more answer", "people", "better", "worse", "of all, noticeably better"
+        yield from markdown(heads, list(_after(np.array(objected))), "another order was meant")
+
+
+def _after(found: Float[np.ndarray, "n 3"]) -> Iterator[list[str]]:
+    """Yield how many results are better and worse after an answer, and the mean share beyond them."""
+    for words, now in zip(("none", "usual", "objection"), found.T, strict=True):
+        changed = [int(np.sum(now < found[:, 0])), int(np.sum(now > found[:, 0]))]
+        yield [words, *map(str, (len(found), *changed)), f"{100 * now.mean():.2f} %"]
 
 
 def _figures(rows: Sequence[Row]) -> Iterator[str]:
@@ -180,6 +254,16 @@ def _figures(rows: Sequence[Row]) -> Iterator[str]:
     yield _share([any(row["good"]) for row in rows])
     yield _share([row["better"][0] < _FEW for row in rows])
     yield _share([min(row["better"]) < _FEW for row in rows])
+
+
+def _changes(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the figures of the smaller change; of knobs the medians where one is offered."""
+    offered = [row["smaller"] for row in rows if row["smaller"]["back"]]
+    yield str(len(rows))
+    yield _share([row["smaller"]["back"] > 0 for row in rows])
+    yield _share([each["good"] for each in offered])
+    for key in ("changed", "back"):
+        yield f"{np.median([each[key] for each in offered]):g}" if offered else "–"
 
 
 def _share(found: Sequence[bool]) -> str:
@@ -205,6 +289,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--tastes", nargs="+", default=list(FAMILIES))
     parser.add_argument("--seeds", type=int, default=1, help="people of each loop and family")
     parser.add_argument("--simulated", type=int, default=1000, help="θ simulated unseen")
+    parser.add_argument("--start", action="store_true", help="begin with a tuning; the smaller change alone")
     options = parser.parse_args(words)
     file = options.out
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
@@ -218,7 +303,8 @@ def main(words: Sequence[str] | None = None) -> None:
         with one_thread():
             usual = sample(where.scenario, USUAL)
             person = taste(family, where.scenario.kpis, usual, seed)
-            found = ToldStudy(where, person, options.simulated).row()
+            start = _safe(where) if options.start else None
+            found = ToldStudy(where, person, options.simulated, start).row()
         rows.append({"loop": loop, "taste": family, "seed": seed, **found})
         with file.open("a") as stored:
             stored.write(json.dumps(rows[-1]) + "\n")

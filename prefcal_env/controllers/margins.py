@@ -1,7 +1,8 @@
 """Stability margins of a sampled loop, broken at the plant's input, for any controller."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Complex, Float
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.dead_time import dead_times, delays_of
 from prefcal_env.envs.plant_env import PlantEnv
+from prefcal_env.envs.task import Task
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Controller, Measurement
 from prefcal_env.experiments.experiment import Experiment
@@ -24,6 +26,7 @@ Response = Callable[[Float[np.ndarray, " m"]], Complex[np.ndarray, "m n n"]]
 """Function of angular frequencies that returns the sensitivity (1 + L)^-1 at the plant's input."""
 
 UNCONSTRAINED = "the unconstrained law, linearized at the operating point"
+"""What margins hold for."""
 _POINTS = 1500
 """Number of frequencies between the slowest and the fastest one that matter."""
 _SMALL = 1e-4
@@ -60,8 +63,6 @@ class Margins:
         delay: Additional dead time, in the plant's unit of time; infinite for any.
         M_s: Largest sensitivity, max σ(S).
         disk: Disk margin α, 0 to 2 and more.
-        stable: Whether the loop is stable.
-        basis: What the margins hold for.
     """
 
     gain: float
@@ -70,68 +71,39 @@ class Margins:
     delay: float
     M_s: float
     disk: float
-    stable: bool = True
-    basis: str = UNCONSTRAINED
-
-    @property
-    def disk_gain(self) -> float:
-        """Return the factor by which all gains may grow, or fall to its inverse, together."""
-        return (2 + self.disk) / (2 - self.disk) if self.disk < 2 else np.inf
-
-    @property
-    def disk_phase(self) -> float:
-        """Return the phase that all inputs may lose together, degrees."""
-        return float(np.rad2deg(2 * np.arctan(self.disk / 2)))
 
 
-UNSTABLE = Margins(1.0, 1.0, 0.0, 0.0, np.inf, 0.0, stable=False)
+UNSTABLE = Margins(1.0, 1.0, 0.0, 0.0, np.inf, 0.0)
 """Margins of a loop that is not stable."""
 
 
-def margins(
-    plant: Plant,
-    make: Callable[[], Controller],
-    x0: Any,
-    u0: Any,
-    d0: Any = None,
-    *,
-    y_ref: Any = None,
-    measurement_delay: float | Sequence[float] = 0.0,
-    settle: int = 200,
-) -> Margins:
+def margins(plant: Plant, task: Task, make: Callable[[], Controller], *, settle: int = 200) -> Margins:
     """Return the margins of the loop of `plant` and the controller that `make` returns.
 
-    The controller runs as it is, on the plant linearized at a steady state, with its dead time. An
-    impulse at the plant's input, too small to reach a limit, shows the sensitivity there; its mean
-    over both signs is exact to the second order. So this holds for any law, with its sampling,
+    The controller runs as it is, on the plant linearized where the task starts, with its dead time.
+    An impulse at the plant's input, too small to reach a limit, shows the sensitivity there; its
+    mean over both signs is exact to the second order. So this holds for any law, with its sampling,
     filters and estimator. Of an MPC it is the unconstrained law at this point.
 
     The delay margin takes the delay as a loss of phase ω τ, as for a continuous signal.
 
     Args:
         plant: Plant.
+        task: Task that starts at a steady state, within the limits of the plant's inputs.
         make: Function that returns a new controller; it is called twice for each input.
-        x0: Steady state, shape (n_x,).
-        u0: Input there, shape (n_u,), within the limits of the plant's inputs.
-        d0: Measured disturbances there, shape (n_d,); None for zeros.
-        y_ref: References of the outputs, shape (n_y,); None for the outputs at rest. NaN for an
-            output without one.
-        measurement_delay: Dead time of the measured outputs, in the plant's unit of time.
         settle: Samples before the impulse, in which an estimator finds its steady gain.
 
     Raises:
         SettingsError: If an input is at one of its limits, so that there is no linear law.
         PlantError: If a derivative of the plant is not finite.
     """
-    found = Rest.of(plant, x0, u0, d0, y_ref, measurement_delay)
-    records = [found.record(make, j, settle) for j in range(len(found.u))]
-    if any(record is None for record in records):
+    start = _Start.of(plant, task)
+    records = [start.record(make, j, settle) for j in range(len(start.u))]
+    known = [record for record in records if record is not None]
+    if len(known) < len(records):
         return UNSTABLE
-    length = max(len(record) for record in records if record is not None)
-    S = np.zeros((length, len(found.u), len(found.u)))
-    for j, record in enumerate(records):
-        assert record is not None
-        S[: len(record), :, j] = record
+    length = max(map(len, known))
+    S = np.stack([np.pad(record, ((0, length - len(record)), (0, 0))) for record in known], axis=2)
     T_s = make().T_s
 
     def response(omega: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n n"]:
@@ -140,7 +112,8 @@ def margins(
         values = np.polynomial.polynomial.polyval(np.exp(-1j * omega * T_s), S)
         return np.moveaxis(np.asarray(values), -1, 0)
 
-    return margins_of(response, frequencies(T_s, length))
+    # From a tenth of what so many samples can tell to Nyquist's frequency.
+    return margins_of(response, np.geomspace(0.2 * np.pi / (length * T_s), np.pi / T_s, _POINTS))
 
 
 def margins_of(sensitivity: Response, omega: Float[np.ndarray, " m"]) -> Margins:
@@ -153,33 +126,32 @@ def margins_of(sensitivity: Response, omega: Float[np.ndarray, " m"]) -> Margins
         omega: Frequencies, increasing, shape (m,); the last one is Nyquist's for a sampled loop.
     """
     S = sensitivity(omega)
+    n = S.shape[-1]
     gains, phases, delays = [np.inf, 0.0], [np.pi], [np.inf]
-    for i in range(S.shape[-1]):
-        one = _OneInput(sensitivity, i)
+    for i in range(n):
         L = _loop(S[:, i, i])
-        gains += [-1 / value for value in one.phase_crossings(omega, L)]
-        for at, value in one.gain_crossings(omega, L):
-            lag = float(np.angle(-value)) % (2 * np.pi)  # phase lag until the loop is at -1
+
+        def at(frequency: float, i: int = i) -> complex:
+            return complex(_loop(sensitivity(np.array([frequency]))[:, i, i])[0])
+
+        gains += [-1 / value for value in _phase_crossings(at, omega, L)]
+        for crossing in _crossings(at, _over_one, omega, L):
+            lag = float(np.angle(-at(crossing))) % (2 * np.pi)  # phase lag until the loop is at -1
             phases.append(min(lag, 2 * np.pi - lag))
-            delays.append(lag / at)
+            delays.append(lag / crossing)
     return Margins(
         gain=min(gain for gain in gains if gain >= 1),
         gain_reduction=max(gain for gain in gains if gain < 1),
         phase=float(np.rad2deg(min(phases))),
         delay=min(delays),
         M_s=_peak(lambda w: np.linalg.svd(sensitivity(w), compute_uv=False)[:, 0], omega),
-        disk=1 / _peak(lambda w: _mu(sensitivity(w) - np.eye(S.shape[-1]) / 2), omega),
+        disk=1 / _peak(lambda w: _mu(sensitivity(w) - np.eye(n) / 2), omega),
     )
 
 
-def frequencies(T_s: float, samples: int) -> Float[np.ndarray, " m"]:
-    """Return frequencies from a tenth of what `samples` can tell to Nyquist's, shape (m,)."""
-    return np.geomspace(0.2 * np.pi / (samples * T_s), np.pi / T_s, _POINTS)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Rest:
-    """A plant at rest, sampled: from deviations of its inputs to those of states and outputs."""
+class _Start:
+    """A plant where a task starts, linearized: from deviations of inputs to those of states and outputs."""
 
     plant: Plant
     J: LinearSystem
@@ -191,10 +163,9 @@ class Rest:
     y_ref: Float[np.ndarray, " n_y"]
 
     @classmethod
-    def of(cls, plant: Plant, x0: Any, u0: Any, d0: Any, y_ref: Any, measurement_delay: Any) -> "Rest":
-        """Return the plant at (x0, u0, d0). Raises as `margins` does."""
-        x, u = np.array(x0, dtype=float), np.array(u0, dtype=float)
-        d = np.zeros(len(plant.disturbances)) if d0 is None else np.array(d0, dtype=float)
+    def of(cls, plant: Plant, task: Task) -> "_Start":
+        """Return the plant at the start of a task. Raises as `margins` does."""
+        x, u, d = task.x0, task.u0, task.disturbance(0.0)
         for channel, value in zip(plant.inputs, u, strict=True):
             room = _SMALL * (channel.high - channel.low)
             if np.isfinite(room) and not channel.low + room < value < channel.high - room:
@@ -204,11 +175,11 @@ class Rest:
                 )
         J, n = local_system(plant, x, u, d), len(x)
         C, D = np.vstack([np.eye(n), J.C]), np.vstack([np.zeros((n, len(u))), J.D])
-        late = np.broadcast_to(np.asarray(measurement_delay, dtype=float), len(plant.outputs))
+        late = np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), len(plant.outputs))
         delay = np.vstack([np.tile(delays_of(plant)[0], (n, 1)), dead_times(plant) + late[:, None]])
         y = np.asarray(plant.g(x, u, d), dtype=float)
-        aims = y if y_ref is None else np.array(y_ref, dtype=float)
-        return cls(plant, LinearSystem(J.A, J.B, C, D, J.dt), delay, x, u, d, y, aims)
+        y_ref = np.where(np.isnan(task.reference(0.0)), np.nan, y)
+        return cls(plant, LinearSystem(J.A, J.B, C, D, J.dt), delay, x, u, d, y, y_ref)
 
     def record(
         self, make: Callable[[], Controller], j: int, settle: int
@@ -226,7 +197,8 @@ class Rest:
             if not np.abs(rows[-1]).max() < _BEYOND:
                 return None
             if len(rows) in _LOOKS:
-                late, before, first = _peaks(np.array(rows))
+                quarters = np.array_split(np.abs(rows).max(axis=1), 4)
+                first, _, before, late = (float(part.max()) for part in quarters)
                 if late <= _LEFT * max(before, first):
                     break
                 if len(rows) == _LOOKS[-1] and not late < _SHRINKS * before:
@@ -249,55 +221,46 @@ class Rest:
             z = model.A @ z + model.B @ acting
 
 
-def _peaks(rows: Float[np.ndarray, "N n_u"]) -> tuple[float, float, float]:
-    """Return the peaks of the last quarter of a response, the one before, and the first half."""
-    sizes, half = np.abs(rows).max(axis=1), len(rows) // 2
-    parts = sizes[half + half // 2 :], sizes[half : half + half // 2], sizes[:half]
-    late, before, first = (float(part.max()) for part in parts)
-    return late, before, first
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _OneInput:
-    """The loop at one input, with the other ones closed: L_i = 1 / S_ii - 1."""
-
-    sensitivity: Response
-    i: int
-
-    def at(self, omega: float) -> complex:
-        """Return L_i at one frequency."""
-        return complex(_loop(self.sensitivity(np.array([omega]))[:, self.i, self.i])[0])
-
-    def phase_crossings(self, omega: np.ndarray, L: np.ndarray) -> Iterator[float]:
-        """Yield the negative real values of L_i; at Nyquist's frequency it is always real."""
-        for k in np.flatnonzero(np.diff(np.signbit(L.imag)) & (np.abs(L[1:]) > _NOTHING)):
-            if L.real[k] < 0 or L.real[k + 1] < 0:
-                value = self.at(_root(lambda w: self.at(w).imag, omega[k], omega[k + 1]))
-                if value.real < 0 and abs(value.imag) <= 1e-6 * abs(value):
-                    yield value.real
-        if L.real[-1] < -_NOTHING and abs(L.imag[-1]) <= 1e-9 * abs(L.real[-1]):
-            yield float(L.real[-1])
-
-    def gain_crossings(self, omega: np.ndarray, L: np.ndarray) -> Iterator[tuple[float, complex]]:
-        """Yield each frequency at which |L_i| is 1, and L_i there."""
-        for k in np.flatnonzero(np.diff(np.signbit(np.abs(L) - 1))):
-            at = _root(lambda w: abs(self.at(w)) - 1, omega[k], omega[k + 1])
-            yield at, self.at(at)
-
-
-def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Return where f changes its sign; the nearer end if rounding has moved that beyond it."""
-    from scipy.optimize import brentq
-
-    ends = f(low), f(high)
-    if np.signbit(ends[0]) == np.signbit(ends[1]):
-        return low if abs(ends[0]) < abs(ends[1]) else high
-    return float(brentq(f, low, high, xtol=1e-15, rtol=1e-14))
-
-
 def _loop(S: np.ndarray) -> np.ndarray:
     """Return L = 1 / S - 1; where S is 0, as with an integrator at rest, a large one."""
     return np.asarray(1 / np.where(np.abs(S) < 1e-12, 1e-12, S) - 1)
+
+
+def _phase_crossings(at: Callable[[float], complex], omega: np.ndarray, L: np.ndarray) -> Iterator[float]:
+    """Yield the negative real values of a loop gain; at Nyquist's frequency it is always real."""
+    negative = ((L.real[:-1] < 0) | (L.real[1:] < 0)) & (np.abs(L[1:]) > _NOTHING)
+    for crossing in _crossings(at, np.imag, omega, L, negative):
+        value = at(crossing)
+        if value.real < 0 and abs(value.imag) <= 1e-6 * abs(value):
+            yield value.real
+    if L.real[-1] < -_NOTHING and abs(L.imag[-1]) <= 1e-9 * abs(L.real[-1]):
+        yield float(L.real[-1])
+
+
+def _over_one(L: Any) -> Any:
+    return np.abs(L) - 1
+
+
+def _crossings(
+    at: Callable[[float], complex],
+    part: Callable[[Any], Any],
+    omega: np.ndarray,
+    L: np.ndarray,
+    where: np.ndarray | bool = True,
+) -> Iterator[float]:
+    """Yield where a part of a loop gain, which is L at `omega`, changes its sign, to rounding."""
+    from scipy.optimize import brentq
+
+    def f(frequency: float) -> float:
+        return float(part(at(frequency)))
+
+    for k in np.flatnonzero(np.diff(np.signbit(part(L))) & where):
+        low, high = float(omega[k]), float(omega[k + 1])
+        ends = f(low), f(high)
+        if np.signbit(ends[0]) != np.signbit(ends[1]):
+            yield float(brentq(f, low, high, xtol=1e-15, rtol=1e-14))
+        else:  # rounding has moved the change beyond an end
+            yield low if abs(ends[0]) < abs(ends[1]) else high
 
 
 def _peak(size: Callable[[np.ndarray], np.ndarray], omega: np.ndarray) -> float:
@@ -344,48 +307,27 @@ def _mu(M: Complex[np.ndarray, "m n n"]) -> Float[np.ndarray, " m"]:
 
 _MOST_GAIN, _MOST_PERIODS = 60.0, 1e4
 """Gain margin in dB and delay margin in sampling periods that stand for an infinite one."""
-
-
-def margins_at(loop: ClosedLoop, theta: Float[np.ndarray, " n"]) -> Margins:
-    """Return the margins of a closed loop where its experiments start, for a physical θ, shape (n,).
-
-    Raises:
-        SettingsError: If the environment does not say its plant and task, or as `margins` does.
-    """
-    env = loop.env
-    if not isinstance(env, PlantEnv):
-        raise SettingsError(f"margins need a PlantEnv, whose plant can be linearized, got {env!r:.60}")
-    plant, task = env.plant, env.task
-    d = task.disturbance(0.0)
-    y = np.asarray(plant.g(task.x0, task.u0, d), dtype=float)
-    return margins(
-        plant,
-        lambda: loop.controller(theta),
-        task.x0,
-        task.u0,
-        d,
-        y_ref=np.where(np.isnan(task.reference(0.0)), np.nan, y),
-        measurement_delay=task.measurement_delay,
-    )
+_KPIS = (
+    ("gain_margin", "gain margin", "dB", 0.01, "Smallest change of the gain, up or down, that is too much."),
+    ("phase_margin", "phase margin", "°", 0.1, "Phase that the loop may lose before it is unstable."),
+    ("delay_margin", "delay margin", "{time}", None, "Dead time that may be added."),
+    ("disk_margin", "disk margin", "", 0.001, "Joint change of gain and phase, of all inputs at once."),
+)
+"""Name, title, unit, resolution and meaning of the margins."""
 
 
 def margin_kpis(time_unit: str) -> tuple[KPI, ...]:
     """Return the KPIs that `MarginKPIs` computes; `at_least` makes one a limit."""
-    rows = (
-        (
-            "gain_margin",
-            "gain margin",
-            "dB",
-            0.01,
-            "Smallest change of the gain, up or down, that is too much.",
-        ),
-        ("phase_margin", "phase margin", "°", 0.1, "Phase that the loop may lose before it is unstable."),
-        ("delay_margin", "delay margin", time_unit, None, "Dead time that may be added."),
-        ("disk_margin", "disk margin", "", 0.001, "Joint change of gain and phase, of all inputs at once."),
-    )
     return tuple(
-        KPI(name, title, unit, better="higher", about=f"{about} Of {UNCONSTRAINED}.", resolution=step)
-        for name, title, unit, step, about in rows
+        KPI(
+            name,
+            title,
+            unit.format(time=time_unit),
+            better="higher",
+            about=f"{about} Of {UNCONSTRAINED}.",
+            resolution=step,
+        )
+        for name, title, unit, step, about in _KPIS
     )
 
 
@@ -397,20 +339,26 @@ class MarginKPIs:
     180° and ten thousand sampling periods.
 
     Args:
-        loop: Closed loop of the experiments.
+        loop: Closed loop of the experiments; its environment is a `PlantEnv`.
     """
 
     loop: ClosedLoop
 
     def __call__(self, experiment: Experiment) -> dict[str, float]:
-        """Return the KPIs by name; an unstable loop has margins of 0."""
-        found = margins_at(self.loop, experiment.theta)
-        T_s = self.loop.controller(experiment.theta).T_s
+        """Return the KPIs by name; an unstable loop has margins of 0.
+
+        Raises:
+            SettingsError: If the environment does not say its plant and task, or as `margins` does.
+        """
+        env, make = self.loop.env, partial(self.loop.controller, experiment.theta)
+        if not isinstance(env, PlantEnv):
+            raise SettingsError(f"margins need a PlantEnv, whose plant can be linearized, got {env!r:.60}")
+        found = margins(env.plant, env.task, make)
         gain = min(found.gain, 1 / found.gain_reduction if found.gain_reduction else np.inf)
         return {
             **experiment.kpis,
             "gain_margin": min(float(20 * np.log10(gain)), _MOST_GAIN),
             "phase_margin": found.phase,
-            "delay_margin": min(found.delay, _MOST_PERIODS * T_s),
+            "delay_margin": min(found.delay, _MOST_PERIODS * make().T_s),
             "disk_margin": found.disk,
         }

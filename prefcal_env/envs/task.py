@@ -94,6 +94,8 @@ class Task:
             the seed of `reset` alone.
         measurement_delay: Dead time of the measurements, one number or one for each output; that of
             the plant's outputs is added.
+        jitter: Share of the sampling time, below 0.5, by which a sampling instant is early, or late,
+            or neither: each a third of all, drawn from the seed of `reset`. A controller is not told.
         preview: Number of future rows of references and disturbances that a controller gets; 0
             gives only the present values.
         vectorized: Whether `unsafe` also takes M states as columns, shape (n_x, M), and returns an
@@ -123,6 +125,7 @@ class Task:
     max_move: Float[np.ndarray, " n_u"] | None = None
     noise: Float[np.ndarray, " n_y"] | None = None
     measurement_delay: float | Sequence[float] = 0.0
+    jitter: float = 0.0
     preview: int = 0
     vectorized: bool = False
 
@@ -157,6 +160,8 @@ class Task:
         delay = np.asarray(self.measurement_delay)
         if not np.all((delay >= 0) & (delay < np.inf)):
             raise SettingsError(f"task: measurement_delay must be 0 or more and finite, got {delay.tolist()}")
+        if not 0 <= self.jitter < 0.5:
+            raise SettingsError(f"task: jitter must be at least 0 and below 0.5, got {self.jitter}")
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
         self.sampling_time(self.T_s)

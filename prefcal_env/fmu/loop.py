@@ -51,6 +51,7 @@ class FMULoop:
 
     Attributes:
         model: Model description of the FMU.
+        parameters: Names of the parameters of the knobs, in their order.
         space: Space of the knobs, with units of the FMU.
         channels: Names, units, limits and targets of what is shown.
         problem: What ended the latest run before its time; empty if nothing did.
@@ -84,7 +85,9 @@ class FMULoop:
         if not (is_number(timeout) and timeout > 0):
             raise PlantError(f"timeout must be above 0 s, got {timeout!r}")
         found = tuned(self.model, knobs)
-        self.space = KnobSpace(list(found.values()))
+        self.parameters, self.space = tuple(found), KnobSpace(list(found.values()))
+        self._shows = outputs, inputs, reference, stop_time
+        self._takes = output_interval, timeout
         self._parameters = [self.model.variable(f"{n} [{k.unit}]") for n, k in found.items()]
         self._outputs, self._inputs = shown(self.model, outputs, inputs)
         self._numbers, self._variables = referenced(self.model, self._outputs, reference)
@@ -137,6 +140,14 @@ class FMULoop:
         if not count:
             raise RunError(self.problem, "raised")
         return self._experiment(theta, answer, count)
+
+    def with_knobs(self, more: Sequence[Knob]) -> "FMULoop":
+        """Return the same loop with more knobs behind its own, named as parameters of the FMU."""
+        knobs = dict(zip(self.parameters, self.space, strict=True)) | {knob.name: knob for knob in more}
+        interval, timeout = self._takes
+        return FMULoop(
+            self.model.path, knobs, *self._shows, output_interval=interval, timeout=timeout, kpis=self.kpis
+        )
 
     def close(self) -> None:
         """End the process and remove its files now rather than at exit; a further run restarts."""

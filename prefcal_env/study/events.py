@@ -166,7 +166,7 @@ class Extended(Event, frozen=True):
 
 
 class Ended(Event, frozen=True):
-    """End the study: all is compared, the best is good enough, or the person finished it."""
+    """End the study: all is compared, little is left, the best is good enough, or the person finished it."""
 
     reason: str
 

@@ -33,6 +33,7 @@ class State:
         notes: Time and text of each remark.
         open: Id and event of the open question.
         ended: Why the study is over; None while it is not.
+        reopened: Whether it was over before, and went on.
     """
 
     configuration: Mapping[str, Any]
@@ -47,6 +48,7 @@ class State:
     notes: tuple[tuple[str, str], ...] = ()
     open: tuple[int, events.Shown] | None = None
     ended: str | None = None
+    reopened: bool = False
 
     @property
     def answers(self) -> tuple[Comparison, ...]:
@@ -266,7 +268,7 @@ def _ended(state: State, _seq: int, _at: str, event: events.Ended) -> State:
 
 
 def _reopened(state: State, _seq: int, _at: str, _event: events.Reopened) -> State:
-    return replace(state, ended=None)
+    return replace(state, ended=None, reopened=True)
 
 
 def _created(_state: State, seq: int, _at: str, _event: events.Created) -> State:

@@ -32,6 +32,7 @@ def begin(
     ahead: bool = False,
     agent: Any = GLISp,
     at_once: int = 1,
+    stops: bool = False,
 ) -> Interview:
     """An interview of `agent`, a class, about `scenario`."""
     agent = agent(scenario.space, n_init=3, n_max=n_max, seed=seed)
@@ -48,7 +49,7 @@ def begin(
         "versions": {},
     }
     file = StudyFile.create(path or ":memory:", configuration, clock=clock())
-    return Interview(scenario, file, ahead=ahead, at_once=at_once)
+    return Interview(scenario, file, ahead=ahead, at_once=at_once, stops=stops)
 
 
 def reopened(scenario: Scenario, path: Path, at_once: int = 1) -> Interview:

@@ -36,7 +36,7 @@ EXTENDED = {
         "test_simulate_page.py",
         "test_site.py",
     ),
-    "fmu": ("env/fmu/*", "scenarios/described/test_fmu_scenario.py"),
+    "fmu": ("env/fmu/*", "scenarios/described/test_fmu_scenario.py", "scenarios/verification/test_fmus.py"),
     "libraries": ("env/controllers/test_lqr.py", "env/plants/systems/test_casadi.py"),
     "peers": ("bench/peers/*", "agents/test_rl_*.py"),
     "processes": (

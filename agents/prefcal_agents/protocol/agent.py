@@ -164,6 +164,10 @@ class Strategy:
         """Return whether all experiments are answered and it is clear which one is the best."""
         return history.answered >= self._most(history) and self._turn(history).pair is None
 
+    def has_enough(self, history: History) -> bool:
+        """Return whether a person may as well stop after `history`; no if the agent cannot tell."""
+        return False
+
     def open(self, history: History, n: int = 1) -> tuple[History, list[Query]]:
         """Return what is asked after `history`: the record with all it is asked about, and queries.
 

@@ -26,14 +26,15 @@ from prefcal_agents.utility.choice import (
 from prefcal_agents.utility.influence import Influence, Stakes, influences, stakes
 from prefcal_agents.utility.menu import others
 from prefcal_agents.utility.posterior import AFTER, explains
+from prefcal_agents.utility.smaller_change import SmallerChange, smaller_change
 from prefcal_agents.utility.utilities import Utilities
-from prefcal_agents.utility.wishes import Wished, wishes
+from prefcal_agents.utility.wishes import Wished, cautious, noticed_worse, objections, wishes
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Comparison, History
 
 from .certificate import FROM, Certificate, Evidence, evidence
 from .growth import Growth, Stage
-from .reason import Reason, Robustness, chances, reason_for
+from .reason import Reason, RobustResult, chances, reason_for
 from .simulations import ENOUGH, Simulating, Simulations
 
 _OPEN = 4
@@ -67,6 +68,7 @@ class Screening(Simulating):
 
     def _prepare(self) -> None:
         self._stages = Remembered(self._stage_after)
+        self._evidences = Remembered(self._evidence_after)
 
     def _stage_after(self, history: History) -> Stage:
         with one_thread():
@@ -122,11 +124,16 @@ class Screening(Simulating):
         None before the second answer, and where experiments measured other KPIs than those
         simulated, on which no certificate was measured.
         """
-        if self.best_index is None or len(self.history.lessons()) < FROM:
-            return None
-        stage = self._stages(self.history)
-        row = None if stage.rough else _row(stage.bank, self.best)
-        return None if row is None else evidence(stage, row, self.history)
+        (found,) = self._evidences(self._past)
+        return found
+
+    def _evidence_after(self, history: History) -> tuple[Evidence | None]:
+        best = self.leader(history)
+        if best is None or len(history.lessons()) < FROM:
+            return (None,)
+        stage = self._stages(history)
+        row = None if stage.rough else _row(stage.bank, np.array(history.samples[best].theta))
+        return (None if row is None else evidence(stage, row, history),)
 
     @property
     def certificate(self) -> Certificate | None:
@@ -169,7 +176,7 @@ class Screening(Simulating):
         return stakes(self._growth.pool(past), past, query.incumbent.index)
 
     @property
-    def robustness(self) -> Robustness | None:
+    def robustness(self) -> RobustResult | None:
         """Return how the best θ so far holds, and what that costs; None if the study is not robust.
 
         None before an answer that teaches, too. It simulates if needed.
@@ -181,10 +188,10 @@ class Screening(Simulating):
         best, rival = bank.find(self.best), int(np.argmax(worth(stage.costs).mean(axis=0)))
         kept, other = self.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
         if rival == best or other == ENOUGH:
-            return Robustness(kept, {})
+            return RobustResult(kept, {})
         names = reason_for(stage, rival, best, self._past).better_in
         pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T
-        return Robustness(kept, dict(zip(names, map(tuple, pairs.tolist()), strict=True)))
+        return RobustResult(kept, dict(zip(names, map(tuple, pairs.tolist()), strict=True)))
 
     @property
     def menu(self) -> dict[int, Reason]:
@@ -210,6 +217,45 @@ class Screening(Simulating):
             return ()
         stage = self._stages(self.history)
         return wishes(self._growth.pool(past), past, stage.spread, stage.bank.find(self.best))
+
+    @property
+    def objections(self) -> dict[str, int]:
+        """Return which row to compare with the best if a KPI matters more than was said, by its name.
+
+        It simulates if needed.
+        """
+        said, past = self.wishes, self._past
+        if not said:
+            return {}
+        stage = self._stages(self.history)
+        return objections(
+            self._growth.pool(past), past, stage.spread, stage.bank.find(self.best), said[0].name
+        )
+
+    @property
+    def smaller_change(self) -> SmallerChange | None:
+        """Return the best θ with knobs as in the given start, so that people hardly notice; it simulates.
+
+        None without a given start, if no knob can be put back, and where experiments measured other
+        KPIs than those simulated.
+        """
+        past = self._past
+        if self.best_index is None or not self.setup.start or not past.lessons():
+            return None
+        stage = self._stages(self.history)
+        if stage.rough or not stage.scale.names:
+            return None
+        draws = cautious(self._growth.pool(past), past)
+
+        def chances(thetas: Float[np.ndarray, "p n"]) -> Float[np.ndarray, " p"]:
+            bank = self.with_simulated(thetas)
+            return noticed_worse(draws, stage.scale(bank, bank.rows([self.best, *thetas])))
+
+        return smaller_change(self.best, np.array(past.samples[0].theta), self.space, chances)
+
+    def with_simulated(self, thetas: Float[np.ndarray, "p n"]) -> Bank:
+        """Return the bank with more θ, physical, shape (p, n); it simulates them."""
+        return self._growth.extended(self.bank, self.space.encode_all(thetas), thetas)
 
     @property
     def _past(self) -> History:
@@ -238,6 +284,16 @@ class Screening(Simulating):
             return None
         value = np.where(rivals, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
         return int(np.argmax(value))
+
+    def has_enough(self, history: History) -> bool:
+        """Return whether the certificate says that little is left, and the best misses no objective."""
+        past = history.until(history.answered)
+        (found,), best = self._evidences(past), self.leader(past)
+        if found is None or best is None or not Certificate.of(found).enough:
+            return False
+        bank = self._stages(past).bank
+        row = bank.find(np.array(past.samples[best].theta))
+        return not self.simulations.reading.missed(bank.names, bank.kpis[[row]]).any()
 
     def question(self, history: History) -> Pair | None:
         """Return None: nothing is asked twice."""

@@ -26,6 +26,14 @@ PROBABILITY = 0.95
 """How probably fewer θ are better than is said."""
 LEAST = 0.01
 """Smallest share that is said."""
+MOST = 1000
+"""Largest number of random experiments that is said: 8,192 tell little of more."""
+ENOUGH_AFTER, ENOUGH_SHARE, ENOUGH_CHANCE = (6, 8), 0.1, 0.5
+"""Numbers of answers after which a study can end, and the largest share and chance with which it does.
+
+Source: none. Of the rules that ask ten questions at most, one that keeps nine tenths of what ten
+answers are worth. There are two looks, since each one can end a study by mistake.
+"""
 _BY_CHANCE = -1.1
 """Mean log probability of an answer, in nats, if each of the three is as likely: log(1/3)."""
 _SHARE = (1.583, 0.382, -0.177, -0.169, 0.615, -0.364)
@@ -34,6 +42,11 @@ _SHARE = (1.583, 0.382, -0.177, -0.169, 0.615, -0.364)
 Source: none. An ordinal logistic regression of how many random θ are noticeably better, at 99 %:
 above what is promised, so that it holds for each kind of people by itself and for new ones.
 """
+_AT, _STEP = 0.01, 0.544
+"""Chance of being exceeded for which the constant of the share is, and by how many decades the share
+falls where the logit of that chance is larger by 1, by the same regression."""
+_INTERVAL = (0.05, 0.5, 0.95)
+"""Chances of being exceeded, by that regression, of the shares that numbers of experiments follow from."""
 _CHANCE = 0.72
 """How much the logit of the draws' chance counts, by a logistic regression."""
 _ADDED = 0.001
@@ -90,12 +103,18 @@ class Certificate:
         chance: Chance that the most promising θ is noticeably better than the result; None if the
             answers do not follow from the KPIs.
         promising: The most promising θ of those that were not shown, physical.
+        experiments: Number of random experiments whose best one is as good as the result: the lower
+            end of a 90 % interval for people of all kinds together, the median, and the upper end,
+            1 to 1000, which stands for more, too. None if the answers do not follow from the KPIs.
+        enough: Whether so little is left that a study can end, after 6 and 8 answers.
     """
 
     share: float | None
     probability: float
     chance: float | None
     promising: tuple[float, ...]
+    experiments: tuple[float, float, float] | None = None
+    enough: bool = False
 
     @property
     def explained(self) -> bool:
@@ -115,7 +134,20 @@ class Certificate:
         size = constant + float(np.dot(slopes, found.terms))
         share = ceil(100 * np.clip(10.0 ** min(size, 0.0), LEAST, 1.0)) / 100
         believed = np.clip(found.chance, 1.0 - _SURE, _SURE)
-        return cls(share, PROBABILITY, float(expit(_CHANCE * logit(believed))), found.promising)
+        chance = float(expit(_CHANCE * logit(believed)))
+        enough = found.answers in ENOUGH_AFTER and share <= ENOUGH_SHARE and chance <= ENOUGH_CHANCE
+        return cls(share, PROBABILITY, chance, found.promising, _experiments(size), enough)
+
+
+def _experiments(size: float) -> tuple[float, float, float]:
+    """Return the `experiments` of a certificate, given log10 of the share that is said.
+
+    The best of N random experiments is as good as the result if N find something noticeably better
+    with probability 1/2: (1 - s)^N = 1/2, with s the share of all θ that are better.
+    """
+    logs = size + _STEP * (logit(_AT) - logit(_INTERVAL))
+    low, middle, high = np.clip(np.log(2) / -np.log1p(-np.minimum(10.0**logs, 0.5)), 1, MOST).tolist()
+    return low, middle, high
 
 
 def evidence(stage: Stage, best: int, history: History) -> Evidence:

@@ -195,10 +195,10 @@ class Growth:
         """Return the bank with the next `wide` θ of the design and all shown, and its design."""
         start = sum(count for count, _ in self._plan[:turn])
         z, thetas = self._space.proposals(self._design[start : start + wide])
-        bank, old = self._extended(stage.bank, z, thetas), len(stage.bank)
+        bank, old = self.extended(stage.bank, z, thetas), len(stage.bank)
         spread = np.append(stage.spread, np.arange(old, len(bank)))
         shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
-        return self._extended(bank, *shown), spread
+        return self.extended(bank, *shown), spread
 
     def _learned(
         self, past: History, before: History, bank: Bank, scale: Scale, utilities: Utilities
@@ -220,12 +220,13 @@ class Growth:
             points = near_leaders(self._space, stage.bank.z, stage.costs, len(part), rng)
             z, thetas = self._space.proposals(points)
             kept = np.atleast_1d(self._space.allows(thetas))  # rounding may cross an edge
-            bank = self._extended(stage.bank, z[kept], thetas[kept])
+            bank = self.extended(stage.bank, z[kept], thetas[kept])
             judges = _GUIDES if number < rounds - 1 else _JUDGES
             stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities, judges)
         return stage
 
-    def _extended(self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
+    def extended(self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
+        """Return the bank with more θ, simulating what was not simulated yet."""
         return self._simulated(np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas]))
 
     def _simulated(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:

@@ -36,7 +36,7 @@ class Reason:
 
 
 @dataclass(frozen=True, slots=True)
-class Robustness:
+class RobustResult:
     """How the best θ of a robust study holds, and what that costs nominally.
 
     Args:

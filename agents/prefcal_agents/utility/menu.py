@@ -8,6 +8,8 @@ _PERHAPS = 0.25
 """Probability of not being noticeably worse than the result that a candidate must have."""
 _ENOUGH = 0.8
 """Share of the largest gain that a candidate must have; the one that differs most is taken."""
+_STOPS = 9
+"""Number of places between two candidates at which a third one is sought."""
 
 
 def others(
@@ -44,3 +46,31 @@ def others(
         apart = np.abs(ranks[:, None] - ranks[menu]).max(axis=2, initial=0.0).min(axis=1)
         menu.append(int(np.argmax(np.where(gain >= _ENOUGH * gain.max(), apart, -1.0))))
     return tuple(menu[1:])
+
+
+def between(
+    kpis: Float[np.ndarray, "m k"], usable: Bool[np.ndarray, " m"], one: int, other: int
+) -> tuple[int, ...]:
+    """Return rows on the way from row `one` to row `other`, both included, in this order.
+
+    Those between are nearest to places on the straight line of KPIs in ranks, where equal values have
+    the same rank. A row is left out if another one is better in a KPI and in none worse.
+
+    Args:
+        kpis: KPIs, lower is better, shape (m, k).
+        usable: Candidates that may be shown, shape (m,).
+        one: Row where it begins.
+        other: Row where it ends.
+    """
+    ranks = np.zeros(kpis.shape)
+    for place, column in enumerate(kpis.T):
+        ranks[:, place] = np.unique(column, return_inverse=True)[1]
+    beaten = [bool(np.any((ranks <= own).all(axis=1) & (ranks < own).any(axis=1))) for own in ranks]
+    from_one = (ranks - ranks[one]) / np.maximum(ranks.max(axis=0), 1.0)
+    way = from_one[other]
+    along = from_one @ way / (way @ way or 1.0)
+    rows = np.flatnonzero(usable & ~np.array(beaten) & (along > 0.0) & (along < 1.0))
+    parts = np.linspace(0.0, 1.0, _STOPS + 2)[1:-1, None, None]
+    apart = ((from_one[rows] - parts * way) ** 2).sum(axis=2)
+    middle = rows[np.argmin(apart, axis=1)].tolist() if len(rows) else []
+    return (one, *dict.fromkeys(middle), other)

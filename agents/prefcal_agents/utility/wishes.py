@@ -7,7 +7,7 @@ not: what would be noticed as worse than the result, and which KPI decides more 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from prefcal_env.preferences.history import History
 
@@ -25,6 +25,8 @@ _SAID = 0.5
 """Certainty below which nothing is said of a KPI."""
 _MOST = 3
 _PAIRS = 200
+_NOTICED = 0.25
+"""Share of those who object that must notice what a candidate gains in their KPI alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
     usable = spread[~pool.bank.hopeless[spread]]
     if len(usable) < 2 or not pool.scale.names or not history.lessons():
         return ()
-    draws = pool.drawn(history, _DRAWS, _POWER)
+    draws = cautious(pool, history)
     share = deciding(draws, pool.logs, usable)
     bounds = [_bound(pool, draws, usable, result, kpi) for kpi in range(share.shape[1])]
     said = [kpi for kpi, (_, certainty) in enumerate(bounds) if certainty >= _SAID]
@@ -69,6 +71,11 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
         Wished(pool.scale.names[kpi], *bounds[kpi], _leads(share, kpi, order[place + 1 :]))
         for place, kpi in enumerate(order)
     )
+
+
+def cautious(pool: Pool, history: History) -> Utilities:
+    """Return draws whose certainties hold for people unlike the draws, too."""
+    return pool.drawn(history, _DRAWS, _POWER)
 
 
 def deciding(
@@ -90,6 +97,43 @@ def deciding(
     own = parts[: logs.shape[1]] + parts[logs.shape[1] :]  # a KPI and its stated limit
     total = own.sum(axis=0)
     return np.array([(_verdict(total - each) != _verdict(total)).mean(axis=1) for each in own]).T
+
+
+def objections(
+    pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: int, first: str
+) -> dict[str, int]:
+    """Return the row to compare with the result if a KPI matters more than was said, by its name.
+
+    Of the drawn people to whom the KPI decides more pairs than `first` does, the most prefer this row,
+    and some notice what it gains in that KPI alone. A KPI in which nothing new does so has none.
+
+    Args:
+        pool: Draws of the study.
+        history: Samples and answers.
+        spread: Rows of the bank that fill the space, shape (r,).
+        result: Row of the result.
+        first: Name of the KPI that was said to come first.
+    """
+    draws, logs, found = pool.drawn(history, _DRAWS, _POWER), pool.logs, dict[str, int]()
+    share = deciding(draws, logs, spread[~pool.bank.hopeless[spread]])
+    prefer = _prefer(draws, logs, result)
+    free = ~pool.bank.hopeless & ~np.isin(np.arange(len(logs)), pool.shown)
+    for kpi, name in enumerate(pool.scale.names):
+        objectors = np.flatnonzero(share[:, kpi] > share[:, pool.scale.names.index(first)])
+        alone = np.repeat(logs[[result]], len(logs), axis=0)
+        alone[:, kpi] = logs[:, kpi]
+        if len(objectors):
+            gains = free & (_prefer(draws.take(objectors), alone, result).mean(axis=0) >= _NOTICED)
+            liked = np.where(gains, prefer[objectors].mean(axis=0), 0.0)
+            if liked.any():
+                found[name] = int(np.argmax(liked))
+    return found
+
+
+def _prefer(draws: Utilities, logs: Float[np.ndarray, "m k"], result: int) -> Bool[np.ndarray, "s m"]:
+    """Return whether each draw finds each row noticeably better than the result, shape (s, m)."""
+    costs = draws.costs(logs)
+    return np.asarray(costs < costs[:, [result]] - 1.0)
 
 
 def _leads(share: Float[np.ndarray, "s k"], kpi: int, later: list[int]) -> float:
@@ -118,13 +162,23 @@ def _bound(
         return None, 0.0
     logs = np.repeat(pool.logs[[result]], len(values) + 1, axis=0)
     logs[1:, kpi] = np.log(np.maximum(values - pool.scale.good[kpi], pool.scale.floor[kpi]))
-    worse = np.arange(1, len(values) + 1)
-    gains = draws.gains(draws.levels(logs), np.zeros_like(worse), worse).sum(axis=0)
-    certain = (gains > 1.0).mean(axis=0)
+    certain = noticed_worse(draws, logs)
     if certain.max() < _LIKELY:
         return None, float(certain[-1])
     place = int(np.argmax(certain >= _LIKELY))
     return float(values[place]), float(certain[place])
+
+
+def noticed_worse(draws: Utilities, logs: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " q"]:
+    """Return the share of draws to which each row but the first is noticeably worse than it, shape (q,).
+
+    Args:
+        draws: Draws of what the person wants.
+        logs: Log distances of the KPIs, shape (m, k), with m = q + 1.
+    """
+    others = np.arange(1, len(logs))
+    gains = draws.gains(draws.levels(logs), np.zeros_like(others), others).sum(axis=0)
+    return np.asarray((gains > 1.0).mean(axis=0))
 
 
 def marks(pool: Pool, rows: Int[np.ndarray, " r"], result: int, kpi: int) -> Float[np.ndarray, " q"]:

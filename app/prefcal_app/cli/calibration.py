@@ -186,6 +186,7 @@ def calibration(
             asks=asks,
             simulator=simulator,
             at_once=options.at_once,
+            stops=options.by_a_person,
         )
         yield Calibration(opened, interview, claim, messages)
 

@@ -27,7 +27,7 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.scenario import Scenario, finds_kpis
-from prefcal_scenarios.verification.subject import subject_of
+from prefcal_scenarios.verification.cases import subject_of
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
@@ -181,7 +181,7 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
             "Scenario(..., simulated=True)"
         )
     if options.robust:
-        subject_of(replace(model, run=model.source.elsewhere.here))
+        subject_of(model.source.elsewhere.here, model.space)
 
 
 def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:

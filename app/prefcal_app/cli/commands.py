@@ -277,22 +277,16 @@ class VerifyOptions:
     Args:
         best: The best.json of a report.
         runs: Number of random runs; 299 good ones show that less than 1 % are bad.
-        seed: Seed of the variations.
         range: Relative change of a factor or a kind of factors; 0 leaves it out.
-        only: Kinds or names of the factors to vary.
         jobs: Number of processes.
         run_timeout: Time limit of each run, in seconds.
-        json: Print only JSON on standard output.
     """
 
     best: str = argument("BEST.json")
     runs: int = option(299, "N")
-    seed: int = option(0, "N")
     range: tuple[str, ...] = option((), "NAME=CHANGE")
-    only: str = option("", "NAME,...", shown="all")
     jobs: int | None = option(None, "N", shown="all cores")
     run_timeout: float | None = option(None, "SECONDS", shown="none")
-    json: bool = option(False, flag="--json")
 
 
 @app.command(
@@ -303,7 +297,6 @@ class VerifyOptions:
             'verify best.json --range parameter=0.2 --range "dead time=0:0.5"',
             "Parameters up to 20 % off, and up to 50 % more dead time.",
         ),
-        ("verify best.json --only parameter --json", "Only parameters of the plant, for programs."),
         more="""\
 Ctrl-C ends the runs; those that are done are kept and reported. The scenario is run
 again: one of your own is a Python file, which is executed.
@@ -315,8 +308,9 @@ def verify(**typed: Any) -> None:
     """Run a tuning on plants that are not exactly as modeled.
 
     Prints the share of runs within the stated limits with its confidence, stability
-    margins, KPIs beside those of the tuning before, what hurts most, and the worst runs.
-    Ends with exit code 0 whatever the result is.
+    margins, KPIs beside those of the tuning before, what hurts most, and the worst runs,
+    which it draws beside best.json and asks about. All of that is kept there in
+    verification.json. Ends with exit code 0 whatever the result is.
     """
     from .verify_run import run
 

@@ -16,12 +16,14 @@ from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.study.memory import trust_text
 from prefcal_app.session.study.now import GOOD_ENOUGH
+from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State
 from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.presentation.wording import labeled, printable
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification.verified import digest_of
 
 from .choices import follows_cost
 from .options import Options
@@ -36,6 +38,7 @@ def record_of(
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
+    kept = Path(interview.file.path)
     times = [recorded.at for recorded in interview.file.events()]
     return StudyRecord(
         scenario=interview.scenario,
@@ -59,6 +62,7 @@ def record_of(
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
         baseline=baseline_of(state),
         fingerprint=_fingerprint(options, state),
+        digest=digest_of(kept) if options.by_a_person and kept.is_file() else "",
     )
 
 
@@ -122,12 +126,11 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
         gain, result = gain_of(record), result_table(record)
         if not gain["same"]:
             console.print(_drawn(gain["title"], gain["table"]))
-        del result["columns"][2]  # the experiment before, which stands in the first table
-        for row in result["rows"]:
-            del row["cells"][1]
         shown = _drawn(record.scenario.title, result)
         shown.columns[1].style = "bold blue"
         console.print(shown)
+        if gain["before"]:
+            say(console, gain["back"])
     if record.outlook is not None:
         for line in record.outlook.lines:
             console.print(line, soft_wrap=True, markup=False, highlight=False)

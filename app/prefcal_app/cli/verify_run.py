@@ -1,28 +1,26 @@
-"""Run `prefcal verify`: vary the plant of a tuning, and print what came of it."""
+"""Run `prefcal verify`: vary the plant of a tuning, say and keep what came of it, ask about the worst."""
 
+import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from prefcal_app.report.export import Tuning, jsonable, tuning_of
+from prefcal_app.report.verifying import judge, picture, verify_best
+from prefcal_app.terminal.lines import ask_line
 from prefcal_app.terminal.showing import say
-from prefcal_env.controllers.margins import Margins
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.described.words import listed
-from prefcal_scenarios.presentation.wording import labeled, limits_text, number, printable, quantity
-from prefcal_scenarios.verification import Verification, verify
-from prefcal_scenarios.verification.result import Effect, VerifiedRun
-
-from .studies.files import as_text
+from prefcal_scenarios.presentation.wording import number, printable
+from prefcal_scenarios.verification.verified import FILE, Verified
 
 if TYPE_CHECKING:
     from .commands import VerifyOptions
 
-_EFFECTS, _WORST = 4, 3
+_EFFECTS = 4
+"""Number of factors that are printed."""
+_VERDICTS = {"y": True, "n": False}
 
 
 def run(options: "VerifyOptions") -> int:
@@ -31,23 +29,21 @@ def run(options: "VerifyOptions") -> int:
     Raises:
         PrefcalError: If the file or an option does not fit, or nothing of the scenario can vary.
     """
-    tuning = tuning_of(options.best)
-    found = verify(
-        tuning.scenario,
-        tuning.theta,
+    best, console = Path(options.best), Console(emoji=False)
+    said = verify_best(
+        best,
         options.runs,
-        start=tuning.before,
-        seed=options.seed,
         ranges=dict(_range(text) for text in options.range),
-        vary=listed([options.only]) or None,
         jobs=options.jobs,
         timeout=options.run_timeout,
-        progress=not options.json,
+        progress=True,
     )
-    if options.json:
-        print(as_text(jsonable(as_dict(found))), flush=True)
-    else:
-        show(found, tuning, Console(emoji=False))
+    show(said, console)
+    for k in range(len(said.worst)):
+        say(console, f"Worst run {k + 1}, beside the nominal one: {best.parent / picture(k)}")
+    if sys.stdin.isatty():
+        _ask(said, best.parent, console)
+    say(console, f"Kept in {best.parent / FILE}.")
     return 0
 
 
@@ -63,115 +59,48 @@ def _range(text: str) -> tuple[str, float | list[float]]:
     return name, ends[0] if len(ends) == 1 else ends
 
 
-def as_dict(found: Verification) -> dict[str, Any]:
-    """Return a verification as plain data: what is shown, and every run."""
-    plain = {
-        name: getattr(found, name)
-        for name in ("scenario", "theta", "start", "planned", "seed", "complete", "share", "bound")
-    }
-    runs = {name: [_plain(r) for r in getattr(found, name)] for name in ("runs", "alone", "before")}
-    margins = {
-        name: each if isinstance(each, str) else asdict(each)
-        for name in ("margins", "margins_before")
-        for each in [getattr(found, name)]
-    }
-    effects = [
-        {"factor": e.factor.name, "worsening": e.worsening, "kpi": e.kpi, "problems": e.worst.problems}
-        for e in found.effects
-    ]
-    more = {
-        "statement": found.statement,
-        "confidence": found.confidence,
-        "factors": [asdict(factor) for factor in found.factors],
-        "not varied": found.left_out,
-        "nominal": _plain(found.nominal),
-        "effects": effects,
-        "worst": [_plain(each) for each in found.worst(_WORST)],
-    }
-    return plain | more | margins | runs
+def _ask(said: Verified, folder: Path, console: Console) -> None:
+    """Ask a person about the worst runs, and keep each verdict."""
+    for k, each in enumerate(said.worst):
+        told = ask_line(console, f"Worst run {k + 1} ({each.words}): acceptable? (y/n)").lower()
+        if told in _VERDICTS:
+            judge(folder, k, acceptable=_VERDICTS[told])
 
 
-def _plain(each: VerifiedRun) -> dict[str, Any]:
-    return {
-        "values": dict(each.values),
-        "seed": each.seed,
-        "end": each.end.value,
-        "kpis": dict(each.kpis),
-        "problems": each.problems,
-    }
-
-
-def show(found: Verification, tuning: Tuning, console: Console) -> None:
+def show(said: Verified, console: Console) -> None:
     """Print a verification in a terminal."""
-    say(console, found.statement, found.limits)
-    if found.nominal.problems:
-        say(console, f"On the nominal plant, too: {'; '.join(found.nominal.problems)}.")
-    columns = ["", "objective", "nominal", "5 % to 95 %"]
-    if found.before:
-        columns += [f"{tuning.baseline}, nominal", "5 % to 95 %"]
-    console.print(_table(columns, _rows(found)))
-    for line in _lines(found):
+    say(console, said.statement, said.limits_kept)
+    columns = ["", "objective", "nominal", "5 %", "95 %"]
+    if said.baseline:
+        columns += [f"{said.baseline}, nominal", "5 %", "95 %"]
+    console.print(_table(columns, said.kpis))
+    if said.margins:
+        console.print(_table(["", "margin", said.baseline][: len(said.margins[0])], said.margins))
+    for line in _lines(said):
         say(console, line)
 
 
-def _rows(found: Verification) -> Iterator[list[str]]:
-    """Yield a row for each KPI, then the margins."""
-    for kpi in found.kpis:
-        row = [labeled(kpi.title, kpi.unit), limits_text(kpi)]
-        runs = [(found.nominal, False)]
-        if found.nominal_before is not None and found.before:
-            runs.append((found.nominal_before, True))
-        for nominal, before in runs:
-            low, _, high = found.quantiles(kpi.name, before=before)
-            value = nominal.kpis.get(kpi.name)
-            ends = (number(kpi.read(end)) for end in (low, high))
-            row += [number(None if value is None else kpi.read(value)), " to ".join(ends)]
-        yield row
-    both = [found.margins, *([found.margins_before] if found.before else [])]
-    if isinstance(found.margins, Margins):
-        for name in ("gain margin [dB]", "phase margin [°]", "delay margin", "M_s", "disk margin"):
-            cells = [_margin(name, m) if isinstance(m, Margins) else "–" for m in both]
-            yield [name, "", *(cell for each in cells for cell in (each, ""))]
-
-
-def _margin(name: str, m: Margins) -> str:
-    """Return a margin as text; a gain margin with the one for a falling gain, if there is one."""
-    if name.startswith("gain"):
-        down = f", {number(20 * np.log10(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
-        return number(20 * np.log10(m.gain)) + down
-    return number({"phase": m.phase, "delay": m.delay, "M_s": m.M_s, "disk": m.disk}[name.split()[0]])
-
-
-def _lines(found: Verification) -> Iterator[str]:
+def _lines(said: Verified) -> Iterator[str]:
     """Yield what hurts most, the worst runs, and what was not varied."""
-    if isinstance(found.margins, Margins):
-        stable = "" if found.margins.stable else "; this loop is NOT STABLE there"
-        yield f"Margins: {found.margins.basis}{stable}."
-    else:
-        yield f"{found.margins[:1].upper()}{found.margins[1:]}."
-    if found.effects:  # they come after all random runs, and an interruption may end before
+    yield _sentence(said.basis)
+    if said.effects:  # they come after all random runs, and an interruption may end before
         yield "What hurts most, one at a time:"
-    yield from (f"  {_effect(each)}" for each in found.effects[:_EFFECTS])
-    yield f"Worst runs, of seed {found.seed}:"
-    for each in found.worst(_WORST):
-        values = ", ".join(f"{name} {number(value)}" for name, value in each.values.items())
-        yield f"  {'; '.join(each.problems) or 'within the limits'}: {values}"
-    varied = ", ".join(f"{f.name} {number(f.low)} to {quantity(f.high, f.unit)}" for f in found.factors)
-    yield f"Varied: {varied}."
-    yield from (f"{text[:1].upper()}{text[1:]}." for text in found.left_out)
+    yield from (f"  {text}" for text in said.effects[:_EFFECTS])
+    if said.worst:
+        yield "Worst runs:"
+    for each in said.worst:
+        yield f"  {each.words}: {', '.join(f'{n} {number(v)}' for n, v in each.values.items())}"
+    if said.varied:
+        yield f"Varied: {', '.join(said.varied)}."
+    yield from map(_sentence, said.left_out)
 
 
-def _effect(each: Effect) -> str:
-    ends = f"{number(each.factor.low)} to {quantity(each.factor.high, each.factor.unit)}"
-    if np.isinf(each.worsening):
-        return f"{each.factor.name} ({ends}): {'; '.join(each.worst.problems)}"
-    if not each.kpi:
-        return f"{each.factor.name} ({ends}): no KPI gets worse"
-    return f"{each.factor.name} ({ends}): {each.kpi} by {100 * each.worsening:.0f} % of its range in all runs"
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
 
 
-def _table(columns: Sequence[str], rows: Iterator[list[str]]) -> Table:
-    table = Table(*columns, box=None, header_style="bold")
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    table = Table(*map(printable, columns), box=None, header_style="bold")
     for row in rows:
         table.add_row(*map(printable, row))
     return table

@@ -1,32 +1,34 @@
 """Fill in the acceptance sheet of a study: one page, before and after, with lines to sign."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
+from markupsafe import Markup
 
-from prefcal_app.view.end import FIRST
 from prefcal_app.view.tables import cell, row, table
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import knob_number, number, with_unit
+from prefcal_scenarios.verification.verified import Verified
 
-from .export import versions
+from .answers import LINE, MOST_VERIFIED, answers, left, section, unverified, verified_answers
 from .html import data_uri, environment
 from .record import StudyRecord
 from .tables import foremost, gain_rows, pid_forms_of
 from .trajectories import best_against
 
-FILE = "acceptance.html"
-"""Name of the file."""
-_MOST, _LEAST = 12, 8
+_MOST, _LEAST, _FEW = 12, 8, 3
 """Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
-belongs to KPIs."""
-_HIGH, _LINE = 0.2, (50, 20, 16)
-"""Height that curves gain without a line of a table, in inches, and characters of a name, limits
-and a value that stay on a line."""
+belongs to KPIs, and how many KPIs stay on a page that is too full."""
+_LINE = (46, 20, 16)
+"""Characters of a name, limits and a value that stay on a line of a table."""
+_PAGE, _ROW, _MORE = 203.0, 4.1, 3.4
+"""Height of a page without headings and lines to sign, of a row, and of a further line in it, in mm."""
+_TALL, _INCH = 125.0, 25.4
+"""Largest height of curves with what follows them, and of an inch, in mm."""
 _PANELS = 3
 """Largest number of panels for which one page has room."""
 _KPI = ("title", "objective", "before", "after", "unit", "met")
@@ -35,50 +37,66 @@ _NEAR = 1e-6
 """Share of its size by which a value may miss a limit and still count as being at it."""
 
 
-def sheet(record: StudyRecord) -> str:
+def sheet(record: StudyRecord, verified: Verified | None = None) -> str:
     """Return the text of the sheet, a self-contained page that prints on one A4 or Letter page.
+
+    Args:
+        record: Record of the study.
+        verified: What was verified of the result; None if nothing was.
 
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
     content = sheet_of(record)
-    rows = [
-        (each["name"], each["cells"][0]["text"], each["cells"][2]["text"])
-        for each in (*content["knobs"]["rows"], *content["kpis"]["rows"][:-1])
-    ]
-    lines = sum(1 + max(len(text) // room for text, room in zip(row, _LINE, strict=True)) for row in rows)
-    picture = _curves(record, height=min(5.0, max(2.0, 2.4 + _HIGH * (2 * _MOST - lines))))
+    room = min(content["room"], _TALL)
+    holds = unverified(record) if verified is None else verified_answers(verified)
+    height = left(room, holds)
+    picture = _curves(record, height=height / _INCH) if height else b""
+    curves, made = picture and data_uri(picture), Markup(section(holds, room))
     template = environment().get_template("report/acceptance.html.j2")
-    return template.render(record=record, sheet=content, curves=picture and data_uri(picture))
+    return template.render(record=record, sheet=content, holds=made, curves=curves)
 
 
 def sheet_of(record: StudyRecord) -> dict[str, Any]:
     """Return the content of the sheet of a study with a completed experiment.
 
     Returns:
-        `facts`: paragraphs on the study; `of`: its name and dates, which follow "Acceptance sheet";
+        `of`: name and dates of the study, which follow "Acceptance sheet"; `answers`: what is asked;
         `knobs`: table of the knobs, and of a PID in its parallel form; `kpis`: table of the KPIs,
         largest change first, of limits kept, and how the runs ended; `more_knobs`, `more_kpis`:
-        numbers of those for which the page has no room.
+        numbers of those for which the page has no room; `room`: what is left of it in mm.
     """
     assert record.best is not None
     before, after = record.before, record.best
     knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gain_rows(record)]
     limits = list(limits_kept(before.experiment, after.experiment))[: _MOST - _LEAST]
-    room = _MOST - len(limits)
-    shown = foremost(kpis, room, lambda kpi: kpi["cells"][0]["text"] != "–")
-    ends = _row("run ended", "", before.experiment.end.value, after.experiment.end.value)
+    limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))
+    asked = answers(record)
+    room = left(_PAGE, asked) - _height(knobs[:_MOST]) - _height(limits)
+    shown = list(kpis)
+    while len(shown) > _MOST - len(limits) or (
+        _height(shown) > room - LINE * MOST_VERIFIED and len(shown) > _FEW
+    ):
+        shown = foremost(kpis, len(shown) - 1, lambda kpi: kpi["cells"][0]["text"] != "–")
     heads = [record.baseline, f"experiment {after.number}", "unit"]
-    rows, columns = [*shown, *limits, ends], ["KPI", "required", *heads, "met"]
+    rows, columns = [*shown, *limits], ["KPI", "required", *heads, "met"]
     when = record.origin.get("when (UTC)")
     return {
-        "facts": list(_facts(record)),
         "of": f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' if when else ''}",
         "knobs": table("Controller parameters", ["parameter", "range", *heads], knobs[:_MOST], kind="sheet"),
         "kpis": table("Key performance indicators", columns, rows, kind="sheet"),
         "more_knobs": len(knobs[_MOST:]),
-        "more_kpis": max(len(kpis) - room, 0),
+        "more_kpis": len(kpis) - len(shown),
+        "answers": asked,
+        "room": room - _height(shown),
     }
+
+
+def _height(rows: Sequence[dict[str, Any]]) -> float:
+    """Return the height of rows of a table in mm."""
+    texts = [(row["name"], row["cells"][0]["text"], row["cells"][2]["text"]) for row in rows]
+    more = sum(max(len(text) // most for text, most in zip(row, _LINE, strict=True)) for row in texts)
+    return _ROW * len(rows) + _MORE * more
 
 
 def _row(
@@ -88,28 +106,6 @@ def _row(
     verdict, kind = {True: ("yes", "yes"), False: ("NO", "no"), None: ("–", "")}[met]
     new = cell(after, kind="best")
     return row(name, [cell(limits or "–"), cell(before), new, cell(unit), cell(verdict, kind=kind)])
-
-
-def _facts(record: StudyRecord) -> Iterator[str]:
-    """Yield how much was tried, who answered, and how to get back, a paragraph each."""
-    assert record.best is not None
-    before, after = record.before.number, record.best.number
-    by = record.origin.get("answered by", "a score")
-    counted = f"{len(record.trials)} experiments, {record.questions} comparisons by {by}"
-    partial = record.stopped and not record.good_enough
-    state = "; the study is not complete" if partial else ""
-    digits = record.origin.get("fingerprint of the scenario")
-    made = f", fingerprint of the scenario {digits}" if digits else ""
-    yield f"{counted}, prefcal {versions()['prefcal']}{made}{state}."
-    name = record.baseline
-    words = f"Before: {name} (experiment {before}). After: experiment {after}."
-    if before == after:
-        none = f"No experiment was better than the {name}."
-        words += f" {none if record.questions else 'Nothing was compared.'}"
-    if name == FIRST:
-        yield f"{words} It was chosen by prefcal: the tuning in use was not given (--start)."
-    else:
-        yield f"{words} To go back, set the parameters of the column “{name}”."
 
 
 def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
@@ -131,7 +127,7 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
 
 
 def limits_kept(before: Experiment, after: Experiment) -> Iterator[dict[str, Any]]:
-    """Yield a line for each input and output with limits: how long it was at or beyond one.
+    """Yield a line for each input and output with limits, how long it was there, and for each input's moves.
 
     An input saturates at a limit. An output is outside beyond one. Both are shares of the time;
     several runs of an experiment (maneuvers, variants) count together.
@@ -143,6 +139,15 @@ def limits_kept(before: Experiment, after: Experiment) -> Iterator[dict[str, Any
             old, new = (_share(e, i, channel, output=output) for e in (before, after))
             what = "outside its limits" if output else "saturated"
             yield _row(f"{channel.name} {what}", limits, old, new)
+    for i, channel in enumerate(after.channels.u):
+        old, new = (number(_largest_move(e, i)) for e in (before, after))
+        yield _row(f"{channel.name}, largest step between samples", "", old, new, channel.unit)
+
+
+def _largest_move(experiment: Experiment, i: int) -> float:
+    """Return the largest change of an input from one instant to the next; NaN if it was not recorded."""
+    moves = [np.abs(np.diff(run.u[:, i])) for run in experiment.runs or (experiment,) if len(run.t) > 1]
+    return max((float(each.max()) for each in moves), default=np.nan)
 
 
 def _limits(channel: Channel) -> str:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.control import Controller
+from prefcal_env.experiments.experiment import End
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
@@ -34,12 +35,16 @@ class Tuning:
         theta: Tuning, physical, shape (n,).
         before: What it was compared with, shape (n,); None if the file does not say.
         baseline: What that is, such as "current tuning".
+        kpis: Its KPIs in the study; those that are not finite are left out.
+        end: How its experiment in the study ended.
     """
 
     scenario: Scenario
     theta: Float[np.ndarray, " n"]
     before: Float[np.ndarray, " n"] | None
     baseline: str
+    kpis: Mapping[str, float]
+    end: End
 
 
 REBUILD = """\
@@ -149,7 +154,9 @@ def tuning_of(path: str | Path) -> Tuning:
     before = content.get("before") or {}
     start = before.get("theta")
     known = None if start is None else _values(scenario, start, path)
-    return Tuning(scenario, theta, known, str(before.get("what", "")))
+    kpis = {name: value for name, value in content.get("kpis", {}).items() if value is not None}
+    end = End(content.get("ended", End.TIME_UP))
+    return Tuning(scenario, theta, known, str(before.get("what", "")), kpis, end)
 
 
 def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
@@ -162,7 +169,6 @@ def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
 def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
     """Return the scenario of a best.json with the ranges of its study."""
     scenario = _scenario(content["scenario"], Path(path).parent)
-    _named_knobs(scenario, content["theta"], path)
     try:
         return with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
     except (TypeError, ValueError) as error:
@@ -171,18 +177,14 @@ def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
 
 def _values(scenario: Scenario, theta: Any, path: str | Path) -> Float[np.ndarray, " n"]:
     """Return the values of θ in a best.json, shape (n,)."""
-    _named_knobs(scenario, theta, path)
-    try:
-        return scenario.space.check(np.array(list(theta.values()), dtype=float))
-    except (TypeError, ValueError) as error:
-        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
-
-
-def _named_knobs(scenario: Scenario, theta: Any, path: str | Path) -> None:
     if not isinstance(theta, Mapping) or list(theta) != list(scenario.space.names):
         raise ScenarioError(
             f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta}"
         )
+    try:
+        return scenario.space.check(np.array(list(theta.values()), dtype=float))
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
 
 
 def jsonable(value: Any) -> Any:

@@ -62,6 +62,7 @@ class StudyRecord:
         dates: Times of the study's first and last event.
         baseline: What the first experiment is, with which the result is compared; see `baseline_of`.
         fingerprint: Fingerprint of the scenario's files; empty if unknown.
+        digest: SHA-256 of the study file, in hexadecimal digits; empty if there is none.
     """
 
     scenario: Scenario
@@ -85,6 +86,7 @@ class StudyRecord:
     dates: tuple[str, ...] = ()
     baseline: str = FIRST
     fingerprint: str = ""
+    digest: str = ""
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from prefcal_app.summary.compare import Spread
 from prefcal_app.summary.counts import VERDICTS
 from prefcal_app.view.end import gain_view, gained
-from prefcal_app.view.sides import theta_texts
+from prefcal_app.view.sides import theta_texts, theta_view
 from prefcal_app.view.tables import cell, column, judged, row, table
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
@@ -45,7 +45,8 @@ def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:
 def gain_of(record: StudyRecord) -> dict[str, Any]:
     """Return what was gained over the baseline, as the page shows it."""
     assert record.best is not None
-    return gain_view(record.baseline, record.best.index, gain_rows(record))
+    before = theta_view(record.scenario.space, record.before.experiment)
+    return gain_view(record.baseline, record.best.index, gain_rows(record), before)
 
 
 def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -> list[_T]:

@@ -58,6 +58,8 @@ class _Block:
     heading: str
     rows: Sequence[_Row]
     curves: Sequence[DrawnRun]
+    own: bool = False
+    """Whether targets and limits are those of the first run, not of the scenario."""
 
 
 def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]:
@@ -93,7 +95,12 @@ def best_against(
 
 
 def figure(
-    scenario: Scenario, left: Experiment, right: Experiment, labels: tuple[str, str] = ("1", "2")
+    scenario: Scenario,
+    left: Experiment,
+    right: Experiment,
+    labels: tuple[str, str] = ("1", "2"),
+    *,
+    own: bool = False,
 ) -> Figure:
     """Draw two experiments side by side on equal axes, a row for each panel and maneuver.
 
@@ -102,6 +109,7 @@ def figure(
         left: Left experiment.
         right: Right experiment.
         labels: Labels of the left and the right experiment.
+        own: Whether each has targets and limits of its own, as on a varied plant.
     """
     pair = (DrawnRun(left, labels[0], BEST, 1.9), DrawnRun(right, labels[1], OTHERS[0], 1.9))
     parts = maneuvers_of(left, right)
@@ -110,7 +118,7 @@ def figure(
         rows = [(panel, False) for panel in panels_of(scenario, *runs)]
         for curve, run in zip(pair, runs, strict=True):
             heading = part if curve is pair[0] else ""
-            blocks.append(_Block(heading, rows, [replace(curve, experiment=run)]))
+            blocks.append(_Block(heading, rows, [replace(curve, experiment=run)], own))
     with style():
         drawn, tops = _drawn(blocks, 2, 0.8 + 1.75 * sum(len(b.rows) for b in blocks) / 2)
         up = 15 if any(parts) else 0  # above the name of the first maneuver
@@ -258,7 +266,7 @@ def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_Row
 def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
     """Draw the curves of a block; `short` titles name only the signal and its unit."""
     for place, (panel, zoomed) in zip(axes, block.rows, strict=True):
-        channel = panel.channel
+        channel = _own(panel, block.curves[0].experiment) if block.own else panel.channel
         _limits(place, channel)
         for curve in block.curves:
             _reference(place, panel, curve.experiment)
@@ -269,6 +277,17 @@ def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
             place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
         place.margins(x=0.01)
     axes[-1].set_xlabel(f"time [{block.curves[0].experiment.channels.time_unit}]")
+
+
+def _own(panel: Plot, experiment: Experiment) -> Channel:
+    """Return the channel of a panel, with the target and the limits of this run where both have them."""
+    found = [c for c in (*experiment.channels.y, *experiment.channels.u) if c.name == panel.name]
+    changes = {}
+    for name in ("target", "low", "high") if found else ():
+        drawn, own = getattr(panel.channel, name), getattr(found[0], name)
+        if drawn is not None and own is not None and np.isfinite([drawn, own]).all():
+            changes[name] = panel.scale * own
+    return replace(panel.channel, **changes)
 
 
 def _reference(axes: Axes, panel: Plot, experiment: Experiment) -> None:

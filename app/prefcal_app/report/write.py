@@ -5,8 +5,10 @@ from pathlib import Path
 
 from prefcal_scenarios.presentation.folder import put
 from prefcal_scenarios.scenario import Picture
+from prefcal_scenarios.verification.verified import Verified
 
-from .acceptance import FILE, sheet
+from .acceptance import sheet
+from .answers import FILE
 from .export import best_as_json
 from .html import page
 from .pictures import PICTURES, draw
@@ -35,7 +37,7 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     for d in drawn:
         put(folder / d.picture.file, d.content)
     if record.best is not None:
-        put(folder / FILE, sheet(record).encode())
+        put(folder / FILE, sheet(record, Verified.read(folder)).encode())
     else:
         (folder / FILE).unlink(missing_ok=True)
     report = folder / "report.html"

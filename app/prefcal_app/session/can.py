@@ -135,6 +135,7 @@ REFUSALS: Mapping[str, Callable[[Flow, Study], PrefcalError | None]] = MappingPr
         "repeat": _repeat,
         "pace": _pace,
         "ask_for": _ask_for,
+        "choose": _go_on,
         "record": _record,
         "write_and_start": _write_and_start,
         "stop_run": _stop_run,

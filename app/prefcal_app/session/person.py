@@ -48,6 +48,7 @@ class Steps:
     repeat = _step("repeat", steps.repeat)
     pace = _step("pace", steps.pace)
     ask_for = _step("ask_for", steps.ask_for)
+    choose = _step("choose", steps.choose)
     record = _step("record", records.record)
     write_and_start = _step("write_and_start", runs.confirm)
     stop_run = _step("stop_run", runs.stop)

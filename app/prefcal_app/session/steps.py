@@ -6,11 +6,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents import GLISp
-from prefcal_env.errors import PreferenceError, StaleError, StudyError
-from prefcal_env.preferences.answer import Answer
+from prefcal_env.errors import PreferenceError, ProtocolError, StaleError, StudyError
+from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import Adjusted, Answered, Marked, Requested, Retracted, Shown, Undone
 
+from . import runs
 from .can import CLOSED
 from .flow import Flow, Latest
 from .study.memory import QUESTIONS
@@ -149,6 +150,30 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> N
     index = flow.state.history.answered
     flow.append(Requested(index, sample.z, sample.theta), *flow.finished(index, np.array(sample.theta)))
     flow.proceed()
+
+
+def choose(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...], best: int) -> None:
+    """Choose a simulated `theta`, shape (n,), after the end, instead of experiment `best`.
+
+    It is asked for, and the question about it is answered by the choice, if its run is known from a
+    look at both; then the study is over again. A plant has to run it first: that is all that follows.
+
+    Raises:
+        StaleError: If another experiment is the best by now.
+        ProtocolError: If `theta` was tried before.
+        KnobError: If the space does not hold it, or a constraint forbids it.
+    """
+    if flow.study.best != best:
+        raise StaleError("another experiment is the best by now: look at both again")
+    wanted = flow.agent.space.check_allowed(np.array(theta))
+    if flow.agent.space.close(wanted, flow.agent.samples).any():
+        raise ProtocolError("an experiment was run with this θ: it was compared already")
+    runs.go_on(flow, more=int(flow.state.history.answered >= flow.state.n_max))
+    ask_for(flow, wanted)
+    asked, samples = flow.question, flow.state.history.samples
+    if asked is not None and np.array_equal(samples[asked.challenger.index].theta, wanted):
+        _close(flow, asked, Answer(Preference.CHALLENGER, marks=asked.marks))
+        runs.finish(flow)
 
 
 def pace(flow: Flow, questions: int) -> None:

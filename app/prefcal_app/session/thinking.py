@@ -118,20 +118,23 @@ def is_untold(flow: Flow) -> bool:
     known = flow.thoughts.grounds(flow.agent)
     if known is None or flow.thoughts.prefetch.told:
         return False
-    return known.carried is None or known.carried.over is not (flow.phase is Phase.OVER)
+    carried, over = known.carried, flow.phase is Phase.OVER
+    return carried is None or not carried.complete or carried.over is not over
 
 
 def tell(flow: Flow) -> Attempt:
     """Work out what the answer can change or, at the end, what was wanted; nothing after an error."""
     known, over = flow.thoughts.grounds(flow.agent), flow.phase is Phase.OVER
     assert known is not None
-    flow.thoughts.prefetch.told = True
+    carried = None if known.carried is None or known.carried.over is not over else known.carried
+    flow.thoughts.prefetch.told = not over or carried is not None  # else the smaller change comes next
 
     def told(twin: Screening) -> Basis:
         try:
-            return replace(known, carried=Carried.of(twin, over=over))
+            return known.completed(twin) if carried else replace(known, carried=Carried.of(twin, over=over))
         except Exception:
-            return replace(known, carried=Carried(over, None, None, {}, ()))
+            failed = carried or Carried(over, None, None, {}, ())
+            return replace(known, carried=replace(failed, complete=True))
 
     return _looking(flow, told)
 

@@ -1,7 +1,7 @@
 """What the open question was chosen from: the simulated θ, and why this one is shown."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -10,9 +10,10 @@ from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.certificate import Certificate
-from prefcal_agents.screening.reason import Reason, Robustness
+from prefcal_agents.screening.reason import Reason, RobustResult
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.influence import Influence, Stakes, decisive
+from prefcal_agents.utility.smaller_change import SmallerChange
 from prefcal_agents.utility.wishes import Wished
 from prefcal_env.preferences.history import History, Sample
 
@@ -27,7 +28,11 @@ class Carried:
         decisive: The answer that carries the result; None if none alone does.
         menu: Rows of the bank that the person might prefer to the result, with why.
         wishes: What the person wanted by the answers, what matters most first.
+        objections: Rows of the bank to compare with the result, by the KPI that matters more than
+            was said.
         robustness: How the result of a robust study holds, and what that costs.
+        smaller: The result with knobs as in the current tuning; None if none can be.
+        complete: Whether `smaller` is worked out, which takes more simulations.
     """
 
     over: bool
@@ -35,7 +40,10 @@ class Carried:
     decisive: Influence | None
     menu: Mapping[int, Reason]
     wishes: tuple[Wished, ...]
-    robustness: Robustness | None = None
+    objections: Mapping[str, int] = field(default_factory=dict)
+    robustness: RobustResult | None = None
+    smaller: SmallerChange | None = None
+    complete: bool = True
 
     @classmethod
     def of(cls, agent: Screening, *, over: bool) -> "Carried":
@@ -44,7 +52,8 @@ class Carried:
             return cls(False, agent.stakes, None, {}, ())
         best = agent.best_index
         found = None if best is None else decisive(agent.influences, best)
-        return cls(True, None, found, agent.menu, agent.wishes, agent.robustness)
+        told = found, agent.menu, agent.wishes, agent.objections, agent.robustness
+        return cls(True, None, *told, complete=not agent.setup.start)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -70,6 +79,13 @@ class Basis:
     trend: Float[np.ndarray, " n"] | None = None
     certificate: Certificate | None = None
     carried: Carried | None = None
+
+    def completed(self, agent: Screening) -> "Basis":
+        """Return this with the smaller change that `agent` simulates, which is then in the bank."""
+        assert self.carried is not None
+        smaller = agent.smaller_change
+        bank = self.bank if smaller is None else agent.with_simulated(np.array([smaller.theta]))
+        return replace(self, bank=bank, carried=replace(self.carried, smaller=smaller, complete=True))
 
     @classmethod
     def of(cls, agent: Screening) -> "Basis":

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.screening.certificate import Certificate
+from prefcal_agents.screening.certificate import MOST, Certificate
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.bank import Bank
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario
 
 from .basis import Basis, Carried
-from .why import carried_by, percent, robust, wanted
+from .why import carried_by, kept, percent, robust, wanted
 
 _UNLIKELY = 0.1
 """Chance below which stopping is offered."""
@@ -43,7 +43,7 @@ class Prospect:
         if said is not None and said.share is not None and said.chance is not None:
             left = (
                 f"With {percent(said.probability)} probability, fewer than {percent(said.share)} of θ drawn "
-                "at random are noticeably better than the best so far."
+                f"at random are noticeably better than the best so far.{_as_good_as(said)}"
             )
             return (
                 f"{left if said.share < 1 else 'It is too early to say how much better is left.'} The chance "
@@ -60,6 +60,17 @@ class Prospect:
         """Return the offer to stop; empty if there is a reason to continue."""
         chance = self.chance if self.certificate is None else self.certificate.chance
         return f"{self.text} Stop here, or go on?" if chance is not None and chance < _UNLIKELY else ""
+
+
+def _as_good_as(said: Certificate) -> str:
+    """Return how many random experiments the result is equal to, as a sentence after another one."""
+    if said.experiments is None:
+        return ""
+    low, middle, high = (
+        f"{float(f'{n:.2g}'):,.0f}" if n < MOST else f"more than {MOST:,}" for n in said.experiments
+    )
+    about = middle if middle.startswith("more") else f"about {middle}"
+    return f" It is as good as the best of {about} random experiments (90 %: {low} to {high})."
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -94,7 +105,8 @@ class Screened:
     @property
     def told_result(self) -> bool:
         """Return whether it is worked out what carries the result of a study that is over."""
-        return self.basis.carried is not None and self.basis.carried.over
+        carried = self.basis.carried
+        return carried is not None and carried.over and carried.complete
 
     @property
     def carried(self) -> Carried | None:
@@ -103,13 +115,18 @@ class Screened:
         return self.basis.carried if certificate is None or certificate.explained else None
 
     def result(self, scenario: Scenario) -> tuple[str, ...]:
-        """Return how it holds, what was wanted, and on which answer it rests; empty while not known."""
+        """Return how the result holds, what was wanted, what it rests on, and what need not change.
+
+        Empty while not known.
+        """
         found, carried = self.basis.carried, self.carried
         if found is None or not found.over:
             return ()
-        said = () if carried is None else (wanted(carried.wishes, scenario), carried_by(carried.decisive))
-        held = () if found.robustness is None else robust(found.robustness, scenario)
-        return tuple(filter(None, (*held, *said)))
+        told = () if found.robustness is None else tuple(robust(found.robustness, scenario))
+        if carried is not None:
+            told += wanted(carried.wishes, scenario), carried_by(carried.decisive)
+            told += (kept(carried.smaller, scenario),)
+        return tuple(filter(None, told))
 
     def row(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Return the row of the bank that a person cannot tell from θ, shape (n,); None if none.

@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 
-from prefcal_agents.screening.reason import Reason, Robustness
+from prefcal_agents.screening.reason import Reason, RobustResult
 from prefcal_agents.screening.simulations import ENOUGH
 from prefcal_agents.utility.influence import Influence, Stakes
+from prefcal_agents.utility.smaller_change import SmallerChange
 from prefcal_agents.utility.wishes import Wished
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -133,6 +134,17 @@ def carried_by(influence: Influence | None) -> str:
     )
 
 
+def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
+    """Return which knobs can stay as they were, as one sentence; empty if none can."""
+    if smaller is None:
+        return ""
+    names = [scenario.space.names[knob] for knob in smaller.kept]
+    return (
+        f"{len(names)} of {len(scenario.space)} knobs can stay as before ({_listed(names)}) without "
+        f"looking worse to you (chance that it does: {percent(smaller.chance)})."
+    )
+
+
 def _held(kept: int, which: str) -> str:
     """Return in one sentence how many perturbed runs keep the limits before one does not."""
     if kept >= ENOUGH:
@@ -140,7 +152,7 @@ def _held(kept: int, which: str) -> str:
     return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not keep the limits."
 
 
-def robust(found: Robustness, scenario: Scenario) -> Iterator[str]:
+def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     """Yield how the result holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result")
     kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()

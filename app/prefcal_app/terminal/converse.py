@@ -11,6 +11,7 @@ from rich.console import Console
 
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
 from prefcal_app.session.study.now import GOOD_ENOUGH, UNSAFE, LiveNow, Recovery
+from prefcal_app.session.study.study import ENOUGH
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.sources import Stage
@@ -85,7 +86,8 @@ class _Conversation:
                 self._wait(now)
             elif not self._one(now):
                 return
-        self._say(f"The study is finished: {now.state.ended}.")
+        more = f" (--n-max {now.state.n_max + 1} goes on)" if now.state.ended == ENOUGH else ""
+        self._say(f"The study is finished: {now.state.ended}{more}.")
         if self.interview.known.screens:
             self.interview.known.wait_for_screened(_EXPLAINED)
 

@@ -14,7 +14,8 @@ from prefcal_scenarios.scenario import KPI
 
 from . import tables
 from .seen import Seen
-from .simulated import decisive_view, menu_view
+from .sides import theta_view
+from .simulated import decisive_view, menu_view, objections_view, smaller_view
 
 FIRST, CURRENT = "first experiment", "current tuning"
 """Names of the first experiment: without and with a tuning that the person gave."""
@@ -48,22 +49,28 @@ def over_view(
         "next": next_view(interview, now, report),
         "decisive": decisive_view(interview),
         "menu": menu_view(interview),
+        "smaller": smaller_view(interview),
+        "objections": objections_view(interview),
     }
 
 
 def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
     both = interview.past.experiment(0), interview.past.experiment(best)
-    rows = gained(*both, interview.scenario.shown_kpis, seen.look(interview).spread)
-    return gain_view(baseline_of(now.state), best, rows)
+    baseline, scenario = baseline_of(now.state), interview.scenario
+    rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread)
+    return gain_view(baseline, best, rows, theta_view(scenario.space, both[0]))
 
 
-def gain_view(baseline: str, best: int, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def gain_view(
+    baseline: str, best: int, rows: Sequence[Mapping[str, Any]], before: list[dict[str, Any]]
+) -> dict[str, Any]:
     """Return the KPIs of the baseline next to those of the best experiment.
 
     Args:
         baseline: What the first experiment is; see `baseline_of`.
         best: Index of the best experiment.
         rows: What `gained` returns of both.
+        before: θ of the baseline, as `theta_view` returns it: the way back, if the person gave it.
     """
     kinds = {"better": "words yes", "worse": "words no", "": ""}
     lines = [
@@ -88,6 +95,8 @@ def gain_view(baseline: str, best: int, rows: Sequence[Mapping[str, Any]]) -> di
         "none": f"No experiment was better than the {baseline}: experiment {best + 1} is still the best.",
         "same": best == 0,
         "table": tables.table("What was gained", heads, lines, caption),
+        "before": before if best and baseline != FIRST else [],
+        "back": f"To go back, set the values of the {baseline}; best.json has them, too.",
     }
 
 

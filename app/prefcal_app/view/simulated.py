@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.utility.menu import between
 from prefcal_app.session import Interview, Now, Question, Side
 from prefcal_app.session.study.memory import is_robust
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, why
@@ -50,6 +51,15 @@ def decisive_view(interview: Interview) -> int | None:
     return None if carried is None or carried.decisive is None else carried.decisive.answer
 
 
+def smaller_view(interview: Interview) -> list[float] | None:
+    """Return θ of the smaller change, to look at and to ask for; None without one, or if it was shown."""
+    screened = interview.known.screened()
+    carried = None if screened is None else screened.carried
+    found = None if carried is None or carried.smaller is None else carried.smaller.theta
+    shown = {sample.theta for sample in interview.now().state.history.samples}
+    return None if found is None or found in shown else list(found)
+
+
 def menu_view(interview: Interview) -> list[dict[str, Any]]:
     """Return simulated θ that the person might prefer to the result; those shown are left out."""
     screened = interview.known.screened()
@@ -59,8 +69,21 @@ def menu_view(interview: Interview) -> list[dict[str, Any]]:
     names, bank = menu_names(carried.menu, interview.scenario), screened.bank
     shown = {screened.row(np.array(s.theta)) for s in interview.now().state.history.samples}
     return [
-        {"name": name, "theta": bank.thetas[row].tolist()} for row, name in names.items() if row not in shown
+        {"name": name, "theta": bank.thetas[row].tolist(), "row": row}
+        for row, name in names.items()
+        if row not in shown
     ]
+
+
+def objections_view(interview: Interview) -> list[dict[str, Any]]:
+    """Return the KPIs that a person can say matter more, each with the θ to compare with the result."""
+    screened = interview.known.screened()
+    carried = None if screened is None else screened.carried
+    if screened is None or carried is None:
+        return []
+    thetas, rows = screened.bank.thetas, carried.objections
+    kpis = [kpi for kpi in interview.scenario.kpis if kpi.name in rows]
+    return [{"name": kpi.title, "theta": thetas[rows[kpi.name]].tolist()} for kpi in kpis]
 
 
 def why_view(interview: Interview, now: Now) -> str:
@@ -99,7 +122,7 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
     screened, now = interview.known.screened(current=False), interview.now()
     if screened is None:
         return None
-    scenario, question = interview.scenario, now.question
+    scenario, question, bank = interview.scenario, now.question, screened.bank
     axes = _axes(screened, scenario)
     rows = {
         index: screened.row(np.array(now.state.history.samples[index].theta))
@@ -107,12 +130,18 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
     }
     numbers = {row: index + 1 for index, row in rows.items() if row is not None}
     sides = {} if question is None else {"left": question.left, "right": question.right}
+    best = None if now.incumbent is None else rows.get(now.incumbent)
     return {
         "version": now.version,
         "axes": [axis.as_json() for axis in axes],
         "chosen": _chosen(screened, axes),
         "points": _points(screened, axes, scenario, numbers),
-        "best": None if now.incumbent is None else rows.get(now.incumbent),
+        "best": best,
+        "ways": [
+            between(bank.kpis, ~bank.hopeless, best, choice["row"])
+            for choice in menu_view(interview)
+            if best is not None
+        ],
         "sides": {name: rows.get(side.index) for name, side in sides.items()},
         "over": now.state.ended is not None,
         "left_to_ask": max(interview.known.n_max - now.state.history.answered, 0),

@@ -166,6 +166,19 @@ class Api:
         preview = partial(preview_view, self.interview, given)
         return as_json(await run_in_threadpool(lambda: encoded(preview())))
 
+    async def seen_of(self, request: Request, view: Callable[[], Any]) -> Response:
+        """Return what a function returns that is no branch of the interview's view."""
+        _query(request, _BLIND)
+        return as_json(await run_in_threadpool(lambda: encoded(view())))
+
+    async def done_of(
+        self, request: Request, do: Callable[..., None], kind: type[Struct], view: Callable[[], Any]
+    ) -> Response:
+        """Call a function with a body of this kind, and return what `view` returns then."""
+        given = await _body(request, kind)
+        await run_in_threadpool(partial(do, **given))
+        return await self.seen_of(request, view)
+
     async def close(self, request: Request) -> Response:
         """Close the window after sending this response."""
         query = _query(request, _BLIND)

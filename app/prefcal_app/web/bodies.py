@@ -44,6 +44,7 @@ _FIELDS: dict[str, dict[str, Any]] = {
     "repeat": {},
     "pace": {"questions": Annotated[int, Meta(ge=1, le=MOST_QUESTIONS)]},
     "ask_for": {"theta": tuple[Real, ...]},
+    "choose": {"theta": tuple[Real, ...], "best": Whole},
     "stop_run": {"index": Whole},
     "write_and_start": {"index": Whole},
     "retry": {},
@@ -62,6 +63,13 @@ ACTIONS: Mapping[str, type[Struct]] = MappingProxyType(
 
 class Nothing(Struct, forbid_unknown_fields=True):
     """Body without fields."""
+
+
+class JudgedRun(Struct, forbid_unknown_fields=True):
+    """A verdict on one of the worst runs of a verification, numbered from 0."""
+
+    run: Whole
+    acceptable: bool
 
 
 Check = Callable[[str, str], Any]

@@ -150,11 +150,14 @@ class LinearPlant:
             states[~np.isfinite(states).all(axis=1)] = np.nan
         return states
 
-    def with_rates(self, rates: Float[np.ndarray, " n_x"]) -> "LinearPlant":
-        """Return the same continuous plant whose states change faster by these factors, shape (n_x,)."""
-        made, system = copy(self), self.system
-        rows = rates[:, None]
-        made.system = replace(system, A=system.A * rows, B=system.B * rows)
+    def scaled(
+        self, rates: Float[np.ndarray, " n_x"], gains: Float[np.ndarray, " n_u"], later: float
+    ) -> "LinearPlant":
+        """Return the same plant with faster states (1 if it is discrete), larger gains and later inputs."""
+        made, system, rows = copy(self), self.system, rates[:, None]
+        acting = np.append(gains, np.ones(len(self.disturbances)))
+        made.system = replace(system, A=system.A * rows, B=system.B * rows * acting, D=system.D * acting)
+        made.input_delay = tuple(later * each for each in self.input_delay)
         made._kept = {}
         made.__dict__.pop("_rates", None)
         return made

@@ -1,58 +1,137 @@
-"""What varies in the paper's case studies, whose runs are functions of their own."""
+"""Find what of a source can vary: its loop, the arguments of its run, or the parameters of its FMU."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from inspect import signature
 from typing import Any
+
+import numpy as np
 
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.cstr import cstr_env
 from prefcal_env.envs.overtake import OvertakeOptions
+from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.fmu import FMULoop
+from prefcal_env.knobs.knob import Knob, is_number
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.sources.function import Function, function_of
+from prefcal_env.sources.maneuvers import Maneuvers
+from prefcal_env.sources.source import Source, WithKPIs
+from prefcal_scenarios.cases.cstr.controller import controller
+from prefcal_scenarios.cases.cstr.kpis import compute_kpis
+from prefcal_scenarios.cases.loops.loop import Loop
+from prefcal_scenarios.described.fmu_scenario import FMURun
 
-from .factor import Factor, Values
-from .plants import PlantSubject
+from .compiled import of_loop
+from .factor import Factor, Values, within
+from .loops import of_closed_loop
+from .plants import CHANGE
+from .subject import Subject, of_maneuvers
+
+RIG = "it runs on a rig or a live plant, which cannot be varied: verify a model of it"
+_OURS = ("theta", "seed", "space")
 
 
-def reactor(function: Any) -> PlantSubject:
-    """Return what varies of the reactor; `function` is its run, perhaps for other ranges."""
-    from prefcal_scenarios.cases.cstr.controller import controller
-    from prefcal_scenarios.cases.cstr.kpis import compute_kpis
+def subject_of(source: Source, space: KnobSpace) -> Subject:
+    """Return what of a source can vary, for θ in `space`.
 
+    Raises:
+        ScenarioError: If nothing can; the message says what to add.
+    """
+    if isinstance(source, WithKPIs):
+        return subject_of(source.source, space).measured_as(source)
+    if isinstance(source, Maneuvers):
+        return of_maneuvers(source, {n: subject_of(each, space) for n, each in source.maneuvers.items()})
+    if source.asks:
+        raise ScenarioError(RIG)
+    function = function_of(source)
+    bare = function.func if isinstance(function, partial) else function
+    loop = bare.loop if isinstance(bare, FMURun) else getattr(bare, "__self__", bare)
+    if isinstance(loop, Loop):
+        return of_loop(loop, space)
+    if isinstance(loop, ClosedLoop):
+        return of_closed_loop(loop)
+    if isinstance(loop, FMULoop):
+        return of_fmu(loop)
+    return _CASES.get(getattr(bare, "__module__", ""), of_function)(function)
+
+
+def of_function(function: Any) -> Subject:
+    """Return the numbers that a run takes as arguments with a default, besides θ and the seed."""
+    given = signature(function).parameters.values() if callable(function) else ()
+    numbers = {p.name: float(p.default) for p in given if p.name not in _OURS and is_number(p.default)}
+    if not numbers:
+        raise ScenarioError(
+            "nothing of it can be varied, since it is only a function of θ: give the parameters of its plant "
+            "as arguments with a default, such as run(theta, seed=0, mass=1.2), or run it as a ClosedLoop"
+        )
+    return Subject(
+        tuple(Factor.around(name, "parameter", CHANGE, value) for name, value in numbers.items()),
+        ("only arguments of its run are varied: sensors, actuators and the task are in its code",),
+        partial(_with_arguments, function),
+    )
+
+
+def _with_arguments(function: Any, values: Values) -> Source:
+    return Function(partial(function, **values))
+
+
+def of_fmu(loop: FMULoop) -> Subject:
+    """Return the real parameters of an FMU that are no knobs, within its limits."""
+    free = [v for v in loop.model.parameters if v.name not in loop.parameters and not v.whole]
+    varied = [(v, Factor.around(v.name, "parameter", CHANGE, v.start, v.unit)) for v in free if v.start]
+    factors = tuple(replace(f, low=max(f.low, v.low), high=min(f.high, v.high)) for v, f in varied)
+    if not factors:
+        raise ScenarioError("its FMU has no other real parameters with a value: export those of the plant")
+    wider = loop.with_knobs([Knob(f.name, f.low, f.high, f.unit) for f in factors])
+    fixed = ", ".join(v.name for v in free if not v.start)
+    said = ["only parameters of the FMU are varied: sensors, actuators and the task are in it"]
+    said += [f"parameters of the FMU without a value, or with 0, are not varied: {fixed}"] if fixed else []
+    return Subject(factors, tuple(said), partial(_with_parameters, wider, factors))
+
+
+def _with_parameters(wider: FMULoop, factors: tuple[Factor, ...], values: Values) -> Source:
+    return Function(partial(_attempt, wider, [values.get(f.name, f.nominal) for f in factors]))
+
+
+def _attempt(wider: FMULoop, more: list[float], theta: Any, seed: int = 0) -> Experiment:
+    """Return the experiment of θ, shape (n,), in an FMU that has more values behind it."""
+    return replace(wider.attempt(np.array([*theta, *more])), theta=theta)
+
+
+def _reactor(function: Any) -> Subject:
+    """Return what varies of the reactor; `function` is its run, perhaps for other ranges.
+
+    An exponent changes the rate by e^0.3 for 1 %, and the gas constant does not change.
+    """
     given = {k: v for k, v in getattr(function, "keywords", {}).items() if k == "space"}
-    return PlantSubject(ClosedLoop(cstr_env(), partial(controller, **given), compute_kpis))
+    found = of_closed_loop(ClosedLoop(cstr_env(), partial(controller, **given), compute_kpis))
+    return replace(found, factors=within(found.factors, {"E": 0.01, "R": 0.0}))
 
 
-class Overtaking:
-    """What varies of the overtaking: the car's wheelbase, which the MPC does not know, and its start."""
-
+def _overtaking(function: Any) -> Subject:
+    """Return the car's wheelbase, which the MPC does not know, and where it starts."""
+    options = getattr(function, "keywords", {}).get("options") or OvertakeOptions()
     factors = (
-        Factor.around("wheelbase", "parameter", 0.1, 4.5, "m"),
+        Factor.around("wheelbase", "parameter", CHANGE, options.wheelbase, "m"),
+        Factor("distance at the start", "task", 0.0, -5.0, 5.0, "m"),
         Factor("start beside the center line", "task", 0.0, -0.3, 0.3, "m"),
         Factor("heading at the start", "task", 0.0, -0.03, 0.03, "rad"),
-        Factor("distance at the start", "task", 0.0, -5.0, 5.0, "m"),
     )
-    left_out = ("sensors and actuators of the car are ideal, and the obstacle drives as in the paper",)
-
-    def __init__(self, function: Any) -> None:
-        self.function = function
-        self.options = getattr(function, "keywords", {}).get("options") or OvertakeOptions()
-
-    def at(self, values: Values) -> Callable[..., Experiment]:
-        """Return the run of the varied scene."""
-        names = [factor.name for factor in self.factors[1:]]
-        beside, heading, ahead = (values.get(name, 0.0) for name in names)
-        x, y, angle = self.options.x0
-        scene = replace(
-            self.options,
-            x0=(x + ahead, y + beside, angle + heading),
-            wheelbase=values.get("wheelbase", self.options.wheelbase),
-        )
-        return partial(self.function, options=scene)
+    said = "sensors and actuators of the car are ideal, and the obstacle drives as in the paper"
+    return Subject(factors, (said,), partial(_in_scene, function, options, factors[1:]))
 
 
-CASES: Mapping[str, Callable[[Any], Any]] = {
-    "prefcal_scenarios.cases.cstr.scenario": reactor,
-    "prefcal_scenarios.cases.overtake.scenario": Overtaking,
+def _in_scene(function: Any, options: OvertakeOptions, start: tuple[Factor, ...], values: Values) -> Source:
+    x, y, heading = (x + values.get(f.name, 0.0) for x, f in zip(options.x0, start, strict=True))
+    wheelbase = values.get("wheelbase", options.wheelbase)
+    return Function(partial(function, options=replace(options, x0=(x, y, heading), wheelbase=wheelbase)))
+
+
+_CASES: Mapping[str, Callable[[Any], Subject]] = {
+    "prefcal_scenarios.cases.cstr.scenario": _reactor,
+    "prefcal_scenarios.cases.overtake.scenario": _overtaking,
 }
-"""Makers of what varies, by the module of the run."""
+"""What varies in the case studies, by the module of their run."""

@@ -1,8 +1,8 @@
 """One thing that varies from run to run of a verification."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +12,6 @@ from prefcal_env.knobs.knob import is_number
 from prefcal_env.wording import did_you_mean
 
 Kind = Literal["parameter", "dead time", "sensor", "actuator", "task"]
-KINDS: tuple[Kind, ...] = ("parameter", "dead time", "sensor", "actuator", "task")
 Values = Mapping[str, float]
 """Values of factors by name, in their units; those left out are nominal."""
 Ranges = Mapping[str, float | Sequence[float]]
@@ -25,7 +24,7 @@ class Factor:
 
     Args:
         name: Name for people, such as "gain of valve".
-        kind: What it belongs to, one of `KINDS`.
+        kind: What it belongs to.
         nominal: Value of the study.
         low: Lowest value.
         high: Highest value.
@@ -57,49 +56,37 @@ class Factor:
         return self.low + share * (self.high - self.low)
 
 
-def chosen(
-    factors: Iterable[Factor], ranges: Ranges | None, vary: Collection[str] | None
-) -> tuple[Factor, ...]:
-    """Return the factors that vary.
+def within(factors: Iterable[Factor], ranges: Ranges) -> tuple[Factor, ...]:
+    """Return the factors that vary, with these relative changes in place of the usual ones.
 
-    Args:
-        factors: All that can vary.
-        ranges: Relative changes in place of the usual ones; 0 leaves a factor out.
-        vary: Kinds or names of the factors to vary; None for all.
+    A name comes before its kind, and a change of 0 leaves a factor out.
 
     Raises:
         SettingsError: If a name is unknown, or a change is no number or has no direction.
     """
-    all_ = list(factors)
-    known = {factor.name for factor in all_} | set(KINDS)
-    for name in (*(ranges or ()), *(vary or ())):
+    found = list(factors)
+    known = {*(factor.name for factor in found), *get_args(Kind)}
+    for name, change in ranges.items():
         if name not in known:
             raise SettingsError(
                 f"nothing that varies is called {name!r}.{did_you_mean(name, known)} Expected one of "
                 f"{sorted(known)}"
             )
-    found = []
-    for factor in all_:
-        if vary is not None and not {factor.name, factor.kind} & set(vary):
-            continue
-        change = (ranges or {}).get(factor.name, (ranges or {}).get(factor.kind))
-        kept = factor if change is None else _changed(factor, change)
-        if kept.low != kept.nominal or kept.high != kept.nominal:
-            found.append(kept)
-    return tuple(found)
+        both = [-change, change] if isinstance(change, int | float) else list(change)
+        if len(both) != 2 or not all(is_number(e) and np.isfinite(e) for e in both) or both[0] > both[1]:
+            raise SettingsError(f"the range of {name!r} must be a number or two, low first, got {change!r}")
+    changed = (_changed(f, ranges.get(f.name, ranges.get(f.kind))) for f in found)
+    return tuple(f for f in changed if f.low != f.nominal or f.high != f.nominal)
 
 
-def _changed(factor: Factor, change: float | Sequence[float]) -> Factor:
-    both = [change, change] if isinstance(change, int | float) else list(change)
-    if len(both) != 2 or not all(is_number(each) and np.isfinite(each) for each in both):
-        raise SettingsError(f"the range of {factor.name!r} must be one or two numbers, got {change!r}")
-    if (isinstance(change, int | float) and change < 0) or both[0] > both[1]:
-        raise SettingsError(f"the range of {factor.name!r} must go from low to high, got {change!r}")
-    wide = Factor.around(factor.name, factor.kind, change, factor.nominal, factor.unit)
+def _changed(factor: Factor, change: float | Sequence[float] | None) -> Factor:
+    if change is None:
+        return factor
+    wide = Factor.around(factor.name, factor.kind, change, factor.nominal)
     return replace(factor, low=wide.low, high=wide.high)
 
 
-def drawn(factors: Sequence[Factor], seed: int, k: int) -> Float[np.ndarray, " n"]:
-    """Return the values of run k, shape (n,): independent of all other runs and of their number."""
-    shares = np.random.default_rng([seed, k]).random(len(factors))
-    return np.array([f.value(s) for f, s in zip(factors, shares.tolist(), strict=True)])
+def drawn(factors: Sequence[Factor], seed: int, k: int) -> dict[str, float]:
+    """Return the values of run k by name: independent of all other runs and of their number."""
+    shares: Float[np.ndarray, " n"] = np.random.default_rng([seed, k]).random(len(factors))
+    return {f.name: f.value(share) for f, share in zip(factors, shares.tolist(), strict=True)}

@@ -1,206 +1,232 @@
-"""What varies in the closed loops that come with prefcal."""
+"""What varies in a closed loop of any plant and controller."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 
+from prefcal_env.controllers.margins import Margins, margins
+from prefcal_env.envs.closed_loop import ClosedLoop, ControllerFactory
+from prefcal_env.envs.dead_time import dead_times
+from prefcal_env.envs.fit import tracked_of
+from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.step_signal import StepSignal
-from prefcal_env.envs.task import Task
-from prefcal_env.experiments.control import Controller
+from prefcal_env.envs.task import Signal, Task
+from prefcal_env.errors import PlantError, ScenarioError, SettingsError
+from prefcal_env.experiments.control import Controller, Measurement, Move
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.cases.loops.controllers import Gains, Tunable, TunedLQR, TunedPID
-from prefcal_scenarios.cases.loops.controllers import Values as Knobs
-from prefcal_scenarios.cases.loops.loop import Actuator, Loop
-from prefcal_scenarios.cases.loops.plant import CompiledPlant
-from prefcal_scenarios.cases.loops.right_hand_sides import Linear, Parameters
+from prefcal_env.plants.jacobians import U, X, Y
+from prefcal_env.plants.plant import Plant
+from prefcal_env.sources.function import Function
 
-from .factor import Factor, Kind, Values
-from .plants import DELAY, GRAIN, LOAD, NOISE, PLAY, narrowed
-from .rest import rest
+from .factor import Factor, Values
+from .plants import SIZE, factors_of, varied_plant
+from .rest import at_rest, rest
+from .subject import Subject
 
-_SIZE, _WEAR, _RANGE = 0.2, (-0.5, 1.0), 0.1
-"""Relative changes: of dead time, reference and load; of noise and roughness; of an input's range."""
-_PLAY = 0.005
-"""Largest half backlash of an actuator without any, as a share of its range."""
-_ROOM = 2.0
-"""Distance of a limit from the target, in steps, that leaves room for other references."""
-_OFFSET = 0.1
-"""Largest change of the operating point, in steps."""
-DIRECTION, REFERENCE, START, WEAR = "direction of the step", "size of the step", "start", "roughness"
+_WEAR = (-0.5, 1.0)
+"""Relative change of noise."""
+_NOISE, _GRAIN, _PLAY, _OFFSET = 0.002, 0.005, 0.005, 0.1
+"""Largest noise of sensors without any, and resolution, as shares of the largest step; half backlash
+of actuators, as a share of the range; change of the operating point, as a share of the step."""
+NOISE, GRAIN, PLAY, LOAD = "noise", "resolution of sensors", "backlash", "size of the load"
+JITTER, _JITTER = "sampling jitter", 0.1
+"""Largest jitter, as a share of the period."""
+MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
+Build = Callable[[Plant, Task, Y, U], Callable[..., Experiment]]
+"""Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
+actuators, shape (n_u,), that returns the run; the controller stays as it is designed."""
 
 
-class LoopSubject:
-    """A `Loop` whose plant, sensors, actuators and task vary, while its controller stays.
+def of_closed_loop(loop: ClosedLoop) -> Subject:
+    """Return what varies in the loop of a `PlantEnv`. Raises ScenarioError if it has another one."""
+    env = loop.env
+    if not isinstance(env, PlantEnv):
+        raise ScenarioError(
+            "only the loop of a PlantEnv can be varied, since it says its plant and task: "
+            f"make its environment one, got {type(env).__name__}"
+        )
+    discrete = getattr(env.plant, "sample_time", 0.0) > 0
+    build = partial(_built, loop)
+    varied = VariedLoop(env.plant, env.task, build, loop.controller, jitters=not discrete)
+    return varied.subject(
+        "references and start are not varied: the KPIs are those of this step",
+        "margins and M_s, where they are KPIs, stay those of the nominal plant",
+    )
 
-    A model in the controller stays that of the study. Each varied plant starts at rest, at the
-    output at which the study starts: its controller had brought it there.
+
+def _built(loop: ClosedLoop, plant: Plant, task: Task, grain: Y, play: U) -> ClosedLoop:
+    make = partial(Worn.of, loop.controller, grain, play) if grain.any() or play.any() else loop.controller
+    return ClosedLoop(PlantEnv(plant, task), make, loop.kpis)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VariedLoop:
+    """A closed loop whose plant, sensors, actuators and task vary, while its controller stays.
+
+    A varied plant starts at rest with the outputs of the study: its controller had brought it there.
+
+    Args:
+        plant: Plant of the study.
+        task: Task of the study.
+        build: What a loop does.
+        controller: Function of θ that makes the controller.
+        wears: Whether sensors can have a resolution, and actuators backlash.
+        jitters: Whether periods can differ.
+        moves: What varies of the step: `SHIFT`, `REFERENCE`, `DIRECTION` or less.
     """
 
-    def __init__(self, loop: Loop, space: KnobSpace) -> None:
-        self.loop, self.space = loop, space
-        self.law = isinstance(loop.controller, TunedPID | TunedLQR)
-        said = ["sampling jitter is not varied: the loop is simulated with constant periods"]
-        said += ["no rate of an actuator is known, so none is varied"]
-        if not self.law:
-            said += ["sensors and actuators of an MPC are ideal here: only noise and ranges are varied"]
-        if not loop.plant.dead_time:
-            said += ["the plant has no dead time, and none is added: see the delay margin"]
-        if not self._roomy:
-            said += ["start, size and direction of the step are not varied: a limit is near the target"]
-        self.left_out = tuple(said)
-        self.factors = (*_parameters(loop.plant), *self._others())
+    plant: Plant
+    task: Task
+    build: Build
+    controller: ControllerFactory
+    wears: bool = True
+    jitters: bool = False
+    moves: tuple[str, ...] = ()
 
-    def at(self, values: Values) -> Callable[..., Experiment]:
-        """Return the run of the varied loop."""
-        return partial(self.varied(values).run, space=self.space)
+    def subject(self, *said: str) -> Subject:
+        """Return what varies; `said` is what does not, beside what follows from plant and task."""
+        late = bool(dead_times(self.plant).any())
+        missing = {
+            "the plant has no dead time, and none is added: see the delay margin": late,
+            "no rate of an actuator is stated, so none is varied": self.task.max_move is not None,
+            "the task has no steps of a load, so none is varied": self._loaded,
+            "sampling jitter is not varied: a period has one length": self.jitters,
+        }
+        left_out = (*said, *(text for text, there in missing.items() if not there))
+        factors = (*factors_of(self.plant), *self._others())
+        return Subject(factors, left_out, self.at, self.margins)
 
-    def varied(self, values: Values) -> Loop:
-        """Return the loop with these values."""
-        loop = self.loop
-        plant = _plant(loop.plant, values)
-        task = _task(loop, plant, values)
-        actuators = loop.actuators or (Actuator(),) * len(plant.inputs)
-        wear = values.get(WEAR, 1.0)
-        rough = tuple(
-            replace(
-                each,
-                stiction=wear * each.stiction,
-                backlash=wear * each.backlash + values.get(PLAY, 0.0) * (c.high - c.low),
-            )
-            for each, c in zip(actuators, plant.inputs, strict=True)
-        )
-        alike = all(each == Actuator() for each in rough)
-        return replace(
-            loop,
-            plant=plant,
-            task=task,
-            controller=Designed(loop.controller, loop.plant, loop.task),
-            actuators=() if alike else rough,
-            resolution=tuple(values.get(GRAIN, 1.0) * each for each in loop.resolution),
-        )
+    def at(self, values: Values) -> Function:
+        """Return the run of the loop with these values."""
+        plant = varied_plant(self.plant, values)
+        spans = np.array([c.high - c.low for c in plant.inputs])
+        play = values.get(PLAY, 0.0) * np.where(np.isfinite(spans), spans, 0.0)
+        grain = values.get(GRAIN, 0.0) * self._step
+        return Function(self.build(plant, self.task_of(plant, values), grain, play))
 
-    @property
-    def _roomy(self) -> bool:
-        """Whether no limit of the output is near start and targets."""
-        loop, first = self.loop, self.loop.plant.measured[0]
-        start, aims = float(loop.task.x0[first]), [loop.target.start, *(v for _, v in loop.target.steps)]
-        step = abs(aims[0][0] - start)
-        channel = loop.plant.states[first]
-        ends = min(start, *(a[0] for a in aims)), max(start, *(a[0] for a in aims))
-        return bool(min(ends[0] - channel.low, channel.high - ends[1]) >= _ROOM * step)
+    def margins(self, theta: Float[np.ndarray, " n"]) -> Margins | str:
+        """Return the margins of a physical θ, shape (n,), or why there are none."""
+        try:
+            return margins(self.plant, self.task, partial(self.controller, theta))
+        except (SettingsError, PlantError) as error:
+            return f"no margins: {error}"
 
     def _others(self) -> Iterator[Factor]:
-        """Yield what varies besides the parameters of the plant."""
-        loop, plant = self.loop, self.loop.plant
-        if plant.dead_time:
-            yield Factor.around(DELAY, "dead time", _SIZE, plant.dead_time, plant.time_unit)
-        yield Factor.around(NOISE, "sensor", _WEAR)
-        if any(loop.resolution):
-            yield Factor.around(GRAIN, "sensor", _WEAR)
-        yield from (Factor(f"range of {c.name}", "actuator", 1.0, 1 - _RANGE, 1.0) for c in plant.inputs)
-        if any(a.stiction or a.backlash for a in loop.actuators):
-            yield Factor.around(WEAR, "actuator", _WEAR)
-        elif self.law and not loop.staged:
+        """Yield what varies beside the plant."""
+        if self._noisy:
+            yield Factor.around(NOISE, "sensor", _WEAR)
+        else:
+            yield Factor(NOISE, "sensor", 0.0, 0.0, _NOISE)
+        if self.wears:
+            yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN)
             yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY)
-        yield Factor.around(LOAD, "task", _SIZE)
-        if self._roomy:
-            yield Factor.around(REFERENCE, "task", _SIZE)
-            yield Factor(START, "task", 0.0, -_OFFSET, _OFFSET)
-            if _mirrored(loop):
-                yield Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True)
+        if self.jitters:
+            yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER)
+        if self.task.max_move is not None:
+            yield Factor.around(MOVE, "actuator", SIZE)
+        if self._loaded:
+            yield Factor.around(LOAD, "task", SIZE)
+        steps = (
+            Factor.around(REFERENCE, "task", SIZE),
+            Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET),
+            Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True),
+        )
+        yield from (factor for factor in steps if factor.name in self.moves)
+
+    @property
+    def _noisy(self) -> bool:
+        return self.task.noise is not None and bool(np.any(self.task.noise))
+
+    @property
+    def _loaded(self) -> bool:
+        return isinstance(self.task.d, StepSignal) and bool(self.task.d.steps)
+
+    @property
+    def start(self) -> Y:
+        """Outputs at the start, shape (n_y,)."""
+        return np.asarray(self.plant.g(self.task.x0, self.task.u0, self.task.disturbance(0.0)))
+
+    @property
+    def _step(self) -> Y:
+        """Largest change of each output's reference, from the start, shape (n_y,); 0 for none."""
+        y_ref = self.task.y_ref
+        times = [0.0, *(t for t, _ in y_ref.steps)] if isinstance(y_ref, StepSignal) else [0.0]
+        changes = np.array([np.abs(self.task.reference(t) - self.start) for t in times])
+        return np.asarray(np.nan_to_num(changes).max(axis=0))
+
+    def task_of(self, plant: Plant, values: Values) -> Task:
+        """Return the task of a varied plant, which starts at rest, with other noise, rate, load and step."""
+        task, d = self.task, self.task.d
+        if self._noisy:
+            noise = values.get(NOISE, 1.0) * np.asarray(task.noise)
+        else:
+            noise = values.get(NOISE, 0.0) * self._step
+        if LOAD in values and isinstance(d, StepSignal):
+            d = _scaled(d, np.asarray(d.start, dtype=float), values[LOAD])
+        x0, u0 = self._rest(plant, values.get(SHIFT, 0.0))
+        y_ref: Signal = task.y_ref
+        if self.moves and isinstance(y_ref, StepSignal):
+            size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
+            y_ref = _scaled(y_ref, self.start, size, plant.g(x0, u0, task.disturbance(0.0)) - self.start)
+        moves = None if task.max_move is None else task.max_move * values.get(MOVE, 1.0)
+        if self._noisy or noise.any():
+            task = replace(task, noise=noise)
+        jitter = max(task.jitter, values.get(JITTER, 0.0))
+        return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter)
+
+    def _rest(self, plant: Plant, shift: float) -> tuple[X, U]:
+        """Return where a varied plant rests with the outputs of the start; the start if nowhere.
+
+        Args:
+            plant: Varied plant.
+            shift: What the first output is moved by, in steps.
+        """
+        start, d = (self.task.x0, self.task.u0), self.task.disturbance(0.0)
+        chosen = tracked_of(self.task)[: len(plant.inputs)]
+        aims = self.start[list(chosen)]
+        aims[:1] += shift * (self.task.reference(0.0) - self.start)[list(chosen[:1])]
+        try:
+            resting = at_rest(self.plant, *start, d)
+            return (rest(plant, *start, d, chosen, aims.tolist()) if resting else None) or start
+        except PlantError:  # a discrete plant without ẋ
+            return start
 
 
-@dataclass(frozen=True, slots=True)
-class Designed:
-    """A kind of controller that is designed for the plant of the study, whatever plant it meets."""
-
-    controller: Tunable
-    plant: CompiledPlant
-    task: Task
-
-    def make(self, values: Knobs, plant: CompiledPlant, task: Task, T_s: float) -> Gains | Controller:
-        """Return the controller of the study, which starts at the inputs and limits that it meets."""
-        controller, found = self.controller, replace(self.plant, inputs=plant.inputs)
-        if isinstance(controller, TunedPID) and controller.inner is not None:
-            start = float(task.x0[plant.measured[1]]) - float(self.task.x0[plant.measured[1]])
-            middle, low, high = controller.inner
-            controller = replace(controller, inner=(middle + start, low, high))
-        if isinstance(controller, TunedPID | TunedLQR):
-            return controller.make(values, found, replace(self.task, u0=task.u0), T_s)
-        return controller.make(values, self.plant, self.task, T_s)
+def _scaled(
+    signal: StepSignal, around: np.ndarray, size: float, shift: np.ndarray | float = 0.0
+) -> StepSignal:
+    """Return a signal whose distance from some values is multiplied by `size`, and that is shifted."""
+    steps = [(0.0, signal.start), *signal.steps]
+    (_, start), *later = ((t, around + size * (np.asarray(v) - around) + shift) for t, v in steps)
+    return StepSignal(start, tuple(later))
 
 
-def _parameters(plant: CompiledPlant) -> Iterator[Factor]:
-    """Yield the parameters of a plant; of matrices, time constants and gains."""
-    kind: Kind = "parameter"
-    if not isinstance(plant.parameters, Linear):
-        for name, value in plant.parameters._asdict().items():
-            yield Factor.around(name.replace("_", " "), kind, 0.1, value)
-        return
-    for state in plant.states[: len(plant.parameters.A)]:
-        if not _is_definition(plant.parameters, plant.states.index(state)):
-            yield Factor.around(f"time constant of {state.name}", kind, 0.1)
-    yield from (Factor.around(f"gain of {c.name}", kind, 0.1) for c in plant.inputs)
+class Worn:
+    """A controller behind sensors with a resolution and actuators with backlash.
 
+    Args:
+        controller: Controller that sees what the sensors show.
+        grain: Distance of the values that each output can have, shape (n_y,); 0 for any.
+        play: Half of the backlash of each input, shape (n_u,).
+    """
 
-def _is_definition(p: Linear, i: int) -> bool:
-    """Return whether row i says what a state is, such as ẋ = v, and so has no parameter."""
-    return not any((*p.B[i], *p.E[i])) and all(abs(each) in (0.0, 1.0) for each in p.A[i])
+    def __init__(self, controller: Controller, grain: Y, play: U) -> None:
+        self.controller, self.play, self.T_s = controller, play, controller.T_s
+        self.rounded, self.grain = grain > 0, np.where(grain > 0, grain, 1.0)
 
+    @classmethod
+    def of(cls, make: ControllerFactory, grain: Y, play: U, theta: Float[np.ndarray, " n"]) -> "Worn":
+        """Return the controller of a physical θ, shape (n,), behind these sensors and actuators."""
+        return cls(make(theta), grain, play)
 
-def _plant(plant: CompiledPlant, values: Values) -> CompiledPlant:
-    """Return the plant with other parameters, dead time and ranges of its inputs."""
-    p = plant.parameters
-    if isinstance(p, Linear):
-        rates = [1 / values.get(f"time constant of {c.name}", 1.0) for c in plant.states]
-        gains = [values.get(f"gain of {c.name}", 1.0) for c in plant.inputs]
-        A, B, E = (np.array(rows, dtype=float) * np.array(rates)[:, None] for rows in (p.A, p.B, p.E))
-        parameters: Parameters = Linear(*(tuple(map(tuple, M.tolist())) for M in (A, B * gains, E)))
-    else:
-        named = {n: values.get(n.replace("_", " "), v) for n, v in p._asdict().items()}
-        parameters = type(p)(**named)
-    dead_time = values.get(DELAY, plant.dead_time)
-    inputs = tuple(narrowed(c, values.get(f"range of {c.name}", 1.0)) for c in plant.inputs)
-    return replace(plant, parameters=parameters, dead_time=dead_time, inputs=inputs)
-
-
-def _task(loop: Loop, plant: CompiledPlant, values: Values) -> Task:
-    """Return the task at the steady state of the varied plant, with other steps and noise."""
-    task, target = loop.task, loop.target
-    y0 = task.x0[list(plant.measured)]
-    step = target.start[0] - y0[0]
-    shift = values.get(START, 0.0) * step
-    before = np.asarray(loop.disturbance.start, dtype=float)
-    n = min(len(plant.inputs), len(plant.measured))
-    aims = y0[:n] + np.eye(n)[0] * shift
-    x0, u0 = rest(plant, task.x0, task.u0, before, range(n), aims.tolist()) or (task.x0, task.u0)
-    moved = x0[list(plant.measured)] - y0
-    size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
-
-    def aimed(row: Sequence[float] | np.ndarray) -> tuple[float, ...]:
-        return tuple((y0 + size * (np.asarray(row) - y0) + moved).tolist())
-
-    y_ref = StepSignal(aimed(target.start), tuple((t, aimed(row)) for t, row in target.steps))
-    load = values.get(LOAD, 1.0)
-    (at, after), *_ = loop.disturbance.steps
-    d = StepSignal(loop.disturbance.start, ((at, tuple((before + load * (after - before)).tolist())),))
-    assert task.noise is not None
-    noise = values.get(NOISE, 1.0) * task.noise
-    return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, noise=noise)
-
-
-def _mirrored(loop: Loop) -> bool:
-    """Return whether the plant can rest at the mirrored target, within its limits."""
-    plant, task = loop.plant, loop.task
-    y0 = task.x0[list(plant.measured)]
-    n = min(len(plant.inputs), len(plant.measured))
-    aims = (2 * y0 - np.asarray(loop.target.start))[:n]
-    d = np.asarray(loop.disturbance.start, dtype=float)
-    found = rest(plant, task.x0, task.u0, d, range(n), aims.tolist())
-    if found is None:
-        return False
-    pairs = [*zip(plant.states, found[0], strict=True), *zip(plant.inputs, found[1], strict=True)]
-    return all(c.low <= value <= c.high for c, value in pairs)
+    def move(self, measurement: Measurement) -> Move:
+        """Decide by what the sensors show; return where the actuators go."""
+        m = measurement
+        y = np.where(self.rounded, (m.y / self.grain).round() * self.grain, m.y)
+        move = self.controller.move(Measurement(m.t, m.x, m.u, m.d, m.y_ref, y))
+        # What is NaN stays so: it tells that the controller failed.
+        reached = np.minimum(np.maximum(m.u, move.u - self.play), move.u + self.play)
+        return Move(reached, solved=move.solved, iterations=move.iterations)

@@ -13,8 +13,9 @@ from prefcal_env.preferences.reading import Reading
 from prefcal_env.sources.source import Source
 from prefcal_scenarios.scenario import Scenario
 
-from .factor import chosen, drawn
-from .subject import Subject, named, subject_of, varied
+from .cases import subject_of
+from .factor import drawn
+from .subject import Subject
 
 STEPS = (2, 8, 32, 100, 300)
 """Numbers of runs after which those of a candidate end that has not kept the limits."""
@@ -36,7 +37,7 @@ class Perturbed(Source):
     """
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        self._name, self._space, self._seed = scenario.name, scenario.space, seed
+        self._space, self._seed = scenario.space, seed
         self._source = scenario.source.elsewhere  # in a worker, that of the user's file
         self._cases: dict[int, tuple[Source, int]] = {}
 
@@ -51,15 +52,15 @@ class Perturbed(Source):
     def _case(self, k: int) -> tuple[Source, int]:
         """Return the source of run k and the seed of its noise; candidates share them."""
         if k not in self._cases:
-            factors, seed = chosen(self._subject.factors, None, _PLANT), self._seed + _APART
+            factors = [each for each in self._subject.factors if each.kind in _PLANT]
+            seed = self._seed + _APART
             noise = int(np.random.default_rng([seed, k, 1]).integers(2**31))
-            changed = self._subject.at(named(factors, drawn(factors, seed, k)))
-            self._cases[k] = varied(self._source.here, changed), noise
+            self._cases[k] = self._subject.at(drawn(factors, seed, k)), noise
         return self._cases[k]
 
     @cached_property
     def _subject(self) -> Subject:
-        return subject_of(Scenario(self._name, self._name, self._space, self._source.here, kpis=()))
+        return subject_of(self._source.here, self._space)
 
 
 def runs_kept(

@@ -1,11 +1,12 @@
 """What came of a verification, as frozen data, and what follows from it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import betaincinv
 
 from prefcal_env.controllers.margins import Margins
 from prefcal_env.experiments.experiment import End
@@ -15,7 +16,6 @@ from prefcal_scenarios.scenario import KPI
 from .factor import Factor
 
 CONFIDENCE = 0.95
-_QUANTILES = (0.05, 0.5, 0.95)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +36,34 @@ class VerifiedRun:
     kpis: Mapping[str, float]
     problems: tuple[str, ...] = ()
 
+    @property
+    def words(self) -> str:
+        """Return the problems as text, for people."""
+        return "; ".join(self.problems) or "within the limits"
+
+
+@dataclass(frozen=True, slots=True)
+class Robustness:
+    """How one tuning fares.
+
+    Args:
+        theta: Tuning, physical, shape (n,).
+        nominal: Run without variation.
+        margins: Margins on the nominal plant, or why there are none.
+        runs: Random runs, independent of each other.
+    """
+
+    theta: Float[np.ndarray, " n"]
+    nominal: VerifiedRun
+    margins: Margins | str
+    runs: tuple[VerifiedRun, ...] = ()
+
+    def quantiles(self, kpi: str) -> tuple[float, float]:
+        """Return the 5 and 95 % quantile of the KPI of this name; NaN without values."""
+        values = [float(run.kpis[kpi]) for run in self.runs if kpi in run.kpis]
+        low, high = np.quantile(values or [np.nan], (0.05, 0.95), method="nearest").tolist()
+        return low, high
+
 
 @dataclass(frozen=True, slots=True)
 class Effect:
@@ -43,18 +71,14 @@ class Effect:
 
     Args:
         factor: Factor.
-        low: Run at its lowest value.
-        high: Run at its highest value.
-        worst: The worse of both.
-        kpi: KPI that gets worst, "" if none gets worse.
+        run: Run at its lowest or at its highest value, the worse of both.
+        kpi: Title of the KPI that gets worst, "" if none gets worse.
         worsening: How much worse, as a share of the KPI's 5 to 95 % range over all runs; infinite
             if a limit is lost.
     """
 
     factor: Factor
-    low: VerifiedRun
-    high: VerifiedRun
-    worst: VerifiedRun
+    run: VerifiedRun
     kpi: str
     worsening: float
 
@@ -65,50 +89,28 @@ class Verification:
 
     Args:
         scenario: Name of the scenario.
-        theta: Tuning, physical, shape (n,).
-        start: Current tuning, that it is compared with; None if it is not known.
         kpis: KPIs with their objectives.
         factors: What varied, uniformly and independently.
         left_out: What did not, a sentence each.
         planned: Number of random runs that were asked for.
-        nominal: Run without variation.
-        runs: Random runs, independent of each other.
-        alone: Runs with the lowest and the highest value of each factor, in pairs.
-        before: Random runs of `start`, with the values and seeds of `runs`.
-        nominal_before: Run of `start` without variation.
-        margins: Margins of the tuning on the nominal plant, or why there are none.
-        margins_before: Those of `start`.
-        seed: Seed of the verification.
+        tuning: How the tuning fares.
+        before: How the current tuning does on the same plants; None if it is not known.
+        alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
     """
 
     scenario: str
-    theta: Float[np.ndarray, " n"]
-    start: Float[np.ndarray, " n"] | None
     kpis: tuple[KPI, ...]
     factors: tuple[Factor, ...]
     left_out: tuple[str, ...]
     planned: int
-    seed: int
-    nominal: VerifiedRun
-    runs: tuple[VerifiedRun, ...] = ()
-    alone: tuple[VerifiedRun, ...] = ()
-    before: tuple[VerifiedRun, ...] = ()
-    nominal_before: VerifiedRun | None = None
-    margins: Margins | str = "no margins"
-    margins_before: Margins | str = "no margins"
-    confidence: float = field(default=CONFIDENCE)
-
-    def with_runs(self, made: Sequence[VerifiedRun]) -> "Verification":
-        """Return this with its runs: random ones, those of one factor alone, and those of `start`."""
-        alone = self.planned + 2 * len(self.factors)
-        parts = made[: self.planned], made[self.planned : alone], made[alone:]
-        runs, one, before = map(tuple, parts)
-        return replace(self, runs=runs, alone=one, before=before)
+    tuning: Robustness
+    before: Robustness | None
+    alone: tuple[VerifiedRun, ...]
 
     @property
-    def complete(self) -> bool:
-        """Return whether all random runs of the tuning are there."""
-        return len(self.runs) == self.planned
+    def runs(self) -> tuple[VerifiedRun, ...]:
+        """Return the random runs of the tuning."""
+        return self.tuning.runs
 
     @property
     def failed(self) -> tuple[VerifiedRun, ...]:
@@ -122,40 +124,56 @@ class Verification:
 
     @property
     def bound(self) -> float:
-        """Return what the probability of not keeping them is below, with `confidence`."""
-        return most_probable(len(self.failed), len(self.runs), self.confidence)
+        """Return what the probability of not keeping them is below, with 95 % confidence."""
+        return most_probable(len(self.failed), len(self.runs))
 
     @property
     def statement(self) -> str:
         """Return how sure it is that the tuning holds, in a sentence."""
-        count, failed = len(self.runs), len(self.failed)
+        count = len(self.runs)
         if not count:
-            return "Nothing is verified: no run was completed."
-        kept = f"{count - failed} of {count} runs keep the stated limits"
-        early = "" if self.complete else f" (stopped early, {self.planned} were planned)"
-        sure = f"below {_percent(self.bound)} with {100 * self.confidence:g} % confidence"
-        return f"{kept}{early}: for plants within these ranges, the probability that one does not is {sure}."
+            return f"Not verified: {'no run was completed' if self.planned else 'nothing can be varied'}."
+        never = f" Not counted, since infinite nominally, too: {', '.join(self.never)}." if self.never else ""
+        early = "" if count == self.planned else f" (stopped early, {self.planned} were planned)"
+        # Rounded up to two digits, so that what is below it stays below.
+        digits = 1 - int(np.floor(np.log10(100 * self.bound)))
+        percent = np.ceil(100 * self.bound * 10.0**digits - 1e-9) / 10.0**digits
+        return (
+            f"{count - len(self.failed)} of {count} runs keep the stated limits{early}: for plants within "
+            f"these ranges, the probability that one does not is below {percent:.3g} % with "
+            f"{100 * CONFIDENCE:g} % confidence.{never}"
+        )
 
     @property
     def limits(self) -> str:
         """Return what the stated limits are, in a sentence."""
         aims = [kpi.title for kpi in self.kpis if kpi.met(0.0) is not None]
         stated = f"the objectives of {', '.join(aims)}" if aims else "no KPI has an objective"
-        never = f" Infinite nominally, which counts in no run: {', '.join(self.never)}." if self.never else ""
-        return f"Stated limits: a safe end, {stated}, and nothing infinite that is finite nominally.{never}"
+        return (
+            f"Stated limits: a safe end, {stated}, and nothing infinite that is finite nominally. "
+            f"The nominal run: {self.tuning.nominal.words}."
+        )
 
     @property
     def never(self) -> tuple[str, ...]:
         """Return the titles of the KPIs that are infinite even on the nominal plant."""
         kpis = (kpi for kpi in self.kpis if kpi.goal is not None)
-        return tuple(kpi.title for kpi in kpis if np.isinf(self.nominal.kpis.get(kpi.name, 0.0)))
+        return tuple(kpi.title for kpi in kpis if np.isinf(self.tuning.nominal.kpis.get(kpi.name, 0.0)))
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Return the names of the factors that change no KPI at either end, such as one nobody measures."""
+        pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
+        nominal = self.tuning.nominal.kpis
+        return tuple(f.name for f, *both in pairs if all(run.kpis == nominal for run in both))
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         """Return what each factor does alone, the one that hurts most first."""
         pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
-        found = [self._effect(factor, low, high) for factor, low, high in pairs]
-        return tuple(sorted(found, key=lambda effect: -effect.worsening))
+        both = [(self._effect(factor, low), self._effect(factor, high)) for factor, low, high in pairs]
+        worse = [max(pair, key=lambda effect: effect.worsening) for pair in both]
+        return tuple(sorted(worse, key=lambda effect: -effect.worsening))
 
     def worst(self, count: int = 3) -> tuple[VerifiedRun, ...]:
         """Return the worst random runs: by limits that they lose, then by their worst KPI."""
@@ -165,43 +183,26 @@ class Verification:
 
         return tuple(sorted(self.runs, key=badness, reverse=True)[:count])
 
-    def quantiles(self, kpi: str, *, before: bool = False) -> tuple[float, float, float]:
-        """Return the 5 % quantile, the median and the 95 % quantile of a KPI; NaN without values.
-
-        Args:
-            kpi: Name of the KPI.
-            before: Whether of the current tuning instead of this one.
-        """
-        runs = self.before if before else self.runs
-        values = [float(run.kpis[kpi]) for run in runs if kpi in run.kpis]
-        if not values:
-            return (np.nan,) * 3
-        low, middle, high = np.quantile(values, _QUANTILES, method="nearest").tolist()
-        return low, middle, high
-
-    def _effect(self, factor: Factor, low: VerifiedRun, high: VerifiedRun) -> Effect:
-        (down, name), (up, other) = self._worsening(low), self._worsening(high)
-        down = np.inf if set(low.problems) - set(self.nominal.problems) else down
-        up = np.inf if set(high.problems) - set(self.nominal.problems) else up
-        if up > down:
-            return Effect(factor, low, high, high, other, up)
-        return Effect(factor, low, high, low, name, down)
+    def _effect(self, factor: Factor, run: VerifiedRun) -> Effect:
+        worsening, kpi = self._worsening(run)
+        lost = set(run.problems) - set(self.tuning.nominal.problems)
+        return Effect(factor, run, kpi, np.inf if lost else worsening)
 
     def _worsening(self, run: VerifiedRun) -> tuple[float, str]:
         """Return by how much a KPI is worse than nominally, as a share of its range, and which one."""
-        found = [(0.0, "")]
+        found, nominal = [(0.0, "")], self.tuning.nominal
         for kpi in self.kpis:
-            if kpi.goal is None or kpi.name not in run.kpis or kpi.name not in self.nominal.kpis:
+            if kpi.goal is None or kpi.name not in run.kpis or kpi.name not in nominal.kpis:
                 continue
-            here, there = kpi.badness(run.kpis[kpi.name]), kpi.badness(self.nominal.kpis[kpi.name])
+            here, there = (float(kpi.badness(each.kpis[kpi.name])) for each in (run, nominal))
             if here > there:
-                low, _, high = self.quantiles(kpi.name)
+                low, high = self.tuning.quantiles(kpi.name)
                 span = max(abs(high - low), 1e-9 * abs(there), 1e-300)
-                found.append((float((here - there) / span) if np.isfinite(span) else 0.0, kpi.name))
+                found.append(((here - there) / span if np.isfinite(span) else 0.0, kpi.title))
         return max(found)
 
 
-def problems_of(kpis: Sequence[KPI], result: Result, nominal: Result | VerifiedRun | None) -> tuple[str, ...]:
+def problems_of(kpis: Sequence[KPI], result: Result, nominal: Result | None) -> tuple[str, ...]:
     """Return which stated limits a run does not keep, in words.
 
     A run must not be interrupted, must meet each objective of a KPI, and must reach what the
@@ -220,21 +221,12 @@ def problems_of(kpis: Sequence[KPI], result: Result, nominal: Result | VerifiedR
     return tuple(found)
 
 
-def most_probable(failed: int, count: int, confidence: float = CONFIDENCE) -> float:
-    """Return the upper limit of a probability of which `failed` of `count` independent runs are seen.
+def most_probable(failed: int, count: int) -> float:
+    """Return the upper limit, with 95 % confidence, of a probability seen `failed` of `count` times.
 
     Source: Clopper, Pearson (1934), The use of confidence or fiducial limits illustrated in the
     case of the binomial, Biometrika 26; one-sided.
     """
     if failed >= count:
         return 1.0
-    from scipy.stats import beta
-
-    return float(beta.ppf(confidence, failed + 1, count - failed))
-
-
-def _percent(share: float) -> str:
-    """Return a share in percent, rounded up to two digits, so that what is below it stays below."""
-    percent = 100 * share
-    size = 10.0 ** (np.floor(np.log10(percent)) - 1)
-    return f"{np.ceil(percent / size - 1e-9) * size:.3g} %"
+    return float(betaincinv(failed + 1, count - failed, CONFIDENCE))

@@ -1,111 +1,74 @@
-"""What of a scenario can vary, and how it runs with other values."""
+"""A scenario with what of it can vary."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
-from inspect import signature
-from typing import Any, Protocol
 
-from prefcal_env.envs.closed_loop import ClosedLoop
-from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import is_number
-from prefcal_env.sources.function import Function, function_of
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.controllers.margins import Margins
+from prefcal_env.sources.maneuvers import Maneuvers
 from prefcal_env.sources.source import Source, WithKPIs
-from prefcal_scenarios.cases.loops.loop import Loop
-from prefcal_scenarios.scenario import Scenario
 
-from .cases import CASES
 from .factor import Factor, Values
-from .loops import LoopSubject
-from .plants import PlantSubject
-
-PARAMETER = 0.1
-"""Usual relative change of a parameter."""
-_ADD = (
-    "nothing of it can be varied: give the parameters of its plant as arguments with a default, such as "
-    "run(theta, seed=0, mass=1.2), or run it as a ClosedLoop of a plant (FMUs cannot be varied yet)"
-)
-_OURS = ("theta", "seed", "space")
 
 
-class Subject(Protocol):
-    """A scenario with what can vary."""
-
-    @property
-    def factors(self) -> tuple[Factor, ...]:
-        """What can vary."""
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """What cannot, a sentence each."""
-
-    def at(self, values: Values) -> Callable[..., Experiment]:
-        """Return the run of θ and a seed with these values; the controller stays as it is designed."""
-
-
-def subject_of(scenario: Scenario) -> Subject:
-    """Return what of a scenario can vary.
-
-    Raises:
-        ScenarioError: If nothing can; the message says what to add.
-    """
-    source = scenario.source
-    if source.asks:
-        raise ScenarioError(
-            f"scenario {scenario.name!r} runs on a rig or a live plant, which cannot be varied: verify a "
-            "model of it"
-        )
-    if source.maneuvers:
-        raise ScenarioError(f"scenario {scenario.name!r} has maneuvers: verify each in a scenario of its own")
-    function = function_of(source)
-    bare = function.func if isinstance(function, partial) else function
-    loop = getattr(bare, "__self__", None)
-    if isinstance(loop, Loop):
-        return LoopSubject(loop, scenario.space)
-    if isinstance(function, ClosedLoop):
-        return PlantSubject(function)
-    module = getattr(bare, "__module__", "")
-    if module in CASES:
-        known: Subject = CASES[module](function)
-        return known
-    if bare is None or not callable(bare):
-        raise ScenarioError(f"scenario {scenario.name!r}: {_ADD}")
-    return _arguments(scenario, function)
-
-
-def _arguments(scenario: Scenario, function: Any) -> Subject:
-    """Return the numbers that the run takes as arguments, besides θ and the seed."""
-    given = signature(function).parameters.values()
-    numbers = {p.name: p.default for p in given if p.name not in _OURS and is_number(p.default)}
-    factors = tuple(Factor.around(n, "parameter", PARAMETER, float(v)) for n, v in numbers.items())
-    if not factors:
-        raise ScenarioError(f"scenario {scenario.name!r} is only a function of θ, so {_ADD}")
-    return FunctionSubject(function, factors)
+def unknown_plant(theta: Float[np.ndarray, " n"]) -> str:
+    """Return why a θ of a run whose plant nobody knows has no margins."""
+    return "no margins: the plant is not known as equations, so it cannot be linearized"
 
 
 @dataclass(frozen=True, slots=True)
-class FunctionSubject:
-    """A function of θ whose other numbers are arguments with a default."""
+class Subject:
+    """What can vary, and how a run with other values is made.
 
-    function: Callable[..., Experiment]
+    Args:
+        factors: What can vary.
+        left_out: What cannot, a sentence each.
+        at: Function of values that returns the source with them; the controller stays as designed.
+        margins: Function of a physical θ, shape (n,), that returns its margins where the nominal
+            experiment starts, or why there are none.
+    """
+
     factors: tuple[Factor, ...]
-    left_out: tuple[str, ...] = field(
-        default=("only arguments of its run are varied: sensors, actuators and the task are in its code",)
-    )
+    left_out: tuple[str, ...]
+    at: Callable[[Values], Source]
+    margins: Callable[[Float[np.ndarray, " n"]], Margins | str] = unknown_plant
 
-    def at(self, values: Values) -> Callable[..., Experiment]:
-        """Return the function with these arguments."""
-        return partial(self.function, **values)
-
-
-def varied(source: Source, run: Callable[..., Experiment]) -> Source:
-    """Return a source like `source`, with the same KPIs, that does `run`."""
-    if isinstance(source, WithKPIs):
-        return WithKPIs(varied(source.source, run), source.kpis)
-    return Function(run)
+    def measured_as(self, source: WithKPIs) -> "Subject":
+        """Return the same whose runs have the KPIs of `source`."""
+        return replace(self, at=partial(_measured, self.at, source))
 
 
-def named(factors: tuple[Factor, ...], values: Any) -> Mapping[str, float]:
-    """Return values, one for each factor, by name."""
-    return dict(zip((factor.name for factor in factors), map(float, values), strict=True))
+def of_maneuvers(source: Maneuvers, parts: dict[str, Subject]) -> Subject:
+    """Return what varies in all maneuvers together; margins are those of the first one.
+
+    A value that differs from its nominal one does so by the same share in each maneuver.
+    """
+    first = {f.name: f for part in reversed(parts.values()) for f in part.factors}
+    said = dict.fromkeys(text for part in parts.values() for text in part.left_out)
+    at = partial(_maneuvers, source, parts, first)
+    return Subject(tuple(first.values()), tuple(said), at, next(iter(parts.values())).margins)
+
+
+def _measured(at: Callable[[Values], Source], source: WithKPIs, values: Values) -> Source:
+    return WithKPIs(at(values), source.kpis)
+
+
+def _maneuvers(
+    source: Maneuvers, parts: dict[str, Subject], first: dict[str, Factor], values: Values
+) -> Maneuvers:
+    made = {name: part.at(_own(part, first, values)) for name, part in parts.items()}
+    return Maneuvers(made, higher_is_better=source.higher_is_better, targets=source.targets)
+
+
+def _own(part: Subject, first: dict[str, Factor], values: Values) -> dict[str, float]:
+    """Return the values of one maneuver, given those for the nominal values of the first one."""
+    found = {}
+    for factor in part.factors:
+        if factor.name in values:
+            nominal = first[factor.name].nominal
+            share = factor.nominal / nominal if nominal else 1.0
+            found[factor.name] = share * values[factor.name]
+    return found

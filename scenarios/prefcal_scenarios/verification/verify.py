@@ -1,7 +1,7 @@
 """Run a tuning on varied plants, on all cores."""
 
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,35 +10,26 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.arrays import integer
-from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.errors import KnobError, ScenarioError, SettingsError
+from prefcal_env.experiments.experiment import Experiment, returned
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.source import Source
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.many.results import FailedRun, Result
+from prefcal_scenarios.kpis import Result
+from prefcal_scenarios.many.results import FailedRun
 from prefcal_scenarios.many.simulate import Progress, simulate_iter
-from prefcal_scenarios.own.checks import returned
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
-from .factor import Factor, Ranges, chosen, drawn
-from .result import Verification, VerifiedRun, problems_of
-from .robustness import robustness
-from .subject import Subject, named, subject_of, varied
+from .cases import RIG, subject_of
+from .factor import Factor, Ranges, Values, drawn, within
+from .result import Robustness, Verification, VerifiedRun, problems_of
+from .subject import Subject, unknown_plant
 
 RUNS = 299
 """Runs that, if all are good, show with 95 % confidence that less than 1 % are not."""
 _QUICK = 2.0
 """Seconds of simulation that are not worth starting other processes."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Case:
-    """One run: of the tuning or the current one, with values of some factors, and its seed."""
-
-    which: int
-    values: dict[str, float]
-    seed: int
 
 
 def verify(
@@ -49,7 +40,6 @@ def verify(
     start: Float[np.ndarray, " n"] | None = None,
     seed: int = 0,
     ranges: Ranges | None = None,
-    vary: Collection[str] | None = None,
     jobs: int | None = None,
     timeout: float | None = None,
     progress: Progress | bool = False,
@@ -57,10 +47,9 @@ def verify(
 ) -> Verification:
     """Run a tuning with plant, sensors, actuators and task varied, each uniformly within its range.
 
-    What can be varied is found from the scenario: parameters, dead time, noise and resolution of
-    sensors, range and backlash of actuators, loads, the step. A controller stays as it is designed
-    for the nominal plant. Results do not depend on the number of processes. Ctrl-C ends the runs;
-    those that are done are kept.
+    What can be varied is found from the scenario. A controller stays as it is designed for the
+    nominal plant. Results do not depend on the number of processes. Ctrl-C ends the runs; those
+    that are done are kept.
 
     Args:
         scenario: Scenario, its name as for `load`, or a source.
@@ -70,7 +59,6 @@ def verify(
         seed: Seed of the variations and of the runs.
         ranges: Relative changes by name or kind of factor, such as {"parameter": 0.2, "dead time":
             (0.0, 0.2)}; 0 leaves a factor out. See `Factor`.
-        vary: Names or kinds of the factors to vary; None for all.
         jobs: Number of processes; None for all cores, or this process if all runs are quick.
         timeout: Time limit of each run in seconds; None for no limit.
         progress: As for `simulate_many`.
@@ -86,45 +74,122 @@ def verify(
     integer("seed", seed, low=0, error=SettingsError)
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
-    subject = subject_of(found)
-    factors = chosen(subject.factors, ranges, vary)
+    found, subject = _with_kpis(found, thetas[0], seed), _subject(found)
+    factors = within(subject.factors, ranges or {})
     if not factors:
-        raise SettingsError("nothing varies: all ranges are 0, or none of the chosen kinds is there")
-    without = _without_runs(found, subject, thetas, factors, (runs, seed))
-    cases = tuple(_cases(without.factors, len(thetas), runs, seed))
+        raise SettingsError("nothing varies: all ranges are 0")
+    tunings = [_nominally(found, subject, each, seed) for each in thetas]
+    factors, unfair = _fair(found, subject, factors, tunings[0])
+    cases = tuple(_cases(factors, len(tunings), runs, seed))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
-    done = _done(Variations(found.source, subject, tuple(thetas), cases), jobs, timeout, progress)
-    pairs = zip(cases, done, strict=False)
-    return without.with_runs([_run(found, without, case, result) for case, result in pairs])
-
-
-def _without_runs(
-    found: Scenario,
-    subject: Subject,
-    thetas: Sequence[Float[np.ndarray, " n"]],
-    factors: tuple[Factor, ...],
-    planned: tuple[int, int],
-) -> Verification:
-    """Return a verification with its nominal runs and margins; `planned` holds runs and seed."""
-    runs, seed = planned
-    nominals = [_nominal(found, each, seed) for each in thetas]
-    factors, unfair = _fair(found, subject, factors, thetas[0], nominals[0])
-    margins = [robustness(found, subject, each) for each in thetas]
-    return Verification(
-        scenario=found.name,
-        theta=thetas[0],
-        start=thetas[1] if len(thetas) > 1 else None,
-        kpis=found.kpis,
-        factors=factors,
-        left_out=(*subject.left_out, *unfair),
-        planned=runs,
-        seed=seed,
-        nominal=nominals[0],
-        nominal_before=nominals[1] if len(thetas) > 1 else None,
-        margins=margins[0],
-        margins_before=margins[1] if len(thetas) > 1 else "no margins",
+    varied = Variations(subject.at, tuple(thetas), cases)
+    results = zip(cases, _done(varied, jobs, timeout, progress), strict=False)
+    made = [_run(found, tunings[case.which].nominal, case, result) for case, result in results]
+    alone = runs + 2 * len(factors)
+    tuning, *before = (
+        replace(each, runs=tuple(part))
+        for each, part in zip(tunings, (made[:runs], made[alone:]), strict=False)
     )
+    left_out = (*subject.left_out, *unfair)
+    kept = before[0] if before and before[0].runs else None
+    return Verification(
+        found.name, found.kpis, factors, left_out, runs, tuning, kept, tuple(made[runs:alone])
+    )
+
+
+def unvaried(scenario: Scenario, theta: Float[np.ndarray, " n"], made: Result) -> Verification:
+    """Return what can be said of a run of a rig or a live plant: whether it kept the stated limits."""
+    problems = problems_of(scenario.kpis, made, None)
+    tuning = Robustness(theta, VerifiedRun({}, 0, made.end, made.kpis, problems), unknown_plant(theta))
+    return Verification(scenario.name, scenario.kpis, (), (RIG,), 0, tuning, None, ())
+
+
+def replay(scenario: Scenario | str | Source, theta: Float[np.ndarray, " n"], run: VerifiedRun) -> Experiment:
+    """Return the whole experiment of a run of a verification of θ, physical, shape (n,), to look at."""
+    source = _subject(_scenario(scenario, theta)).at(run.values)
+    return returned(source.run(np.array(theta, dtype=float), seed=run.seed))
+
+
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """One run: of the tuning (0) or the current one (1), with values of some factors, and its seed."""
+
+    which: int
+    values: dict[str, float]
+    seed: int
+
+
+class Variations(Source):
+    """A source whose θ is the number of a case: so the pool runs them as it runs any θ.
+
+    Args:
+        at: Function of values that returns the source with them.
+        thetas: Tunings.
+        cases: Which tuning, values and seed each number stands for.
+    """
+
+    def __init__(
+        self,
+        at: Callable[[Values], Source],
+        thetas: Sequence[Float[np.ndarray, " n"]],
+        cases: Sequence[_Case],
+    ) -> None:
+        self._at, self._thetas, self.cases = at, thetas, cases
+
+    def run(self, theta: Float[np.ndarray, " 1"], seed: int = 0) -> Experiment:
+        """Run the case with this number, shape (1,)."""
+        case = self.cases[int(theta[0])]
+        made = returned(self._at(case.values).run(self._thetas[case.which].copy(), seed=case.seed))
+        return replace(made, theta=theta, runs=())
+
+
+def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
+    if isinstance(given, Scenario | str):
+        return load(given) if isinstance(given, str) else given
+    values = np.asarray(theta, dtype=float)
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise KnobError(f"theta must be finite numbers of shape (n,), got {theta!r}")
+    knobs = [Knob(f"theta_{i + 1}", v - 1.0, v + 1.0) for i, v in enumerate(values.tolist())]
+    return Scenario("source", "A source", KnobSpace(knobs), given)
+
+
+def _with_kpis(scenario: Scenario, theta: Float[np.ndarray, " n"], seed: int) -> Scenario:
+    """Return the scenario with KPIs, which are found in a run if it states none."""
+    if not finds_kpis(scenario):
+        return scenario
+    return with_found_kpis(scenario, returned(scenario.run(theta.copy(), seed=seed)))
+
+
+def _subject(scenario: Scenario) -> Subject:
+    """Return what of a scenario can vary, with its name in an error."""
+    try:
+        return subject_of(scenario.source, scenario.space)
+    except ScenarioError as error:
+        raise ScenarioError(f"scenario {scenario.name!r} cannot be verified: {error}") from error
+
+
+def _nominally(scenario: Scenario, subject: Subject, theta: Float[np.ndarray, " n"], seed: int) -> Robustness:
+    """Return how a tuning does without variation, with its margins."""
+    made = returned(scenario.run(theta.copy(), seed=seed))
+    run = VerifiedRun({}, seed, made.end, made.kpis, problems_of(scenario.kpis, made, None))
+    return Robustness(theta, run, subject.margins(theta))
+
+
+def _fair(
+    scenario: Scenario, subject: Subject, factors: tuple[Factor, ...], tuning: Robustness
+) -> tuple[tuple[Factor, ...], list[str]]:
+    """Return the factors without those of two values that the nominal plant cannot stand either.
+
+    A room that only cools by itself settles late after a step down, whatever its controller.
+    """
+    said, nominal = dict[str, str](), tuning.nominal
+    for factor in (factor for factor in factors if factor.ends):
+        made = returned(subject.at({factor.name: factor.low}).run(tuning.theta.copy(), seed=nominal.seed))
+        if problems := set(problems_of(scenario.kpis, made, nominal)) - set(nominal.problems):
+            why = "; ".join(sorted(problems))
+            said[factor.name] = f"{factor.name} is not varied: turned, the nominal plant fails, too ({why})"
+    return tuple(factor for factor in factors if factor.name not in said), list(said.values())
 
 
 def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable[[], float]) -> float:
@@ -134,93 +199,9 @@ def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable
     return clock() - before
 
 
-def replay(scenario: Scenario | str | Source, verification: Verification, run: VerifiedRun) -> Experiment:
-    """Return the whole experiment of a run of a verification of this scenario, to look at."""
-    found = _scenario(scenario, verification.theta)
-    changed = varied(found.source, subject_of(found).at(run.values))
-    return returned(changed.run(verification.theta.copy(), seed=run.seed))
-
-
-class Variations(Source):
-    """A source whose θ is the number of a case: so the pool runs them as it runs any θ.
-
-    Args:
-        source: Source of the scenario.
-        subject: What of it varies.
-        thetas: Tunings.
-        cases: Which tuning, values and seed each number stands for.
-    """
-
-    def __init__(
-        self,
-        source: Source,
-        subject: Subject,
-        thetas: Sequence[Float[np.ndarray, " n"]],
-        cases: Sequence[_Case],
-    ) -> None:
-        self._source, self._subject, self._thetas, self.cases = source, subject, thetas, cases
-
-    def run(self, theta: Float[np.ndarray, " 1"], seed: int = 0) -> Experiment:
-        """Run the case with this number, shape (1,)."""
-        case = self.cases[int(theta[0])]
-        changed = varied(self._source, self._subject.at(case.values))
-        made: Experiment = returned(changed.run(self._thetas[case.which].copy(), seed=case.seed))
-        return replace(made, theta=theta)
-
-
-def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
-    if isinstance(given, str):
-        return load(given)
-    if isinstance(given, Scenario):
-        return given
-    values = np.asarray(theta, dtype=float)
-    if values.ndim != 1 or not np.isfinite(values).all():
-        raise KnobError(f"theta must be finite numbers of shape (n,), got {theta!r}")
-    knobs = [Knob(f"theta_{i + 1}", v - 1.0, v + 1.0) for i, v in enumerate(values.tolist())]
-    return Scenario("source", "A source", KnobSpace(knobs), given)
-
-
-def _run(scenario: Scenario, of: Verification, case: _Case, result: Result) -> VerifiedRun:
-    """Return what remains of a run; of one without an experiment, what its code said."""
-    nominal = of.nominal_before if case.which else of.nominal
-    problems = problems_of(scenario.kpis, result, nominal)
-    if isinstance(result, FailedRun):
-        problems = (f"the run failed: {result.words}",)
-    return VerifiedRun(case.values, case.seed, result.end, result.kpis, problems)
-
-
-def _nominal(scenario: Scenario, theta: Float[np.ndarray, " n"], seed: int) -> VerifiedRun:
-    made = returned(scenario.run(theta.copy(), seed=seed))
-    return VerifiedRun({}, seed, made.end, made.kpis, problems_of(scenario.kpis, made, None))
-
-
-def _fair(
-    scenario: Scenario,
-    subject: Subject,
-    factors: tuple[Factor, ...],
-    theta: Float[np.ndarray, " n"],
-    nominal: VerifiedRun,
-) -> tuple[tuple[Factor, ...], tuple[str, ...]]:
-    """Return the factors without those of two values that the nominal plant cannot stand either.
-
-    A room that only cools by itself settles late after a step down, whatever its controller.
-    """
-    kept, said = list[Factor](), list[str]()
-    for factor in factors:
-        if factor.ends:
-            changed = varied(scenario.source, subject.at({factor.name: factor.low}))
-            made = returned(changed.run(theta.copy(), seed=nominal.seed))
-            if problems := set(problems_of(scenario.kpis, made, nominal)) - set(nominal.problems):
-                why = "; ".join(sorted(problems))
-                said.append(f"{factor.name} is not varied: turned, the nominal plant fails, too ({why})")
-                continue
-        kept.append(factor)
-    return tuple(kept), tuple(said)
-
-
 def _cases(factors: tuple[Factor, ...], tunings: int, runs: int, seed: int) -> Iterator[_Case]:
     """Yield random runs of the tuning, then each factor alone, then the random runs of the other."""
-    rows = [dict(named(factors, drawn(factors, seed, k))) for k in range(runs)]
+    rows = [drawn(factors, seed, k) for k in range(runs)]
     seeds = [int(np.random.default_rng([seed, k, 1]).integers(2**31)) for k in range(runs)]
     yield from (_Case(0, row, each) for row, each in zip(rows, seeds, strict=True))
     for factor in factors:
@@ -242,3 +223,11 @@ def _done(
         for result in runs:
             done.append(result)
     return done
+
+
+def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: Result) -> VerifiedRun:
+    """Return what remains of a run; of one without an experiment, what its code said."""
+    problems = problems_of(scenario.kpis, result, nominal)
+    if isinstance(result, FailedRun):
+        problems = (f"the run failed: {result.words}",)
+    return VerifiedRun(case.values, case.seed, result.end, result.kpis, problems)

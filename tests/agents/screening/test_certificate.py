@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from prefcal_agents import Screening
-from prefcal_agents.screening.certificate import FROM, LEAST, Certificate, Evidence, evidence
+from prefcal_agents.screening.certificate import FROM, LEAST, MOST, Certificate, Evidence, evidence
 from prefcal_agents.screening.growth import Growth
 from prefcal_agents.screening.simulations import Simulations
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
+from prefcal_env.preferences.reading import Reading
 from support.simulated import SQUARE, in_chain
 
 KNOWN = Evidence(10, 0.01, 0.002, 2.0, -0.4, True, 0.3, (0.5, 0.5))
@@ -21,6 +22,16 @@ WON, SAME, LOST = -1, 0, 1
 def both(theta):
     """Two KPIs that one θ, the corner at zero, has best."""
     return {"a": 0.1 + theta[0], "b": 0.1 + theta[1] ** 2}
+
+
+class Limited:
+    """A simulation of both KPIs with upper limits on them."""
+
+    def __init__(self, limits):
+        self.reading = Reading(limits=limits)
+
+    def __call__(self, theta):
+        return both(theta)
 
 
 def grown():
@@ -141,6 +152,42 @@ def test_the_share_by_hand():
     size = 10 ** (1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5)
     assert said.share == pytest.approx(np.ceil(100 * size) / 100)
     assert said.chance == pytest.approx(0.5)
+
+
+def test_it_is_enough_after_six_and_eight_answers_if_share_and_chance_are_small():
+    good = replace(KNOWN, answers=6, better=0.0, wide=0.0)
+    assert Certificate.of(good).share <= 0.1
+    assert Certificate.of(good).enough
+    assert Certificate.of(replace(good, answers=8)).enough
+    for less in ({"answers": 5}, {"answers": 7}, {"chance": 0.51}, {"wide": 0.1}, {"explained": False}):
+        assert not Certificate.of(replace(good, **less)).enough
+    assert Certificate.of(replace(good, chance=0.5)).enough
+
+
+def test_an_agent_has_enough_only_while_its_best_misses_no_objective(monkeypatch):
+    agents = [
+        Screening(SQUARE, simulate=simulate, n_simulated=60, n_max=8, seed=3)
+        for simulate in (both, Limited({"a": 5.0}), Limited({"a": 0.05}))
+    ]
+    for agent in agents:
+        answered(agent, 5)
+    assert not any(agent.has_enough(agent.history) for agent in agents)
+    monkeypatch.setattr(Certificate, "of", lambda found: Certificate(0.1, 0.95, 0.5, (), None, enough=True))
+    assert [agent.has_enough(agent.history) for agent in agents] == [True, True, False]
+    assert not agents[0].has_enough(agents[0].history.until(2)), "one answer says nothing"
+    assert not agents[0].done, "whoever asks may go on"
+
+
+def test_the_number_of_random_experiments_by_hand():
+    said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, True, 0.5, ()))
+    size = 1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5
+    for number, chance in zip(said.experiments[:2], (0.05, 0.5), strict=True):
+        share = 10 ** (size - 0.544 * (np.log(chance / (1 - chance)) - np.log(0.01 / 0.99)))
+        assert (1 - share) ** number == pytest.approx(0.5), "so many find nothing better half of the time"
+    assert said.experiments[0] < said.experiments[1] < said.experiments[2] == MOST
+    poor, *_ = Certificate.of(replace(KNOWN, better=1.0, wide=1.0, held=0.0, answers=2)).experiments
+    assert poor == 1
+    assert Certificate.of(replace(KNOWN, explained=False)).experiments is None
 
 
 def test_the_draws_are_believed_less_the_surer_they_are():

@@ -6,6 +6,7 @@ import pytest
 from contracts.agents import MIXED
 from prefcal_agents import Screening
 from prefcal_agents.utility.influence import decisive, turned
+from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from support.agents import quick
 
@@ -24,6 +25,7 @@ def by_first(query):
 def ended():
     agent = Screening(MIXED, simulate=quick, n_simulated=100, n_max=8, seed=0)
     assert (agent.influences, agent.stakes, agent.menu, agent.wishes) == ((), None, {}, ())
+    assert agent.objections == {}
     while not agent.done:
         query = agent.ask()
         stakes = agent.stakes
@@ -64,6 +66,40 @@ def test_what_decided_is_what_was_wanted(ended):
     wish = {wish.name: wish for wish in ended.wishes}["first"]
     assert wish.certainty > 0.9
     assert quick(ended.best)["first"] < wish.bound < np.median(ended.bank.kpis[:, 0])
+
+
+def test_knobs_that_no_kpi_depends_on_stay_as_they_were():
+    def simulate(theta):
+        return {"first": (theta[0] - 0.3) ** 2, "others": 0.0 * theta[1]}
+
+    space = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0), Knob("c", 0.0, 1.0)])
+    agent = Screening(space, simulate=simulate, n_simulated=100, n_max=8, seed=0, start=[[0.9, 0.2, 0.7]])
+    assert agent.smaller_change is None
+    while not agent.done:
+        query = agent.ask()
+        sides = [s and simulate(s.theta)["first"] for s in (query.challenger, query.incumbent)]
+        agent.tell(query, None if sides[1] is None else int(np.sign(sides[0] - sides[1])))
+    found = agent.smaller_change
+    assert found.kept == (1, 2)
+    assert found.theta == (agent.best[0], 0.2, 0.7)
+    assert found.chance == 0.0
+    bank = agent.with_simulated(np.array([found.theta]))
+    assert len(bank) == len(agent.bank) + 1
+    assert bank.find(found.theta) == len(agent.bank)
+
+
+def test_a_result_without_a_given_start_is_compared_with_nothing(ended):
+    assert ended.best_index != 0
+    assert ended.smaller_change is None
+
+
+def test_an_objection_leads_to_what_gains_in_that_kpi(ended):
+    assert ended.wishes[0].name not in ended.objections
+    assert ended.objections
+    for name, row in ended.objections.items():
+        theta = ended.bank.thetas[row]
+        assert quick(theta)[name] < quick(ended.best)[name]
+        assert not ended.space.close(theta, ended.samples).any()
 
 
 def test_a_requested_theta_that_was_not_simulated_says_nothing():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from prefcal_agents.utility.menu import others
+from prefcal_agents.utility.menu import between, others
 
 USABLE = np.ones(6, dtype=bool)
 LOGS = np.array([[0.0, 5.0], [1.0, 4.0], [2.0, 3.0], [3.0, 2.0], [4.0, 1.0], [5.0, 0.0]])
@@ -48,3 +48,18 @@ def test_no_candidate_that_is_refused_and_none_that_most_would_find_worse_than_t
     costs = np.vstack([np.tile(costs_of((4,))[0], (9, 1)), costs_of((5,))])
     costs[:9, 5] = 4.0
     assert others(costs, LOGS, USABLE, 0) == (4,)  # one in ten would take 5
+
+
+def test_what_lies_between_is_in_order_and_none_of_it_is_beaten():
+    line = np.array([[k, 10.0 - k] for k in range(11)])
+    kpis = np.vstack([line, [[5.0, 9.0], [20.0, 0.0]]])  # row 11 is beaten by row 5, 12 lies beyond
+    usable = np.ones(13, dtype=bool)
+    assert between(kpis, usable, 0, 10) == tuple(range(11))
+    assert between(kpis, usable, 7, 3) == (7, 6, 5, 4, 3)
+    usable[5] = False
+    assert between(kpis, usable, 7, 3) == (7, 6, 4, 3)
+
+
+def test_there_may_be_nothing_between_two():
+    kpis = np.array([[0.0, 1.0], [1.0, 0.0], [np.inf, np.inf]])
+    assert between(kpis, np.array([True, True, False]), 1, 0) == (1, 0)

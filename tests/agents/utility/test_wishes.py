@@ -6,7 +6,7 @@ import pytest
 from prefcal_agents.utility.pool import Pool
 from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
-from prefcal_agents.utility.wishes import deciding, pairs, wishes
+from prefcal_agents.utility.wishes import deciding, objections, pairs, wishes
 from prefcal_env.preferences.history import History
 from support.simulated import of_pairs, random_bank
 
@@ -80,3 +80,21 @@ def test_pairs_are_of_different_rows():
     assert len(first) == 200
     assert (first != second).all()
     assert len(pairs(ROWS[:3])[0]) == 3
+
+
+def test_an_objection_asks_about_what_gains_in_that_kpi_and_was_not_shown():
+    pool, record = taught(0)
+    result = int(np.argsort(BANK.kpis[:, 0])[10])
+    asked = objections(pool, record, ROWS, result, "a")
+    assert set(asked) <= {"b", "c"}
+    assert asked
+    for name, row in asked.items():
+        kpi = "abc".index(name)
+        assert BANK.kpis[row, kpi] < BANK.kpis[result, kpi]
+        assert row not in pool.shown
+
+
+def test_nobody_can_object_with_a_kpi_in_which_the_result_is_the_best():
+    pool, record = taught(0)
+    result = int(np.argmin(BANK.kpis[:, 1]))
+    assert "b" not in objections(pool, record, ROWS, result, "a")

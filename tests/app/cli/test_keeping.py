@@ -4,11 +4,13 @@ import io
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from prefcal_app.terminal import converse
 from prefcal_env.study import study_path
+from prefcal_scenarios.verification.verified import digest_of
 from support.studies import state_of
 from toy_study import TOY
 
@@ -49,6 +51,8 @@ def test_with_json_an_aborted_start_says_that_there_is_no_report(prefcal, monkey
 def test_a_study_stays_from_its_first_answer_on(prefcal, monkeypatch, ours, typed):
     start(prefcal, monkeypatch, typed)
     assert names(prefcal) == ["toy-1"]
+    sheet = Path("prefcal-toy-1", "acceptance.html").read_text(encoding="utf-8")
+    assert f"SHA-256 of the study file: {digest_of(study_path('toy-1'))}" in sheet
 
 
 def test_a_resumed_study_stays_whatever_happens(prefcal, monkeypatch, ours):

@@ -11,6 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import httpx
 import pytest
 
+from prefcal_agents import Screening
 from prefcal_app import ask
 from prefcal_app.cli import notebook as asking_module
 from prefcal_env.errors import SettingsError, StudyError
@@ -144,6 +145,24 @@ def test_an_answer_taken_back_at_the_end_reopens_the_study():
         assert asking.wait(30)
         assert asking.best != before
         assert json.loads(reported(asking, "best.json"))["theta"] == pytest.approx(asking.best)
+
+
+def test_a_person_need_not_answer_everything_but_a_calibrator_does(monkeypatch):
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) >= 1)
+    options = {"agent": "screening", "n_max": 4, "simulate": 40}
+    simulated = replace(toy_scenario(), simulated=True)
+    with ask(simulated, **options) as asking, page_of(asking) as client:
+        assert answer(client)
+        assert asking.wait(30)
+        assert client.get("/api/now").json()["over"]["reason"] == "little is left to gain"
+        assert len(asking.to_frame(answers=True)) == 1
+        asking._interview.steps.go_on()
+        while answer(client):
+            pass
+        assert len(asking.to_frame(answers=True)) == 3
+    with ask(simulated, calibrator="latent", **options) as asking:
+        assert asking.wait(30)
+        assert len(asking.to_frame(answers=True)) == 3
 
 
 def test_a_calibrator_goes_on_by_itself():

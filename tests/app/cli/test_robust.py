@@ -17,7 +17,9 @@ FEW = ["--calibrator", "synthetic", "--cost", "error", "--simulate", "60", "--n-
 def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, prefcal):
     code, out, err = prefcal("calibrate", "lag", *FEW, "--robust", "--study", "mine")
     assert code == 0, err
-    assert "The result keeps the limits in all 300 perturbed runs. Robustness costs" in " ".join(out.split())
+    assert "The result keeps the limits in all 300 perturbed runs. Robustness costs" in " ".join(
+        out.split()
+    )
     configuration = state_of("mine").configuration
     assert configuration["options"]["robust"] is True
     words = ["calibrate", "lag", "--study", "mine", "--json", "--out", "out", "--n-max", "4"]
@@ -26,7 +28,7 @@ def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, pref
 
 def test_what_cannot_be_varied_is_refused_with_what_to_add(refused):
     told = refused("calibrate", FUNCTION, "--robust", "--calibrator", "synthetic")
-    assert "is only a function of θ, so nothing of it can be varied: give the parameters" in told
+    assert "since it is only a function of θ: give the parameters" in told
     with pytest.raises(ScenarioError, match="only a function"):
         ask(unseen, robust=True)
 

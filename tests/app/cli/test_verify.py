@@ -1,8 +1,11 @@
-"""`prefcal verify`: what it prints, and when it ends with an error."""
+"""`prefcal verify`: what it prints, keeps and asks, and when it ends with an error."""
 
 import json
 
 import pytest
+
+from prefcal_app.cli import verify_run
+from prefcal_scenarios.verification.verified import Verified
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
 
@@ -19,8 +22,9 @@ def best(tmp_path):
     return write
 
 
-def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(prefcal, best):
+def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(prefcal, best, tmp_path):
     before = {"what": "current tuning", "theta": {**LAG, "K": 1.0}}
+    (tmp_path / "acceptance.html").write_text("A sheet: <!-- verified 60 -->not verified<!-- end -->")
     code, out, err = prefcal("verify", best(before=before), "--runs", "20", "--jobs", "1")
     assert code == 0, err
     words = " ".join(out.split())
@@ -28,28 +32,96 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
         "20 of 20 runs keep the stated limits",
         "below 14 % with 95 % confidence",
         "Stated limits: a safe end, no KPI has an objective",
+        "The nominal run: within the limits.",
         "phase margin",
         "the unconstrained law",
         "What hurts most, one at a time:",
-        "Worst runs, of seed 0:",
+        "Worst runs:",
         "Varied: time constant of temperature 0.9 to 1.1",
         "Sampling jitter is not varied",
+        "Kept in",
     ):
         assert text in words
     assert "current" in words
+    kept = Verified.read(tmp_path)
+    assert kept.statement in words
+    assert kept.statement in (tmp_path / "acceptance.html").read_text(encoding="utf-8")
+    assert (kept.runs, kept.planned, kept.share, kept.baseline) == (20, 20, 1.0, "current tuning")
+    assert {len(row) for row in kept.kpis} == {8}
+    assert [len(row) for row in kept.margins] == [3] * 5
+    assert len(kept.effects) == len(kept.varied)
+    assert [each.verdict for each in kept.worst] == [""] * 3
+    assert all((tmp_path / f"worst_run_{k}.png").stat().st_size > 10_000 for k in (1, 2, 3))
 
 
-def test_json_holds_every_run_and_a_bad_tuning_is_no_error(prefcal, best):
+def test_in_a_terminal_each_of_the_worst_runs_is_asked_about_once(prefcal, best, tmp_path, monkeypatch):
+    said, answers = [], iter(["y", "N", "?"])
+
+    def ask(console, words):
+        said.append(words)
+        return next(answers)
+
+    monkeypatch.setattr(verify_run, "ask_line", ask)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     theta = {**LAG, "K": 7.0, "T_i": 8.0}
-    words = ("--runs", "10", "--json", "--jobs", "1", "--only", "parameter,dead time")
-    code, out, err = prefcal("verify", best(theta=theta), *words, "--range", "dead time=0.5:0.8")
+    words = ("--range", "task=0", "--range", "dead time=0.5:0.8")
+    code, _, err = prefcal("verify", best(theta=theta), "--runs", "10", "--jobs", "1", *words)
     assert code == 0, err
-    found = json.loads(out)
-    assert len(found["runs"]) == 10
-    assert len(found["alone"]) == 2 * len(found["factors"])
-    delay = next(f for f in found["factors"] if f["name"] == "dead time")
-    assert (delay["low"], delay["high"]) == pytest.approx((9.0, 10.8))
-    assert found["margins"]["M_s"] is None or found["margins"]["M_s"] > 2
+    kept = Verified.read(tmp_path)
+    assert [each.verdict for each in kept.worst] == ["acceptable", "not acceptable", ""]
+    assert all("acceptable? (y/n)" in text for text in said)
+    assert "dead time 9 to 10.8 s" in kept.varied
+    assert not any("load" in text for text in kept.varied)
+
+
+RIG = """
+from prefcal_env import Channel, Knob, KnobSpace, Rig
+from prefcal_env.experiments.experiment import Channels
+from prefcal_scenarios import KPI, Scenario
+
+level = Channel("level", "m")
+
+
+class Live(Rig):
+    asks = "confirm"
+
+
+def scenario(kind):
+    rig = kind(Channels((level,), (), (level,), "h"), (2.0,), kpis=lambda made: {"overshoot": 0.0})
+    kpis = (KPI("overshoot", "overshoot", at_most=5.0),)
+    return Scenario("tank", "A tank", KnobSpace([Knob("K", 0, 5)]), rig, kpis=kpis)
+
+
+record, confirm = scenario(Rig), scenario(Live)
+"""
+
+
+@pytest.mark.parametrize("kind", ["record", "confirm"])
+def test_of_a_rig_only_its_limits_are_said(prefcal, best, tmp_path, kind):
+    (tmp_path / "tank.py").write_text(RIG)
+    changes = {"scenario": f"tank.py:{kind}", "theta": {"K": 2.0}, "kpis": {"overshoot": 7.0}}
+    code, out, err = prefcal("verify", best(**changes, ended="time is up"))
+    assert code == 0, err
+    words = " ".join(out.split())
+    for text in (
+        "Not verified: nothing can be varied.",
+        "The nominal run: overshoot misses its objective.",
+        "No margins: the plant is not known as equations",
+        "a rig or a live plant, which cannot be varied: verify a model of it",
+    ):
+        assert text in words
+    assert Verified.read(tmp_path).share is None
+
+
+def test_a_function_of_theta_alone_is_told_what_to_add_in_one_sentence(prefcal, best, tmp_path):
+    run = 'def run(theta, seed=0):\n    return recorded(theta, [0.0, 1.0], {"y": [0.0, theta[0]]})\n'
+    (tmp_path / "own.py").write_text(
+        "from prefcal_env import Knob, KnobSpace, recorded\nfrom prefcal_scenarios import Scenario\n"
+        f'{run}own = Scenario("own", "Own", KnobSpace([Knob("K", 0, 5)]), run)\n'
+    )
+    code, _, err = prefcal("verify", best(scenario="own.py:own", theta={"K": 2.0}))
+    assert code != 0
+    assert "only a function of θ: give the parameters of its plant as arguments" in " ".join(err.split())
 
 
 @pytest.mark.parametrize(
@@ -59,7 +131,7 @@ def test_json_holds_every_run_and_a_bad_tuning_is_no_error(prefcal, best):
         ({"scenario": "camel"}, (), "no scenario is called 'camel'"),
         ({}, ("--runs", "0"), "runs must be"),
         ({}, ("--range", "noise"), "--range must look like"),
-        ({}, ("--only", "nosie"), "nothing that varies is called 'nosie'. Did you mean 'noise'?"),
+        ({}, ("--range", "nosie=0"), "nothing that varies is called 'nosie'. Did you mean 'noise'?"),
     ],
 )
 def test_errors_of_use_say_what_is_wrong(prefcal, best, changes, words, says):

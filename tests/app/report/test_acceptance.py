@@ -61,7 +61,7 @@ def test_the_sheet_names_study_version_values_and_dates():
     assert "Accepted by" in text
     assert "comparisons by a person" in text
     rows = len(record.kpis) + len(record.scenario.space)
-    assert text.count('<th scope="row">') == rows + 2  # how the run ended, and the valve's limits
+    assert text.count('<th scope="row">') == rows + 3  # how the run ended, the valve's limits and moves
     assert "valve saturated" in text
     assert "the tuning in use was not given" in text
     tuned = replace(record, baseline=CURRENT, fingerprint="0123456789abcdef")

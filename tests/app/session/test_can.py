@@ -40,6 +40,7 @@ def arguments(interview, rng):
         "repeat": (),
         "pace": (int(rng.integers(1, 4)),),
         "ask_for": (theta,),
+        "choose": (theta, now.incumbent),
         "record": (Given(index, csv(5 + 5 * rng.random()), again=True),),
         "write_and_start": (index,),
         "stop_run": (index,),

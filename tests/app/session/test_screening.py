@@ -25,8 +25,8 @@ AGENT = partial(Screening, n_simulated=40)
 OPPOSITE = {Choice.LEFT: Choice.RIGHT, Choice.RIGHT: Choice.LEFT, Choice.SAME: Choice.SAME}
 
 
-def started(path=None, n_max=5, ahead=False, seed=0, agent=AGENT):
-    return begin(unseen, n_max=n_max, agent=agent, path=path, ahead=ahead, seed=seed)
+def started(path=None, n_max=5, ahead=False, seed=0, agent=AGENT, stops=False):
+    return begin(unseen, n_max=n_max, agent=agent, path=path, ahead=ahead, seed=seed, stops=stops)
 
 
 def worked(interview):
@@ -315,6 +315,61 @@ def test_a_simulator_of_processes_is_closed_by_whoever_made_it(tmp_path):
         assert asked(proceed(interview)) == asked(proceed(here))
         interview.close()
         assert simulator.count == here._flow.thoughts.simulator.count
+
+
+@pytest.fixture
+def enough(monkeypatch):
+    """Agents that have enough after three answers."""
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) >= 3)
+
+
+def tried(interview):
+    return [sample.theta for sample in interview.now().state.history.samples]
+
+
+def shown(interview):
+    """θ that were shown by the end."""
+    return tried(interview)[: interview.now().state.history.answered]
+
+
+@pytest.mark.parametrize("ahead", [False, True])
+def test_it_ends_when_the_agent_has_enough_and_goes_on_with_the_same_questions(enough, ahead):
+    whole, early = started(n_max=7), started(n_max=7, stops=True, ahead=ahead)
+    for interview in (whole, early):
+        answer_all(interview, lambda number: None)
+    assert whole.now().state.ended == "all compared"
+    now = worked(early)
+    assert (now.phase, now.state.ended) == (Phase.OVER, "little is left to gain")
+    assert shown(early) == shown(whole)[:4]
+    assert early.known.screened() is not None, "what it ended by is known"
+    assert early.known.outlook is not None
+    early.steps.go_on()
+    answer_all(early, lambda number: None)
+    assert early.now().state.ended == "all compared", "it does not end early again"
+    assert shown(early) == shown(whole)
+
+
+def test_an_undo_after_such_an_end_opens_its_last_question_again(enough, tmp_path):
+    interview = started(tmp_path / "a.prefcal", n_max=7, stops=True)
+    answer_all(interview, lambda number: None)
+    last = shown(interview)[-1]
+    interview.steps.undo(interview.now().version)
+    now = proceed(interview)
+    assert now.phase is Phase.QUESTION
+    assert tuple(now.question.challenger.experiment.theta) == last
+    interview.steps.answer(now.question.id, judge(now.question, cost))
+    assert proceed(interview).state.ended == "little is left to gain"
+    interview.file.close()
+    assert reopened(unseen, tmp_path / "a.prefcal").now().phase is Phase.OVER
+
+
+def test_an_open_question_stays_open_though_the_agent_has_enough(monkeypatch):
+    interview = started(n_max=7, stops=True)
+    question = proceed(interview).question
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: True)
+    assert proceed(interview).question == question
+    interview.steps.answer(question.id, judge(question, cost))
+    assert proceed(interview).phase is Phase.OVER
 
 
 def test_it_runs_unattended():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_app.session import Interview
+from prefcal_app.session import Choice, Interview, Phase
 from prefcal_app.simulating import Simulator, twin_of
 from prefcal_env.errors import StudyError
 from prefcal_env.preferences.reading import as_read
@@ -62,6 +62,23 @@ def test_a_look_at_a_simulated_theta_shows_the_model_and_runs_nothing_on_the_pla
     interview.steps.ask_for(theta)
     now = proceed(interview)
     assert now.question.challenger.experiment.kpis["rough"] == pytest.approx(theta[0] ** 2)
+
+
+def test_what_is_chosen_on_the_twin_is_only_asked_for_on_the_plant():
+    interview = twinned(simulator())
+    now = proceed(interview)
+    interview.steps.answer(now.question.id, Choice.LEFT)
+    proceed(interview)
+    best = interview.steps.finish().incumbent
+    bank, shown = interview.known.screened(current=False).bank, interview.now().state.history.samples
+    theta = next(
+        t
+        for t, k in zip(bank.thetas, bank.kpis, strict=True)
+        if np.isfinite(k).all() and tuple(t) not in {s.theta for s in shown}
+    )
+    interview.look_at(theta)
+    assert interview.steps.choose(theta, best).phase is Phase.RUNNING
+    assert proceed(interview).question.challenger.experiment.theta.tolist() == theta.tolist()
 
 
 def test_a_restart_asks_the_same_question(tmp_path):

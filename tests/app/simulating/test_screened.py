@@ -1,6 +1,7 @@
 """What is read from a screening agent, when, and what of it front ends get."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from prefcal_agents.screening.reason import Reason
 from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import Carried, Prospect
 from prefcal_app.simulating.why import percent
-from prefcal_env.errors import KnobError, ScenarioError
+from prefcal_app.view.simulated import smaller_view
+from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
+from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.kpis import screened
-from support.interviews import begin, proceed
+from support.interviews import begin, proceed, reopened
 from support.looks import toy
 from support.screened import explained, screening, simulated
 
@@ -203,6 +206,20 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
     assert Prospect(940, 0.5, replace(CERTIFIED, chance=0.05)).offer.endswith("Stop here, or go on?")
 
 
+@pytest.mark.parametrize(
+    ("experiments", "words"),
+    [
+        ((3.4, 123.0, 1000.0), "about 120 random experiments (90 %: 3 to more than 1,000)."),
+        ((112.0, 1000.0, 1000.0), "more than 1,000 random experiments (90 %: 110 to more than 1,000)."),
+        ((1.0, 9.6, 88.0), "about 10 random experiments (90 %: 1 to 88)."),
+    ],
+)
+def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments, words):
+    said = replace(CERTIFIED, experiments=experiments)
+    assert f"the best so far. It is as good as the best of {words} The chance" in Prospect(9, 0.1, said).text
+    assert "random experiments" not in Prospect(9, 0.1, replace(said, share=1.0)).text
+
+
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
     found = Prospect(940, 0.08, replace(CERTIFIED, share=None, chance=None))
     assert found.text == "The KPIs do not explain your answers well enough to say how much better is left."
@@ -258,3 +275,73 @@ def test_an_error_in_what_is_said_of_a_result_leaves_the_rest(monkeypatch):
         pass
     assert interview.known.screened().told_result
     assert len(interview.known.screened().bank) > 0
+
+
+def test_at_the_end_a_smaller_change_than_from_the_given_start_is_looked_for(chances):
+    start = [0.5, 10.0, 1.0]
+    agent = partial(Screening, n_simulated=80, start=[start])
+    interview = explained(begin(simulated, n_max=3, agent=agent))
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT if interview.now().question.left.challenger else Choice.RIGHT)
+    assert not interview.known.screened().told_result
+    while interview.work():
+        pass
+    screened = interview.known.screened()
+    assert screened.told_result
+    best = np.array(interview.now().state.history.samples[interview.now().incumbent].theta)
+    found = screened.carried.smaller
+    assert found is not None
+    assert set(found.theta) <= {*best, *start}
+    assert screened.row(np.array(found.theta)) is not None  # the page can show it
+    assert any("can stay as before" in words for words in screened.result(simulated))
+    assert tuple(smaller_view(interview)) == found.theta
+
+
+def ended(**more):
+    """A study that is over, with what carries its result."""
+    interview = explained(screening(n_max=3, **more))
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT)
+    return interview
+
+
+def test_a_choice_after_a_look_is_an_answer_and_leaves_the_study_over(tmp_path):
+    interview = ended(path=tmp_path / "a.prefcal")
+    best, given = interview.now().incumbent, interview.known.counts.comparisons
+    interview.look_at(WANTED)
+    now = interview.steps.choose(WANTED, best)
+    assert now.phase is Phase.OVER  # without another run, and without a question to the person
+    assert now.incumbent == 3
+    assert interview.past.experiment(3).theta.tolist() == WANTED.tolist()
+    assert interview.known.counts.comparisons == given + 1
+    assert now.state.requested == {3}
+    interview.file.close()
+    again = reopened(simulated, tmp_path / "a.prefcal")
+    assert again.now().incumbent == 3, "it is as durable as any answer"
+    asked = again.steps.undo(again.now().version).question
+    assert (asked.challenger.index, asked.incumbent.index) == (3, best), "and can be undone as any"
+    again.steps.give(asked.id, Answer(Preference.INCUMBENT))
+    assert proceed(again).incumbent == best
+
+
+def test_a_choice_that_was_not_looked_at_is_only_asked_for():
+    interview = ended()
+    now = interview.steps.choose(WANTED, interview.now().incumbent)
+    assert now.phase is Phase.RUNNING
+    asked = proceed(interview).question
+    assert asked.challenger.experiment.theta.tolist() == WANTED.tolist()
+    assert interview.known.counts.comparisons == 2
+
+
+def test_a_choice_beside_another_best_or_of_what_was_tried_changes_nothing():
+    interview = ended()
+    best, version = interview.now().incumbent, interview.now().version
+    other = interview.past.experiment(1 - min(best, 1)).theta
+    interview.look_at(WANTED)
+    with pytest.raises(StaleError, match="another experiment is the best"):
+        interview.steps.choose(WANTED, best + 1)
+    with pytest.raises(ProtocolError, match="compared already"):
+        interview.steps.choose(other, best)
+    with pytest.raises(KnobError):
+        interview.steps.choose(np.array([9.0, 21.0, 1.0]), best)
+    assert (interview.now().version, interview.now().phase) == (version, Phase.OVER)

@@ -6,8 +6,10 @@ import pytest
 
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.influence import Influence, Stakes
+from prefcal_agents.utility.smaller_change import SmallerChange
 from prefcal_agents.utility.wishes import Wished
 from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, wanted, why
+from prefcal_app.simulating.why import kept
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.scenario import KPI
 from support.looks import toy
@@ -55,6 +57,14 @@ def test_objectives_that_only_the_new_one_misses_are_named():
         "Left has lower settling time t_f (chance that you prefer it: 50 %). It misses the "
         "objective for final level."
     )
+
+
+def test_the_knobs_that_can_stay_are_named():
+    assert kept(SmallerChange((0.5, 10.0, 1.0), (0, 2), 0.031), toy) == (
+        "2 of 3 knobs can stay as before (T_s and gain) without looking worse to you "
+        "(chance that it does: 3 %)."
+    )
+    assert kept(None, toy) == ""
 
 
 def test_no_more_than_two_kpis_are_named_on_either_side():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from prefcal_agents import GLISp
 from prefcal_app.session import Background, Phase
 from prefcal_app.terminal.converse import _Conversation, _waiting
 from prefcal_app.terminal.lines import END
@@ -37,6 +38,12 @@ def test_a_whole_study_by_keys(interview):
     assert "The study is finished: all compared." in out
     given = [c.answer.preference for c in interview.now().state.history.comparisons[1:]]
     assert given[2:] == [0, None]
+
+
+def test_a_study_that_ends_early_says_why_and_how_to_go_on(monkeypatch):
+    monkeypatch.setattr(GLISp, "has_enough", lambda agent, history: len(history.lessons()) >= 2)
+    out = talk(begin(toy_scenario(), n_max=5, stops=True), "lr")
+    assert "The study is finished: little is left to gain (--n-max 6 goes on)." in out
 
 
 @pytest.mark.parametrize("width", [80, 140])

@@ -8,7 +8,7 @@ import pytest
 from prefcal_app.session import Choice
 from prefcal_app.summary.compare import Spread
 from prefcal_app.view import now_view
-from prefcal_app.view.end import baseline_of, gained
+from prefcal_app.view.end import baseline_of, gain_view, gained
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked
 
@@ -31,6 +31,16 @@ def test_every_kpi_of_the_result_stands_beside_the_first_experiment_largest_chan
     assert old["text"] == f"{before.kpis['t_f']:.4g}"
     assert new["text"] == f"{after.kpis['t_f']:.4g}"
     assert new["met"] == (after.kpis["t_f"] <= 20)
+
+
+@pytest.mark.parametrize("baseline", ["current tuning", "paper"])
+def test_the_tuning_that_the_person_gave_stands_beside_the_result(baseline):
+    theta, best = [{"name": "T_s"}], 3
+    found = gain_view(baseline, best, [], theta)
+    assert found["before"] == theta
+    assert f"To go back, set the values of the {baseline}" in found["back"]
+    assert gain_view("first experiment", best, [], theta)["before"] == []  # it was in no plant
+    assert gain_view(baseline, 0, [], theta)["before"] == []  # nothing was changed
 
 
 def row(before, after, *, kpi=None, study=()):

@@ -13,7 +13,7 @@ from prefcal_agents.utility.influence import Stakes
 from prefcal_app.session import Choice
 from prefcal_app.simulating import Basis, Carried, Screened
 from prefcal_app.view import look_view, map_view, now_view, why_view
-from prefcal_app.view.simulated import _axes, _chosen, _points, menu_view
+from prefcal_app.view.simulated import _axes, _chosen, _points, menu_view, objections_view
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 from support.interviews import begin, proceed
@@ -253,3 +253,25 @@ def test_the_menu_names_other_simulated_theta_by_what_they_gain(monkeypatch):
     assert [choice["theta"] for choice in menu_view(interview)] == bank.thetas[rows].tolist()
     points = [point["theta"] for point in map_view(interview)["points"]]
     assert all(choice["theta"] in points for choice in menu_view(interview)), "the page finds them by θ"
+
+
+def test_the_picture_has_what_lies_between_the_result_and_the_menu(monkeypatch):
+    interview = explained(screening())
+    assert map_view(interview)["ways"] == []
+    bank, best = interview.known.screened().bank, map_view(interview)["best"]
+    row = int(np.argmin(np.where(np.arange(len(bank)) == best, np.inf, bank.kpis[:, 0])))
+    carries(interview, monkeypatch, Carried(True, None, None, {row: Reason(0.4, ("t_f",), ())}, ()))
+    (way,) = map_view(interview)["ways"]
+    assert (way[0], way[-1]) == (best, row)
+    assert not bank.hopeless[list(way)].any()
+
+
+def test_the_kpis_that_may_matter_more_come_with_what_is_then_asked(monkeypatch):
+    interview = explained(screening())
+    assert objections_view(interview) == []
+    bank = interview.known.screened().bank
+    carries(interview, monkeypatch, Carried(True, None, None, {}, (), {"final": 7, "t_f": 5}))
+    assert objections_view(interview) == [
+        {"name": "settling time t_f", "theta": bank.thetas[5].tolist()},
+        {"name": "final level", "theta": bank.thetas[7].tolist()},
+    ]

@@ -36,6 +36,7 @@ BODIES = {
     "retract": {"answer": 1},
     "repeat": {},
     "ask_for": {"theta": [0.5, 21.0, 1.0]},
+    "choose": {"theta": [0.5, 21.0, 1.0], "best": 0},
     "pace": {"questions": 3},
     "retry": {},
     "fail": {"index": 0, "reason": "broken"},

@@ -5,11 +5,13 @@ import re
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageColor
 
 from prefcal_env.study import verify
+from prefcal_scenarios.presentation.style import BEST, OTHERS
+from prefcal_scenarios.verification.verified import Verified
 from support.browser import Watched
-from support.page_checks import pixels
+from support.page_checks import pixels, serious
 from toy_study import TOY
 
 BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
@@ -323,3 +325,32 @@ def test_curves_and_answers_fit_at_every_size(opened):
     page.wait_for_selector("#both-plot .js-line")
     both, figure = (page.locator(f"#both{at}").first.bounding_box() for at in ("", "-plot .main-svg"))
     assert figure["y"] + figure["height"] <= both["y"] + both["height"]
+
+
+def test_the_result_is_verified_by_a_key_and_a_person_judges_the_worst_runs(browser, command):
+    served, watched = command("lag", "--agent", "lhs", n_max=2), Watched(browser, color_scheme="light")
+    watched.open(served.link)
+    page = watched.page
+    page.keyboard.press("ArrowLeft")
+    watched.phase("over")
+    page.wait_for_selector("#verify")
+    page.keyboard.press("v")
+    page.wait_for_selector("#verification .statement")
+    assert re.search(r"\d+ of 299 runs keep the stated limits", page.inner_text("#verification .statement"))
+    assert "phase margin" in page.inner_text("#verification")
+    pictures = page.locator(".worst img")
+    assert pictures.count() == 3
+    pictures.first.scroll_into_view_if_needed()
+    page.wait_for_function("() => document.querySelector('.worst img').naturalWidth > 300")
+    for color in (BEST, OTHERS[0]):  # the nominal run, and the worst one
+        assert pixels(page, ".worst img >> nth=0", ImageColor.getrgb(color)) > 100
+    page.click("text=Not acceptable >> nth=0")
+    page.wait_for_selector(".worst [aria-pressed=true]")
+    page.evaluate("document.querySelector('#verification details').open = true")
+    assert serious(page) == []
+    page.reload()  # what is known stays
+    page.wait_for_selector(".worst [aria-pressed=true]")
+    assert page.inner_text(".worst [aria-pressed=true]") == "Not acceptable"
+    (kept,) = served.study.parent.rglob("verification.json")
+    assert [each.verdict for each in Verified.read(kept.parent).worst] == ["not acceptable", "", ""]
+    assert watched.errors == []

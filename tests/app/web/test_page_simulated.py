@@ -4,11 +4,13 @@ import contextlib
 import re
 from functools import partial
 
+import numpy as np
 import pytest
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.influence import Influence
+from prefcal_agents.utility.smaller_change import SmallerChange
 from prefcal_app.session import Background
 from prefcal_app.simulating import Carried
 from prefcal_app.web import Window
@@ -18,6 +20,7 @@ from support.page_checks import pixels, serious
 from support.screened import screening
 from support.unseen import unseen
 
+RIGHT = (184, 56, 6)
 GOOD = {"light": (23, 113, 63), "dark": (105, 207, 149)}
 
 
@@ -188,13 +191,21 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
 def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browser, screen, monkeypatch):
     decisive = Influence(1, 0, 1, 0.3, sure=True)
     menu = {5: Reason(0.4, ("t_f",), ()), 9: Reason(0.3, ("final",), ())}
-    monkeypatch.setattr(Carried, "of", lambda agent, *, over: Carried(over, None, decisive, menu, ()))
+    smaller = SmallerChange((0.5, 21.0, 1.0), (0, 2), 0.03)
+    said = {"over": True, "stakes": None, "decisive": decisive, "menu": menu, "wishes": (), "complete": False}
+    monkeypatch.setattr(Carried, "of", lambda agent, *, over: Carried(**{**said, "over": over}))
+    monkeypatch.setattr(Screening, "smaller_change", smaller)
     watched = Watched(browser)
     watched.open(screen(n_max=3).link)
     page = watched.page
     watched.answer("ArrowLeft")
     page.keyboard.press("ArrowRight")
     watched.phase("over")
+    page.wait_for_selector("text=2 of 3 knobs can stay as before")
+    page.click("text=Look at the smaller change")  # simulated apart from all others, and in the picture
+    page.wait_for_function("() => document.querySelector('#point .values')?.textContent.includes('21')")
+    assert "Simulated, never shown" in page.inner_text("#point")
+    page.keyboard.press("Escape")
     page.wait_for_selector("text=The result rests on your answer about experiment 2")
     watched.shot("end-simulated-1280")
     page.click("text=Look at that answer again")
@@ -210,6 +221,115 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
     page.click("#ask-for")  # one more experiment: to choose it is to compare it
     watched.phase("question")
     page.wait_for_function("() => document.getElementById('why').textContent.includes('asked')")
+    assert watched.errors == []
+
+
+@pytest.fixture
+def menu(browser, screen, monkeypatch):
+    """The end of a study whose menu names two others, and says what may matter more."""
+
+    def told(agent, *, over):
+        bank, best = agent.bank, agent.bank.find(agent.best)
+        shown = {best, *bank.rows([sample.theta for sample in agent.history.samples])}
+        usable = np.setdiff1d(np.flatnonzero(np.isfinite(bank.kpis).all(axis=1)), list(shown))
+        first, *_, last = usable[np.argsort(bank.kpis[usable, bank.names.index("t_f")])].tolist()
+        menu = {first: Reason(0.4, ("t_f",), ()), last: Reason(0.4, ("final",), ())}
+        return Carried(over, None, None, menu if over else {}, (), {"final": last} if over else {})
+
+    monkeypatch.setattr(Carried, "of", told)
+    served = screen(n_max=3)
+
+    def ended(**options):
+        watched = Watched(browser, **options)
+        watched.open(served.link)
+        watched.answer("ArrowLeft")
+        watched.page.keyboard.press("ArrowRight")
+        watched.phase("over")
+        watched.page.wait_for_selector("button.other")
+        return watched
+
+    return served, ended
+
+
+def test_one_key_looks_at_another_candidate_and_one_chooses_it(menu):
+    served, ended = menu
+    watched = ended(color_scheme="light")
+    page, before = watched.page, served.state
+    page.keyboard.press("c")  # nothing is looked at yet
+    page.keyboard.press("2")
+    page.wait_for_selector("#look .js-line")
+    page.wait_for_selector("#choose:enabled")
+    assert page.evaluate("document.body.dataset.view") == "simulated"
+    assert page.inner_text("#look .left h4") == "Best so far"
+    assert pixels(page, "#look .right .plot", RIGHT) > 60  # its curves
+    assert served.state == before
+    theta = page.inner_text("#look .right .theta")
+    page.keyboard.press("c")
+    page.keyboard.press("c")  # a double press chooses once
+    page.wait_for_selector("#view-over h3 >> text=The result: experiment 4")
+    assert page.is_hidden("#banner")
+    assert served.state.ended
+    assert len(served.state.history.comparisons) == len(before.history.comparisons) + 1
+    assert served.state.requested == {3}
+    for value in re.findall(r"[\d.]+", page.inner_text("#view-over .values")):
+        assert value in theta
+    page.keyboard.press("z")  # undone as any answer
+    watched.phase("question")
+    assert watched.errors == []
+
+
+def test_a_slider_shows_what_lies_between_and_the_stop_on_show_is_chosen(menu):
+    served, ended = menu
+    watched = ended()
+    page = watched.page
+    page.keyboard.press("1")
+    page.wait_for_selector("#choose:enabled")
+    assert page.get_attribute("#way", "aria-valuetext").endswith("to lower settling time t_f")
+    stops = int(page.get_attribute("#way", "max"))
+    assert stops >= 2
+    page.focus("#way")
+    seen, images = set(), set()
+    for _ in range(stops):
+        page.keyboard.press("ArrowRight")
+        words = page.get_attribute("#way", "aria-valuetext")
+        if words == "the result":
+            assert page.is_disabled("#choose")
+            assert page.inner_text("#look") == ""
+            continue
+        page.wait_for_selector("#choose:enabled")
+        seen.add(page.inner_text("#look .right .theta"))
+        images.add(page.locator("#look .right .plot").screenshot())
+        assert page.evaluate("document.activeElement.id") == "way"
+    assert len(seen) == len(images) == stops - 1
+    assert page.get_attribute("#way", "aria-valuetext").endswith("final level nearer to its target")
+    assert serious(page) == []
+    for width, height in ((1280, 800), (640, 400), (390, 780)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(300)
+        watched.shot(f"slider-{width}")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate("() => document.getElementById('main').scrollWidth <= innerWidth")
+        page.locator("#way").scroll_into_view_if_needed()
+        box = page.locator("#way").bounding_box()
+        assert 0 <= box["x"] < box["x"] + box["width"] <= width
+        assert box["width"] > 0.6 * width
+    page.click("#choose")
+    page.wait_for_selector("#view-over h3 >> text=The result: experiment 4")
+    assert served.state.requested == {3}
+    assert watched.errors == []
+
+
+def test_what_matters_more_than_was_said_is_asked_about(menu):
+    served, ended = menu
+    watched = ended()
+    page = watched.page
+    watched.shot("objection-1280")
+    assert page.locator("button.objection").all_inner_texts() == ["final level"]
+    assert serious(page) == []
+    page.click("button.objection")
+    watched.phase("question")
+    page.wait_for_function("() => document.getElementById('why').textContent.includes('asked')")
+    assert served.state.requested == {3}
     assert watched.errors == []
 
 

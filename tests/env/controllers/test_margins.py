@@ -7,14 +7,7 @@ import pytest
 
 from prefcal_env.controllers.linearized import linearized
 from prefcal_env.controllers.lqr import LQR
-from prefcal_env.controllers.margins import (
-    UNCONSTRAINED,
-    UNSTABLE,
-    MarginKPIs,
-    margin_kpis,
-    margins,
-    margins_of,
-)
+from prefcal_env.controllers.margins import UNSTABLE, MarginKPIs, margin_kpis, margins, margins_of
 from prefcal_env.controllers.pid import PID
 from prefcal_env.controllers.pid_law import PIDLaw
 from prefcal_env.controllers.sampled import sampled
@@ -25,6 +18,13 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
+
+
+def at_rest(plant, x0=None, u0=None):
+    """A task that starts at rest, at 0 unless it is given."""
+    x0, u0 = (np.zeros(len(c)) if v is None else v for c, v in ((plant.states, x0), (plant.inputs, u0)))
+    return Task(x0, u0, plant.g(x0, u0, np.zeros(0)), horizon=1.0)
+
 
 GRID = np.geomspace(1e-4, 1e4, 4000)
 LAGS = ([1.0], [1.0, 3.0, 3.0, 1.0])
@@ -66,11 +66,10 @@ def test_the_margins_of_a_pid_are_those_of_python_control(system, delay, T_s, pi
     plant = Plant.of(system, delay=delay)
     K_p, T_i, T_d, N = pid
     make = partial(PID, K_p, T_i, T_d, T_s=T_s, N=N)
-    found = margins(plant, make, np.zeros(len(plant.states)), np.zeros(1))
+    found = margins(plant, at_rest(plant), make)
     L = loop_of(control, plant, delay, T_s, K_p, T_i, T_d, N)
     GM, PM, SM, _, at, _ = control.stability_margins(L, returnall=True)
-    assert found.stable
-    assert found.basis == UNCONSTRAINED
+    assert found != UNSTABLE
     assert found.gain == pytest.approx(min(g for g in GM if g > 1), rel=1e-6)
     assert found.phase == pytest.approx(min(abs(PM)), rel=1e-6)
     assert found.M_s == pytest.approx(1 / min(SM), rel=1e-6)
@@ -84,8 +83,9 @@ def test_the_disk_margin_of_the_article_by_seiler_and_others():
     L = control.tf([25], [1, 10, 10, 10])  # its section "SISO", α = 0.46, gains 0.63 to 1.59, 26°
     found = margins_of(sensitivity(L), GRID)
     assert found.disk == pytest.approx(0.46, abs=0.005)
-    assert (1 / found.disk_gain, found.disk_gain) == pytest.approx((0.63, 1.59), abs=0.005)
-    assert found.disk_phase == pytest.approx(26, abs=0.5)
+    gain = (2 + found.disk) / (2 - found.disk)
+    assert (1 / gain, gain) == pytest.approx((0.63, 1.59), abs=0.005)
+    assert np.rad2deg(2 * np.arctan(found.disk / 2)) == pytest.approx(26, abs=0.5)
     assert found.gain == pytest.approx(control.margin(L)[0], rel=1e-6)
 
 
@@ -117,21 +117,21 @@ def test_state_feedback_without_sampling_would_have_60_degrees_and_half_the_gain
     plant = Plant.of(([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], np.eye(2), np.zeros((2, 1))))
     model = linearized(plant, None, None, None, 1.0)
     made = partial(LQR, model, np.diag([1.0, 0.0]), [[1.0]], T_s=0.002)
-    found = margins(plant, made, np.zeros(2), np.zeros(1))
+    found = margins(plant, at_rest(plant), made)
     assert found.phase > 59
     assert found.M_s == pytest.approx(1.0, abs=0.01)
     assert found.gain_reduction < 0.5
 
 
 def test_an_unstable_loop_has_no_margins():
-    made = partial(PID, 60.0, 3.0, T_s=0.1)
-    assert margins(Plant.of(LAGS), made, np.zeros(3), np.zeros(1)) is UNSTABLE
+    made, plant = partial(PID, 60.0, 3.0, T_s=0.1), Plant.of(LAGS)
+    assert margins(plant, at_rest(plant), made) is UNSTABLE
 
 
 def test_an_input_at_its_limit_has_no_linear_law():
     plant = Plant.of(LAGS, inputs=[Channel("valve", "%", 0, 100)])
     with pytest.raises(SettingsError, match="input 'valve' rests at 0 %, a limit"):
-        margins(plant, partial(PID, 1.0, T_s=0.1), np.zeros(3), np.zeros(1))
+        margins(plant, at_rest(plant), partial(PID, 1.0, T_s=0.1))
 
 
 def test_the_law_of_an_mpc_is_that_of_a_simulation():
@@ -143,8 +143,8 @@ def test_the_law_of_an_mpc_is_that_of_a_simulation():
     values = {"N_p": 20, "N_u": 4, "Q_du": 0.1, "Q_2": 1.0, "drift": 0.01}
     make = partial(loop.controller.make, values, plant, task, T_s)
     x0, u0, d0 = task.x0, task.u0, task.disturbance(0.0)
-    found = margins(plant, make, x0, u0, d0, settle=600)
-    assert found.stable
+    found = margins(plant, task, make, settle=600)
+    assert found != UNSTABLE
     assert found.M_s > 1.05
     periods, samples, size = 12, 24, 0.01
     omega = 2 * np.pi / (samples * T_s)
@@ -160,12 +160,12 @@ def test_the_law_of_an_mpc_is_that_of_a_simulation():
         wave = np.exp(-2j * np.pi * np.arange(len(last)) / samples)
         S[:, j] = 2j * (wave @ last) / len(last) / size
     expected = np.linalg.svd(S, compute_uv=False)
-    response = found_response(plant, make, x0, u0, d0)(np.array([omega]))[0]
+    response = found_response(plant, task, make)(np.array([omega]))[0]
     assert np.linalg.svd(response, compute_uv=False) == pytest.approx(expected, rel=0.02)
     assert response == pytest.approx(S, abs=0.02 * expected[0])
 
 
-def found_response(plant, make, x0, u0, d0):
+def found_response(plant, task, make):
     """The sensitivity that `margins` uses, caught on its way."""
     from prefcal_env.controllers import margins as module
 
@@ -173,7 +173,7 @@ def found_response(plant, make, x0, u0, d0):
     patch = pytest.MonkeyPatch()
     with patch.context() as context:
         context.setattr(module, "margins_of", lambda response, omega: caught.append(response))
-        margins(plant, make, x0, u0, d0, settle=600)
+        margins(plant, task, make, settle=600)
     return caught[0]
 
 

@@ -12,14 +12,23 @@ from prefcal_scenarios.cases.loops.family import LOOPS
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.factor import chosen, drawn
-from prefcal_scenarios.verification.loops import Designed, LoopSubject
-from prefcal_scenarios.verification.plants import Scaled, Worn
+from prefcal_scenarios.verification.cases import subject_of
+from prefcal_scenarios.verification.compiled import Designed, LawController
+from prefcal_scenarios.verification.factor import drawn
+from prefcal_scenarios.verification.loops import Worn
+from prefcal_scenarios.verification.plants import Scaled
 from prefcal_scenarios.verification.rest import at_rest
-from prefcal_scenarios.verification.robustness import LawController
-from prefcal_scenarios.verification.subject import named, subject_of
 
 ROUGH = ("rough-900", "rough-903")
+
+
+def found(scenario):
+    return subject_of(scenario.source, scenario.space)
+
+
+def varied(name, values):
+    """The loop of a scenario with other values."""
+    return found(load(name)).at(values).function.func.__self__
 
 
 def middle(scenario):
@@ -28,14 +37,11 @@ def middle(scenario):
 
 @pytest.mark.parametrize("name", [*CLOSED_LOOPS, *ROUGH])
 def test_a_varied_loop_starts_at_rest_where_the_study_does(name):
-    scenario = load(name)
-    subject = subject_of(scenario)
-    assert isinstance(subject, LoopSubject)
-    loop = subject.loop
+    loop, subject = load(name).run.__self__, found(load(name))
     first = loop.plant.measured[0]
     for k in range(6):
-        values = named(subject.factors, drawn(subject.factors, 3, k))
-        made = subject.varied(values)
+        values = drawn(subject.factors, 3, k)
+        made = varied(name, values)
         shift = values.get("start", 0.0) * (loop.target.start[0] - loop.task.x0[first])
         if at_rest(made.plant, made.task.x0, made.task.u0, made.task.disturbance(0.0)):
             assert made.task.x0[first] == pytest.approx(loop.task.x0[first] + shift, abs=1e-6)
@@ -47,31 +53,31 @@ def test_a_varied_loop_starts_at_rest_where_the_study_does(name):
 def test_without_a_variation_the_run_is_that_of_the_study(name):
     scenario = load(name)
     theta = middle(scenario)
-    assert subject_of(scenario).at({})(theta, seed=4) == scenario.run(theta, seed=4)
+    assert found(scenario).at({})(theta, seed=4) == scenario.run(theta, seed=4)
 
 
 @pytest.mark.parametrize("name", ["cart-pole", "mpc-oscillatory"])
 def test_a_controller_is_designed_for_the_plant_of_the_study(name):
-    subject = subject_of(load(name))
-    factors = [f for f in subject.factors if f.kind == "parameter"]
-    varied = subject.varied({f.name: f.high for f in factors})
-    assert isinstance(varied.controller, Designed)
-    assert varied.plant.parameters != subject.loop.plant.parameters
-    values = dict(zip(subject.space.names, middle(load(name)).tolist(), strict=True))
-    T_s = values.get("T_s", subject.loop.task.T_s)
-    made = varied.controller.make(values, varied.plant, varied.task, T_s)
-    own = subject.loop.controller.make(values, subject.loop.plant, subject.loop.task, T_s)
+    scenario, loop = load(name), LOOPS[name]()
+    factors = [f for f in found(scenario).factors if f.kind == "parameter"]
+    other = varied(name, {f.name: f.high for f in factors})
+    assert isinstance(other.controller, Designed)
+    assert other.plant.parameters != loop.plant.parameters
+    values = dict(zip(scenario.space.names, middle(scenario).tolist(), strict=True))
+    T_s = values.get("T_s", loop.task.T_s)
+    made = other.controller.make(values, other.plant, other.task, T_s)
+    own = loop.controller.make(values, loop.plant, loop.task, T_s)
     if name == "cart-pole":
         assert np.array_equal(made.rows, own.rows)
     else:
-        assert made.estimator.model.plant == subject.loop.plant
+        assert made.estimator.model.plant == loop.plant
 
 
 def test_the_time_constants_of_matrices_vary_and_their_gains_but_no_definitions():
-    names = [f.name for f in subject_of(load("oscillatory")).factors if f.kind == "parameter"]
+    names = [f.name for f in found(load("oscillatory")).factors if f.kind == "parameter"]
     assert names == ["time constant of speed", "time constant of actuator force", "gain of force"]
     loop = LOOPS["lag"]()
-    slower = LoopSubject(loop, loop.space).varied({"time constant of temperature": 1.1}).plant
+    slower = varied("lag", {"time constant of temperature": 1.1}).plant
     A, B = (np.array(M) for M in (loop.plant.parameters.A, loop.plant.parameters.B))
     assert np.array(slower.parameters.A)[0] == pytest.approx(A[0] / 1.1)
     assert np.array_equal(np.array(slower.parameters.A)[1], A[1])
@@ -80,11 +86,10 @@ def test_the_time_constants_of_matrices_vary_and_their_gains_but_no_definitions(
 
 def test_the_other_direction_is_left_out_where_the_nominal_plant_fails_too():
     theta = middle(load("building"))
-    found = verify("building", theta, 2, jobs=1)
-    alone = [f.name for f in subject_of(load("building")).factors]
-    assert "direction of the step" in alone
-    said = any("direction of the step is not varied" in text for text in found.left_out)
-    assert said != ("direction of the step" in {f.name for f in found.factors})
+    verified = verify("building", theta, 2, jobs=1)
+    assert "direction" in [f.name for f in found(load("building")).factors]
+    said = any("direction is not varied" in text for text in verified.left_out)
+    assert said != ("direction" in {f.name for f in verified.factors})
 
 
 def test_a_compiled_law_decides_as_a_controller_what_it_decides_in_its_loop():
@@ -115,12 +120,12 @@ HEATER = Plant.of(
 
 def test_a_pid_on_a_plant_of_ones_own_is_varied():
     scenario = pid_scenario(HEATER)
-    theta, subject = scenario.references["robust"], subject_of(scenario)
+    theta, subject = scenario.references["robust"], found(scenario)
     names = {f.name for f in subject.factors}
     assert {"time constant of x1", "gain of valve", "dead time", "noise", "backlash"} <= names
     same = subject.at({})(theta)
     assert same.kpis == pytest.approx(dict(scenario.run(theta).kpis))
-    late = subject.at({"dead time": 2.0})(theta)
+    late = subject.at({"dead time": 12.0})(theta)
     assert late.kpis["overshoot"] > same.kpis["overshoot"]
     weak = subject.at({"gain of valve": 0.9})(theta)
     assert weak.output(0)[0] == pytest.approx(same.output(0)[0])  # it rests at the same temperature
@@ -128,9 +133,9 @@ def test_a_pid_on_a_plant_of_ones_own_is_varied():
     assert weak.u[before] == pytest.approx(same.u[before] / 0.9, rel=0.01)
     loaded = subject.at({"size of the load": 2.0})(theta)
     assert loaded.kpis["disturbance_peak"] == pytest.approx(2 * same.kpis["disturbance_peak"], rel=0.2)
-    found = verify(scenario, theta, 3, jobs=1)
-    assert len(found.runs) == 3
-    assert found.margins.phase > 40
+    verified = verify(scenario, theta, 3, jobs=1)
+    assert len(verified.runs) == 3
+    assert verified.tuning.margins.phase > 40
 
 
 def test_equations_without_named_parameters_vary_in_speed_and_gain():
@@ -144,7 +149,7 @@ def test_equations_without_named_parameters_vary_in_speed_and_gain():
     assert scaled.f(x, u, d) == pytest.approx([2 * (-1.0 + 3.0)])
     J = scaled.jacobians(x, u, d)
     assert (J.A.item(), J.B.item()) == (pytest.approx(-2.0), pytest.approx(12.0))
-    names = [f.name for f in subject_of(pid_scenario(plant)).factors]
+    names = [f.name for f in found(pid_scenario(plant)).factors]
     assert names[:2] == ["all time constants", "gain of u"]
 
 
@@ -164,10 +169,10 @@ def test_worn_sensors_and_actuators():
 
 def test_the_reactor_varies_its_parameters_but_not_the_gas_constant():
     scenario = load("cstr")
-    subject = subject_of(scenario)
+    subject = found(scenario)
     names = [f.name for f in subject.factors]
-    assert names[:7] == ["F V", "k 0", "H", "E", "rho Cp", "US V", "R"]
-    assert "R" not in {f.name for f in chosen(subject.factors, None, None)}
+    assert names[:6] == ["F V", "k 0", "H", "E", "rho Cp", "US V"]
+    assert "R" not in names
     theta = scenario.references["paper, automated"]
     own, same = scenario.run(theta), subject.at({})(theta)
     assert dict(same.kpis) == pytest.approx(dict(own.kpis))
@@ -178,7 +183,7 @@ def test_the_reactor_varies_its_parameters_but_not_the_gas_constant():
 
 def test_the_overtaking_varies_the_car_and_where_it_starts():
     scenario = load("overtake")
-    subject, theta = subject_of(scenario), scenario.references["paper, preferences"]
+    subject, theta = found(scenario), scenario.references["paper, preferences"]
     assert subject.at({})(theta) == scenario.run(theta)
     longer = subject.at({"wheelbase": 4.9, "start beside the center line": 0.2})(theta)
     assert longer.x[0, 1] == 0.2

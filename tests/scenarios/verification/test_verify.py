@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
-from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_scenarios import KPI, Scenario
+from prefcal_env.errors import KnobError, ScenarioError, SettingsError
+from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import Factor, replay, verify
 from prefcal_scenarios.verification.factor import drawn
 from prefcal_scenarios.verification.result import most_probable
+from prefcal_scenarios.verification.verified import Verified
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
 THETA = np.array([2.0])
@@ -45,7 +46,7 @@ def test_the_statement_is_right_in_95_of_100_verifications(chance):
     factor, repetitions = [Factor("x", "parameter", 0.5, 0.0, 1.0)], 200
     right = 0
     for seed in range(repetitions):
-        failed = sum(drawn(factor, seed, k)[0] < chance for k in range(100))
+        failed = sum(drawn(factor, seed, k)["x"] < chance for k in range(100))
         right += most_probable(failed, 100) >= chance
     assert right >= 0.95 * repetitions - 2 * np.sqrt(repetitions * 0.05 * 0.95)
 
@@ -58,10 +59,27 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
     assert found.share == 1 - len(heavy) / 200
     assert heavy[0].problems == ("weight misses its objective",)
     assert f"{200 - len(heavy)} of 200 runs keep the stated limits" in found.statement
+    assert found.idle == ()
     first, second = found.effects
-    assert (first.factor.name, first.worst.values, first.worsening) == ("mass", {"mass": 0.9}, np.inf)
+    assert (first.factor.name, first.run.values, first.worsening) == ("mass", {"mass": 0.9}, np.inf)
     assert (second.factor.name, second.kpi) == ("stiffness", "pull")
     assert found.worst(3)[0].values["mass"] < 2.0 / 2.1
+
+
+def test_what_changes_no_kpi_is_said():
+    def deaf(theta, seed=0, mass=1.0, noise=0.5):
+        return run(theta, seed, mass)
+
+    found = verify(replace(SPRING, run=deaf), THETA, 3, jobs=1)
+    assert found.idle == ("noise",)
+    assert "noise changes no KPI here" in Verified.of(found, SPRING, "", "1.0", "").left_out
+
+
+def test_a_run_without_a_scenario_is_verified_too():
+    found = verify(run, THETA, 5, jobs=1)
+    assert [f.name for f in found.factors] == ["mass", "stiffness"]
+    with pytest.raises(KnobError, match="finite numbers"):
+        verify(run, np.array([np.nan]))
 
 
 def test_a_function_of_theta_alone_says_what_to_add():
@@ -83,38 +101,41 @@ def test_what_is_done_before_an_interruption_is_kept():
             raise KeyboardInterrupt
 
     found = verify("lag", LAG, 299, jobs=1, progress=stop)
-    assert not found.complete
     assert len(found.runs) == 6  # the seventh was not handed over
     assert found.runs == verify("lag", LAG, 6, jobs=1).runs
     assert "6 of 6" in found.statement
     assert "stopped early, 299 were planned" in found.statement
+    kept = Verified.of(found, load("lag"), "current tuning", "1.0", "")
+    assert (kept.runs, kept.planned, kept.baseline, kept.effects) == (6, 299, "", ())
     assert found.effects == ()
 
 
 def test_the_current_tuning_meets_the_same_plants():
     start = LAG * [0.5, 1, 1, 1, 1, 1]
     found = verify("lag", LAG, 8, start=start, jobs=1)
-    assert [run.values for run in found.before] == [run.values for run in found.runs]
-    assert [run.kpis for run in found.before] == [run.kpis for run in verify("lag", start, 8, jobs=1).runs]
-    assert found.quantiles("error", before=True)[1] > found.quantiles("error")[1]
+    runs = found.before.runs
+    assert [run.values for run in runs] == [run.values for run in found.runs]
+    assert [run.kpis for run in runs] == [run.kpis for run in verify("lag", start, 8, jobs=1).runs]
+    assert found.before.quantiles("error")[1] > found.tuning.quantiles("error")[1]
 
 
 def test_ranges_and_kinds_are_chosen_by_name_and_misspelled_ones_are_refused():
-    found = verify("lag", LAG, 2, vary=["parameter", "dead time"], ranges={"dead time": (0.2, 0.2)}, jobs=1)
+    others = {"sensor": 0, "actuator": 0, "task": 0}
+    found = verify("lag", LAG, 2, ranges={"dead time": (0.2, 0.2), **others}, jobs=1)
     assert {f.kind for f in found.factors} == {"parameter", "dead time"}
     assert all(run.values["dead time"] == pytest.approx(7.2) for run in found.runs)
     with pytest.raises(SettingsError, match="nothing that varies is called 'dead-time'"):
         verify("lag", LAG, 2, ranges={"dead-time": 0.1})
     with pytest.raises(SettingsError, match="nothing varies"):
-        verify("lag", LAG, 2, vary=["noise"], ranges={"noise": 0.0})
-    with pytest.raises(SettingsError, match="from low to high"):
+        verify("lag", LAG, 2, ranges={"parameter": 0, "dead time": 0, **others})
+    with pytest.raises(SettingsError, match="low first"):
         verify("lag", LAG, 2, ranges={"noise": (1.0, 0.0)})
 
 
 def test_a_worst_run_can_be_looked_at():
     found = verify("lag", LAG, 5, jobs=1)
     worst = found.worst(1)[0]
-    made = replay("lag", found, worst)
+    made = replay("lag", LAG, worst)
     assert dict(made.kpis) == dict(worst.kpis)
     assert len(made.t) > 100
 
@@ -124,7 +145,7 @@ def test_a_fragile_tuning_is_told_from_a_robust_one():
     robust = verify("unstable", np.array([3.0, 20.0, 0.3, 0.05, 0.5]), 60, jobs=1)
     assert robust.share == 1
     assert fragile.share < 0.95
-    assert fragile.margins.gain < 1.3 < 2 < robust.margins.gain
+    assert fragile.tuning.margins.gain < 1.3 < 2 < robust.tuning.margins.gain
 
 
 def test_a_rig_is_not_verified():
@@ -150,5 +171,5 @@ def test_a_run_that_raises_fails_and_says_why():
 def test_a_nominal_run_that_never_settles_is_said():
     found = verify("lag", LAG * [0.05, 5, 1, 1, 1, 1], 3, jobs=1)
     assert "settling time of temperature (within ±5 %)" in found.never
-    assert "counts in no run" in found.limits
+    assert "Not counted, since infinite nominally, too: settling time of" in found.statement
     assert verify("lag", LAG, 3, jobs=1).never == ()

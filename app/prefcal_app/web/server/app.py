@@ -10,8 +10,9 @@ from starlette.routing import Route
 
 from prefcal_app.web.answers import http_error
 from prefcal_app.web.api import VIEWS, Api
-from prefcal_app.web.bodies import ACTIONS
+from prefcal_app.web.bodies import ACTIONS, JudgedRun, Nothing
 from prefcal_app.web.pages import Pages
+from prefcal_app.web.verifying import Verifying
 
 from .files import Assets
 from .hosts import Hosts
@@ -72,10 +73,21 @@ def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = Fals
 
 def _of_api(api: Api) -> list[Route]:
     gets = {"now": api.now, "history/{answer}": api.asked, "look": api.look}
+    verifying = Verifying(api.reports)
+    verify = {
+        "verify": (verifying.start, Nothing),
+        "stop_verifying": (verifying.stop, Nothing),
+        "judge": (verifying.judge, JudgedRun),
+    }
     posts = {"preview": api.preview, "record": api.record, "close": api.close}
     return [
         *(Route(f"/api/{name}", api.answering(do)) for name, do in gets.items()),
         *(Route(f"/api/{name}", api.answering(api.show, name)) for name in VIEWS),
+        Route("/api/verification", api.answering(api.seen_of, verifying.view)),
+        *(
+            Route(f"/api/{name}", api.answering(api.done_of, *how, verifying.view), methods=["POST"])
+            for name, how in verify.items()
+        ),
         *(Route(f"/api/{name}", api.answering(do), methods=["POST"]) for name, do in posts.items()),
         *(Route(f"/api/{name}", api.answering(api.act, name), methods=["POST"]) for name in ACTIONS),
     ]

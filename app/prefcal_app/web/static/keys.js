@@ -4,6 +4,8 @@ import { answer, finish, mark, open, skip, toggleBlind, undo, current } from "./
 import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, toggleTable, toggleZoom } from "./question.js";
 import { $, ask, el, table } from "./dom.js";
 import { drives, stopLive } from "./live.js";
+import { chooseIt, showOther } from "./simulated.js";
+import { verify } from "./verify.js";
 import { briefing } from "./waiting.js";
 
 export const QUESTION = {
@@ -37,6 +39,10 @@ const EVERYWHERE = {
   w: ["W", "where are we", () => open("status")],
   k: ["K", "stop the run on the plant", stopLive],
   m: ["M", "everything simulated, as a picture", () => current()?.screening && open("simulated")],
+  1: ["1 2 C", "at the end: look at another candidate beside the result; choose what you look at", () => showOther(0)],
+  2: [null, "", () => showOther(1)],
+  c: [null, "", chooseIt],
+  v: ["V", "at the end: verify the result on plants that are not exactly as modeled", verify],
   Escape: ["Esc", "back to the question; skip a repeated question", leave],
   "?": ["?", "the task, and these keys", showKeys],
 };
@@ -47,7 +53,7 @@ function leave() {
 }
 
 const typing = (target) =>
-  target instanceof Element && (target.matches("input, textarea, select, [contenteditable]"));
+  target instanceof Element && (target.matches("input:not([type=range]), textarea, select, [contenteditable]"));
 
 // Listen for keys. `of(name)` returns the row of a table like those above, or nothing.
 export function keyboard(of = asked) {
@@ -81,8 +87,8 @@ function asked(name) {
 }
 
 export async function showKeys() {
-  const known = Object.values({ ...QUESTION, ...EVERYWHERE })
-    .filter(([key]) => key && (key !== "M" || current()?.screening) && (key !== "K" || current()?.live)
+  const known = [QUESTION, EVERYWHERE].flatMap(Object.values)
+    .filter(([key]) => key && (!["M", "1 2 C"].includes(key) || current()?.screening) && (key !== "K" || current()?.live)
       && (key !== "1 … 9" || current()?.question?.maneuver));
   const told = await briefing();
   if ($("dialog").open) return; // pressed twice while loading

@@ -1,14 +1,15 @@
 // Show the end: what was gained, where the report is, and what to do next.
 
-import { $, ask, button, copying, el, fill, shownTable, symbol } from "./dom.js";
+import { $, ask, button, copying, el, fill, shownTable, symbol, values } from "./dom.js";
 import { can, open } from "./flow.js";
 import { showNext } from "./history.js";
-import { point } from "./simulated.js";
+import { request, showOther, showTheta } from "./simulated.js";
 import { bestCard } from "./status.js";
+import { verification } from "./verify.js";
 
 const REASONS = {
   "all compared": "All experiments have been compared", "good enough": "The best is good enough",
-  stopped: "You finished the study",
+  stopped: "You finished the study", "little is left to gain": "Little is left to gain",
 };
 
 const link = (words, properties) => el("a", { class: "button", ...properties }, words);
@@ -35,12 +36,13 @@ export function showOver(now, act) {
 function gained(gain) {
   if (!gain || !gain.table.rows.length) return null;
   return el("div", { class: "card gain" }, el("h3", {}, gain.same ? "What was gained" : gain.title),
-    gain.same ? el("p", {}, gain.none) : shownTable(gain.table));
+    gain.same ? el("p", {}, gain.none) : shownTable(gain.table),
+    gain.before.length ? [el("h3", {}, "The way back"), el("p", { class: "faint" }, gain.back), values(gain.before)] : null);
 }
 
 // Show what to do next: continue, use the controller, widen a range, or close.
 function steps(now, act) {
-  const { over, study } = now;
+  const { over, study, progress } = now;
   const more = $("more") ?? el("input", { type: "number", id: "more", min: "1", max: "1000", value: "10", "aria-label": "More experiments" });
   const on = () => act("go_on", { more: Math.max(1, Math.min(1000, Math.round(Number(more.value)) || 10)) });
   const item = (title, ...parts) => el("li", {}, el("h4", {}, title), ...parts);
@@ -51,21 +53,20 @@ function steps(now, act) {
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
-      over.decisive ? el("p", { class: "actions" }, button("Look at that answer again", again)) : null,
+      over.objections.length ? el("p", { class: "actions" }, "Is that not what you want? This matters more:", over.objections.map(({ name, theta }) =>
+        button(symbol(name), () => request(theta, progress.questions - progress.answered, act), { class: "objection" }))) : null,
+      over.decisive || over.smaller ? el("p", { class: "actions" }, over.decisive ? button("Look at that answer again", again) : null,
+        over.smaller ? button("Look at the smaller change", () => showTheta(over.smaller)) : null) : null,
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
-    over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. To choose one, ask for it and compare it."),
-      el("p", { class: "actions" }, over.menu.map(({ name, theta }) => button(name, () => choosing(theta), { class: "other" })))) : null,
+    over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. Look at one beside the result, and at what lies between them."),
+      el("p", { class: "actions" }, over.menu.map(({ name }, k) => [button(name, () => showOther(k), { class: "other" }), el("kbd", {}, String(k + 1))]))) : null,
+    over.next.download ? item("Will it hold on the plant?", verification()) : null,
     item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
     item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));
 
   function again() {
     showNext(over.decisive);
     open("history");
-  }
-
-  function choosing(theta) {
-    point(theta);
-    open("simulated");
   }
 
   async function close() {

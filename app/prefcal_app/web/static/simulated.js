@@ -2,7 +2,7 @@
 
 import { fetched, get } from "./api.js";
 import { $, button, el, fill, symbol, table, values, withUnit } from "./dom.js";
-import { can, open } from "./flow.js";
+import { can, current, open } from "./flow.js";
 import { draw, drawn, step } from "./map.js";
 import { showAgain } from "./maneuvers.js";
 
@@ -11,12 +11,21 @@ let data = null;
 let which = null; // the axes, chosen by the person; null: those that matter most
 let row = null; // the point that is described
 let send = null;
-
+let stops = []; // rows on the way from one other candidate over the result to the other
+let looked = null; // the row whose curves are on show
+let looking = false;
 let wished = null; // the θ of the point to describe first, once it is known
 
-// Describe the point of a θ when the picture is shown next.
-export function point(theta) {
+// Show the first (0) or second (1) other candidate of the end beside the result.
+export function showOther(k) {
+  const other = current()?.over?.menu[k];
+  if (other) showTheta(other.theta);
+}
+
+// Show a simulated θ beside the result.
+export function showTheta(theta) {
   wished = String(theta);
+  open("simulated");
 }
 
 export async function showSimulated(act) {
@@ -38,7 +47,9 @@ export async function showSimulated(act) {
   which ??= [...data.chosen];
   $("map-parts").hidden = false;
   selects();
-  return redraw();
+  ways();
+  redraw();
+  return named && kept >= 0 && row !== data.best ? look() : undefined;
 }
 
 // Return the row of the experiment in question that is not the best; null without a question.
@@ -56,8 +67,36 @@ function build() {
       el("p", { class: "map-axes" }, el("label", {}, "Across ", el("select", { id: "map-x", on })), el("label", {}, "Up ", el("select", { id: "map-y", on }))),
       el("div", { class: "map-columns" }, el("div", { class: "card flat" }, map, el("p", { id: "map-legend", class: "marks-legend faint" })),
         el("section", { id: "point", class: "card", "aria-label": "The chosen point", "aria-live": "polite" })),
-      el("div", { id: "look", tabindex: "-1" })));
+      el("div", { id: "ways", class: "card", hidden: true }), el("div", { id: "look", tabindex: "-1" })));
   new ResizeObserver(() => data && picture()).observe(map);
+}
+
+// Draw the slider from one other candidate over the result to the other: each stop was simulated.
+function ways() {
+  const [one = [], two = []] = data.ways, { menu = [] } = current()?.over ?? {};
+  stops = [...one.slice(1).reverse(), data.best, ...two.slice(1)];
+  const key = String([stops, menu.map(({ name }) => name)]);
+  $("ways").hidden = !one.length;
+  if (!one.length || $("ways").dataset.key === key) return; // it may be in use
+  $("ways").dataset.key = key;
+  const ends = menu.map(({ name }, k) => button([symbol(name), " ", el("kbd", {}, String(k + 1))], () => showOther(k)));
+  fill($("ways"), el("label", { for: "way" }, "What lies between: each stop was simulated. To choose one is an answer."),
+    el("input", { type: "range", id: "way", min: 0, max: stops.length - 1, on: { input: ({ target }) => choose(stops[target.value]) } }),
+    el("p", { class: "ends" }, ends[0], ends[1] ?? el("span", {}, "the result")),
+    el("p", { class: "actions" }, button([current().simulated.twin ? "Ask for it" : "Choose it", " ", el("kbd", {}, "C")], chooseIt, { id: "choose", class: "primary" }),
+      el("output", { for: "way" })));
+}
+
+// Say where the slider is, and whether what it shows can be chosen.
+function way() {
+  if (!$("way")) return;
+  const at = stops.indexOf(row), from = stops.indexOf(data.best), far = at < from ? from : stops.length - 1 - from;
+  const words = at < 0 ? "another point" : at === from ? "the result"
+    : `${Math.abs(at - from)} of ${far} to ${current().over?.menu[at < from ? 0 : 1].name}`;
+  if (at >= 0) $("way").value = at;
+  $("way").setAttribute("aria-valuetext", words);
+  fill(document.querySelector("#ways output"), symbol(words));
+  $("choose").disabled = looked !== row || data.points[row]?.number !== null;
 }
 
 // Explain the signs that are in the picture, and no others.
@@ -102,10 +141,11 @@ function told() {
 
 function choose(next) {
   if (next === row) return;
-  row = next;
-  fill($("look"));
+  [row, looked] = [next, null];
+  if (!stops.includes(row) || row === data.best) fill($("look")); // while sliding, it stays until the next one is there
   describe();
   picture();
+  if (stops.includes(row)) look();
 }
 
 function move(event) {
@@ -127,6 +167,7 @@ function name({ number }) {
 }
 
 function describe() {
+  way();
   if (row === null) return fill($("point"), el("p", { class: "faint" }, "No point is chosen."));
   const point = data.points[row];
   const best = data.best === null || row === data.best ? null : data.points[data.best];
@@ -149,27 +190,50 @@ function actions(point) {
     : pending ? "It is in the open question." : full ? "All experiments are compared: answer the last questions first."
       : over ? `This continues the study${data.left_to_ask ? "" : " with one more experiment"}.` : "It replaces the new experiment of the open question, which stays free to be asked for.";
   return [el("p", { class: "actions" },
-    button("Look at it", lookAt, { id: "look-at", disabled: row === data.best || point.end === "failed" }),
+    button("Look at it", look, { id: "look-at", disabled: row === data.best || point.end === "failed" }),
     button("Ask for it", askFor, { id: "ask-for", class: "primary", disabled: tried || pending || full })),
   el("p", { class: "faint" }, why)];
 }
 
 async function askFor(event) {
-  const { theta } = data.points[row];
   event.target.disabled = true;
-  if (can("go_on") && !(await send("go_on", { more: data.left_to_ask > 0 ? 0 : 1 }))) return;
-  if (await send("ask_for", { theta }, "asked for")) open("now");
-  else describe();
+  if (!(await request(data.points[row].theta, data.left_to_ask, send))) describe();
 }
 
-async function lookAt(event) {
-  const [place, button] = [$("look"), event.target];
-  const { theta, number } = data.points[row];
-  button.disabled = true;
-  const found = await fetched(place, `/api/look?theta=${encodeURIComponent(theta.join(","))}`);
-  button.disabled = false;
+// Make θ the next question, and go to it; a study that is over goes on for it. Return whether it worked.
+export async function request(theta, left, act) {
+  if (can("go_on") && !(await act("go_on", { more: left > 0 ? 0 : 1 }))) return false;
+  const asked = await act("ask_for", { theta }, "asked for");
+  if (asked) open("now");
+  return asked;
+}
+
+// Choose what is looked at instead of the result: an answer, without another question.
+export async function chooseIt() {
+  const { theta, number } = data?.points[row] ?? {};
+  if (looked === null || looked !== row || number !== null || !can("choose")) return;
+  looked = null; // once
+  if (!(await send("choose", { theta, best: data.points[data.best].number - 1 }, "chosen"))) return;
+  fill($("look"));
+  open("now");
+}
+
+// Show the curves of the point beside the best so far; while they are fetched, it may become another one.
+async function look() {
+  if (looking) return;
+  looking = true;
+  let at, found;
+  do {
+    at = row;
+    found = at === data.best ? null : await fetched($("look"), `/api/look?theta=${encodeURIComponent(data.points[at].theta.join(","))}`);
+  } while (at !== row);
+  looking = false;
   if (!found) return;
+  const { number } = data.points[row], sliding = document.activeElement?.id === "way";
   const title = number === null ? "Simulated for a look: nothing is recorded" : `Experiment ${number} beside the best so far`;
-  showAgain(place, title, found, { left: ["Best so far", `experiment ${found.question.left.number}`],
+  showAgain($("look"), title, found, { left: ["Best so far", `experiment ${found.question.left.number}`],
     right: ["This one", number === null ? "never shown" : `experiment ${number}`] });
+  if (sliding) $("way").focus({ preventScroll: true });
+  looked = row;
+  way();
 }

@@ -1,0 +1,62 @@
+// Verify the result on varied plants, show what came of it, and ask about the worst runs.
+
+import { get, post } from "./api.js";
+import { button, el, fill, shownTable, symbol } from "./dom.js";
+import { current } from "./flow.js";
+
+const PAUSE = 500; // ms between two looks at a verification that runs
+const place = el("div", { id: "verification", "aria-live": "polite" });
+let timer = 0;
+let about = null; // the version of the study that the place is about
+
+// Return the place of the verification; it stays while the page is drawn anew.
+export function verification() {
+  const { version } = current();
+  if (about !== version) {
+    about = version;
+    show(() => get("/api/verification"));
+  }
+  return place;
+}
+
+export const verify = () => current()?.over?.next.download && show(() => post("verify", {}, false));
+
+async function show(ask) {
+  clearTimeout(timer);
+  try {
+    const told = await ask();
+    fill(place, told.running ? going(told) : [told.problem ? problem(told.problem) : null, told.said ? said(told.said) : offer()]);
+    if (told.running) timer = setTimeout(() => show(() => get("/api/verification")), PAUSE);
+  } catch (error) {
+    fill(place, problem(error.message), offer());
+  }
+}
+
+const problem = (words) => el("p", { class: "problem", role: "alert" }, words);
+
+const start = (words) => button([words, " ", el("kbd", { "aria-hidden": "true" }, "V")], verify, { id: "verify" });
+
+const offer = () => [el("p", {}, "Try the result on 299 plants that are not exactly as modeled: other parameters, dead time, noise, range and load."),
+  el("p", { class: "actions" }, start("Verify it"))];
+
+const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planned} runs on varied plants…` : "Runs on varied plants…"),
+  el("progress", { max: planned || 1, value: planned ? done : null, "aria-label": "Runs on varied plants" }),
+  el("p", { class: "actions" }, button("Stop and keep these", () => show(() => post("stop_verifying", {}, false))))];
+
+function said({ statement, limits, basis, tables, effects, worst, varied, left_out }) {
+  const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
+  return [el("p", { class: "statement" }, statement), el("p", { class: "faint" }, limits),
+    worst.length ? el("h5", {}, "The worst runs, beside the nominal one: acceptable?") : null, worst.map(run),
+    tables.map((each) => [el("h5", {}, each.label), shownTable(each)]), el("p", { class: "faint" }, `${basis}.`),
+    el("details", {}, el("summary", {}, "What hurts most, what varied and what did not"),
+      list("What hurts most, one at a time", effects), list("What varied", varied), list("What did not", left_out)),
+    el("p", { class: "actions" }, start("Verify again"))];
+}
+
+function run({ words, values, verdict, picture }, k) {
+  const judge = (acceptable) => show(() => post("judge", { run: k, acceptable }, false));
+  const choice = (text, acceptable) => button(text, () => judge(acceptable), { "aria-pressed": String(verdict === text.toLowerCase()) });
+  return el("figure", { class: "worst" }, el("img", { src: `${picture}?${Date.now()}`, alt: `Curves of worst run ${k + 1} beside the nominal run`, loading: "lazy" }),
+    el("figcaption", {}, el("strong", {}, `${k + 1}: ${words}. `), symbol(values),
+      el("span", { class: "actions" }, choice("Acceptable", true), choice("Not acceptable", false))));
+}

@@ -1,0 +1,135 @@
+"""The acceptance sheet answers what is asked of a tuning, or says "not verified"."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from prefcal_app.report.acceptance import sheet
+from prefcal_app.report.answers import FILE, answers, refresh, unverified, verified_answers
+from prefcal_app.report.export import best_as_json
+from prefcal_app.summary.outlook import Outlook
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun, digest_of
+from toy_study import toy_record
+
+FOUND = Verified(
+    statement="298 of 299 runs keep the stated limits.",
+    limits_kept="Stated limits: a safe end.",
+    share=0.99,
+    bound=0.02,
+    runs=299,
+    planned=299,
+    baseline="current tuning",
+    kpis=(),
+    margins=(("gain margin [dB]", "12", "8"), ("phase margin [°]", "60", "44")),
+    basis="the unconstrained law",
+    effects=("dead time (4.8 to 7.2 s): overshoot",),
+    worst=(WorstRun("settling time misses its objective", {"dead time": 7.1}, 3, "acceptable"),),
+    varied=("dead time 4.8 to 7.2 s", "noise of the sensors 0 to 0.2 %"),
+    left_out=("Sampling jitter is not varied",),
+    scenario="toy",
+    version="1.0",
+    best="",
+)
+
+
+def test_who_answered_what_and_why_the_result_is_the_result():
+    record = replace(toy_record(), settings={"calibrator": "human"}, digest="ab12")
+    found = dict(answers(record))
+    who = found["Who answered"]
+    assert who.startswith(f"{len(record.trials)} experiments, {record.questions} comparisons by a person (")
+    for words, count in record.verdict_counts().items():
+        assert (f"{words} {count}" in who) == (count > 0)
+    assert who.endswith("SHA-256 of the study file: ab12.")
+    assert found["Why this one"].startswith("It is the best by the answers")
+    assert found["Enough answers"].startswith("Not stated")
+    told = Outlook(promise="Fewer than 4 % are better.", result=("You wanted calmness.",))
+    found = dict(answers(replace(record, outlook=told)))
+    assert found["Enough answers"] == "Fewer than 4 % are better."
+    assert found["Why this one"] == "You wanted calmness."
+
+
+def test_what_nobody_looked_at_is_not_verified():
+    found = dict(unverified(toy_record()))
+    assert found["Margins"].startswith("not verified: ")
+    assert "dead times, noise, loads and set points" in found["Other plants"]
+    assert "Run prefcal verify best.json" in found["Other plants"]
+
+
+def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monkeypatch):
+    loop = load("lag")
+    theta = loop.space.decode(np.full(len(loop.space), 0.5))
+    trial = SimpleNamespace(experiment=loop.run(theta))
+    record = SimpleNamespace(scenario=loop, best=trial, before=trial)
+    said = dict(unverified(record))["Margins"]
+    assert re.match(r"gain margin \[dB\] [\d.]+ \(before [\d.]+\), phase margin", said)
+    assert "linearized at the operating point" in said
+
+    def fails(*_):
+        raise RuntimeError("no plant")
+
+    monkeypatch.setattr("prefcal_app.report.answers.subject_of", fails)
+    assert dict(unverified(record))["Margins"] == "not verified: no margins: no plant"
+
+
+def test_what_was_verified_is_said_with_what_was_not():
+    found = dict(verified_answers(FOUND))
+    assert found["Margins"] == (
+        "gain margin [dB] 12 (before 8), phase margin [°] 60 (before 44): the unconstrained law."
+    )
+    assert found["Other plants"] == "298 of 299 runs keep the stated limits. Stated limits: a safe end."
+    assert found["Worst run"] == "settling time misses its objective (acceptable): dead time 7.1."
+    assert found["Varied"].endswith("noise of the sensors 0 to 0.2 %. Beyond these ranges: not verified.")
+    assert found["Not verified"] == "Sampling jitter is not varied."
+    unknown = replace(FOUND, margins=(), basis="no margins: the plant is not known")
+    assert dict(verified_answers(unknown))["Margins"] == "not verified: no margins: the plant is not known"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / BEST).write_text(best_as_json(toy_record()))
+    (tmp_path / FILE).write_text(sheet(toy_record()))
+    return tmp_path
+
+
+def test_a_verification_completes_the_sheet(folder):
+    before = (folder / FILE).read_text()
+    refresh(folder)
+    assert (folder / FILE).read_text() == before  # nothing was verified
+    for _ in range(2):  # and again
+        replace(FOUND, best=digest_of(folder / BEST)).write(folder)
+        refresh(folder)
+        text = (folder / FILE).read_text()
+        assert text.count("298 of 299 runs") == 1
+        assert "not verified: other gains" not in text
+    (folder / BEST).write_text("{}")
+    refresh(folder)
+    assert (folder / FILE).read_text() == text  # it is about another tuning
+
+
+def test_a_folder_without_a_sheet_gets_none(tmp_path):
+    refresh(tmp_path)
+    assert not (tmp_path / FILE).exists()
+
+
+def test_a_pid_is_given_as_control_systems_ask_for_it():
+    pid = {
+        "controller": "PID",
+        "K_p": 2.0,
+        "T_i": 10.0,
+        "T_d": 3.0,
+        "N": 10.0,
+        "b": 1.0,
+        "c": 0.0,
+        "T_s": 0.5,
+    }
+    record = toy_record()
+    scenario = replace(record.scenario, settings=lambda theta: pid)
+    said = dict(answers(replace(record, scenario=scenario)))["The PID"]
+    assert said.startswith("ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt")
+    assert "Not tuned: K_p 2, T_i 10 h, T_d 3 h, b (set-point weight of K_p) 1" in said
+    assert "T_s" not in said  # a knob of the toy
+    assert "The PID" not in dict(answers(record))

@@ -1,0 +1,76 @@
+"""A tuning's verification stays beside its best.json, with pictures and a person's verdicts."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from prefcal_app.report.verifying import judge, picture, verify_best
+from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_scenarios.verification.verified import BEST, Verified
+
+LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
+
+
+@pytest.fixture
+def best(tmp_path):
+    content = {"format": 1, "scenario": "lag", "theta": LAG, "settings": {}}
+    (tmp_path / BEST).write_text(json.dumps(content))
+    return tmp_path / BEST
+
+
+def test_a_verification_stays_beside_its_tuning_and_takes_verdicts(best):
+    seen = []
+    said = verify_best(best, 4, jobs=1, progress=lambda done, planned: seen.append((done, planned)))
+    assert Verified.read(best.parent) == said
+    assert said.runs == 4
+    assert seen[-1][0] == seen[-1][1] > 4
+    assert all((best.parent / picture(k)).read_bytes().startswith(b"\x89PNG") for k in range(3))
+    judge(best.parent, 1, acceptable=False)
+    told = judge(best.parent, 2, acceptable=True)
+    assert [each.verdict for each in told.worst] == ["", "not acceptable", "acceptable"]
+    assert Verified.read(best.parent) == told
+    assert replace(told, worst=said.worst) == said
+
+
+def test_a_verdict_on_a_run_of_another_tuning_is_stale(best):
+    with pytest.raises(StaleError, match="verify again"):
+        judge(best.parent, 0, acceptable=True)
+    verify_best(best, 2, jobs=1)
+    with pytest.raises(StaleError, match="worst run 9"):
+        judge(best.parent, 8, acceptable=True)
+    best.write_text(best.read_text() + "\n")
+    with pytest.raises(StaleError, match="verify again"):
+        judge(best.parent, 0, acceptable=True)
+
+
+def test_runs_that_are_stopped_early_count(best):
+    def stop(done, planned):
+        if done == 3:
+            raise KeyboardInterrupt
+
+    said = verify_best(best, 50, jobs=1, progress=stop)
+    assert said.runs < said.planned == 50
+    assert "stopped early" in said.statement
+
+
+def test_what_cannot_be_varied_is_refused_and_leaves_nothing(tmp_path):
+    (tmp_path / "mine.py").write_text(OWN)
+    content = {"format": 1, "scenario": "mine.py:SCENARIO", "theta": {"gain": 1.0}, "settings": {}}
+    (tmp_path / BEST).write_text(json.dumps(content))
+    with pytest.raises(ScenarioError, match="argument"):
+        verify_best(tmp_path / BEST, 3)
+    assert Verified.read(tmp_path) is None
+
+
+OWN = """
+import numpy as np
+from prefcal_env import Knob, KnobSpace, recorded
+from prefcal_scenarios import KPI, Scenario
+
+def run(theta, seed=0):
+    t = np.linspace(0, 1, 11)
+    return recorded(theta, t, {"x": theta[0] * t}).with_kpis({"end": float(theta[0])})
+
+SCENARIO = Scenario("mine", "Mine", KnobSpace([Knob("gain", 0, 5)]), run, kpis=(KPI("end", "end"),))
+"""

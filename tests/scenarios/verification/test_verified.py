@@ -1,0 +1,54 @@
+"""verification.json: what is written is read, but only of the best.json beside it."""
+
+from dataclasses import replace
+
+import pytest
+
+from prefcal_env.errors import ScenarioError
+from prefcal_scenarios.verification.verified import BEST, FILE, Verified, WorstRun, digest_of
+
+FOUND = Verified(
+    statement="299 of 299 runs keep the stated limits.",
+    limits_kept="Stated limits: a safe end.",
+    share=1.0,
+    bound=0.01,
+    runs=299,
+    planned=299,
+    baseline="current tuning",
+    kpis=(("overshoot [%]", "≤ 5", "1", "0", "2", "7", "5", "9"),),
+    margins=(("phase margin [°]", "60", "44"),),
+    basis="The unconstrained law.",
+    effects=("dead time (4.8 to 7.2 s): overshoot by 40 % of its range in all runs",),
+    worst=(WorstRun("within the limits", {"dead time": 7.1}, 3, "acceptable"),),
+    varied=("dead time 4.8 to 7.2 s",),
+    left_out=("Sampling jitter is not varied.",),
+    scenario="lag",
+    version="1.0",
+    best="",
+)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / BEST).write_text("{}")
+    return tmp_path
+
+
+def test_what_is_written_is_read(folder):
+    assert Verified.read(folder) is None
+    found = replace(FOUND, best=digest_of(folder / BEST))
+    found.write(folder)
+    assert Verified.read(folder) == found
+
+
+def test_a_verification_of_another_tuning_is_none(folder):
+    replace(FOUND, best=digest_of(folder / BEST)).write(folder)
+    (folder / BEST).write_text("{ }")
+    assert Verified.read(folder) is None
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"statement": "fine"}'])
+def test_a_damaged_file_is_said(folder, text):
+    (folder / FILE).write_text(text)
+    with pytest.raises(ScenarioError, match=r"verification\.json"):
+        Verified.read(folder)
