@@ -43,7 +43,7 @@ all shown: a few answers between θ that are poor in the same way can teach a wr
 _ALIKE = 0.005
 """Experiments whose KPIs differ by less than this share look alike."""
 
-_LAST = 3
+_LAST = 5
 """Number of last questions of a robust study that show what holds, if anything does."""
 _STALLED = 5
 """Number of challengers lost in a row after which every second one is proposed without KPIs."""
@@ -333,16 +333,18 @@ class Screening(Simulating):
     ) -> Int[np.ndarray, " m"]:
         """Return rows in order behind the first that keeps the limits in all perturbed runs.
 
-        It is one of those that promise most: if none of them holds, one that does not teaches more.
-        Only the last questions look at all others, too, those of the largest worth first. What
-        never reaches something holds easily, and so comes only if nothing promises more.
+        It is one of those that promise most, and one that never reaches something, which holds easily,
+        only if it promises more than all others: if there is none, one that does not hold teaches
+        more. The last questions look at all θ, those of the largest worth first.
         """
-        rows, finite = order[allowed[order]], np.isfinite(stage.bank.kpis).all(axis=1)
-        most, rest = np.split(rows, [LOOK])
+        most, rest = np.split(order[allowed[order]], [LOOK])
         if self.n_max - answered <= _LAST:
             by_worth = np.argsort(-worth(stage.costs).mean(axis=0)[rest], kind="stable")
             most = np.append(most, rest[by_worth])
-        for row in most[finite[most] | (most == order[0])]:
+        else:
+            finite = np.isfinite(stage.bank.kpis).all(axis=1)
+            most = most[finite[most] | (most == order[0])]
+        for row in most:
             if self.simulations.runs_kept(stage.bank.thetas[[row]])[0] == ENOUGH:
                 return np.append(row, order[order != row])
         return order
