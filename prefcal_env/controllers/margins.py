@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Complex, Float
 
 from prefcal_env.envs.closed_loop import ClosedLoop
@@ -249,7 +250,6 @@ def _crossings(
     where: np.ndarray | bool = True,
 ) -> Iterator[float]:
     """Yield where a part of a loop gain, which is L at `omega`, changes its sign, to rounding."""
-    from scipy.optimize import brentq
 
     def f(frequency: float) -> float:
         return float(part(at(frequency)))
@@ -258,21 +258,19 @@ def _crossings(
         low, high = float(omega[k]), float(omega[k + 1])
         ends = f(low), f(high)
         if np.signbit(ends[0]) != np.signbit(ends[1]):
-            yield float(brentq(f, low, high, xtol=1e-15, rtol=1e-14))
+            yield float(scipy.optimize.brentq(f, low, high, xtol=1e-15, rtol=1e-14))
         else:  # rounding has moved the change beyond an end
             yield low if abs(ends[0]) < abs(ends[1]) else high
 
 
 def _peak(size: Callable[[np.ndarray], np.ndarray], omega: np.ndarray) -> float:
     """Return the largest value of a positive function of frequency, refined around its peaks."""
-    from scipy.optimize import minimize_scalar
-
     values = size(omega)
     best = float(values.max())
     inside = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
     for k in inside[values[inside] >= 0.8 * best]:
         ends = (omega[k - 1], omega[k + 1])
-        found = minimize_scalar(
+        found = scipy.optimize.minimize_scalar(
             lambda w: -float(size(np.array([w]))[0]), bounds=ends, method="bounded", options={"xatol": 1e-12}
         )
         best = max(best, -float(found.fun))

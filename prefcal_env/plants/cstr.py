@@ -5,6 +5,7 @@ from dataclasses import astuple, dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
@@ -136,8 +137,6 @@ class CSTR:
         """
         if not 0 < T_c < np.inf:
             raise PlantError(f"T_c must be positive and finite, got {T_c} K")
-        from scipy.optimize import brentq  # takes half a second to import, and only this needs it
-
         p, u = self.params, np.array([T_c])
 
         def concentration(T: float) -> float:
@@ -151,7 +150,10 @@ class CSTR:
         highest = max(d[0], T_c) + p.H / p.rho_Cp * d[1] + 1.0
         grid = np.linspace(lowest, highest, 2001)
         signs = np.sign([imbalance(T) for T in grid])
-        roots = [brentq(imbalance, grid[i], grid[i + 1], xtol=1e-12) for i in np.flatnonzero(np.diff(signs))]
+        roots = [
+            scipy.optimize.brentq(imbalance, grid[i], grid[i + 1], xtol=1e-12)
+            for i in np.flatnonzero(np.diff(signs))
+        ]
         return np.array([[T, concentration(T)] for T in roots])
 
 
