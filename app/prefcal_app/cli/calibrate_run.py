@@ -155,10 +155,11 @@ def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
                     window.reports = work.claim.folder
                     ctrl_c.on_press = lambda: work.say("Closing ...")
                 elif announced and not over:
+                    window.reports = None  # it is of the result before
                     ctrl_c.on_press = lambda: _say_stopping(work)
                 announced = over
                 away = window.away()
-                if over and away is not None and away > GONE:
+                if over and away is not None and away > GONE and not window.verifying:
                     break
     if options.json or not announced:
         work.tell(work.write())

@@ -13,13 +13,11 @@ from prefcal_app.terminal.lines import ask_line
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.presentation.wording import number, printable
-from prefcal_scenarios.verification.verified import FILE, Verified
+from prefcal_scenarios.verification.verified import EFFECTS, FILE, Verified
 
 if TYPE_CHECKING:
     from .commands import VerifyOptions
 
-_EFFECTS = 4
-"""Number of factors that are printed."""
 _VERDICTS = {"y": True, "n": False}
 
 
@@ -70,12 +68,9 @@ def _ask(said: Verified, folder: Path, console: Console) -> None:
 def show(said: Verified, console: Console) -> None:
     """Print a verification in a terminal."""
     say(console, said.statement, said.limits_kept)
-    columns = ["", "objective", "nominal", "5 %", "95 %"]
-    if said.baseline:
-        columns += [f"{said.baseline}, nominal", "5 %", "95 %"]
-    console.print(_table(columns, said.kpis))
+    console.print(_table(said.kpi_columns, said.kpis))
     if said.margins:
-        console.print(_table(["", "margin", said.baseline][: len(said.margins[0])], said.margins))
+        console.print(_table(said.margin_columns, said.margins))
     for line in _lines(said):
         say(console, line)
 
@@ -85,7 +80,7 @@ def _lines(said: Verified) -> Iterator[str]:
     yield _sentence(said.basis)
     if said.effects:  # they come after all random runs, and an interruption may end before
         yield "What hurts most, one at a time:"
-    yield from (f"  {text}" for text in said.effects[:_EFFECTS])
+    yield from (f"  {text}" for text in said.effects[:EFFECTS])
     if said.worst:
         yield "Worst runs:"
     for each in said.worst:

@@ -66,9 +66,11 @@ class Nothing(Struct, forbid_unknown_fields=True):
 
 
 class JudgedRun(Struct, forbid_unknown_fields=True):
-    """A verdict on one of the worst runs of a verification, numbered from 0."""
+    """A verdict on one of the worst runs of a verification of the tuning with the digest `best`."""
 
     run: Whole
+    seed: Whole
+    best: Text
     acceptable: bool
 
 

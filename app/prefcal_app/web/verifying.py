@@ -6,14 +6,15 @@ from typing import Any
 
 from prefcal_app import report
 from prefcal_app.view.tables import cell, row, table
+from prefcal_env.errors import StaleError
 from prefcal_scenarios import verification
 from prefcal_scenarios.presentation.wording import number
 
 from .answers import refused
 from .pages import Reports
 
-_EFFECTS = 4
-"""Number of factors that are shown."""
+_PATIENCE = 10.0
+"""Seconds that closing waits for the runs in progress, whose result is then kept."""
 
 
 class Verifying:
@@ -25,47 +26,75 @@ class Verifying:
 
     def __init__(self, reports: Reports) -> None:
         self._reports, self._lock = reports, threading.Lock()
-        self._running = self._stopped = False
+        self._thread: threading.Thread | None = None
+        self._stopped = False
         self._done, self._planned, self._problem = 0, 0, ""
 
     def start(self) -> None:
         """Start, unless it runs or there is no report."""
         folder = self._reports.folder
         with self._lock:
-            if self._running or folder is None:
+            if self.running or folder is None:
                 return
-            self._running, self._stopped = True, False
-            self._done, self._planned, self._problem = 0, 0, ""
-        threading.Thread(target=self._verify, args=(folder,), name="verify", daemon=True).start()
+            self._done, self._planned, self._problem, self._stopped = 0, 0, "", False
+            self._thread = threading.Thread(target=self._verify, args=(folder,), name="verify", daemon=True)
+            self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        """Whether the plant is being varied."""
+        return self._thread is not None and self._thread.is_alive()
 
     def stop(self) -> None:
         """End the runs; those that are done count."""
         self._stopped = True
 
-    def judge(self, run: int, acceptable: bool) -> None:
-        """Keep a person's verdict on one of the worst runs, numbered from 0. Raises StaleError."""
+    def close(self) -> None:
+        """End the runs, and wait until what they say is kept."""
+        self.stop()
+        if self._thread is not None:
+            self._thread.join(_PATIENCE)
+
+    def judge(self, run: int, seed: int, best: str, acceptable: bool) -> None:
+        """Keep a person's verdict on one of the worst runs.
+
+        Args:
+            run: Its number, from 0.
+            seed: Its seed.
+            best: Digest of the tuning that was verified.
+            acceptable: The verdict.
+
+        Raises:
+            StaleError: If another tuning was verified, or the same one again.
+        """
         with self._lock:
-            report.verifying.judge(self._reports.folder or Path(), run, acceptable=acceptable)
+            folder, said = self._reports.folder, self._said()
+            known = [] if said is None else [(each.seed, said.best) for each in said.worst]
+            if folder is None or known[run : run + 1] != [(seed, best)]:
+                raise StaleError("the result was verified again since you looked")
+            report.verifying.judge(folder, run, acceptable=acceptable)
 
     def view(self) -> dict[str, Any]:
         """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
-        folder = self._reports.folder
-        said = None if folder is None or self._running else verification.verified.Verified.read(folder)
+        said = None if self.running else self._said()
         return {
-            "running": self._running,
+            "running": self.running,
+            "runs": verification.varied_runs.RUNS,
             "done": self._done,
             "planned": self._planned,
             "problem": self._problem,
             "said": None if said is None else _said(said),
         }
 
+    def _said(self) -> "verification.verified.Verified | None":
+        folder = self._reports.folder
+        return None if folder is None else verification.verified.Verified.read(folder)
+
     def _verify(self, folder: Path) -> None:
         try:
             report.verifying.verify_best(folder / verification.verified.BEST, progress=self._progress)
         except Exception as error:
             _, self._problem, _ = refused(error)
-        finally:
-            self._running = False
 
     def _progress(self, done: int, planned: int | None) -> None:
         self._done, self._planned = done, planned or 0
@@ -75,26 +104,25 @@ class Verifying:
 
 def _said(said: "verification.verified.Verified") -> dict[str, Any]:
     """Return what a verification says, for the page."""
-    baseline = [said.baseline] if said.baseline else []
-    kpi_heads = ["KPI", "objective", "nominal", "5 %", "95 %"]
-    kpi_heads += [f"{said.baseline}, nominal", "5 %", "95 %"] if said.baseline else []
     return {
+        "best": said.best,
         "statement": said.statement,
         "limits": said.limits_kept,
         "basis": said.basis,
         "tables": [
             table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])
             for label, heads, rows in (
-                ("Stability margins", ["margin", "result", *baseline], said.margins),
-                ("KPIs of the varied plants", kpi_heads, said.kpis),
+                ("Stability margins", said.margin_columns, said.margins),
+                ("KPIs of the varied plants", said.kpi_columns, said.kpis),
             )
             if rows
         ],
-        "effects": list(said.effects[:_EFFECTS]),
+        "effects": list(said.effects[: verification.verified.EFFECTS]),
         "worst": [
             {
                 "words": each.words,
                 "values": ", ".join(f"{name} {number(value)}" for name, value in each.values.items()),
+                "seed": each.seed,
                 "verdict": each.verdict,
                 "picture": f"/report/{report.verifying.picture(k)}",
             }

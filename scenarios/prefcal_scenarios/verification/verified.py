@@ -17,6 +17,8 @@ from prefcal_scenarios.scenario import KPI, Scenario
 from .factor import Factor
 from .result import Effect, Robustness, Verification
 
+EFFECTS = 4
+"""Number of factors that people are shown, those that hurt most."""
 FILE, BEST = "verification.json", "best.json"
 """Names of the files of a verification and of its tuning, in one folder."""
 
@@ -109,6 +111,17 @@ class Verified:
             version=version,
             best=best,
         )
+
+    @property
+    def kpi_columns(self) -> tuple[str, ...]:
+        """Return the headings of the rows of `kpis`."""
+        before = (f"{self.baseline}, nominal", "5 %", "95 %") if self.baseline else ()
+        return "KPI", "objective", "nominal", "5 %", "95 %", *before
+
+    @property
+    def margin_columns(self) -> tuple[str, ...]:
+        """Return the headings of the rows of `margins`."""
+        return "margin", "result", *((self.baseline,) if self.baseline else ())
 
     @classmethod
     def read(cls, folder: str | Path) -> "Verified | None":

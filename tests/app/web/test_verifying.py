@@ -92,8 +92,14 @@ def test_one_verification_runs_at_a_time_and_its_result_is_shown_and_judged(page
     )
     (worst,) = said["worst"]
     assert (worst["values"], worst["picture"]) == ("dead time 7.123", "/report/worst_run_1.png")
-    judged = page.post("judge", run=0, acceptable=False).json()["said"]["worst"]
+    of = {"seed": worst["seed"], "best": said["best"]}
+    judged = page.post("judge", run=0, **of, acceptable=False).json()["said"]["worst"]
     assert [each["verdict"] for each in judged] == ["not acceptable"]
+    assert Verified.read(folder).worst[0].verdict == "not acceptable"
+    for other in ({"seed": 4}, {"best": "0"}):  # it was verified again since the page looked
+        stale = page.post("judge", run=0, **{**of, **other}, acceptable=True)
+        assert stale.status_code == 409
+        assert "verified again" in stale.json()["error"]
     assert Verified.read(folder).worst[0].verdict == "not acceptable"
 
 
@@ -129,9 +135,29 @@ def test_what_went_wrong_is_said_and_it_can_start_again(page, folder, monkeypatc
 
 def test_without_a_report_nothing_starts_and_nothing_is_judged(page):
     assert not page.post("verify").json()["running"]
-    refused = page.post("judge", run=0, acceptable=True)
-    assert refused.status_code == 409
-    assert "verify again" in refused.json()["error"]
-    assert page.post("judge", run=-1, acceptable=True).status_code == 400
+    given = {"seed": 0, "best": "", "acceptable": True}
+    assert page.post("judge", run=0, **given).status_code == 409
+    assert page.post("judge", run=-1, **given).status_code == 400
     with pytest.raises(StaleError):
-        verifying.Verifying(page.reports).judge(0, acceptable=True)
+        verifying.Verifying(page.reports).judge(0, **given)
+
+
+def test_closing_ends_the_runs_and_waits_until_they_are_kept(page, folder, monkeypatch):
+    def verify(best, *, progress):
+        try:
+            while True:
+                progress(1, 2)
+                time.sleep(0.01)
+        except KeyboardInterrupt:
+            time.sleep(0.1)
+            said_of(best.parent).write(best.parent)
+
+    monkeypatch.setattr(report.verifying, "verify_best", verify)
+    page.reports.folder = folder
+    found = verifying.Verifying(page.reports)
+    found.start()
+    assert found.running
+    found.close()
+    assert not found.running
+    assert Verified.read(folder) == said_of(folder)
+    verifying.Verifying(page.reports).close()  # nothing runs

@@ -27,6 +27,7 @@ def make_app(
     hosts: Hosts | None = None,
     static: Traversable | None = None,
     framed: bool = False,
+    verifying: Verifying | None = None,
 ) -> Starlette:
     """Return the application, for any ASGI server.
 
@@ -37,9 +38,15 @@ def make_app(
         hosts: Host names of the server; the loopback names if None.
         static: Folder of the page's files; the package's own if None.
         framed: Whether pages of this machine may show the window in a frame.
+        verifying: What verifies the result; one of its own if None.
     """
     pages = Pages(Assets(static), api.reports, token, port)
-    return guarded(pages, _of_api(api), hosts or Hosts.of("127.0.0.1", port), framed=framed)
+    return guarded(
+        pages,
+        _of_api(api, verifying or Verifying(api.reports)),
+        hosts or Hosts.of("127.0.0.1", port),
+        framed=framed,
+    )
 
 
 def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = False) -> Starlette:
@@ -71,9 +78,8 @@ def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = Fals
     return app
 
 
-def _of_api(api: Api) -> list[Route]:
+def _of_api(api: Api, verifying: Verifying) -> list[Route]:
     gets = {"now": api.now, "history/{answer}": api.asked, "look": api.look}
-    verifying = Verifying(api.reports)
     verify = {
         "verify": (verifying.start, Nothing),
         "stop_verifying": (verifying.stop, Nothing),

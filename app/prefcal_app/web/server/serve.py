@@ -9,6 +9,7 @@ from pathlib import Path
 from prefcal_app.session import Interview
 from prefcal_app.web.api import Api
 from prefcal_app.web.pages import Reports
+from prefcal_app.web.verifying import Verifying
 
 from .app import make_app
 from .site import Site
@@ -74,7 +75,9 @@ class Window(Site):
         self._reports = Reports()
         seen = self._presence.seen
         self._api = Api(interview, self._reports, self.closed, seen, again=again, command=command)
-        super().__init__(partial(make_app, self._api, framed=framed), host=host, port=port)
+        self._verifying = Verifying(self._reports)
+        application = partial(make_app, self._api, framed=framed, verifying=self._verifying)
+        super().__init__(application, host=host, port=port)
 
     @property
     def reports(self) -> Path | None:
@@ -94,6 +97,12 @@ class Window(Site):
         """Return the number of pages that wait for a change."""
         return self._api.waiting.borrowed_tokens
 
+    @property
+    def verifying(self) -> bool:
+        """Whether the result is being verified."""
+        return self._verifying.running
+
     def release(self) -> None:
-        """Answer the pages that wait for a change."""
+        """Answer the pages that wait for a change; end a verification, whose runs so far are kept."""
         self._api.stopping.set()
+        self._verifying.close()

@@ -25,10 +25,10 @@ async function show(ask) {
   clearTimeout(timer);
   try {
     const told = await ask();
-    fill(place, told.running ? going(told) : [told.problem ? problem(told.problem) : null, told.said ? said(told.said) : offer()]);
+    fill(place, told.running ? going(told) : [told.problem ? problem(told.problem) : null, told.said ? said(told.said) : offer(told)]);
     if (told.running) timer = setTimeout(() => show(() => get("/api/verification")), PAUSE);
   } catch (error) {
-    fill(place, problem(error.message), offer());
+    fill(place, problem(error.message), el("p", { class: "actions" }, start("Verify it")));
   }
 }
 
@@ -36,25 +36,26 @@ const problem = (words) => el("p", { class: "problem", role: "alert" }, words);
 
 const start = (words) => button([words, " ", el("kbd", { "aria-hidden": "true" }, "V")], verify, { id: "verify" });
 
-const offer = () => [el("p", {}, "Try the result on 299 plants that are not exactly as modeled: other parameters, dead time, noise, range and load."),
+const offer = ({ runs }) => [el("p", {}, current()?.live || current()?.rig ? "Nothing can be varied on a rig: this says which limits the result keeps, and its margins if the plant is known."
+  : `Try the result on ${runs} plants that are not exactly as modeled. What can be varied follows from the plant, and is said.`),
   el("p", { class: "actions" }, start("Verify it"))];
 
-const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planned} runs on varied plants…` : "Runs on varied plants…"),
+const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planned} runs: random plants, each change alone, and the tuning before…` : "It begins…"),
   el("progress", { max: planned || 1, value: planned ? done : null, "aria-label": "Runs on varied plants" }),
   el("p", { class: "actions" }, button("Stop and keep these", () => show(() => post("stop_verifying", {}, false))))];
 
-function said({ statement, limits, basis, tables, effects, worst, varied, left_out }) {
+function said({ best, statement, limits, basis, tables, effects, worst, varied, left_out }) {
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
   return [el("p", { class: "statement" }, statement), el("p", { class: "faint" }, limits),
-    worst.length ? el("h5", {}, "The worst runs, beside the nominal one: acceptable?") : null, worst.map(run),
+    worst.length ? el("h5", {}, "The worst runs, beside the nominal one: acceptable?") : null, worst.map((each, k) => run(each, k, best)),
     tables.map((each) => [el("h5", {}, each.label), shownTable(each)]), el("p", { class: "faint" }, `${basis}.`),
     el("details", {}, el("summary", {}, "What hurts most, what varied and what did not"),
       list("What hurts most, one at a time", effects), list("What varied", varied), list("What did not", left_out)),
     el("p", { class: "actions" }, start("Verify again"))];
 }
 
-function run({ words, values, verdict, picture }, k) {
-  const judge = (acceptable) => show(() => post("judge", { run: k, acceptable }, false));
+function run({ words, values, seed, verdict, picture }, k, best) {
+  const judge = (acceptable) => show(() => post("judge", { run: k, seed, best, acceptable }, false));
   const choice = (text, acceptable) => button(text, () => judge(acceptable), { "aria-pressed": String(verdict === text.toLowerCase()) });
   return el("figure", { class: "worst" }, el("img", { src: `${picture}?${Date.now()}`, alt: `Curves of worst run ${k + 1} beside the nominal run`, loading: "lazy" }),
     el("figcaption", {}, el("strong", {}, `${k + 1}: ${words}. `), symbol(values),
