@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.report.acceptance import sheet
-from prefcal_app.report.answers import FILE, answers, refresh, unverified, verified_answers
+from prefcal_app.report.answers import FILE, answers, refresh, section, unverified, verified_answers
 from prefcal_app.report.export import best_as_json
 from prefcal_app.summary.outlook import Outlook
 from prefcal_scenarios.catalog import load
@@ -108,6 +108,12 @@ def test_a_verification_completes_the_sheet(folder):
     (folder / BEST).write_text("{}")
     refresh(folder)
     assert (folder / FILE).read_text() == text  # it is about another tuning
+
+
+def test_answers_are_escaped_and_curves_without_room_have_no_height():
+    assert "<script>" not in section([("q", "<script>alert(1)</script>")], 60.0)
+    assert "max-height: 57mm" in section([("q", "short")], 60.0)
+    assert "max-height: 0mm" in section([("q", "long " * 300)], 60.0)
 
 
 def test_a_folder_without_a_sheet_gets_none(tmp_path):
