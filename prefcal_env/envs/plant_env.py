@@ -166,7 +166,7 @@ class PlantEnv(gym.Env[Array, Array]):
         u = self._saturated(vector(u, len(self._low), "input u", finite=False))
         y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
         self._steps += 1
-        late = self.np_random.uniform(-self.task.jitter, self.task.jitter) if self.task.jitter else 0.0
+        late = self.task.jitter * int(self.np_random.integers(-1, 2)) if self.task.jitter else 0.0
         t = instants(self._t, (self._steps + late) * self._T_s, self.task.dense_step)
         if self._dead_time is None:
             later = self.plant.hold(self._x, u, d, t[1:] - self._t)

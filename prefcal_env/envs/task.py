@@ -94,8 +94,8 @@ class Task:
             the seed of `reset` alone.
         measurement_delay: Dead time of the measurements, one number or one for each output; that of
             the plant's outputs is added.
-        jitter: Largest distance of a sampling instant from its time, as a share of the sampling time,
-            below 0.5; it is drawn uniformly, from the seed of `reset`. A controller is not told.
+        jitter: Share of the sampling time, below 0.5, by which a sampling instant is early, or late,
+            or neither: each a third of all, drawn from the seed of `reset`. A controller is not told.
         preview: Number of future rows of references and disturbances that a controller gets; 0
             gives only the present values.
         vectorized: Whether `unsafe` also takes M states as columns, shape (n_x, M), and returns an

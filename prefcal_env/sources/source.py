@@ -118,6 +118,11 @@ class Source:
         return self
 
     @property
+    def here(self) -> "Source":
+        """Return the same source, loaded in this process."""
+        return self
+
+    @property
     def hangs(self) -> bool:
         """Return whether the last run had to be ended, so that the next one may hang, too."""
         return False

@@ -1,5 +1,6 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
+from dataclasses import replace
 from typing import ClassVar, final
 
 import numpy as np
@@ -13,7 +14,15 @@ from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
 from prefcal_agents.space.setup import Setup
 from prefcal_agents.utility.bank import Bank
-from prefcal_agents.utility.choice import clearly_apart, expected_best, now_and_next, overtaking, trend, worth
+from prefcal_agents.utility.choice import (
+    LOOK,
+    clearly_apart,
+    expected_best,
+    now_and_next,
+    overtaking,
+    trend,
+    worth,
+)
 from prefcal_agents.utility.influence import Influence, Stakes, influences, stakes
 from prefcal_agents.utility.menu import others
 from prefcal_agents.utility.posterior import AFTER, explains
@@ -25,8 +34,8 @@ from prefcal_env.preferences.history import Comparison, History
 
 from .certificate import FROM, Certificate, Evidence, evidence
 from .growth import Growth, Stage
-from .reason import Reason, chances, reason_for
-from .simulations import Simulating, Simulations
+from .reason import Reason, RobustResult, chances, reason_for
+from .simulations import ENOUGH, Simulating, Simulations
 
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
@@ -34,6 +43,8 @@ all shown: a few answers between θ that are poor in the same way can teach a wr
 _ALIKE = 0.005
 """Experiments whose KPIs differ by less than this share look alike."""
 
+_LAST = 3
+"""Number of last questions of a robust study that show what holds, if anything does."""
 _STALLED = 5
 """Number of challengers lost in a row after which every second one is proposed without KPIs."""
 _UNTIL, _EVERY = 30, 4
@@ -88,7 +99,10 @@ class Screening(Simulating):
         new, best = (_row(stage.bank, side.theta) for side in (query.challenger, query.incumbent))
         if new is None or best is None:
             return None
-        return reason_for(stage, new, best, self.history)
+        kept = None
+        if self.simulations.holds is not None:
+            kept = int(self.simulations.runs_kept(stage.bank.thetas[[new]])[0])
+        return replace(reason_for(stage, new, best, self.history), kept=kept)
 
     @property
     def chance_of_better(self) -> float:
@@ -160,6 +174,24 @@ class Screening(Simulating):
         if _row(self.bank, query.challenger.theta) is None:
             return None
         return stakes(self._growth.pool(past), past, query.incumbent.index)
+
+    @property
+    def robustness(self) -> RobustResult | None:
+        """Return how the best θ so far holds, and what that costs; None if the study is not robust.
+
+        None before an answer that teaches, too. It simulates if needed.
+        """
+        if self.simulations.holds is None or self.best_index is None or not self.history.lessons():
+            return None
+        stage = self._stages(self.history)
+        bank = stage.bank
+        best, rival = bank.find(self.best), int(np.argmax(worth(stage.costs).mean(axis=0)))
+        kept, other = self.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
+        if rival == best or other == ENOUGH:
+            return RobustResult(kept, {})
+        names = reason_for(stage, rival, best, self._past).better_in
+        pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T
+        return RobustResult(kept, dict(zip(names, map(tuple, pairs.tolist()), strict=True)))
 
     @property
     def menu(self) -> dict[int, Reason]:
@@ -235,7 +267,8 @@ class Screening(Simulating):
         """Return the sample of the largest worth that is probably better than the answers' best.
 
         One wrong answer can cost the best experiment its place. All answers and the KPIs together
-        give it back without a question.
+        give it back without a question. In a robust study the best one that holds takes the place of
+        one that does not.
         """
         best = history.by_answers
         if best is None or len(history.lessons()) < 2 or self._simulations is None:
@@ -243,6 +276,9 @@ class Screening(Simulating):
         stage = self._stages(history)
         rows = stage.bank.rows([s.theta for s in history.samples[: history.answered]])
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
+        if self.simulations.holds is not None:
+            held = self.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH
+            better = better * held if held[best] else held.astype(float)
         rivals = overtaking(better, history) > 0
         if not rivals.any():
             return None
@@ -285,8 +321,29 @@ class Screening(Simulating):
             order = np.lexsort([-value, poor])
         else:
             order = np.argsort(-now_and_next(stage.costs, row, allowed), kind="stable")
+        if self.simulations.holds is not None:
+            order = self._robust_first(stage, order, allowed, history.answered)
         z = tried.first_new(stage.bank.z[order])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
+
+    def _robust_first(
+        self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"], answered: int
+    ) -> Int[np.ndarray, " m"]:
+        """Return rows in order behind the first that keeps the limits in all perturbed runs.
+
+        It is one of those that promise most: if none of them holds, one that does not teaches more.
+        Only the last questions look at all others, too, those of the largest worth first. What
+        never reaches something holds easily, and so comes only if nothing promises more.
+        """
+        rows, finite = order[allowed[order]], np.isfinite(stage.bank.kpis).all(axis=1)
+        most, rest = np.split(rows, [LOOK])
+        if self.n_max - answered <= _LAST:
+            by_worth = np.argsort(-worth(stage.costs).mean(axis=0)[rest], kind="stable")
+            most = np.append(most, rest[by_worth])
+        for row in most[finite[most] | (most == order[0])]:
+            if self.simulations.runs_kept(stage.bank.thetas[[row]])[0] == ENOUGH:
+                return np.append(row, order[order != row])
+        return order
 
     def _poor_beginning(self, stage: Stage, row: int | None) -> Int[np.ndarray, " m"]:
         """Return how little each θ suits the first comparison, 0 is best, shape (m,).

@@ -16,7 +16,7 @@ from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-from .simulations import Simulations
+from .simulations import ENOUGH, Simulations
 
 _FIRST, _SECOND, _LATER = (0.2, 0.08), (0.2, 0.12), (0.0, 0.04)
 """Shares of the simulations, over the whole space and near the leaders: before the first question,
@@ -120,8 +120,12 @@ class Growth:
         return sum(wide + near for wide, near in self._plan[: turn + 1])
 
     def works(self, z: Float[np.ndarray, " n"]) -> bool:
-        """Simulate the θ of a point of the cube, shape (n,); return whether it has a finite KPI."""
-        return not self._simulated(*self._space.proposals(z[None])).hopeless[0]
+        """Simulate the θ of a point of the cube, shape (n,); return whether it can be shown.
+
+        It has a finite KPI and, in a robust study, keeps the limits in all perturbed runs.
+        """
+        bank = self._simulated(*self._space.proposals(z[None]))
+        return not bank.hopeless[0] and self.simulations.runs_kept(bank.thetas)[0] == ENOUGH
 
     def _first(self) -> Stage:
         """Return the stage before the first answer: leaders by what anybody may want."""

@@ -1,5 +1,6 @@
 """Why a screening agent shows this experiment, as data that front ends put into words."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,11 +26,27 @@ class Reason:
         better_in: Names of the KPIs in which it is better than the best so far, the one that
             matters most first.
         worse_in: Names of those in which it is worse, likewise.
+        kept: In a robust study, how many perturbed runs keep the limits before one does not.
     """
 
     chance: float
     better_in: tuple[str, ...]
     worse_in: tuple[str, ...]
+    kept: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RobustResult:
+    """How the best θ of a robust study holds, and what that costs nominally.
+
+    Args:
+        kept: How many perturbed runs keep the limits before one does not.
+        costs: KPIs in which another θ is better that promises most, but does not hold; what matters
+            most first. The values are those of the best θ and of the other one, lower is better.
+    """
+
+    kept: int
+    costs: Mapping[str, tuple[float, float]]
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:

@@ -10,7 +10,7 @@ _CLEAR = (0.1, 0.25)
 all good simulations."""
 _NEAR = 0.2
 """Distance in the cube, over the square root of the number of knobs, up to which θ are near."""
-_LOOK = 60
+LOOK = 60
 """Number of θ for which two answers are looked ahead."""
 _TIE, _LESS = 0.4, 0.2
 """A question with a larger probability of a tie waits, if another one gains this share of what it
@@ -72,7 +72,7 @@ def now_and_next(
     kept = _kept(costs, found, best)
     now = np.where(_telling(costs, kept, best, allowed), kept.mean(axis=0), -np.inf)
     value = np.full(len(now), -np.inf)
-    for row in np.argsort(-now, kind="stable")[: min(_LOOK, np.count_nonzero(np.isfinite(now)))]:
+    for row in np.argsort(-now, kind="stable")[: min(LOOK, np.count_nonzero(np.isfinite(now)))]:
         won, lost = (sign * (costs[:, best] - costs[:, row]) > 1.0 for sign in (1, -1))
         after = [_kept(costs[won], found[won], row), kept[lost], kept[~won & ~lost]]
         then = sum(each[:, allowed].sum(axis=0).max() for each in after) / len(costs)

@@ -205,7 +205,7 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
         source = options.scenario if options.twin is None else options.twin
         key = key_of(studied, source, state.configuration, versions())
         kept = Kept(simulated_beside(Path(opened.file.path)), key)
-    simulator = Simulator(studied, seed=options.seed, longest=limit, kept=kept)
+    simulator = Simulator(studied, seed=options.seed, longest=limit, kept=kept, robust=options.robust)
     stack.enter_context(simulator).start()
     return simulator
 

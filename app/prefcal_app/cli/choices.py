@@ -27,6 +27,7 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.scenario import Scenario, finds_kpis
+from prefcal_scenarios.verification.cases import subject_of
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
@@ -165,8 +166,9 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
         yield f"{agent} needs simulations: leave --simulate 0 out, or choose --agent glisp"
     if options.n_init > 1:
         yield f"{agent} has no initial experiments: leave --n-init out"
+    model = scenario if options.twin is None else load(options.twin)
     if options.twin is not None:
-        twin_of(scenario, load(options.twin))
+        twin_of(scenario, model)
     elif scenario.source.asks:
         yield (
             f"{name} is a rig, and nothing runs on it unseen: leave --simulate and {agent} out, "
@@ -178,6 +180,8 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
             "if it is your own and a run is a quick simulation, state "
             "Scenario(..., simulated=True)"
         )
+    if options.robust:
+        subject_of(model.source.elsewhere.here, model.space)
 
 
 def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:

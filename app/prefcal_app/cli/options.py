@@ -78,6 +78,8 @@ class Options(Described):
             with the agent glisp.
         twin: A rough model of the plant: simulate unseen on this scenario, and run only what is
             shown. It has the plant's knobs and KPIs; prefcal learns how both differ.
+        robust: Look for a result that also keeps the limits in 300 perturbed runs: parameters and dead
+            time vary as in `prefcal verify`, and the noise. What that costs is said at the end.
         study: Study to start or to resume: a name in your data folder, or a file (with a / or a
             suffix).
         seed: Seed of the agent, the calibrator and the order of the two sides.
@@ -120,6 +122,7 @@ class Options(Described):
         kept=Kept("simulated unseen", least=0, agents=SIMULATING),
     )
     twin: str | None = option(None, "SCENARIO", shown="none", kept=Kept("twin", agents=SIMULATING))
+    robust: bool = option(False, flag="--robust", kept=Kept("robust", agents=SIMULATING))
     study: str | None = option(None, "NAME_OR_PATH", shown="a new one, SCENARIO-1; unattended: none")
     seed: int = option(0, "N", shown="0", kept=Kept("seed", always=True, least=0))
     n_init: int = option(

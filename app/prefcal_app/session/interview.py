@@ -20,7 +20,7 @@ from .known import Known, Past, simulated
 from .person import Steps
 from .records import Given, Preview
 from .study.experiments import ExperimentStore
-from .study.memory import agent_of, as_studied, is_simulating
+from .study.memory import agent_of, as_studied, is_robust, is_simulating
 from .study.now import Now, Phase
 from .volatile.thoughts import Thoughts
 
@@ -240,7 +240,8 @@ def _simulator(scenario: Scenario, file: StudyFile) -> Simulator | None:
         raise StudyError(f"the study needs its twin {twin!r} to simulate with")
     if not is_simulating(file.state):
         return None
-    return Simulator(scenario, seed=int(file.state.configuration["seed"]), jobs=0)
+    seed = int(file.state.configuration["seed"])
+    return Simulator(scenario, seed=seed, jobs=0, robust=is_robust(file.state))
 
 
 def _check_at_once(scenario: Scenario, file: StudyFile) -> None:

@@ -20,7 +20,7 @@ from prefcal_scenarios.scenario import Scenario
 
 from . import steps
 from .flow import Flow, Guarded
-from .study.memory import index_of, known_outcomes
+from .study.memory import index_of, is_robust, known_outcomes
 from .study.now import Phase, Question
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
@@ -104,7 +104,7 @@ class Known:
         if screened is not None and state.ended:
             found = replace(found, result=screened.result(self._scenario()))
         if not by_value:
-            found = replace(found, unbeaten=others_unbeaten(state.history))
+            found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))
         return found if found.sentences else None
 
     def _helps(self, knob: int, upper: bool) -> bool:

@@ -10,7 +10,7 @@ from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.certificate import Certificate
-from prefcal_agents.screening.reason import Reason
+from prefcal_agents.screening.reason import Reason, RobustResult
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.influence import Influence, Stakes, decisive
 from prefcal_agents.utility.smaller_change import SmallerChange
@@ -30,6 +30,7 @@ class Carried:
         wishes: What the person wanted by the answers, what matters most first.
         objections: Rows of the bank to compare with the result, by the KPI that matters more than
             was said.
+        robustness: How the result of a robust study holds, and what that costs.
         smaller: The result with knobs as in the current tuning; None if none can be.
         complete: Whether `smaller` is worked out, which takes more simulations.
     """
@@ -40,6 +41,7 @@ class Carried:
     menu: Mapping[int, Reason]
     wishes: tuple[Wished, ...]
     objections: Mapping[str, int] = field(default_factory=dict)
+    robustness: RobustResult | None = None
     smaller: SmallerChange | None = None
     complete: bool = True
 
@@ -50,7 +52,7 @@ class Carried:
             return cls(False, agent.stakes, None, {}, ())
         best = agent.best_index
         found = None if best is None else decisive(agent.influences, best)
-        told = found, agent.menu, agent.wishes, agent.objections
+        told = found, agent.menu, agent.wishes, agent.objections, agent.robustness
         return cls(True, None, *told, complete=not agent.setup.start)
 
 

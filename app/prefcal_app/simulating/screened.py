@@ -12,7 +12,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario
 
 from .basis import Basis, Carried
-from .why import carried_by, kept, percent, wanted
+from .why import carried_by, kept, percent, robust, wanted
 
 _UNLIKELY = 0.1
 """Chance below which stopping is offered."""
@@ -115,11 +115,17 @@ class Screened:
         return self.basis.carried if certificate is None or certificate.explained else None
 
     def result(self, scenario: Scenario) -> tuple[str, ...]:
-        """Return what was wanted, what the result rests on, and what need not change; empty if unknown."""
-        carried = self.carried
-        if carried is None or not carried.over:
+        """Return how the result holds, what was wanted, what it rests on, and what need not change.
+
+        Empty while not known.
+        """
+        found, carried = self.basis.carried, self.carried
+        if found is None or not found.over:
             return ()
-        told = wanted(carried.wishes, scenario), carried_by(carried.decisive), kept(carried.smaller, scenario)
+        told = () if found.robustness is None else tuple(robust(found.robustness, scenario))
+        if carried is not None:
+            told += wanted(carried.wishes, scenario), carried_by(carried.decisive)
+            told += (kept(carried.smaller, scenario),)
         return tuple(filter(None, told))
 
     def row(self, theta: Float[np.ndarray, " n"]) -> int | None:

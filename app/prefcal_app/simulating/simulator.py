@@ -3,19 +3,21 @@
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from operator import not_
 from typing import Self, final
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs.key import theta_keys
+from prefcal_env.knobs.key import theta_key, theta_keys
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.workers import Pool, Terms, usable_cores
 from prefcal_scenarios.kpis import all_screened, has_goals, reading
 from prefcal_scenarios.many.results import FailedRun, Result
 from prefcal_scenarios.many.task import Task
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification.perturbed import Perturbed, runs_kept
 
 from .kept import Kept
 
@@ -51,6 +53,7 @@ class Simulator:
             less; 0 to run everything in this process.
         longest: Largest time limit of a simulation in seconds, in workers; infinite for none.
         kept: Results of earlier, which are not simulated again, and where new ones are kept.
+        robust: Whether agents judge candidates by perturbed runs, too.
     """
 
     def __init__(
@@ -61,12 +64,15 @@ class Simulator:
         jobs: int | None = None,
         longest: float = np.inf,
         kept: Kept | None = None,
+        robust: bool = False,
     ) -> None:
         source = scenario.source.elsewhere
         own = source is not scenario.source
         self.scenario, self.reading = scenario, reading(scenario)
         directed = has_goals(scenario)
-        self._task = Task(source, seed, trajectories=not directed)
+        run = Perturbed(scenario, seed) if robust else source
+        self.holds = partial(runs_kept, self.many, self.reading) if robust else None
+        self._task = Task(run, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This
         # process runs built-in scenarios, too, until the first worker is ready.
         workers = min(usable_cores() if own else max(usable_cores() - 1, 1), _MOST)
@@ -75,7 +81,9 @@ class Simulator:
         self._helps = not own
         self._kept = kept
         self._known = {} if kept is None else dict(kept.known)
-        self.failed = sum(not kpis for kpis in self._known.values())
+        self.count = sum(map(self._is_nominal, self._known))
+        """Number of simulated θ."""
+        self.failed = sum(not kpis for key, kpis in self._known.items() if self._is_nominal(key))
         """Number of simulations that failed."""
         self._batch = threading.Lock()  # held while a batch runs
         self._abandoned = False
@@ -90,11 +98,6 @@ class Simulator:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def count(self) -> int:
-        """Return the number of simulated θ."""
-        return len(self._known)
 
     @property
     def busy(self) -> bool:
@@ -128,6 +131,10 @@ class Simulator:
             elif new:
                 self._in(self._pool, new)
             return [self._known[key] for key in keys]
+
+    def _is_nominal(self, key: bytes) -> bool:
+        """Return whether a key is that of a θ, and not that of a perturbed run."""
+        return len(key) == len(theta_key(np.zeros(len(self.scenario.space))))
 
     def resume(self) -> None:
         """Let batches run again after `abandon`."""
@@ -196,7 +203,9 @@ class Simulator:
         keys = theta_keys(np.array([theta for theta, _ in arrived], dtype=float))
         known = all_screened(self.scenario, [result for _, result in arrived])
         self._known.update(zip(keys, known, strict=True))
-        self.failed += sum(map(not_, known))
+        if self._is_nominal(keys[0]):
+            self.count += len(keys)
+            self.failed += sum(map(not_, known))
         for (theta, result), kpis in zip(arrived, known, strict=True):
             again = False
             if isinstance(result, FailedRun):

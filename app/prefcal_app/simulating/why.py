@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 
-from prefcal_agents.screening.reason import Reason
+from prefcal_agents.screening.reason import Reason, RobustResult
+from prefcal_agents.screening.simulations import ENOUGH
 from prefcal_agents.utility.influence import Influence, Stakes
 from prefcal_agents.utility.smaller_change import SmallerChange
 from prefcal_agents.utility.wishes import Wished
@@ -12,6 +14,8 @@ from prefcal_scenarios.scenario import KPI, Scenario
 
 _MOST = 2
 """Number of KPIs named on either side of the sentence, those that matter most."""
+_LEAST = 0.01
+"""Share of a KPI from which on it is a price."""
 _IN_ORDER = 0.5
 """Probability that a KPI decides as much as all later ones, from which on it comes first."""
 
@@ -76,7 +80,8 @@ def why(
     else:
         told = f"Nothing learned yet: {side.lower()} {differs}."
     which = "objectives" if len(missed) > 1 else "objective"
-    return f"{told} It misses the {which} for {_listed(missed)}." if missed else told
+    told = f"{told} It misses the {which} for {_listed(missed)}." if missed else told
+    return told if reason.kept is None else f"{told} {_held(reason.kept, 'It')}"
 
 
 def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
@@ -138,6 +143,28 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
         f"{len(names)} of {len(scenario.space)} knobs can stay as before ({_listed(names)}) without "
         f"looking worse to you (chance that it does: {percent(smaller.chance)})."
     )
+
+
+def _held(kept: int, which: str) -> str:
+    """Return in one sentence how many perturbed runs keep the limits before one does not."""
+    if kept >= ENOUGH:
+        return f"{which} keeps the limits in all {ENOUGH} perturbed runs."
+    return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not keep the limits."
+
+
+def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
+    """Yield how the result holds and what that costs, a sentence each."""
+    yield _held(found.kept, "The result")
+    kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
+    for name, (ours, theirs) in found.costs.items():
+        share = (ours - theirs) / abs(theirs) if theirs else inf
+        if _LEAST <= share < inf:
+            title = kpis[name].title if name in kpis else name.replace("_", " ")
+            parts.append(f"about {100 * share:.0f} % of {title}")
+    if parts:
+        yield f"Robustness costs {_listed(parts[:_MOST])}: what promises most nominally does not hold."
+    else:
+        yield "Robustness costs nothing that you would notice."
 
 
 def menu_names(menu: Mapping[int, Reason], scenario: Scenario) -> dict[int, str]:

@@ -56,14 +56,14 @@ class Outlook:
         return (*self.sentences, self.command) if self.command else self.sentences
 
 
-def others_unbeaten(history: History) -> str:
+def others_unbeaten(history: History, *, robust: bool = False) -> str:
     """Return a sentence on the experiments besides the best that never lost; empty without any.
 
     The answers do not say which of them is better: they were compared without a verdict. Or the
     agent takes one of them for a slip.
     """
     if history.leads and history.incumbent != history.by_answers:
-        return after_a_slip(history)
+        return after_a_slip(history, robust=robust)
     indices = history.unbeaten()
     if len(indices) < 2:
         return ""
@@ -73,9 +73,11 @@ def others_unbeaten(history: History) -> str:
     return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
 
 
-def after_a_slip(history: History) -> str:
+def after_a_slip(history: History, *, robust: bool = False) -> str:
     """Return a sentence on the best, which is not the winner of the answers."""
     best, winner = ((index or 0) + 1 for index in (history.incumbent, history.by_answers))
+    if robust:
+        return f"Experiment {best} is the best so far of those that hold, though {winner} won."
     return (
         f"Experiment {best} is the best so far, though {winner} won: all answers together speak "
         f"for {best}, so one of them is probably a slip."

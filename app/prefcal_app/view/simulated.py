@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from prefcal_agents.utility.menu import between
 from prefcal_app.session import Interview, Now, Question, Side
+from prefcal_app.session.study.memory import is_robust
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, why
 from prefcal_app.summary.outlook import after_a_slip
 from prefcal_env.knobs.knob import Knob
@@ -113,7 +114,7 @@ def why_view(interview: Interview, now: Now) -> str:
     )
     history = now.state.history
     slip = history.incumbent != history.by_answers
-    return f"{told} {after_a_slip(history)}" if slip else told
+    return f"{told} {after_a_slip(history, robust=is_robust(now.state))}" if slip else told
 
 
 def map_view(interview: Interview) -> dict[str, Any] | None:

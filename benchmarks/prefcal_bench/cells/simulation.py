@@ -31,7 +31,7 @@ class Simulation:
     def __init__(self, where: Problem, withheld: frozenset[str] = frozenset()) -> None:
         if where.simulated is None:
             raise SettingsError(f"experiments of {where.name!r} have no KPIs to simulate")
-        self._where, self._scenario, self._withheld = where, where.simulated, withheld
+        self._where, self.scenario, self._withheld = where, where.simulated, withheld
         self.reading = reading(where.simulated)
         self._asked: set[bytes] = set()
 
@@ -53,7 +53,7 @@ class Simulation:
         if kpis is None:
             experiment = self._where.outcome(theta).experiment
             assert experiment is not None  # the problem has a scenario
-            kpis = screened(self._scenario, experiment)
+            kpis = screened(self.scenario, experiment)
             if len(known) >= _MOST:
                 del known[next(iter(known))]
             known[key] = kpis

@@ -41,6 +41,11 @@ class OwnSource(Source):
         """Run θ, physical, shape (n,), in this process."""
         return _loaded(self._path, self._ranges).run(theta, seed=seed)
 
+    @property
+    def here(self) -> Source:
+        """Return the user's source, loaded in this process."""
+        return _loaded(self._path, self._ranges)
+
     def __reduce__(self) -> tuple[Any, ...]:
         return _loaded, (self._path, self._ranges)
 

@@ -51,7 +51,10 @@ def of_closed_loop(loop: ClosedLoop) -> Subject:
     discrete = getattr(env.plant, "sample_time", 0.0) > 0
     build = partial(_built, loop)
     varied = VariedLoop(env.plant, env.task, build, loop.controller, jitters=not discrete)
-    return varied.subject("references and start are not varied: the KPIs are those of this step")
+    return varied.subject(
+        "references and start are not varied: the KPIs are those of this step",
+        "margins and M_s, where they are KPIs, stay those of the nominal plant",
+    )
 
 
 def _built(loop: ClosedLoop, plant: Plant, task: Task, grain: Y, play: U) -> ClosedLoop:
@@ -169,7 +172,7 @@ class VariedLoop:
             size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
             y_ref = _scaled(y_ref, self.start, size, plant.g(x0, u0, task.disturbance(0.0)) - self.start)
         moves = None if task.max_move is None else task.max_move * values.get(MOVE, 1.0)
-        if noise.any():
+        if self._noisy or noise.any():
             task = replace(task, noise=noise)
         jitter = max(task.jitter, values.get(JITTER, 0.0))
         return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter)

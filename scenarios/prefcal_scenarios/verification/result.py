@@ -132,6 +132,7 @@ class Verification:
         count = len(self.runs)
         if not count:
             return f"Not verified: {'no run was completed' if self.planned else 'nothing can be varied'}."
+        never = f" Not counted, since infinite nominally, too: {', '.join(self.never)}." if self.never else ""
         early = "" if count == self.planned else f" (stopped early, {self.planned} were planned)"
         # Rounded up to two digits, so that what is below it stays below.
         digits = 1 - int(np.floor(np.log10(100 * self.bound)))
@@ -139,7 +140,7 @@ class Verification:
         return (
             f"{count - len(self.failed)} of {count} runs keep the stated limits{early}: for plants within "
             f"these ranges, the probability that one does not is below {percent:.3g} % with "
-            f"{100 * CONFIDENCE:g} % confidence."
+            f"{100 * CONFIDENCE:g} % confidence.{never}"
         )
 
     @property
@@ -147,9 +148,8 @@ class Verification:
         """Return what the stated limits are, in a sentence."""
         aims = [kpi.title for kpi in self.kpis if kpi.met(0.0) is not None]
         stated = f"the objectives of {', '.join(aims)}" if aims else "no KPI has an objective"
-        never = f" Infinite nominally, which counts in no run: {', '.join(self.never)}." if self.never else ""
         return (
-            f"Stated limits: a safe end, {stated}, and nothing infinite that is finite nominally.{never} "
+            f"Stated limits: a safe end, {stated}, and nothing infinite that is finite nominally. "
             f"The nominal run: {self.tuning.nominal.words}."
         )
 
@@ -158,6 +158,13 @@ class Verification:
         """Return the titles of the KPIs that are infinite even on the nominal plant."""
         kpis = (kpi for kpi in self.kpis if kpi.goal is not None)
         return tuple(kpi.title for kpi in kpis if np.isinf(self.tuning.nominal.kpis.get(kpi.name, 0.0)))
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Return the names of the factors that change no KPI at either end, such as one nobody measures."""
+        pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
+        nominal = self.tuning.nominal.kpis
+        return tuple(f.name for f, *both in pairs if all(run.kpis == nominal for run in both))
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:

@@ -105,7 +105,7 @@ class Verified:
             effects=tuple(map(_effect, found.effects)),
             worst=tuple(WorstRun(r.words, dict(r.values), r.seed) for r in found.worst()),
             varied=tuple(f"{f.name} {_range(f)}" for f in found.factors),
-            left_out=found.left_out,
+            left_out=(*found.left_out, *(f"{name} changes no KPI here" for name in found.idle)),
             scenario=found.scenario,
             version=version,
             best=best,
@@ -152,10 +152,8 @@ def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[
     first = found[0]
     if isinstance(first, str):
         return (), first
-    basis = f"margins of {UNCONSTRAINED}"
-    return tuple(
-        _margin_rows(found, time_unit)
-    ), f"{basis}; this loop is NOT STABLE" if first == UNSTABLE else basis
+    stable = "; this loop is NOT STABLE" if first == UNSTABLE else ""
+    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}"
 
 
 def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:

@@ -19,7 +19,7 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.kpis import Result
 from prefcal_scenarios.many.results import FailedRun
 from prefcal_scenarios.many.simulate import Progress, simulate_iter
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from .cases import RIG, subject_of
 from .factor import Factor, Ranges, Values, drawn, within
@@ -74,7 +74,7 @@ def verify(
     integer("seed", seed, low=0, error=SettingsError)
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
-    subject = _subject(found)
+    found, subject = _with_kpis(found, thetas[0], seed), _subject(found)
     factors = within(subject.factors, ranges or {})
     if not factors:
         raise SettingsError("nothing varies: all ranges are 0")
@@ -152,6 +152,13 @@ def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
         raise KnobError(f"theta must be finite numbers of shape (n,), got {theta!r}")
     knobs = [Knob(f"theta_{i + 1}", v - 1.0, v + 1.0) for i, v in enumerate(values.tolist())]
     return Scenario("source", "A source", KnobSpace(knobs), given)
+
+
+def _with_kpis(scenario: Scenario, theta: Float[np.ndarray, " n"], seed: int) -> Scenario:
+    """Return the scenario with KPIs, which are found in a run if it states none."""
+    if not finds_kpis(scenario):
+        return scenario
+    return with_found_kpis(scenario, returned(scenario.run(theta.copy(), seed=seed)))
 
 
 def _subject(scenario: Scenario) -> Subject:

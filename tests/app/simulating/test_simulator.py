@@ -14,6 +14,19 @@ from support.processes import wait_until
 from support.unseen import unseen
 
 SOURCE = f"{unseen_module.__file__}:unseen"
+CART = """
+import numpy as np
+from prefcal_env import Knob, KnobSpace, recorded
+from prefcal_scenarios import KPI, Scenario
+
+def run(theta, seed=0, mass=1.0):
+    t = np.linspace(0, 1, 11)
+    late = float(mass * theta[0])
+    return recorded(theta, t, {"position": t}).with_kpis({"late": np.inf if late > 2.1 else late})
+
+cart = Scenario("cart", "A cart", KnobSpace([Knob("gain", 0, 5)]), run, simulated=True,
+                kpis=(KPI("late", "delay", better="lower"),))
+"""
 THETAS = list(np.random.default_rng(0).random((30, 2)))
 
 
@@ -105,3 +118,24 @@ def test_progress_is_told_while_it_simulates(monkeypatch):
     simulator.tell = lambda: counts.append(simulator.count)
     simulator.many(THETAS)
     assert counts == list(range(len(THETAS)))
+
+
+def test_perturbed_runs_are_the_same_with_any_workers_and_are_no_candidates():
+    scenario = load("lag")
+    thetas = list(scenario.space.decode_all(np.random.default_rng(1).random((4, len(scenario.space)))))
+    alone = Simulator(scenario, seed=2, jobs=0, robust=True)
+    with Simulator(scenario, seed=2, jobs=2, robust=True) as simulator:
+        assert simulator.holds(thetas, 8) == alone.holds(thetas, 8)
+        assert simulator.count == alone.count == 4
+    assert Simulator(scenario, jobs=0).holds is None
+
+
+def test_an_own_file_is_perturbed_in_its_workers_and_here(tmp_path):
+    file = tmp_path / "cart.py"
+    file.write_text(CART)
+    with isolation(f"{file}:cart", early=False) as isolated:
+        scenario, theta = isolated(load(f"{file}:cart")), np.array([2.0])
+        alone = Simulator(scenario, jobs=0, robust=True).holds([theta], 20)
+        with Simulator(scenario, jobs=1, robust=True) as simulator:
+            assert simulator.holds([theta], 20) == alone
+    assert 0 < alone[0] < 20

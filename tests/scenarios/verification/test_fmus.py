@@ -11,6 +11,18 @@ from prefcal_scenarios.verification import replay, verify
 from support.fmus import built
 
 
+def test_kpis_that_a_scenario_does_not_state_are_found():
+    def run(theta, seed=0, lag=2.0):
+        t = np.linspace(0.0, 20.0, 201)
+        return recorded(theta, t, {"y": 1 - np.exp(-t * theta[0] / lag)}, reference={"y": 1.0}, kpis=None)
+
+    found = verify(
+        Scenario("lag", "Lag", KnobSpace([Knob("gain", 0.0, 9.0)]), run), np.array([2.0]), 4, jobs=1
+    )
+    assert found.kpis
+    assert all({kpi.name for kpi in found.kpis} <= set(run.kpis) for run in found.runs)
+
+
 @pytest.fixture(scope="module")
 def tank(tmp_path_factory):
     pytest.importorskip("fmpy")
@@ -26,6 +38,8 @@ def test_parameters_of_an_fmu_that_are_no_knobs_vary(tank):
     assert len({tuple(run.kpis.values()) for run in found.runs}) == 6
     assert found.runs == verify(scenario, theta, 6, jobs=1).runs
     assert "no margins" in found.tuning.margins
+    assert found.kpis
+    assert {kpi.name for kpi in found.kpis} <= set(found.tuning.nominal.kpis)
     nominal, low = (replay(scenario, theta, run) for run in (found.tuning.nominal, found.alone[0]))
     assert nominal.kpis == scenario.run(theta).kpis
     assert np.array_equal(low.theta, theta)

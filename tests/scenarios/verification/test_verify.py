@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
-from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_scenarios import KPI, Scenario
+from prefcal_env.errors import KnobError, ScenarioError, SettingsError
+from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import Factor, replay, verify
 from prefcal_scenarios.verification.factor import drawn
 from prefcal_scenarios.verification.result import most_probable
+from prefcal_scenarios.verification.verified import Verified
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
 THETA = np.array([2.0])
@@ -58,10 +59,27 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
     assert found.share == 1 - len(heavy) / 200
     assert heavy[0].problems == ("weight misses its objective",)
     assert f"{200 - len(heavy)} of 200 runs keep the stated limits" in found.statement
+    assert found.idle == ()
     first, second = found.effects
     assert (first.factor.name, first.run.values, first.worsening) == ("mass", {"mass": 0.9}, np.inf)
     assert (second.factor.name, second.kpi) == ("stiffness", "pull")
     assert found.worst(3)[0].values["mass"] < 2.0 / 2.1
+
+
+def test_what_changes_no_kpi_is_said():
+    def deaf(theta, seed=0, mass=1.0, noise=0.5):
+        return run(theta, seed, mass)
+
+    found = verify(replace(SPRING, run=deaf), THETA, 3, jobs=1)
+    assert found.idle == ("noise",)
+    assert "noise changes no KPI here" in Verified.of(found, SPRING, "", "1.0", "").left_out
+
+
+def test_a_run_without_a_scenario_is_verified_too():
+    found = verify(run, THETA, 5, jobs=1)
+    assert [f.name for f in found.factors] == ["mass", "stiffness"]
+    with pytest.raises(KnobError, match="finite numbers"):
+        verify(run, np.array([np.nan]))
 
 
 def test_a_function_of_theta_alone_says_what_to_add():
@@ -87,6 +105,8 @@ def test_what_is_done_before_an_interruption_is_kept():
     assert found.runs == verify("lag", LAG, 6, jobs=1).runs
     assert "6 of 6" in found.statement
     assert "stopped early, 299 were planned" in found.statement
+    kept = Verified.of(found, load("lag"), "current tuning", "1.0", "")
+    assert (kept.runs, kept.planned, kept.baseline, kept.effects) == (6, 299, "", ())
     assert found.effects == ()
 
 
@@ -151,5 +171,5 @@ def test_a_run_that_raises_fails_and_says_why():
 def test_a_nominal_run_that_never_settles_is_said():
     found = verify("lag", LAG * [0.05, 5, 1, 1, 1, 1], 3, jobs=1)
     assert "settling time of temperature (within ±5 %)" in found.never
-    assert "counts in no run" in found.limits
+    assert "Not counted, since infinite nominally, too: settling time of" in found.statement
     assert verify("lag", LAG, 3, jobs=1).never == ()

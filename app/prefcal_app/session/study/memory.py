@@ -124,6 +124,11 @@ def is_simulating(state: State) -> bool:
     return row is not None and row.simulates
 
 
+def is_robust(state: State) -> bool:
+    """Return whether a study judges its candidates by perturbed runs."""
+    return bool(state.configuration.get("options", {}).get("robust"))
+
+
 def agent_state(state: State) -> AgentState:
     """Return the state of a study's agent. Raises SettingsError if it is invalid."""
     configured = AgentState.of(state.configuration["agent"], state.history)

@@ -1,0 +1,38 @@
+"""`--robust`: a study shows what holds on other plants, says so at the end, and resumes."""
+
+import json
+
+import pytest
+
+from prefcal_app import ask
+from prefcal_env.errors import ScenarioError
+from support import unseen as unseen_module
+from support.studies import state_of
+from support.unseen import unseen
+
+FUNCTION = f"{unseen_module.__file__}:unseen"
+FEW = ["--calibrator", "synthetic", "--cost", "error", "--simulate", "60", "--n-max", "3", "--out", "out"]
+
+
+def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, prefcal):
+    code, out, err = prefcal("calibrate", "lag", *FEW, "--robust", "--study", "mine")
+    assert code == 0, err
+    assert "The result keeps the limits in all 300 perturbed runs. Robustness costs" in " ".join(
+        out.split()
+    )
+    configuration = state_of("mine").configuration
+    assert configuration["options"]["robust"] is True
+    words = ["calibrate", "lag", "--study", "mine", "--json", "--out", "out", "--n-max", "4"]
+    assert json.loads(done(*words))["experiments"] == 4
+
+
+def test_what_cannot_be_varied_is_refused_with_what_to_add(refused):
+    told = refused("calibrate", FUNCTION, "--robust", "--calibrator", "synthetic")
+    assert "since it is only a function of θ: give the parameters" in told
+    with pytest.raises(ScenarioError, match="only a function"):
+        ask(unseen, robust=True)
+
+
+def test_only_an_agent_that_simulates_can_be_robust(refused):
+    told = refused("calibrate", "lag", "--agent", "glisp", "--robust")
+    assert "only the agent screening takes --robust" in told
