@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from scipy.special import expit
 
+from prefcal_agents.glisp.foresight import Foresight
 from prefcal_agents.screening.certificate import Evidence
 
 ROOT = Path(__file__).parents[1]
@@ -91,6 +92,37 @@ def test_the_fit_finds_the_coefficients_by_which_shares_were_drawn(script):
     assert found == pytest.approx([at, 0.4, -0.2], abs=0.06)
     assert np.mean(logs > terms @ found) == pytest.approx(0.01, abs=0.006)
     assert expit(np.log(0.01 / 0.99)) == pytest.approx(script._FIT_AT)
+
+
+def test_of_a_rig_each_bin_of_ten_is_compared_with_what_was_true(script):
+    rows = [
+        script.Row("lag", "trade", 0, 0, Foresight(0.5, 1), 0.0, better) for better in (True, False, False)
+    ]
+    rows += [script.Row("lag", "curves", 0, 0, Foresight(None, 1), 0.0, True)]  # no number
+    rows = [script._row(json.loads(json.dumps(asdict(row)))) for row in rows]
+    text = "\n".join(script.rig_tables(rows))
+    stated = Foresight(0.5, 1).chance
+    low = int(10 * stated) * 10
+    counts = f"| 3 | 0 | {stated:.1%} | 33.3% | 0.8% to 90.6% |"  # Clopper-Pearson, of 1 in 3
+    assert f"| {low}% to {low + 10}% {counts}" in text
+    assert f"| trade {counts}" in text
+    assert "| curves | 1 | 1 |  |  |  |" in text
+    assert "| all | 4 | 1 |" in text
+
+
+def test_the_fit_of_the_next_finds_the_coefficients_by_which_runs_were_better(script):
+    rng = np.random.default_rng(1)
+    found = [
+        Foresight(share, int(lost))
+        for share, lost in zip(rng.random(4000), rng.integers(0, 9, 4000), strict=True)
+    ]
+    chances = [expit(np.dot([-0.5, 0.6, -0.4], (1.0, *each.terms))) for each in found]
+    rows = [
+        script.Row("lag", "trade", 0, 0, each, 0.0, rng.random() < p)
+        for each, p in zip(found, chances, strict=True)
+    ]
+    [line] = script.fitted(rows)
+    assert json.loads(line.removeprefix("Chance of the next: ")) == pytest.approx([-0.5, 0.6, -0.4], abs=0.15)
 
 
 def test_studies_that_are_there_do_not_run_again_and_all_are_reported(script, tmp_path, capsys):

@@ -4,6 +4,7 @@
     python benchmarks/campaigns/certificate.py --out results --loops rough --seeds 4 --fit
     python benchmarks/campaigns/certificate.py --out results --report
     python benchmarks/campaigns/certificate.py --quick --out look             # less than a minute
+    python benchmarks/campaigns/certificate.py --rigs --out rigs --loops rough-915 rough-916
 
 Each study is one of `Screening` with a simulated person who gives 0 or 10 % wrong answers. After 2,
 3, 5, 6, 8, 10, 12, 15 and 20 answers, the evidence is noted, with the truth: the share of a pool of
@@ -15,6 +16,9 @@ the number of random experiments was in its interval, how often the most promisi
 how many answers studies take that end when it is enough, and what part of the worth of ten they have.
 With --fit, the coefficients of the certificate are fitted to the studies in the folder, in which
 every family counts the same; fit on other loops than those that are reported.
+
+With --rigs, each study is one of `GLISp`, told the KPIs of up to 20 experiments. From the fifth
+answer on, the chance of each next experiment is noted, and whether it was noticeably better.
 """
 
 import argparse
@@ -38,9 +42,10 @@ from scipy.special import expit, logit
 from scipy.stats import binomtest
 from screening import GROUPS
 
-from prefcal_agents import Screening
+from prefcal_agents import GLISp, Screening
+from prefcal_agents.glisp.foresight import Foresight
 from prefcal_agents.protocol.agent import one_thread
-from prefcal_agents.screening.certificate import MOST, Certificate, Evidence
+from prefcal_agents.screening.certificate import MOST, PROBABILITY, Certificate, Evidence
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import each
 from prefcal_bench.cells.simulation import Simulation
@@ -65,6 +70,7 @@ _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 _FIT_AT, _PENALTY = 0.01, 1e-3
 """Chance of being exceeded for which coefficients are fitted, and the ridge penalty."""
 _SPANS, _BINS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0), (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+_TENTHS = tuple(k / 10 for k in range(11))
 
 
 @dataclass(frozen=True)
@@ -76,22 +82,24 @@ class Row:
         family: Kind of people.
         wrong: Percentage of wrong answers.
         seed: Seed of person and agent.
-        evidence: What draws and answers say.
+        evidence: What draws and answers say; on a rig, of the next experiment.
         exceeded_by: Share of random θ that are noticeably better than the result.
-        better: Whether the most promising θ is noticeably better.
+        better: Whether the most promising θ, or the next experiment, is noticeably better.
     """
 
     loop: str
     family: str
     wrong: int
     seed: int
-    evidence: Evidence
+    evidence: Evidence | Foresight
     exceeded_by: float
     better: bool
 
     @property
     def said(self) -> Certificate:
         """Return what the certificate says."""
+        if isinstance(self.evidence, Foresight):
+            return Certificate(None, PROBABILITY, self.evidence.chance, ())
         return Certificate.of(self.evidence)
 
     @property
@@ -123,6 +131,7 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--fit", action="store_true", help="fit the coefficients to the studies")
     parser.add_argument("--report", action="store_true", help="run nothing, report what is there")
+    parser.add_argument("--rigs", action="store_true", help="GLISp instead; give it a folder of its own")
     parser.add_argument("--quick", action="store_true", help="one person, few simulations")
     options = parser.parse_args(words)
     options.loops = [loop for name in options.loops for loop in GROUPS.get(name, (name,))]
@@ -139,7 +148,8 @@ def main(words: Sequence[str] | None = None) -> None:
     if not options.report:
         run(options)
     rows = stored(options.out)
-    text = "\n".join([*tables(rows), *(fitted(rows) if options.fit else ())])
+    shown = rig_tables(rows) if options.rigs else tables(rows)
+    text = "\n".join([*shown, *(fitted(rows) if options.fit else ())])
     (options.out / "certificate.md").write_text(text + "\n", encoding="utf-8")
     frame = pd.json_normalize([asdict(row) | {"said": row.said.share} for row in rows], max_level=1)
     frame.to_parquet(options.out / "certificate.parquet")
@@ -172,6 +182,8 @@ def stored(folder: Path) -> list[Row]:
 
 
 def _row(content: dict[str, Any]) -> Row:
+    if "lost" in content["evidence"]:
+        return Row(**content | {"evidence": Foresight(**content["evidence"])})
     found = {f.name: content["evidence"][f.name] for f in fields(Evidence)}
     return Row(**content | {"evidence": Evidence(**found | {"promising": tuple(found["promising"])})})
 
@@ -186,22 +198,36 @@ def studies(loop: str, seed: int, todo: Sequence[tuple[str, int]], options: argp
 def study(where: Problem, family: str, wrong: int, seed: int, options: argparse.Namespace) -> Iterator[Row]:
     """Yield a row after each number of answers of `ANSWERS`."""
     person = where.person(family + WRONG[wrong], seed)
-    agent = Screening(
-        where.space,
-        simulate=Simulation(where, person.withheld),
-        n_simulated=options.simulated,
-        n_max=options.answers + 1,
-        seed=seed,
-    )
+    agent = _agent(where, person, seed, options)
 
     def answer(new: Outcome, old: Outcome | None) -> Answer:
         verdict = None if old is None else prefer(person.judge, new, old)
         return Answer(verdict, outcomes=(person.told(new), None if old is None else person.told(old)))
 
     for _ in ask_and_tell(agent, where.outcome, answer):
-        if len(agent.history.lessons()) in ANSWERS and (found := agent.evidence) is not None:
-            best, promising = (where.outcome(np.array(theta)) for theta in (agent.best, found.promising))
+        if (noted := _noted(agent)) is not None:
+            found, theta = noted
+            best, promising = (where.outcome(np.array(each)) for each in (agent.best, theta))
             yield Row(where.name, family, wrong, seed, found, *truth(person, best, promising))
+
+
+def _agent(where: Problem, person: Person, seed: int, options: argparse.Namespace) -> GLISp | Screening:
+    """Return the agent of a study; on a rig it starts as in `prefcal calibrate`."""
+    if options.rigs:
+        start = min(2 * len(where.space), 10, options.answers // 2)
+        return GLISp(where.space, n_init=start, n_max=options.answers, seed=seed)
+    simulate, most = Simulation(where, person.withheld), options.answers + 1
+    return Screening(where.space, simulate=simulate, n_simulated=options.simulated, n_max=most, seed=seed)
+
+
+def _noted(agent: GLISp | Screening) -> tuple[Evidence | Foresight, Sequence[float]] | None:
+    """Return what is said, and of which θ; None where nothing is noted."""
+    if isinstance(agent, GLISp):
+        new = None if agent.done else agent.ask().challenger
+        return None if new is None or (found := agent.foresight) is None else (found, new.theta)
+    if len(agent.history.lessons()) not in ANSWERS or (said := agent.evidence) is None:
+        return None
+    return said, said.promising
 
 
 def truth(person: Person, best: Outcome, promising: Outcome) -> tuple[float, bool]:
@@ -263,6 +289,28 @@ def _medians(rows: Sequence[Row]) -> list[str]:
     )
 
 
+def rig_tables(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the lines of the tables of the chance of the next experiment in Markdown."""
+    groups = {name: [row for row in rows if row.family == name] for name in (*FAMILIES, "hidden")}
+    for low, high in pairwise(_TENTHS):
+        groups[f"{low:.0%} to {high:.0%}"] = [r for r in rows if low <= (r.said.chance or -1.0) < high]
+    heads = ["", "experiments", "no number", "mean stated", "was better", "95 % interval"]
+    lines = [[name, *_calibrated(some)] for name, some in (groups | {"all": rows}).items() if some]
+    yield from markdown(heads, lines, "Chance that the next experiment is noticeably better")
+
+
+def _calibrated(rows: Sequence[Row]) -> list[str]:
+    said = np.array(
+        [(row.said.chance, row.better) for row in rows if row.said.chance is not None], dtype=float
+    )
+    if not len(said):
+        return [str(len(rows)), str(len(rows)), "", "", ""]
+    stated, was = said.mean(axis=0)
+    interval = binomtest(int(said[:, 1].sum()), len(said)).proportion_ci(0.95, method="exact")
+    counts = [str(len(rows)), str(len(rows) - len(said))]
+    return [*counts, f"{stated:.1%}", f"{was:.1%}", f"{interval.low:.1%} to {interval.high:.1%}"]
+
+
 def _reliability(rows: Sequence[Row]) -> Iterator[list[str]]:
     for low, high in pairwise(_BINS):
         some = [(chance, row.better) for row in rows if low <= (chance := row.said.chance or -1.0) < high]
@@ -291,16 +339,19 @@ def _ended(rows: Sequence[Row]) -> Iterator[list[str]]:
 
 
 def fitted(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield the coefficients of the certificate that fit the rows which get a number."""
-    said = [row for row in rows if row.said.explained]
+    """Yield the coefficients that fit the rows which get a number."""
+    said = [row for row in rows if row.said.chance is not None]
     terms = np.array([(1.0, *row.evidence.terms) for row in said])
     per_family = {row.family: sum(r.family == row.family for r in said) for row in said}
-    weights = np.array([1.0 / per_family[row.family] for row in said])
-    share, step = fitted_share(terms, np.array([row.exceeded_by for row in said]), weights / weights.sum())
+    weights = np.array([1.0 / per_family[row.family] / len(per_family) for row in said])
+    better = np.array([row.better for row in said])[:, None]
+    if any(isinstance(row.evidence, Foresight) for row in said):
+        yield f"Chance of the next: {_logistic(terms[:, None], better, weights).round(3).tolist()}"
+        return
+    share, step = fitted_share(terms, np.array([row.exceeded_by for row in said]), weights)
     yield f"Share: {np.round(share, 3).tolist()}, step: {step:.3f}"
     chances = logit(np.clip([row.evidence.chance for row in said], 0.02, 0.98))[:, None]
-    better = np.array([row.better for row in said])[:, None]
-    yield f"Chance: {_logistic(chances[:, None], better, weights / weights.sum()).round(2).tolist()}"
+    yield f"Chance: {_logistic(chances[:, None], better, weights).round(2).tolist()}"
 
 
 def fitted_share(

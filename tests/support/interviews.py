@@ -45,11 +45,11 @@ def begin(
         "n_max": n_max,
         "seed": seed,
         "kpis": [],
-        "options": {"calibrator": "human"},
+        "options": {"calibrator": "human" if stops else "a test"},
         "versions": {},
     }
     file = StudyFile.create(path or ":memory:", configuration, clock=clock())
-    return Interview(scenario, file, ahead=ahead, at_once=at_once, stops=stops)
+    return Interview(scenario, file, ahead=ahead, at_once=at_once)
 
 
 def reopened(scenario: Scenario, path: Path, at_once: int = 1) -> Interview:

@@ -46,7 +46,7 @@ EXTENDED = {
         "env/workers/*",
         "scenarios/isolated/*",
         "scenarios/many/*",
-        "scenarios/verification/test_verify.py",
+        "scenarios/verification/test_varied_runs.py",
         "app/test_crash.py",
     ),
     "servers": (

@@ -6,17 +6,22 @@ from typing import ClassVar, Self, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.lessons import Preferences, judged
+from prefcal_agents.history.lessons import Preferences, judged, kpis_of
+from prefcal_agents.history.stages import Remembered
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import Agent, Pair, one_thread, rematch
 from prefcal_agents.space.start import Start
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
+from .foresight import FROM, Foresight, lost_since
 from .questions import final_question, follow_up
 from .selection import ModelSelection, train
 from .settings import GLISpSettings
 from .strategy import propose, propose_start
+
+_STREAM = 4
+"""Stream of random numbers."""
 
 
 @final
@@ -57,6 +62,7 @@ class GLISp(Agent):
 
     def _prepare(self) -> None:
         self._models = ModelSelection(self.setup)
+        self._foresights = Remembered(self._foresight)
 
     def propose(self, history: History) -> Float[np.ndarray, " n"]:
         """Return the next point: of the start, or a minimum of an acquisition (eq. xNp1)."""
@@ -121,6 +127,37 @@ class GLISp(Agent):
         """
         with one_thread():
             return LearnedCost.of(judged(self.history), self.setup.seed)
+
+    @property
+    def foresight(self) -> Foresight | None:
+        """Return what the next experiment can bring: the open one or, at the end, one more.
+
+        None before the fifth answer, while two known experiments are compared, and without KPIs.
+        """
+        return self._foresights(self.history)
+
+    def _foresight(self, history: History) -> Foresight | None:
+        past, best = history.until(history.answered), history.incumbent
+        if best is None or len(past.lessons()) < FROM or not (self.settings.kpis and any(kpis_of(past))):
+            return None
+        tried_all = self._most(history) < self.setup.n_max
+        if history.pending is None and (tried_all or not self.is_over(history)):
+            return None
+        with one_thread():
+            fit = self._models.kpi_fit(past)
+            if fit is None:
+                return Foresight(None, lost_since(past))
+            new = history.pending or self._next(history)
+            rng = np.random.default_rng([self.setup.seed, history.answered, _STREAM])
+            costs = fit.costs(np.array([new.z]), rng)  # in each draw; that of the new one comes last
+            better = costs[:, -1] < costs[:, fit.row(history.samples[best].theta)] - 1.0
+        return Foresight(float(better.mean()), lost_since(past))
+
+    @property
+    def foresees(self) -> bool:
+        """Return whether `foresight` takes milliseconds only: nothing has to be learned for it."""
+        proposed = self.history.pending is not None or self._next.get(self.history) is not None
+        return proposed and self._models.knows(self.history.until(self.history.answered))
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return how good physical `thetas` are expected to be, shape (m, n), for plotting.

@@ -144,6 +144,10 @@ class ModelSelection:
         then = history.until(history.answered - history.answered % _TESTED)
         return fit if self._explained(then) else None
 
+    def knows(self, history: History) -> bool:
+        """Return whether what KPIs teach after `history` is remembered, so that it takes no time."""
+        return self._kpi_fits is None or self._kpi_fits.knows(judged(history))
+
     def _explains(self, history: History) -> bool:
         """Return whether KPIs explain the answers of `history`."""
         return self._kpi_fits is None or self._kpi_fits.after(history).explains(history)

@@ -84,6 +84,10 @@ class Stages(Generic[Known]):
             before = here
         return known
 
+    def knows(self, history: History) -> bool:
+        """Return whether what is known after `history` is in memory."""
+        return history.until(history.answered).bare() in self._known
+
     def _steps(self, start: int, end: int) -> list[int]:
         """Return the numbers of answers from `start` to `end` at which a step ends."""
         most = end if self._most is None else self._most

@@ -286,13 +286,15 @@ class Screening(Simulating):
         return int(np.argmax(value))
 
     def has_enough(self, history: History) -> bool:
-        """Return whether the certificate says that little is left, and the best misses no objective."""
+        """Return whether little is left by the certificate, and the best misses no objective and holds."""
         past = history.until(history.answered)
         (found,), best = self._evidences(past), self.leader(past)
         if found is None or best is None or not Certificate.of(found).enough:
             return False
         bank = self._stages(past).bank
         row = bank.find(np.array(past.samples[best].theta))
+        if self.simulations.runs_kept(bank.thetas[[row]])[0] < ENOUGH:
+            return False
         return not self.simulations.reading.missed(bank.names, bank.kpis[[row]]).any()
 
     def question(self, history: History) -> Pair | None:

@@ -109,6 +109,7 @@ class Calibration:
         """
         options, scenario, wanted = self.options, self.interview.scenario, self.reportable
         self.interview.known.wait_for_screened(_KNOWN)
+        self.interview.known.foresight(learn=True)
         shown = {} if failed or not wanted else references(scenario, options.seed, self.say)
         record, trouble = record_of(self.interview, options, shown, self.opened.name).costed()
         if trouble and not failed:
@@ -186,7 +187,6 @@ def calibration(
             asks=asks,
             simulator=simulator,
             at_once=options.at_once,
-            stops=options.by_a_person,
         )
         yield Calibration(opened, interview, claim, messages)
 

@@ -23,11 +23,11 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.study import space_of
 from prefcal_env.wording import did_you_mean
+from prefcal_scenarios import verification
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.scenario import Scenario, finds_kpis
-from prefcal_scenarios.verification.cases import subject_of
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
@@ -181,7 +181,7 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
             "Scenario(..., simulated=True)"
         )
     if options.robust:
-        subject_of(model.source.elsewhere.here, model.space)
+        verification.subject_of(model.source.elsewhere.here, model.space)
 
 
 def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:

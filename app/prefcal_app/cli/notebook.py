@@ -209,6 +209,15 @@ class Asking:
         return None if screened is None else screened.basis.certificate
 
     @property
+    def chance_of_better(self) -> float | None:
+        """Return the chance that the next experiment is noticeably better than the best so far.
+
+        None before the fifth answer, where KPIs explain no answers, and for agents that simulate.
+        """
+        foresight = self._interview.known.foresight()
+        return None if foresight is None else foresight.chance
+
+    @property
     def over(self) -> bool:
         """Return whether the study is over and the report of this end is written."""
         now = self._interview.now()

@@ -18,12 +18,12 @@ from prefcal_app.session.study.memory import trust_text
 from prefcal_app.session.study.now import GOOD_ENOUGH
 from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
+from prefcal_env.disk import digest_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State
 from prefcal_scenarios.own.source import fingerprint
 from prefcal_scenarios.presentation.wording import labeled, printable
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.verification.verified import digest_of
 
 from .choices import follows_cost
 from .options import Options

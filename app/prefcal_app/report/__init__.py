@@ -1,6 +1,17 @@
-"""Write the report of a study, with figures, tables and the tuned controller, to one folder."""
+"""Write the report of a study, with figures, tables and the tuned controller, to one folder.
 
-from .record import StudyRecord as StudyRecord
-from .record import Trial as Trial
+The names are imported on first use: what draws takes a second to import.
+"""
 
-__all__ = ["StudyRecord", "Trial"]
+from typing import TYPE_CHECKING
+
+from prefcal_env.on_first_use import public_names
+
+if TYPE_CHECKING:
+    from .record import StudyRecord as StudyRecord
+    from .record import Trial as Trial
+    from .verifying import judge as judge
+    from .verifying import picture as picture
+    from .verifying import verify_best as verify_best
+
+__getattr__, __dir__, __all__ = public_names(__name__)

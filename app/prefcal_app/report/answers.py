@@ -7,9 +7,9 @@ from typing import Any
 
 from prefcal_app.view.end import FIRST
 from prefcal_env.errors import ScenarioError
+from prefcal_scenarios import verification
 from prefcal_scenarios.presentation.folder import put
 from prefcal_scenarios.presentation.wording import number, with_unit
-from prefcal_scenarios.verification.cases import subject_of
 from prefcal_scenarios.verification.verified import Verified, margins_said
 
 from .export import versions
@@ -91,7 +91,7 @@ def unverified(record: StudyRecord) -> Answers:
     assert record.best is not None
     scenario, both = record.scenario, [record.best.experiment, record.before.experiment]
     try:
-        known = subject_of(scenario.source, scenario.space).margins
+        known = verification.subject_of(scenario.source, scenario.space).margins
         found = [known(each.theta) for each in both]
     except ScenarioError:  # such as a file that runs in a process of its own
         found = ["prefcal verify best.json computes them if the plant is known as equations"]

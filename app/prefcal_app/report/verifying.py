@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from prefcal_env.disk import digest_of
 from prefcal_env.errors import StaleError
 from prefcal_scenarios.many.simulate import Progress
 from prefcal_scenarios.presentation.folder import put
@@ -10,8 +11,8 @@ from prefcal_scenarios.presentation.style import png
 from prefcal_scenarios.verification import Verification, replay, verify
 from prefcal_scenarios.verification.factor import Ranges
 from prefcal_scenarios.verification.result import VerifiedRun
-from prefcal_scenarios.verification.verified import Verified, digest_of
-from prefcal_scenarios.verification.verify import RUNS, unvaried
+from prefcal_scenarios.verification.varied_runs import RUNS, unvaried
+from prefcal_scenarios.verification.verified import Verified
 
 from .answers import refresh
 from .export import Tuning, tuning_of, versions

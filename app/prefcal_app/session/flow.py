@@ -49,8 +49,6 @@ class Flow:
     thoughts: Thoughts
     at_once: int = 1
     """Number of experiments that run at the same time."""
-    stops: bool = False
-    """Whether the study ends when the agent has enough."""
     phase: Phase = Phase.RUNNING
     question: Question | None = None
     problem: Exception | None = None
@@ -72,7 +70,7 @@ class Flow:
     def study(self) -> Study:
         """Return the study at this moment."""
         simulates = self.thoughts.simulator is not None
-        return Study(self.agent, self.agent.history, self.state, self.at_once, simulates, self.stops)
+        return Study(self.agent, self.agent.history, self.state, self.at_once, simulates)
 
     def append(self, *events: Event | tuple[Finished, Experiment]) -> tuple[int, ...]:
         """Save events before anything follows from them; return their numbers.

@@ -41,7 +41,6 @@ class Interview:
             default, it simulates in this process. It stays open.
         at_once: Number of experiments that run at the same time, each in a thread that calls
             `work`; 1 runs ahead of the answers instead, see `ahead`.
-        stops: Whether the study ends when the agent has enough; it can go on after that.
 
     Raises:
         StudyError: If the study has other knobs, or cannot be written.
@@ -63,7 +62,6 @@ class Interview:
         asks: bool = True,
         simulator: Simulator | None = None,
         at_once: int = 1,
-        stops: bool = False,
     ) -> None:
         if at_once > 1:
             _check_at_once(scenario, file)
@@ -78,7 +76,7 @@ class Interview:
             twin = simulator.scenario
         agent = agent_of(file.state, scenario.space, simulator)
         store = ExperimentStore(scenario, file)
-        self._flow = Flow(file, store, agent, Thoughts(simulator, twin), at_once, stops)
+        self._flow = Flow(file, store, agent, Thoughts(simulator, twin), at_once)
         self._guarded = Guarded(self._flow)
         self.steps, self.past = Steps(self._guarded, self.now), Past(self._guarded)
         self.known = Known(self._guarded, lambda: self.scenario)

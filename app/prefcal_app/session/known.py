@@ -7,12 +7,13 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents import GLISp
+from prefcal_agents.glisp.foresight import Foresight
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Screened, Simulated
 from prefcal_app.summary.consistency import Consistency
 from prefcal_app.summary.counts import Counts, Planned, answered
-from prefcal_app.summary.outlook import Outlook, falls_outward, others_unbeaten, outlook
+from prefcal_app.summary.outlook import Outlook, falls_outward, foreseen, others_unbeaten, outlook
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
@@ -88,7 +89,26 @@ class Known:
             return None if prospect is None else prospect.text
         with self._guarded.reading() as flow:
             closed = flow.state.history.comparisons
-        return "" if sum(c.verdict is not None for c in closed) >= _LEAST else None
+        return self.promise if sum(c.verdict is not None for c in closed) >= _LEAST else None
+
+    @property
+    def promise(self) -> str:
+        """Return what the next experiment can bring; empty if unknown, and if the person chose it."""
+        with self._guarded.reading() as flow:
+            pending, requested = flow.study.pending, flow.state.requested
+        index, found = None if pending is None else pending.index, self.foresight()
+        return "" if found is None or index in requested else foreseen(found.chance, index)
+
+    def foresight(self, *, learn: bool = False) -> Foresight | None:
+        """Return what the next experiment can bring; None if unknown, or not worked out yet.
+
+        With `learn`, or if no threads work in the background, it is worked out here and now.
+        """
+        with self._guarded.reading() as flow:
+            agent, learn = flow.agent.copy(), learn or not self._guarded.has_background
+        if not isinstance(agent, GLISp) or not (learn or agent.foresees):
+            return None
+        return agent.foresight
 
     @property
     def outlook(self) -> Outlook | None:

@@ -13,11 +13,11 @@ from jaxtyping import Float
 from prefcal_env.knobs.key import theta_key, theta_keys
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.workers import Pool, Terms, usable_cores
+from prefcal_scenarios import verification
 from prefcal_scenarios.kpis import all_screened, has_goals, reading
 from prefcal_scenarios.many.results import FailedRun, Result
 from prefcal_scenarios.many.task import Task
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.verification.perturbed import Perturbed, runs_kept
 
 from .kept import Kept
 
@@ -70,8 +70,8 @@ class Simulator:
         own = source is not scenario.source
         self.scenario, self.reading = scenario, reading(scenario)
         directed = has_goals(scenario)
-        run = Perturbed(scenario, seed) if robust else source
-        self.holds = partial(runs_kept, self.many, self.reading) if robust else None
+        run = verification.Perturbed(scenario, seed) if robust else source
+        self.holds = partial(verification.runs_kept, self.many, self.reading) if robust else None
         self._task = Task(run, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This
         # process runs built-in scenarios, too, until the first worker is ready.

@@ -29,7 +29,7 @@ class Outlook:
     """Advice on what to do next.
 
     Args:
-        promise: Sentence on what the simulated θ still promise; empty if none are simulated.
+        promise: Sentence on what simulated θ or the next experiment promise; empty if unknown.
         ends: Sentence on the knobs at the end of their range; empty if there are none.
         command: Command that widens those ranges; empty without a study file.
         unbeaten: Sentence on other experiments that never lost; empty if there are none.
@@ -84,6 +84,20 @@ def after_a_slip(history: History, *, robust: bool = False) -> str:
     )
 
 
+def foreseen(chance: float | None, index: int | None) -> str:
+    """Return a sentence on what the next experiment can bring, by the answers before it.
+
+    Args:
+        chance: Chance that it is noticeably better; None if the KPIs do not explain the answers.
+        index: Index of the experiment; None if it is not proposed yet.
+    """
+    if chance is None:
+        return "The KPIs do not explain your answers well enough to say how likely the next run is better."
+    which = "the next run" if index is None else f"experiment {index + 1}"
+    better = f"{which} is noticeably better than the best is {100 * chance:.0f} %"
+    return f"By the answers so far, the chance that {better}."
+
+
 def outlook(
     promise: str,
     best: Float[np.ndarray, " n"],
@@ -97,7 +111,7 @@ def outlook(
     """Return the outlook of a study.
 
     Args:
-        promise: Sentence on what the simulated θ still promise; empty if none are simulated.
+        promise: Sentence on what simulated θ or the next experiment promise; empty if unknown.
         best: Best θ, physical, shape (n,).
         space: Knobs with their searched ranges.
         place: Path of the study file; ":memory:" if there is none.

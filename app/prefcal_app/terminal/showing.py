@@ -225,8 +225,7 @@ def show_next(interview: Interview, now: Now, console: Console) -> None:
     console.rule(f"Experiment {sample.index + 1}: run your plant with these values")
     for knob, value in zip(interview.scenario.space, np.array(sample.theta), strict=True):
         say(console, f"  {knob.name} = {with_unit(repr(float(value)), knob.unit)}", style="bold")
-    if source.instructions:
-        say(console, source.instructions)
+    say(console, *filter(None, (source.instructions, interview.known.promise)))
     say(console, f"The record: a CSV file with the columns {', '.join(source.columns)}")
 
 
@@ -246,5 +245,5 @@ def show_changes(interview: Interview, now: Now, console: Console) -> None:
     say(
         console,
         f"{recorded}Afterward {source.afterward}{'; k and Enter stops the run' if source.stops else ''}.",
-        *filter(None, (source.instructions, live.problem)),
+        *filter(None, (source.instructions, interview.known.promise, live.problem)),
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 from prefcal_app.session import Interview, Now, Phase
 from prefcal_app.session.study.now import GOOD_ENOUGH
-from prefcal_env.study import State, Suggested
+from prefcal_env.study import State
 from prefcal_env.workers import in_time
 from prefcal_scenarios.presentation.wording import INTERRUPTED, knob_number, with_unit
 from prefcal_scenarios.scenario import Scenario
@@ -58,7 +58,7 @@ def now_view(
         "draft": now.draft,
         "rig": _rig(scenario, now.state),
         "live": live_view(scenario, now.live),
-        "pending": _pending(now.pending, scenario, blind=blind),
+        "pending": _pending(interview, now, blind=blind),
         "good_enough": _good_enough(now, blind=blind),
         "screening": screening_view(interview, now, blind=blind),
         "over": over_view(interview, now, best_view(interview, now), command, report, seen) if over else None,
@@ -100,8 +100,9 @@ def simulated_view(now: Now) -> dict[str, Any] | None:
     return {**asdict(found), "line": found.line, "going_on": found.going_on}
 
 
-def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> Any:
+def _pending(interview: Interview, now: Now, *, blind: bool) -> Any:
     """Return the sample that is running, awaited or failed. On a rig, θ is always shown."""
+    sample, scenario = now.pending, interview.scenario
     if sample is None:
         return None
     source = scenario.source
@@ -118,6 +119,7 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
         ],
         "copy": "" if hidden else _exact(scenario, sample.theta),
         "instructions": source.instructions,
+        "promise": interview.known.promise if source.asks and now.question is None else "",
     }
 
 

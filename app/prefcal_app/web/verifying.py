@@ -4,10 +4,10 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from prefcal_app.report.verifying import judge, picture, verify_best
+from prefcal_app import report
 from prefcal_app.view.tables import cell, row, table
+from prefcal_scenarios import verification
 from prefcal_scenarios.presentation.wording import number
-from prefcal_scenarios.verification.verified import BEST, Verified
 
 from .answers import refused
 from .pages import Reports
@@ -45,12 +45,12 @@ class Verifying:
     def judge(self, run: int, acceptable: bool) -> None:
         """Keep a person's verdict on one of the worst runs, numbered from 0. Raises StaleError."""
         with self._lock:
-            judge(self._reports.folder or Path(), run, acceptable=acceptable)
+            report.judge(self._reports.folder or Path(), run, acceptable=acceptable)
 
     def view(self) -> dict[str, Any]:
         """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
         folder = self._reports.folder
-        said = None if folder is None or self._running else Verified.read(folder)
+        said = None if folder is None or self._running else verification.Verified.read(folder)
         return {
             "running": self._running,
             "done": self._done,
@@ -61,7 +61,7 @@ class Verifying:
 
     def _verify(self, folder: Path) -> None:
         try:
-            verify_best(folder / BEST, progress=self._progress)
+            report.verify_best(folder / verification.BEST, progress=self._progress)
         except Exception as error:
             _, self._problem, _ = refused(error)
         finally:
@@ -73,7 +73,7 @@ class Verifying:
             raise KeyboardInterrupt  # which a verification takes as its early end
 
 
-def _said(said: Verified) -> dict[str, Any]:
+def _said(said: "verification.Verified") -> dict[str, Any]:
     """Return what a verification says, for the page."""
     baseline = [said.baseline] if said.baseline else []
     kpi_heads = ["KPI", "objective", "nominal", "5 %", "95 %"]
@@ -96,7 +96,7 @@ def _said(said: Verified) -> dict[str, Any]:
                 "words": each.words,
                 "values": ", ".join(f"{name} {number(value)}" for name, value in each.values.items()),
                 "verdict": each.verdict,
-                "picture": f"/report/{picture(k)}",
+                "picture": f"/report/{report.picture(k)}",
             }
             for k, each in enumerate(said.worst)
         ],

@@ -5,7 +5,19 @@ closed loop, `compiled` those that come with prefcal, `cases` finds which it is.
 variations on all cores, `result` is what came of them, and `verified` what is kept of it.
 """
 
-from .factor import Factor as Factor
-from .result import Verification as Verification
-from .verify import replay as replay
-from .verify import verify as verify
+from typing import TYPE_CHECKING
+
+from prefcal_env.on_first_use import public_names
+
+if TYPE_CHECKING:
+    from .cases import subject_of as subject_of
+    from .factor import Factor as Factor
+    from .perturbed import Perturbed as Perturbed
+    from .perturbed import runs_kept as runs_kept
+    from .result import Verification as Verification
+    from .varied_runs import replay as replay
+    from .varied_runs import verify as verify
+    from .verified import BEST as BEST
+    from .verified import Verified as Verified
+
+__getattr__, __dir__, __all__ = public_names(__name__)

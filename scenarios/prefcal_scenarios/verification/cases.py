@@ -19,7 +19,10 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.function import Function, function_of
 from prefcal_env.sources.maneuvers import Maneuvers
 from prefcal_env.sources.source import Source, WithKPIs
+from prefcal_scenarios.cases.cstr.controller import controller
+from prefcal_scenarios.cases.cstr.kpis import compute_kpis
 from prefcal_scenarios.cases.loops.loop import Loop
+from prefcal_scenarios.described.fmu_scenario import FMURun
 
 from .compiled import of_loop
 from .factor import Factor, Values, within
@@ -45,7 +48,7 @@ def subject_of(source: Source, space: KnobSpace) -> Subject:
         raise ScenarioError(RIG)
     function = function_of(source)
     bare = function.func if isinstance(function, partial) else function
-    loop = getattr(bare, "__self__", getattr(bare, "loop", bare))
+    loop = bare.loop if isinstance(bare, FMURun) else getattr(bare, "__self__", bare)
     if isinstance(loop, Loop):
         return of_loop(loop, space)
     if isinstance(loop, ClosedLoop):
@@ -103,9 +106,6 @@ def _reactor(function: Any) -> Subject:
 
     An exponent changes the rate by e^0.3 for 1 %, and the gas constant does not change.
     """
-    from prefcal_scenarios.cases.cstr.controller import controller
-    from prefcal_scenarios.cases.cstr.kpis import compute_kpis
-
     given = {k: v for k, v in getattr(function, "keywords", {}).items() if k == "space"}
     found = of_closed_loop(ClosedLoop(cstr_env(), partial(controller, **given), compute_kpis))
     return replace(found, factors=within(found.factors, {"E": 0.01, "R": 0.0}))

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import betaincinv
 
 from prefcal_env.controllers.margins import Margins
 from prefcal_env.experiments.experiment import End
@@ -226,8 +227,6 @@ def most_probable(failed: int, count: int) -> float:
     Source: Clopper, Pearson (1934), The use of confidence or fiducial limits illustrated in the
     case of the binomial, Biometrika 26; one-sided.
     """
-    from scipy.stats import binomtest
-
-    if not count:
+    if failed >= count:
         return 1.0
-    return float(binomtest(failed, count, alternative="less").proportion_ci(CONFIDENCE).high)
+    return float(betaincinv(failed + 1, count - failed, CONFIDENCE))

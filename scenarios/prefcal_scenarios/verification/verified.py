@@ -3,13 +3,12 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins
-from prefcal_env.disk import write_durably
+from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_scenarios.presentation.wording import labeled, limits_text, number, quantity
@@ -132,11 +131,6 @@ class Verified:
         """Write the file, durably. Raises OSError."""
         text = json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False)
         write_durably(Path(folder) / FILE, f"{text}\n".encode())
-
-
-def digest_of(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal digits. Raises OSError."""
-    return sha256(path.read_bytes()).hexdigest()
 
 
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:

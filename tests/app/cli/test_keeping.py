@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from prefcal_app.terminal import converse
+from prefcal_env.disk import digest_of
 from prefcal_env.study import study_path
-from prefcal_scenarios.verification.verified import digest_of
 from support.studies import state_of
 from toy_study import TOY
 

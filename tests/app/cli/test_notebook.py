@@ -304,3 +304,12 @@ def test_a_certificate_is_there_where_the_agent_simulates():
     with ask(toy_scenario(), calibrator="latent", **QUICK) as asking:
         asking.wait()
         assert asking.certificate is None
+
+
+def test_the_chance_of_the_next_run_is_there_where_every_run_is_shown():
+    with ask(toy_scenario(), calibrator="latent", n_max=8, n_init=3) as asking:
+        asking.wait()
+        assert 0 < asking.chance_of_better < 1
+    with ask(toy_scenario(), calibrator="latent", n_max=8, n_init=3, outcomes=False) as asking:
+        asking.wait()
+        assert asking.chance_of_better is None

@@ -11,8 +11,9 @@ from prefcal_app.report.acceptance import sheet
 from prefcal_app.report.answers import FILE, answers, refresh, section, unverified, verified_answers
 from prefcal_app.report.export import best_as_json
 from prefcal_app.summary.outlook import Outlook
+from prefcal_env.disk import digest_of
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun, digest_of
+from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun
 from toy_study import toy_record
 
 FOUND = Verified(

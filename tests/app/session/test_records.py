@@ -6,6 +6,8 @@ import pytest
 
 from prefcal_agents.history.lessons import kpis_of
 from prefcal_app.session import Choice, Given, Phase
+from prefcal_app.summary.outlook import foreseen
+from prefcal_app.view import now_view, status_view
 from prefcal_env.errors import RecordError, StaleError
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.sources.rig import Rig
@@ -134,3 +136,47 @@ def test_a_simulated_plant_and_a_study_that_is_over_take_no_record(interview):
     interview.steps.finish()
     with pytest.raises(StaleError):
         interview.steps.record(Given(0, csv(9.0)))
+
+
+def answered(interview, count):
+    """Record experiments and answer until so many answers are given; the next record is waited for."""
+    while True:
+        now = interview.now()
+        if now.question is not None:
+            better = now.question.left.index > now.question.right.index
+            now = interview.steps.answer(now.question.id, Choice.LEFT if better else Choice.RIGHT)
+        elif now.phase is Phase.RUNNING:
+            interview.work()
+        elif len(now.state.history.lessons()) == count:
+            return
+        else:
+            index = now.pending.index
+            interview.steps.record(Given(index, csv(9.0 - 0.1 * index)))
+
+
+def test_before_a_run_it_is_said_what_it_can_bring_and_after_it_what_was_said(tmp_path):
+    interview = begin(RIG, n_max=12, path=tmp_path / "rig.prefcal")
+    answered(interview, 4)
+    assert now_view(interview)["pending"]["promise"] == ""
+    answered(interview, 5)
+    index, chance = interview.now().pending.index, interview.known.foresight().chance
+    said = foreseen(chance, index)
+    assert f"experiment {index + 1} is noticeably better" in said
+    assert now_view(interview)["pending"]["promise"] == said
+    assert said[1:] in " ".join(status_view(interview)["outlook"]["sentences"])
+    now = interview.steps.record(Given(index, csv(5.0)))
+    assert now.question is not None
+    assert now_view(interview)["pending"]["promise"] == ""  # it must not sway the answer
+    assert said[1:] in " ".join(status_view(interview)["outlook"]["sentences"])
+
+
+def test_a_page_waits_for_nothing_that_would_have_to_be_learned_again(tmp_path):
+    interview = begin(RIG, n_max=12, path=tmp_path / "rig.prefcal")
+    answered(interview, 5)
+    said = interview.known.promise
+    interview.file.close()
+    again = reopened(RIG, tmp_path / "rig.prefcal")
+    again._guarded.has_background = True  # as with a page
+    assert again.known.promise == ""
+    assert again.known.foresight(learn=True) is not None
+    assert again.known.promise == said

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from prefcal_agents import GLISp
+from prefcal_agents.glisp.foresight import Foresight
 from prefcal_app.session import Background, Phase
 from prefcal_app.terminal.converse import _Conversation, _waiting
 from prefcal_app.terminal.lines import END
@@ -209,6 +210,14 @@ def test_a_rigs_records_are_asked_for(tmp_path):
     assert interview.past.experiment(1).theta[0] == pytest.approx(1.07)
     assert interview.now().phase is Phase.RECORD
     assert isinstance(CHANNELS, Channels)
+
+
+def test_a_rigs_record_is_asked_for_with_what_it_can_bring(monkeypatch):
+    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,)), kpis=()), n_max=3)
+    monkeypatch.setattr(GLISp, "foresight", Foresight(0.4, 2))
+    monkeypatch.setattr(GLISp, "foresees", True)
+    out = talk(interview, "", ["stop"])
+    assert f"experiment 1 is noticeably better than the best is {100 * Foresight(0.4, 2).chance:.0f} %" in out
 
 
 def test_what_cannot_be_read_is_asked_for_again(tmp_path):

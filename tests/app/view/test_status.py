@@ -4,13 +4,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from prefcal_agents import GLISp
 from prefcal_agents.baselines.latin_hypercube import LatinHypercube
+from prefcal_agents.glisp.foresight import Foresight
 from prefcal_app.session import Choice, Consistency
 from prefcal_app.view import status_view
 from prefcal_app.view.status import in_words
 from prefcal_scenarios.scenario import KPI
 from support.interviews import answer_all, begin, proceed
-from support.looks import SPACE, asked, toy
+from support.looks import SPACE, THETA, asked, toy
 
 
 def test_before_anything_is_answered_nothing_is_learned():
@@ -105,7 +107,31 @@ def test_a_missed_objective_is_said_once_enough_is_answered():
     json.dumps(outlook)
 
 
-def test_with_nothing_to_say_there_is_no_outlook():
+def test_with_nothing_to_say_there_is_no_outlook(monkeypatch):
     interview, _ = asked(*[Choice.LEFT] * 5)
     interview._helps = lambda knob, upper: False
+    monkeypatch.setattr(GLISp, "foresight", None)
     assert status_view(interview)["outlook"] is None
+
+
+def test_what_one_more_experiment_can_bring_is_said_at_the_end():
+    interview, now = asked(*[Choice.LEFT] * 5)
+    assert now.state.ended
+    chance = interview.known.foresight().chance
+    [said] = [s for s in status_view(interview)["outlook"]["sentences"] if "the next run" in s]
+    assert f"better than the best is {100 * chance:.0f} %" in said
+
+
+def test_nothing_is_said_of_an_experiment_that_the_person_asked_for():
+    interview, _ = asked(*[Choice.LEFT] * 5, n_max=9)
+    assert "experiment 7" in interview.known.promise
+    interview.steps.ask_for(np.array(THETA))
+    proceed(interview)
+    assert interview.known.promise == ""
+
+
+def test_where_kpis_do_not_explain_the_answers_that_is_said(monkeypatch):
+    monkeypatch.setattr(GLISp, "foresight", Foresight(None, 3))
+    interview, _ = asked(*[Choice.LEFT] * 5, n_max=9)
+    assert "do not explain your answers" in " ".join(status_view(interview)["outlook"]["sentences"])
+    assert "%" not in interview.known.promise

@@ -4,6 +4,8 @@ import time
 
 import pytest
 
+from prefcal_agents import GLISp
+from prefcal_agents.glisp.foresight import Foresight
 from prefcal_env.live import Journal, LiveRig
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.browser import Watched, window_on
@@ -46,13 +48,23 @@ def confirmed(watched):
     watched.page.wait_for_selector("#stop-live:visible")
 
 
-def test_a_run_is_confirmed_stopped_from_any_page_and_compared(browser, served, plant):
+def test_a_run_is_confirmed_stopped_from_any_page_and_compared(browser, served, plant, monkeypatch):
+    monkeypatch.setattr(GLISp, "foresight", Foresight(0.4, 2))
+    monkeypatch.setattr(GLISp, "foresees", True)
     watched = Watched(browser)
     page = watched.page
     page.goto(served.link)
     page.wait_for_selector("#write-and-start")
     shown = page.inner_text("#view-live")
-    for words in ("10 s", "1 to 60 s", "5 s", "set-point", "→ 2 m", "the drain <is open>"):
+    for words in (
+        "10 s",
+        "1 to 60 s",
+        "5 s",
+        "set-point",
+        "→ 2 m",
+        "the drain <is open>",
+        "experiment 1 is noticeably",
+    ):
         assert words in shown
     assert plant.writes == []
     assert serious(page) == []

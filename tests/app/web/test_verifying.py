@@ -5,9 +5,11 @@ import time
 
 import pytest
 
+from prefcal_app import report
 from prefcal_app.web import verifying
+from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
-from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun, digest_of
+from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun
 from support.windows import make_room
 
 
@@ -53,7 +55,7 @@ def runs(monkeypatch):
         said.write(best.parent)
         return said
 
-    monkeypatch.setattr(verifying, "verify_best", verify)
+    monkeypatch.setattr(report, "verify_best", verify)
     return go, counted
 
 
@@ -105,7 +107,7 @@ def test_a_stop_ends_the_runs_early(page, folder, monkeypatch):
         except KeyboardInterrupt:
             ended.set()
 
-    monkeypatch.setattr(verifying, "verify_best", verify)
+    monkeypatch.setattr(report, "verify_best", verify)
     page.reports.folder = folder
     page.post("verify")
     page.post("stop_verifying")
@@ -117,7 +119,7 @@ def test_what_went_wrong_is_said_and_it_can_start_again(page, folder, monkeypatc
     def refuse(best, *, progress):
         raise ScenarioError("give it parameters as arguments")
 
-    monkeypatch.setattr(verifying, "verify_best", refuse)
+    monkeypatch.setattr(report, "verify_best", refuse)
     page.reports.folder = folder
     page.post("verify")
     told = until(page.page(), lambda told: not told["running"])

@@ -7,7 +7,7 @@ from prefcal_env.preferences.reading import Reading
 from prefcal_scenarios import load
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification.perturbed import Perturbed, runs_kept
-from prefcal_scenarios.verification.verify import verify
+from prefcal_scenarios.verification.varied_runs import verify
 
 READING = Reading()
 

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios.verification.verified import BEST, FILE, Verified, WorstRun, digest_of
+from prefcal_scenarios.verification.verified import BEST, FILE, Verified, WorstRun
 
 FOUND = Verified(
     statement="299 of 299 runs keep the stated limits.",

@@ -10,6 +10,8 @@ from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.preferences.runs import first_ready
 from prefcal_env.study import Ended, Event, Led, Shown, State, Suggested, Taken
 
+PERSON = "human"
+"""Who answers, in the configuration of a study."""
 ENOUGH = "little is left to gain"
 """Why a study ends before its last question."""
 _SIDES, _REPEATS = 11, 12
@@ -65,7 +67,6 @@ class Study:
         state: State after all events, see `prefcal_env.study.fold`.
         at_once: Number of experiments that may be pending at the same time.
         simulates: Whether choosing a query may take simulations.
-        stops: Whether it ends when the agent has enough, unless it went on after its end.
     """
 
     strategy: Strategy
@@ -73,7 +74,12 @@ class Study:
     state: State
     at_once: int = 1
     simulates: bool = False
-    stops: bool = False
+
+    @property
+    def _may_stop(self) -> bool:
+        """Return whether a person answers, who did not go on after an end, and sees no question."""
+        person = self.state.configuration["options"]["calibrator"] == PERSON
+        return person and self.state.open is None and not self.state.reopened
 
     @property
     def seed(self) -> int:
@@ -123,8 +129,7 @@ class Study:
         if len(opened.samples) > len(samples):
             index = len(samples)
             return Write(Suggested(index, opened.samples[index].z, opened.samples[index].theta))
-        may_stop = self.stops and self.state.open is None and not self.state.reopened
-        if may_stop and strategy.has_enough(self.history):
+        if self._may_stop and strategy.has_enough(self.history):
             return Write(Ended(ENOUGH))
         # A query about two known experiments comes first, then the experiment that ended first.
         ready = first_ready(queries, lambda side: self.state.finished.get(side.index))

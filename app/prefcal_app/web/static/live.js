@@ -62,6 +62,7 @@ function confirming({ live, pending }) {
   }
   return fill($("view-live"), title,
     live.instructions ? el("p", { class: "instructions" }, live.instructions) : null,
+    pending.promise ? el("p", { class: "faint" }, pending.promise) : null,
     live.problem ? el("p", { class: "problem", role: "alert" }, live.problem) : null, written(live.changes),
     el("p", {}, `${live.duration ? `The run records for at most ${seconds(live.duration)}. ` : ""}Afterward ${live.afterward}.${live.stops ? " You can stop it at any time." : ""}`),
     el("p", { class: "actions" }, button("Write and start", () => act("write_and_start", { index: pending.index }), { id: "write-and-start", class: "primary" }), again, skip),

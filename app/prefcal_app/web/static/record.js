@@ -14,7 +14,8 @@ export function showRecord(now, act) {
     el("h2", { id: "record-title" }, `Experiment ${pending.number}: run your plant with these values`),
     values(pending.theta.map((knob) => ({ ...knob, title: knob.exact })), "big"),
     el("p", { class: "actions" }, copying(pending.copy, "Copy θ"), el("span", {}, "in full precision")),
-    pending.instructions ? el("p", { class: "instructions" }, pending.instructions) : null, set.block,
+    pending.instructions ? el("p", { class: "instructions" }, pending.instructions) : null,
+    pending.promise ? el("p", { class: "faint" }, pending.promise) : null, set.block,
     el("h3", {}, "The record"), columns(now), taking("record", pending.index, set.read),
     el("p", {}, "Or: ", button("The run failed; there is no record", failed)),
     el("p", { class: "faint" }, "This may take days: you can stop prefcal meanwhile. Continue later with ", el("code", {}, now.study.again)));
