@@ -57,7 +57,7 @@ WORTH = {
     "worth_answers.png": "worth-answers-priorities.png",
 }
 """File of each figure of worth on the page of the benchmark."""
-ANSWERED = 7
+ANSWERED = 5
 """Number of questions to answer before the screenshot of the query window."""
 
 
