@@ -1,5 +1,6 @@
 """An interview whose agent simulates unseen: nothing waits for it, and a restart asks the same."""
 
+import json
 import threading
 import time
 from dataclasses import replace
@@ -8,6 +9,8 @@ from functools import partial
 import pytest
 
 from prefcal_agents.screening.agent import Screening
+from prefcal_app.cli.options import Options
+from prefcal_app.cli.report import as_json, record_of
 from prefcal_app.session import Background, Choice, Interview, Phase, unattended
 from prefcal_app.session.volatile.thoughts import LIKELIEST
 from prefcal_app.simulating import Simulator
@@ -347,6 +350,16 @@ def test_it_ends_when_the_agent_has_enough_and_goes_on_with_the_same_questions(e
     answer_all(early, lambda number: None)
     assert early.now().state.ended == "all compared", "it does not end early again"
     assert shown(early) == shown(whole)
+
+
+def test_the_report_of_a_study_that_ended_so_is_whole(enough):
+    interview = started(n_max=7, stops=True)
+    answer_all(interview, lambda number: None)
+    options = Options.of({"scenario": "cstr"}, 3, simulated=True)
+    record = record_of(interview, options, {})
+    assert len(record.trials) < record.n_max
+    assert not record.stopped
+    assert json.loads(as_json(record, options, None, None))["stopped"] is False
 
 
 def test_an_undo_after_such_an_end_opens_its_last_question_again(enough, tmp_path):
