@@ -385,6 +385,26 @@ def test_an_open_question_stays_open_though_the_agent_has_enough(monkeypatch):
     assert proceed(interview).phase is Phase.OVER
 
 
+@pytest.mark.parametrize("asked", ["for a θ", "again"])
+def test_a_person_who_asks_for_something_gets_it_though_the_agent_has_enough(monkeypatch, asked):
+    """As in a study from before agents could have enough."""
+    interview = started(n_max=7, stops=True)
+    for _ in range(3):
+        question = proceed(interview).question
+        interview.steps.answer(question.id, judge(question, cost))
+    assert proceed(interview).phase is Phase.QUESTION
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) == 3)
+    if asked == "again":
+        question = interview.steps.repeat().question
+        interview.steps.answer(question.id, judge(question, cost))
+    else:
+        interview.steps.ask_for((0.31, 0.47))
+    now = proceed(interview)
+    assert now.phase is Phase.QUESTION
+    if asked != "again":
+        assert tuple(now.question.challenger.experiment.theta) == (0.31, 0.47)
+
+
 def test_it_runs_unattended():
     interview = started()
     comparisons = list(unattended(interview, LatentCost(cost, seed=0)))
