@@ -197,14 +197,15 @@ class Screening(Simulating):
     def menu(self) -> dict[int, Reason]:
         """Return rows of the bank that people like this one might prefer to the best, with why.
 
-        There are up to two, as different as they can be. It simulates if needed.
+        There are up to two, as different as they can be; in a robust study those that do not hold are
+        left out. It simulates if needed.
         """
         if self.best_index is None or not self.history.lessons():
             return {}
         stage, past = self._stages(self.history), self._past
         best = stage.bank.find(self.best)
         rows = others(stage.costs, stage.logs, ~stage.bank.hopeless, best)
-        return {row: reason_for(stage, row, best, past) for row in rows}
+        return {row: reason_for(stage, row, best, past) for row in rows if self._holds(stage.bank, row)}
 
     @property
     def wishes(self) -> tuple[Wished, ...]:
@@ -222,15 +223,15 @@ class Screening(Simulating):
     def objections(self) -> dict[str, int]:
         """Return which row to compare with the best if a KPI matters more than was said, by its name.
 
-        It simulates if needed.
+        In a robust study rows that do not hold are left out. It simulates if needed.
         """
         said, past = self.wishes, self._past
         if not said:
             return {}
         stage = self._stages(self.history)
-        return objections(
-            self._growth.pool(past), past, stage.spread, stage.bank.find(self.best), said[0].name
-        )
+        best = stage.bank.find(self.best)
+        found = objections(self._growth.pool(past), past, stage.spread, best, said[0].name)
+        return {name: row for name, row in found.items() if self._holds(stage.bank, row)}
 
     @property
     def smaller_change(self) -> SmallerChange | None:
@@ -256,6 +257,10 @@ class Screening(Simulating):
     def with_simulated(self, thetas: Float[np.ndarray, "p n"]) -> Bank:
         """Return the bank with more θ, physical, shape (p, n); it simulates them."""
         return self._growth.extended(self.bank, self.space.encode_all(thetas), thetas)
+
+    def _holds(self, bank: Bank, row: int) -> bool:
+        """Return whether a row keeps the limits in all perturbed runs; without `holds` any does."""
+        return bool(self.simulations.runs_kept(bank.thetas[[row]])[0] == ENOUGH)
 
     @property
     def _past(self) -> History:
@@ -293,9 +298,9 @@ class Screening(Simulating):
             return False
         bank = self._stages(past).bank
         row = bank.find(np.array(past.samples[best].theta))
-        if self.simulations.runs_kept(bank.thetas[[row]])[0] < ENOUGH:
-            return False
-        return not self.simulations.reading.missed(bank.names, bank.kpis[[row]]).any()
+        return (
+            self._holds(bank, row) and not self.simulations.reading.missed(bank.names, bank.kpis[[row]]).any()
+        )
 
     def question(self, history: History) -> Pair | None:
         """Return None: nothing is asked twice."""
@@ -345,7 +350,7 @@ class Screening(Simulating):
             finite = np.isfinite(stage.bank.kpis).all(axis=1)
             most = most[finite[most] | (most == order[0])]
         for row in most:
-            if self.simulations.runs_kept(stage.bank.thetas[[row]])[0] == ENOUGH:
+            if self._holds(stage.bank, row):
                 return np.append(row, order[order != row])
         return order
 

@@ -48,28 +48,41 @@ def others(
     return tuple(menu[1:])
 
 
-def between(
-    kpis: Float[np.ndarray, "m k"], usable: Bool[np.ndarray, " m"], one: int, other: int
-) -> tuple[int, ...]:
-    """Return rows on the way from row `one` to row `other`, both included, in this order.
-
-    Those between are nearest to places on the straight line of KPIs in ranks, where equal values have
-    the same rank. A row is left out if another one is better in a KPI and in none worse.
+def unbeaten(kpis: Float[np.ndarray, "m k"], usable: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+    """Return which usable rows have no other one that is better in a KPI and in none worse, shape (m,).
 
     Args:
         kpis: KPIs, lower is better, shape (m, k).
         usable: Candidates that may be shown, shape (m,).
+    """
+    found = usable.copy()
+    for row in np.flatnonzero(usable):
+        rivals, own = kpis[found], kpis[row]
+        found[row] = not np.any((rivals <= own).all(axis=1) & (rivals < own).any(axis=1))
+    return found
+
+
+def between(
+    kpis: Float[np.ndarray, "m k"], stops: Bool[np.ndarray, " m"], one: int, other: int
+) -> tuple[int, ...]:
+    """Return rows on the way from row `one` to row `other`, both included, in this order.
+
+    Those between are nearest to places on the straight line of KPIs in ranks, where equal values have
+    the same rank.
+
+    Args:
+        kpis: KPIs, lower is better, shape (m, k).
+        stops: Candidates that may lie between, such as those that are `unbeaten`, shape (m,).
         one: Row where it begins.
         other: Row where it ends.
     """
     ranks = np.zeros(kpis.shape)
     for place, column in enumerate(kpis.T):
         ranks[:, place] = np.unique(column, return_inverse=True)[1]
-    beaten = [bool(np.any((ranks <= own).all(axis=1) & (ranks < own).any(axis=1))) for own in ranks]
     from_one = (ranks - ranks[one]) / np.maximum(ranks.max(axis=0), 1.0)
     way = from_one[other]
     along = from_one @ way / (way @ way or 1.0)
-    rows = np.flatnonzero(usable & ~np.array(beaten) & (along > 0.0) & (along < 1.0))
+    rows = np.flatnonzero(stops & (along > 0.0) & (along < 1.0))
     parts = np.linspace(0.0, 1.0, _STOPS + 2)[1:-1, None, None]
     apart = ((from_one[rows] - parts * way) ** 2).sum(axis=2)
     middle = rows[np.argmin(apart, axis=1)].tolist() if len(rows) else []

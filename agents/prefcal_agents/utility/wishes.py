@@ -114,7 +114,7 @@ def objections(
         result: Row of the result.
         first: Name of the KPI that was said to come first.
     """
-    draws, logs, found = pool.drawn(history, _DRAWS, _POWER), pool.logs, dict[str, int]()
+    draws, logs, found = cautious(pool, history), pool.logs, dict[str, int]()
     share = deciding(draws, logs, spread[~pool.bank.hopeless[spread]])
     prefer = _prefer(draws, logs, result)
     free = ~pool.bank.hopeless & ~np.isin(np.arange(len(logs)), pool.shown)

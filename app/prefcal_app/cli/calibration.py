@@ -148,7 +148,7 @@ class Calibration:
             show(record, report, console)
             if not options.by_a_person:  # no program can repeat a person's answers
                 console.print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
-        if report is not None and record.stopped and not record.good_enough:
+        if report is not None and record.partial:
             self.say(f"This is a partial report: {len(record.trials)} of {record.n_max} experiments.")
 
     @property

@@ -84,7 +84,7 @@ class Options(Described):
             suffix).
         seed: Seed of the agent, the calibrator and the order of the two sides.
         n_init: Number of experiments before learning starts.
-        n_max: Number of experiments shown; you can add more later.
+        n_max: Largest number of experiments shown; you can add more later.
         questions_per_experiment: Maximum number of comparisons per experiment (glisp only). If
             experiments are expensive, 3 or more comparisons save some. You can change it when you
             resume.

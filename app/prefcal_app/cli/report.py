@@ -15,7 +15,6 @@ from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.tables import gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.study.memory import trust_text
-from prefcal_app.session.study.now import GOOD_ENOUGH
 from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.disk import digest_of
@@ -55,7 +54,7 @@ def record_of(
         command=options.command(),
         surrogate=interview.known.surrogate,
         trust="" if (index := interview.known.index) is None else trust_text(index),
-        good_enough=state.ended == GOOD_ENOUGH,
+        ended=state.ended or "",
         outlook=interview.known.outlook,
         judged=follows_cost(options, interview.scenario),
         study=name or "",

@@ -42,7 +42,7 @@ def answers(record: StudyRecord) -> Answers:
     by, digits = (record.origin.get(key) for key in ("answered by", "fingerprint of the scenario"))
     counts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items() if n)
     each = f" ({counts}; each one in comparisons.csv)" if record.questions else ""
-    partial = "; the study is not complete" if record.stopped and not record.good_enough else ""
+    partial = "; the study is not complete" if record.partial else ""
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
     made = f", fingerprint of the scenario {digits}" if digits else ""
     promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)

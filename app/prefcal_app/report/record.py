@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_app.session.study.now import GOOD_ENOUGH
+from prefcal_app.session.study.study import ENOUGH
 from prefcal_app.summary.counts import VERDICTS as VERDICTS
 from prefcal_app.summary.outlook import Outlook
 from prefcal_app.view.end import FIRST
@@ -52,7 +54,7 @@ class StudyRecord:
         command: Command line that repeats the study.
         surrogate: Learned cost; None if the agent learns nothing.
         trust: How well a weighted sum of the KPIs predicts answers; empty if unknown.
-        good_enough: Whether the study ended early because the best is good enough.
+        ended: Why the study ended, see `prefcal_env.study.Ended`; empty while it has not.
         answered: Comparisons whose answers stand, in order, including follow-up comparisons; None
             for all of `comparisons` but the first experiment's.
         waiting: Experiments that ran and are not compared yet, by index.
@@ -77,7 +79,7 @@ class StudyRecord:
     command: str = ""
     surrogate: Surrogate | None = None
     trust: str = ""
-    good_enough: bool = False
+    ended: str = ""
     answered: tuple[Comparison, ...] | None = None
     waiting: Mapping[int, Experiment] = field(default_factory=dict)
     judged: bool = True
@@ -163,7 +165,17 @@ class StudyRecord:
 
     @property
     def stopped(self) -> bool:
-        """Return whether the study ended before its planned number of experiments."""
+        """Return whether the study ended before its planned number of experiments, with more to gain."""
+        return self.is_shorter and self.ended != ENOUGH
+
+    @property
+    def partial(self) -> bool:
+        """Return whether the study was left before anyone said that the best is good enough."""
+        return self.stopped and self.ended != GOOD_ENOUGH
+
+    @property
+    def is_shorter(self) -> bool:
+        """Return whether fewer experiments were compared than planned at most."""
         return len(self.comparisons) < self.n_max
 
     @cached_property

@@ -69,6 +69,12 @@ def _ask_for(flow: Flow, study: Study) -> PrefcalError | None:
     return StaleError("the study has ended: continue it first") if over else None
 
 
+def _choose(flow: Flow, study: Study) -> PrefcalError | None:
+    if not study.simulates:
+        return SettingsError("nothing is simulated unseen in this study: continue it and ask for a θ")
+    return _go_on(flow, study)
+
+
 def _record(flow: Flow, study: Study) -> PrefcalError | None:
     if flow.underway.source.asks != "record":
         return StaleError("the plant is simulated and takes no record")
@@ -135,7 +141,7 @@ REFUSALS: Mapping[str, Callable[[Flow, Study], PrefcalError | None]] = MappingPr
         "repeat": _repeat,
         "pace": _pace,
         "ask_for": _ask_for,
-        "choose": _go_on,
+        "choose": _choose,
         "record": _record,
         "write_and_start": _write_and_start,
         "stop_run": _stop_run,

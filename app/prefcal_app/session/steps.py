@@ -9,7 +9,7 @@ from prefcal_agents import GLISp
 from prefcal_env.errors import PreferenceError, ProtocolError, StaleError, StudyError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import Comparison
-from prefcal_env.study import Adjusted, Answered, Marked, Requested, Retracted, Shown, Undone
+from prefcal_env.study import Adjusted, Answered, Ended, Marked, Requested, Retracted, Shown, Undone
 
 from . import runs
 from .can import CLOSED
@@ -156,7 +156,8 @@ def choose(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...], best:
     """Choose a simulated `theta`, shape (n,), after the end, instead of experiment `best`.
 
     It is asked for, and the question about it is answered by the choice, if its run is known from a
-    look at both; then the study is over again. A plant has to run it first: that is all that follows.
+    look at both; then the study is over again, for the same reason. A plant has to run it first: that
+    is all that follows.
 
     Raises:
         StaleError: If another experiment is the best by now.
@@ -168,12 +169,15 @@ def choose(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...], best:
     wanted = flow.agent.space.check_allowed(np.array(theta))
     if flow.agent.space.close(wanted, flow.agent.samples).any():
         raise ProtocolError("an experiment was run with this θ: it was compared already")
+    reason = flow.state.ended
+    assert reason is not None
     runs.go_on(flow, more=int(flow.state.history.answered >= flow.state.n_max))
     ask_for(flow, wanted)
     asked, samples = flow.question, flow.state.history.samples
     if asked is not None and np.array_equal(samples[asked.challenger.index].theta, wanted):
         _close(flow, asked, Answer(Preference.CHALLENGER, marks=asked.marks))
-        runs.finish(flow)
+        flow.append(Ended(reason))
+        flow.proceed()
 
 
 def pace(flow: Flow, questions: int) -> None:

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.utility.menu import between
+from prefcal_agents.utility.bank import Bank
+from prefcal_agents.utility.menu import between, unbeaten
 from prefcal_app.session import Interview, Now, Question, Side
 from prefcal_app.session.study.memory import is_robust
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, why
@@ -137,15 +138,17 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
         "chosen": _chosen(screened, axes),
         "points": _points(screened, axes, scenario, numbers),
         "best": best,
-        "ways": [
-            between(bank.kpis, ~bank.hopeless, best, choice["row"])
-            for choice in menu_view(interview)
-            if best is not None
-        ],
+        "ways": [] if best is None else _ways(bank, best, [choice["row"] for choice in menu_view(interview)]),
         "sides": {name: rows.get(side.index) for name, side in sides.items()},
         "over": now.state.ended is not None,
         "left_to_ask": max(interview.known.n_max - now.state.history.answered, 0),
     }
+
+
+def _ways(bank: Bank, best: int, others: list[int]) -> list[tuple[int, ...]]:
+    """Return what lies between the best row and each of the others."""
+    stops = unbeaten(bank.kpis, ~bank.hopeless) if others else bank.hopeless
+    return [between(bank.kpis, stops, best, other) for other in others]
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -3,6 +3,8 @@
 import numpy as np
 
 from prefcal_agents import Screening
+from prefcal_agents.screening import agent as screening
+from prefcal_agents.screening.certificate import Certificate
 from prefcal_agents.screening.simulations import ENOUGH
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -78,6 +80,33 @@ def test_a_tuning_of_the_persons_own_is_shown_and_one_that_holds_takes_its_place
     assert agent.samples[0].tolist() == [0.95, 0.5]
     assert agent.best[0] <= 0.6
     assert agent.robustness.kept == ENOUGH
+
+
+def test_a_study_does_not_end_by_itself_while_its_best_does_not_hold(monkeypatch):
+    monkeypatch.setattr(Certificate, "of", lambda found: Certificate(0.1, 0.95, 0.5, (), None, enough=True))
+    enough = [
+        agent.has_enough(agent.history)
+        for agent in (studied(Plain()), studied(Fast(edge=1.0)), studied(Fast(edge=-1.0, kept=ENOUGH - 1)))
+    ]
+    assert enough == [True, True, False]
+
+
+def test_what_does_not_hold_is_neither_on_the_menu_nor_asked_about(monkeypatch):
+    monkeypatch.setattr(screening, "others", lambda costs, logs, usable, result: range(len(costs[0])))
+    asked = {}
+
+    def found(pool, history, spread, result, first):
+        thetas = pool.bank.thetas
+        asked.update(time=int(np.argmax(thetas[:, 0])), noise=int(np.argmin(thetas[:, 0])))
+        return asked
+
+    monkeypatch.setattr(screening, "objections", found)
+    agent = studied(Fast())
+    offered = agent.bank.thetas[list(agent.menu)]
+    assert len(offered) > 10
+    assert offered[:, 0].max() <= 0.6
+    assert set(agent.objections) == {"noise"}
+    assert set(asked) == {"time", "noise"}
 
 
 class Stuck(Fast):

@@ -10,6 +10,7 @@ import pytest
 from prefcal_app.report.acceptance import sheet
 from prefcal_app.report.answers import FILE, answers, refresh, unverified, verified_answers
 from prefcal_app.report.export import best_as_json
+from prefcal_app.report.html import page
 from prefcal_app.summary.outlook import Outlook
 from prefcal_env.disk import digest_of
 from prefcal_scenarios.catalog import load
@@ -51,6 +52,19 @@ def test_who_answered_what_and_why_the_result_is_the_result():
     found = dict(answers(replace(record, outlook=told)))
     assert found["Enough answers"] == "Fewer than 4 % are better."
     assert found["Why this one"] == "You wanted calmness."
+
+
+def test_a_study_that_ends_by_itself_or_by_a_good_best_is_no_partial_one():
+    left = toy_record(stop_after=4)
+    assert "the study is not complete" in dict(answers(left))["Who answered"]
+    assert "Partial report" in page(left, [])
+    for ended, words in (("little is left to gain", ""), ("good enough", "the best is ")):
+        record = replace(left, ended=ended)
+        assert "complete" not in dict(answers(record))["Who answered"]
+        said = page(record, [])
+        assert "Partial report" not in said
+        assert f"Ended after 4 of at most 8 experiments: {words}{ended}." in said
+    assert replace(left, ended="stopped").partial
 
 
 def test_what_nobody_looked_at_is_not_verified():

@@ -1,6 +1,7 @@
 """best.json and the way back to a controller."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,6 +35,12 @@ def test_best_json_says_all_about_the_tuned_controller(best):
     assert content["cost"] == record.best.cost
     assert content["complete"]
     assert set(content["versions"]) >= {"prefcal", "python", "numpy"}
+
+
+def test_a_study_is_complete_where_little_is_left_to_gain():
+    left = toy_record(stop_after=4)
+    enough = replace(left, ended="little is left to gain")
+    assert [json.loads(best_as_json(record))["complete"] for record in (left, enough)] == [False, True]
 
 
 def test_the_printed_code_rebuilds_the_controller(best, monkeypatch):

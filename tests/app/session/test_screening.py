@@ -1,5 +1,6 @@
 """An interview whose agent simulates unseen: nothing waits for it, and a restart asks the same."""
 
+import json
 import threading
 import time
 from dataclasses import replace
@@ -8,6 +9,8 @@ from functools import partial
 import pytest
 
 from prefcal_agents.screening.agent import Screening
+from prefcal_app.cli.options import Options
+from prefcal_app.cli.report import as_json, record_of
 from prefcal_app.session import Background, Choice, Interview, Phase, unattended
 from prefcal_app.session.volatile.thoughts import LIKELIEST
 from prefcal_app.simulating import Simulator
@@ -349,6 +352,16 @@ def test_it_ends_when_the_agent_has_enough_and_goes_on_with_the_same_questions(e
     assert shown(early) == shown(whole)
 
 
+def test_the_report_of_a_study_that_ended_so_is_whole(enough):
+    interview = started(n_max=7, stops=True)
+    answer_all(interview, lambda number: None)
+    options = Options.of({"scenario": "cstr"}, 3, simulated=True)
+    record = record_of(interview, options, {})
+    assert len(record.trials) < record.n_max
+    assert not record.stopped
+    assert json.loads(as_json(record, options, None, None))["stopped"] is False
+
+
 def test_an_undo_after_such_an_end_opens_its_last_question_again(enough, tmp_path):
     interview = started(tmp_path / "a.prefcal", n_max=7, stops=True)
     answer_all(interview, lambda number: None)
@@ -370,6 +383,26 @@ def test_an_open_question_stays_open_though_the_agent_has_enough(monkeypatch):
     assert proceed(interview).question == question
     interview.steps.answer(question.id, judge(question, cost))
     assert proceed(interview).phase is Phase.OVER
+
+
+@pytest.mark.parametrize("asked", ["for a θ", "again"])
+def test_a_person_who_asks_for_something_gets_it_though_the_agent_has_enough(monkeypatch, asked):
+    """As in a study from before agents could have enough."""
+    interview = started(n_max=7, stops=True)
+    for _ in range(3):
+        question = proceed(interview).question
+        interview.steps.answer(question.id, judge(question, cost))
+    assert proceed(interview).phase is Phase.QUESTION
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) == 3)
+    if asked == "again":
+        question = interview.steps.repeat().question
+        interview.steps.answer(question.id, judge(question, cost))
+    else:
+        interview.steps.ask_for((0.31, 0.47))
+    now = proceed(interview)
+    assert now.phase is Phase.QUESTION
+    if asked != "again":
+        assert tuple(now.question.challenger.experiment.theta) == (0.31, 0.47)
 
 
 def test_it_runs_unattended():

@@ -13,7 +13,7 @@ from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import Carried, Prospect
 from prefcal_app.simulating.why import percent
 from prefcal_app.view.simulated import smaller_view
-from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
+from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, SettingsError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.kpis import screened
 from support.interviews import begin, proceed, reopened
@@ -311,6 +311,7 @@ def test_a_choice_after_a_look_is_an_answer_and_leaves_the_study_over(tmp_path):
     interview.look_at(WANTED)
     now = interview.steps.choose(WANTED, best)
     assert now.phase is Phase.OVER  # without another run, and without a question to the person
+    assert now.state.ended == "all compared"
     assert now.incumbent == 3
     assert interview.past.experiment(3).theta.tolist() == WANTED.tolist()
     assert interview.known.counts.comparisons == given + 1
@@ -322,6 +323,28 @@ def test_a_choice_after_a_look_is_an_answer_and_leaves_the_study_over(tmp_path):
     assert (asked.challenger.index, asked.incumbent.index) == (3, best), "and can be undone as any"
     again.steps.give(asked.id, Answer(Preference.INCUMBENT))
     assert proceed(again).incumbent == best
+
+
+def test_a_choice_keeps_the_reason_of_the_end(monkeypatch):
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) >= 2)
+    agent = partial(Screening, n_simulated=40)
+    interview = explained(begin(simulated, n_max=9, agent=agent, stops=True))
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT)
+    interview.look_at(WANTED)
+    now = interview.steps.choose(WANTED, interview.now().incumbent)
+    assert (now.state.ended, now.state.n_max) == ("little is left to gain", 9)
+    assert now.state.history.answered == 4
+
+
+def test_nothing_is_chosen_where_nothing_is_simulated():
+    interview = begin(toy)
+    proceed(interview)
+    now = interview.steps.finish()
+    assert "choose" not in now.can
+    with pytest.raises(SettingsError, match="nothing is simulated unseen"):
+        interview.steps.choose(toy.space.decode(np.full(len(toy.space), 0.3)), now.incumbent)
+    assert "choose" in ended().now().can
 
 
 def test_a_choice_that_was_not_looked_at_is_only_asked_for():

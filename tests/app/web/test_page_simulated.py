@@ -184,6 +184,7 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     page.click("#offer-finish")
     watched.phase("over")
     page.wait_for_function("() => document.body.textContent.includes('Continue or stop?')")
+    assert page.locator("#view-over >> text=Keep comparing").is_visible()
     assert served.state.ended == "stopped"
     assert watched.errors == []
 
@@ -268,7 +269,8 @@ def test_one_key_looks_at_another_candidate_and_one_chooses_it(menu):
     page.keyboard.press("c")  # a double press chooses once
     page.wait_for_selector("#view-over h3 >> text=The result: experiment 4")
     assert page.is_hidden("#banner")
-    assert served.state.ended
+    assert served.state.ended == "all compared"
+    assert page.locator("#view-over >> text=Keep comparing").count() == 0  # nothing is left to compare
     assert len(served.state.history.comparisons) == len(before.history.comparisons) + 1
     assert served.state.requested == {3}
     for value in re.findall(r"[\d.]+", page.inner_text("#view-over .values")):

@@ -77,9 +77,15 @@ class Study:
 
     @property
     def _may_stop(self) -> bool:
-        """Return whether a person answers, who did not go on after an end, and sees no question."""
-        person = self.state.configuration["options"]["calibrator"] == PERSON
-        return person and self.state.open is None and not self.state.reopened
+        """Return whether a person answers, who did not go on after an end, and sees or wants no question.
+
+        Who asks for a θ, or to be asked again, wants the study to go on.
+        """
+        state, history = self.state, self.state.history
+        person = state.configuration["options"]["calibrator"] == PERSON
+        repeated = bool(history.repeats) and state.answers[-1] is history.repeats[-1]
+        wants = repeated or any(index >= history.answered for index in state.requested)
+        return person and not (wants or state.open or state.reopened)
 
     @property
     def seed(self) -> int:

@@ -49,7 +49,7 @@ function steps(now, act) {
   const { outlook } = over.next;
   return el("section", { class: "card steps" }, el("h3", {}, "What next?"), el("ul", {},
     item("Compare more", el("p", { class: "actions" }, more, button("more experiments", on),
-      over.reason === "all compared" ? null : button("Keep comparing", () => act("go_on", { more: 0 })),
+      progress.answered >= progress.questions ? null : button("Keep comparing", () => act("go_on", { more: 0 })),
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
