@@ -16,7 +16,7 @@ from prefcal_scenarios.verification.cases import subject_of
 from prefcal_scenarios.verification.compiled import Designed, LawController
 from prefcal_scenarios.verification.factor import drawn
 from prefcal_scenarios.verification.loops import Worn
-from prefcal_scenarios.verification.plants import Scaled
+from prefcal_scenarios.verification.plants import Scaled, factors_of, varied_plant
 from prefcal_scenarios.verification.rest import at_rest
 
 ROUGH = ("rough-900", "rough-903")
@@ -122,7 +122,7 @@ def test_a_pid_on_a_plant_of_ones_own_is_varied():
     scenario = pid_scenario(HEATER)
     theta, subject = scenario.references["robust"], found(scenario)
     names = {f.name for f in subject.factors}
-    assert {"time constant of x1", "gain of valve", "dead time", "noise", "backlash"} <= names
+    assert {"all time constants", "gain of valve", "dead time", "noise", "backlash"} <= names
     same = subject.at({})(theta)
     assert same.kpis == pytest.approx(dict(scenario.run(theta).kpis))
     late = subject.at({"dead time": 12.0})(theta)
@@ -151,6 +151,25 @@ def test_equations_without_named_parameters_vary_in_speed_and_gain():
     assert (J.A.item(), J.B.item()) == (pytest.approx(-2.0), pytest.approx(12.0))
     names = [f.name for f in found(pid_scenario(plant)).factors]
     assert names[:2] == ["all time constants", "gain of u"]
+
+
+def test_time_constants_of_matrices_vary_one_by_one_only_if_their_states_have_names():
+    def poles(plant, name):
+        made = varied_plant(plant, {name: 1.1})
+        return sorted(-1 / np.linalg.eigvals(made.jacobians(np.zeros(2), np.zeros(1), np.zeros(0)).A))
+
+    def names(plant):
+        return [f.name for f in factors_of(plant) if f.kind == "parameter"]
+
+    companion = Plant.of(([1.4], [360.0, 53.0, 1.0]))
+    assert names(companion) == ["all time constants", "gain of u"]
+    assert poles(companion, "all time constants") == pytest.approx([8.8, 49.5])
+    parts = [[-1 / 8, 0.0], [1 / 45, -1 / 45]], [[1 / 8], [0.0]], [[0.0, 1.4]], [[0.0]]
+    tanks = Plant.of(parts, states=["valve", "tank"])
+    assert names(tanks) == ["time constant of valve", "time constant of tank", "gain of u"]
+    assert poles(tanks, "time constant of tank") == pytest.approx([8.0, 49.5])
+    discrete = Plant.of((np.eye(1) / 2, np.eye(1), np.eye(1), np.zeros((1, 1)), 1.0))
+    assert names(discrete) == ["gain of u"]
 
 
 def test_worn_sensors_and_actuators():
