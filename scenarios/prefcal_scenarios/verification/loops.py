@@ -20,6 +20,7 @@ from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.plants.jacobians import U, X, Y
 from prefcal_env.plants.plant import Plant
 from prefcal_env.sources.function import Function
+from prefcal_scenarios.described.pid.kpis import Measure
 
 from .factor import Factor, Values
 from .plants import SIZE, factors_of, varied_plant
@@ -51,16 +52,14 @@ def of_closed_loop(loop: ClosedLoop) -> Subject:
     discrete = getattr(env.plant, "sample_time", 0.0) > 0
     build = partial(_built, loop)
     varied = VariedLoop(env.plant, env.task, build, loop.controller, jitters=not discrete)
-    return varied.subject(
-        "references and start are not varied: the KPIs are those of this step",
-        "margins and M_s, where they are KPIs, stay those of the nominal plant",
-    )
+    return varied.subject("references and start are not varied: the KPIs are those of this step")
 
 
 def _built(loop: ClosedLoop, plant: Plant, task: Task, grain: Y, play: U) -> ClosedLoop:
     worn = partial(Worn.of, loop.controller, grain, play, plant.inputs)
     make = worn if grain.any() or play.any() else loop.controller
-    return ClosedLoop(PlantEnv(plant, task), make, loop.kpis)
+    kpis = loop.kpis.around(plant, task) if isinstance(loop.kpis, Measure) else loop.kpis
+    return ClosedLoop(PlantEnv(plant, task), make, kpis)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,4 +251,4 @@ class Worn:
         if self._command is None:
             return u
         followed = np.clip(self._command, u - self.play, u + self.play)
-        return np.clip(followed, self._low, self._high)
+        return np.asarray(np.clip(followed, self._low, self._high))

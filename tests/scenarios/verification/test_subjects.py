@@ -1,14 +1,18 @@
 """What varies of loops, of any plant, and of the case studies; and that controllers stay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from prefcal_env import FunctionPlant
+from prefcal_env.controllers.margins import MarginKPIs, margins
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.loops.family import LOOPS
+from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
@@ -204,6 +208,35 @@ def test_a_controller_sees_its_own_command_within_the_range_and_not_the_backlash
         u = worn.move(Measurement(0.0, np.zeros(1), u, np.zeros(0), np.zeros(1), np.array([y]))).u
         u = u.clip(0, 9)  # as the plant does
     assert own.seen == [5.0, 7.0, 6.5, 9.0]
+
+
+def test_margins_as_kpis_are_those_of_the_varied_plant():
+    scenario = pid_scenario(HEATER)
+    theta = scenario.references["robust"]
+    measured = replace(scenario, run=scenario.source.measured(lambda _: MarginKPIs(scenario.run)))
+    subject, found_M_s = found(measured), []
+    for gain in (0.7, 1.0, 1.4):
+        loop = subject.at({"gain of valve": gain}).source.function
+        own = margins(loop.env.plant, loop.env.task, lambda: scenario.controller(theta))
+        worn = {"gain of valve": gain, "backlash": 0.005}
+        kpis = subject.at(worn)(theta).kpis
+        found_M_s.append(kpis["M_s"])
+        assert kpis["M_s"] == pytest.approx(own.M_s, rel=1e-3)
+        assert kpis["phase_margin"] == pytest.approx(own.phase)
+    nominal = measured.run(theta).kpis
+    assert found_M_s[0] + 0.02 < found_M_s[1] == nominal["M_s"] < found_M_s[2] - 0.02
+    lqr = lqr_scenario(HEATER)
+    weights = lqr.references["robust"]
+    same, other = (found(lqr).at({"gain of valve": k})(weights).kpis["M_s"] for k in (1.0, 1.4))
+    assert same == pytest.approx(lqr.run(weights).kpis["M_s"])
+    assert other != pytest.approx(same, rel=0.02)
+
+
+def test_a_varied_plant_at_rest_elsewhere_makes_no_move_at_the_start():
+    scenario = pid_scenario(HEATER)
+    calm = np.array([1e-3, 1e4, 0.0, 0.0])
+    total = [found(scenario).at({"gain of valve": k})(calm).kpis["total_move"] for k in (0.9, 1.0)]
+    assert total[0] == pytest.approx(total[1], rel=0.2)
 
 
 def test_backlash_leaves_no_lasting_error_of_integral_action():
