@@ -1,6 +1,7 @@
 """Fill in the acceptance sheet of a study: one page, before and after, with lines to sign."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from io import BytesIO
 from typing import Any
 
@@ -10,8 +11,11 @@ from markupsafe import Markup
 
 from prefcal_app.view.tables import cell, row, table
 from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.plants.jacobians import U
+from prefcal_env.sources.function import function_of
 from prefcal_scenarios.presentation.style import save, style
 from prefcal_scenarios.presentation.wording import knob_number, number, with_unit
+from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification.verified import Verified
 
 from .answers import LINE, MOST_VERIFIED, answers, left, section, unverified, verified_answers
@@ -69,7 +73,8 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     assert record.best is not None
     before, after = record.before, record.best
     knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gain_rows(record)]
-    limits = list(limits_kept(before.experiment, after.experiment))[: _MOST - _LEAST]
+    kept = limits_kept(before.experiment, after.experiment, resting(record.scenario))
+    limits = list(kept)[: _MOST - _LEAST]
     limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))
     asked = answers(record)
     room = left(_PAGE, asked) - _height(knobs[:_MOST]) - _height(limits)
@@ -126,11 +131,20 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
         yield row(name, [cell(limits), cell(old), cell(new, kind="best"), cell(unit)])
 
 
-def limits_kept(before: Experiment, after: Experiment) -> Iterator[dict[str, Any]]:
+def resting(scenario: Scenario) -> U | None:
+    """Return the inputs before the first move, shape (n_u,); None if a scenario does not say them."""
+    run = function_of(scenario.source)
+    run = run.func if isinstance(run, partial) else run
+    loop = getattr(run, "__self__", run)
+    return getattr(getattr(getattr(loop, "env", loop), "task", None), "u0", None)
+
+
+def limits_kept(before: Experiment, after: Experiment, u0: U | None = None) -> Iterator[dict[str, Any]]:
     """Yield a line for each input and output with limits, how long it was there, and for each input's moves.
 
     An input saturates at a limit. An output is outside beyond one. Both are shares of the time;
-    several runs of an experiment (maneuvers, variants) count together.
+    several runs of an experiment (maneuvers, variants) count together. The first move starts at the
+    inputs `u0`, shape (n_u,); if they are not known, it does not count, and the line says so.
     """
     named = [(True, i, c) for i, c in enumerate(after.channels.y)]
     named = [(False, i, c) for i, c in enumerate(after.channels.u)] + named
@@ -140,13 +154,19 @@ def limits_kept(before: Experiment, after: Experiment) -> Iterator[dict[str, Any
             what = "outside its limits" if output else "saturated"
             yield _row(f"{channel.name} {what}", limits, old, new)
     for i, channel in enumerate(after.channels.u):
-        old, new = (number(_largest_move(e, i)) for e in (before, after))
-        yield _row(f"{channel.name}, largest step between samples", "", old, new, channel.unit)
+        start = [] if u0 is None else [float(u0[i])]
+        said = "" if start else " after the first"
+        old, new = (number(_largest_move(e, i, start)) for e in (before, after))
+        yield _row(f"{channel.name}, largest step between samples{said}", "", old, new, channel.unit)
 
 
-def _largest_move(experiment: Experiment, i: int) -> float:
-    """Return the largest change of an input from one instant to the next; NaN if it was not recorded."""
-    moves = [np.abs(np.diff(run.u[:, i])) for run in experiment.runs or (experiment,) if len(run.t) > 1]
+def _largest_move(experiment: Experiment, i: int, start: list[float]) -> float:
+    """Return the largest change of an input from one instant to the next; NaN if it was not recorded.
+
+    It begins with that from `start`, one number, or none to leave that out.
+    """
+    runs = [run for run in experiment.runs or (experiment,) if len(run.t) > 1]
+    moves = [np.abs(np.diff(run.u[:, i], prepend=start)) for run in runs]
     return max((float(each.max()) for each in moves), default=np.nan)
 
 

@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
@@ -18,6 +18,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
+from prefcal_scenarios.own.source import file_in, joined_source, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
 from .record import StudyRecord
@@ -168,7 +169,9 @@ def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
 
 def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
     """Return the scenario of a best.json with the ranges of its study."""
-    scenario = _scenario(content["scenario"], Path(path).parent)
+    above, study = Path(path).resolve().parent, (content.get("origin") or {}).get("study")
+    places = [above, *above.parents, *([Path(study).parent] if study else [])]
+    scenario = load(_moved(content["scenario"], places))
     try:
         return with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
     except (TypeError, ValueError) as error:
@@ -215,18 +218,21 @@ def _read(path: Path) -> dict[str, Any]:
     return dict(content)
 
 
-def _scenario(source: str, folder: Path) -> Scenario:
-    """Load a scenario by name; look for a file in the working directory and above best.json.
+def _moved(source: str, places: Sequence[Path]) -> str:
+    """Return a source whose files are where they are found: in the working directory, or these places.
 
     The folder of a report is usually below the folder in which the study was started.
     """
-    path, _, attribute = source.rpartition(":")
-    if path.endswith(".py") and not Path(path).is_file():
-        above = folder.resolve()
-        for place in (above, *above.parents):
-            if (place / path).is_file():
-                return load(f"{place / path}:{attribute}")
-    return load(source)
+
+    def moved(text: Any) -> Any:
+        if not isinstance(text, str) or file_in(text)[0]:
+            return text
+        return next((str(place / text) for place in places if file_in(str(place / text))[0]), text)
+
+    name, config = split_source(source)
+    if config is None:
+        return str(moved(name))
+    return joined_source(moved(name), {key: moved(value) for key, value in config.items()})
 
 
 def _same_settings(stored: Any, now: Any, path: str | Path) -> None:

@@ -68,13 +68,11 @@ def lqr_scenario(
         )
     found = design(plant, _tuned, reference, horizon)
     space = space_of(_knobs(plant, found), knobs, "LQR")
-    loop = LQRs.of(plant, found)
     return scenario_of_steps(
         plant,
         found,
-        loop.make,
+        LQRs.of(plant, found),
         space,
-        loop.sensitivity,
         name="lqr",
         brief=brief,
         title=title or f"LQR of {plant.name}",
@@ -99,7 +97,7 @@ class LQRs:
     @classmethod
     def of(cls, plant: Plant, found: Design) -> "LQRs":
         """Return them for a plant. Raises ScenarioError if it has no continuous model."""
-        point, J, outputs = found.point, found.J, [loop.output for loop in found.loops]
+        point = found.point
         try:
             m = linearized(plant, point.x, point.u, point.d, found.T_s)
         except (PlantError, SettingsError) as error:
@@ -107,11 +105,11 @@ class LQRs:
         low, high = m.low.copy(), m.high.copy()
         for loop in found.loops:
             low[loop.input], high[loop.input] = loop.channel.low, loop.channel.high
-        C = np.vstack([np.eye(len(J.A)), J.C[outputs]])
-        D = np.vstack([np.zeros(J.B.shape), J.D[outputs]])
-        delay = np.vstack([np.tile(delays_of(plant)[0], (len(J.A), 1)), found.delay[outputs]])
-        whole = sampled(LinearSystem(J.A, J.B, C, D, J.dt), found.T_s, delay)
-        return cls(found, replace(m, low=low, high=high), whole)
+        return cls(found, replace(m, low=low, high=high), _whole(plant, found))
+
+    def around(self, plant: Plant, found: Design) -> "LQRs":
+        """Return the same LQRs, of the same model, around another plant."""
+        return replace(self, plant=_whole(plant, found))
 
     def make(self, theta: Float[np.ndarray, " n"]) -> LQR:
         """Return the controller for weights θ, shape (n,)."""
@@ -176,6 +174,15 @@ class LQRs:
             both[len(p.A) + k, 0], both[: len(p.A), 1] = -p.dt, p.B[:, loop.input]
             drive.append(both)
         return M, drive, y, u
+
+
+def _whole(plant: Plant, found: Design) -> LinearSystem:
+    """Return a sampled plant from all inputs to all states and then the controlled outputs."""
+    J, outputs = found.J, [loop.output for loop in found.loops]
+    C = np.vstack([np.eye(len(J.A)), J.C[outputs]])
+    D = np.vstack([np.zeros(J.B.shape), J.D[outputs]])
+    delay = np.vstack([np.tile(delays_of(plant)[0], (len(J.A), 1)), found.delay[outputs]])
+    return sampled(LinearSystem(J.A, J.B, C, D, J.dt), found.T_s, delay)
 
 
 def _tuned(plant: Plant, found: Design) -> Design:

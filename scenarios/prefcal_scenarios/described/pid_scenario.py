@@ -79,15 +79,11 @@ def pid_scenario(
         name: theta_of(space, [v for loop in found.loops for v in _values(loop.tunings[name])])
         for name in named
     }
-    rows, columns = [p.output for p in found.loops], [p.input for p in found.loops]
-    delay = found.delay[np.ix_(rows, columns)]
-    pids = PIDs(found, sampled(found.J.part(rows, columns), found.T_s, delay))
     return scenario_of_steps(
         plant,
         found,
-        pids.make,
+        PIDs.of(found),
         space,
-        pids.sensitivity,
         name="pid",
         title=title or f"PID of {plant.name}",
         references=references,
@@ -106,6 +102,17 @@ class PIDs:
 
     design: Design
     plant: LinearSystem
+
+    @classmethod
+    def of(cls, found: Design) -> "PIDs":
+        """Return them for what was chosen for a plant."""
+        rows, columns = [p.output for p in found.loops], [p.input for p in found.loops]
+        delay = found.delay[np.ix_(rows, columns)]
+        return cls(found, sampled(found.J.part(rows, columns), found.T_s, delay))
+
+    def around(self, plant: Plant, found: Design) -> "PIDs":
+        """Return the same PIDs around another plant."""
+        return PIDs.of(found)
 
     def make(self, theta: Float[np.ndarray, " n"]) -> PID | Decentralized:
         """Return the controller for a physical θ, shape (n,): a PID, or one for each loop."""

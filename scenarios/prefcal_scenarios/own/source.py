@@ -49,14 +49,14 @@ def fingerprint(source: str) -> str:
     digest = sha256()
     for key, value in {"": name, **dict(sorted((config or {}).items()))}.items():
         text = value if isinstance(value, str) else json.dumps(value, sort_keys=True)
-        path, rest = _file_in(text)
+        path, rest = file_in(text)
         digest.update(f"{key}\0{rest}\0".encode())
         for file in [] if path is None else [path, *_named_in(path)]:
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def _file_in(text: str) -> tuple[Path | None, str]:
+def file_in(text: str) -> tuple[Path | None, str]:
     """Return the file that "own.py:name", "tank.toml" or "loop.fmu" names, and the rest."""
     before, _, after = text.rpartition(":")
     for path, rest in ((text, Path(text).suffix), (before, after)):

@@ -1,6 +1,6 @@
 """What varies in a closed loop of any plant and controller."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,10 +16,11 @@ from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.envs.task import Signal, Task
 from prefcal_env.errors import PlantError, ScenarioError, SettingsError
 from prefcal_env.experiments.control import Controller, Measurement, Move
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.plants.jacobians import U, X, Y
 from prefcal_env.plants.plant import Plant
 from prefcal_env.sources.function import Function
+from prefcal_scenarios.described.pid.kpis import Measure
 
 from .factor import Factor, Values
 from .plants import SIZE, factors_of, varied_plant
@@ -51,15 +52,14 @@ def of_closed_loop(loop: ClosedLoop) -> Subject:
     discrete = getattr(env.plant, "sample_time", 0.0) > 0
     build = partial(_built, loop)
     varied = VariedLoop(env.plant, env.task, build, loop.controller, jitters=not discrete)
-    return varied.subject(
-        "references and start are not varied: the KPIs are those of this step",
-        "margins and M_s, where they are KPIs, stay those of the nominal plant",
-    )
+    return varied.subject("references and start are not varied: the KPIs are those of this step")
 
 
 def _built(loop: ClosedLoop, plant: Plant, task: Task, grain: Y, play: U) -> ClosedLoop:
-    make = partial(Worn.of, loop.controller, grain, play) if grain.any() or play.any() else loop.controller
-    return ClosedLoop(PlantEnv(plant, task), make, loop.kpis)
+    worn = partial(Worn.of, loop.controller, grain, play, plant.inputs)
+    make = worn if grain.any() or play.any() else loop.controller
+    kpis = loop.kpis.around(plant, task) if isinstance(loop.kpis, Measure) else loop.kpis
+    return ClosedLoop(PlantEnv(plant, task), make, kpis)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,25 +208,47 @@ class Worn:
     """A controller behind sensors with a resolution and actuators with backlash.
 
     Args:
-        controller: Controller that sees what the sensors show.
+        controller: Controller that sees what the sensors show, and as input its own last command.
         grain: Distance of the values that each output can have, shape (n_y,); 0 for any.
         play: Half of the backlash of each input, shape (n_u,).
+        inputs: Inputs, with their ranges.
     """
 
-    def __init__(self, controller: Controller, grain: Y, play: U) -> None:
+    def __init__(self, controller: Controller, grain: Y, play: U, inputs: Sequence[Channel]) -> None:
         self.controller, self.play, self.T_s = controller, play, controller.T_s
         self.rounded, self.grain = grain > 0, np.where(grain > 0, grain, 1.0)
+        self._low, self._high = np.array([c.low for c in inputs]), np.array([c.high for c in inputs])
+        self._command: U | None = None
 
     @classmethod
-    def of(cls, make: ControllerFactory, grain: Y, play: U, theta: Float[np.ndarray, " n"]) -> "Worn":
+    def of(
+        cls,
+        make: ControllerFactory,
+        grain: Y,
+        play: U,
+        inputs: Sequence[Channel],
+        theta: Float[np.ndarray, " n"],
+    ) -> "Worn":
         """Return the controller of a physical θ, shape (n,), behind these sensors and actuators."""
-        return cls(make(theta), grain, play)
+        return cls(make(theta), grain, play, inputs)
 
     def move(self, measurement: Measurement) -> Move:
         """Decide by what the sensors show; return where the actuators go."""
         m = measurement
         y = np.where(self.rounded, (m.y / self.grain).round() * self.grain, m.y)
-        move = self.controller.move(Measurement(m.t, m.x, m.u, m.d, m.y_ref, y))
+        move = self.controller.move(Measurement(m.t, m.x, self._seen(m.u), m.d, m.y_ref, y))
+        if move.solved:
+            self._command = move.u
         # What is NaN stays so: it tells that the controller failed.
         reached = np.minimum(np.maximum(m.u, move.u - self.play), move.u + self.play)
         return Move(reached, solved=move.solved, iterations=move.iterations)
+
+    def _seen(self, u: U) -> U:
+        """Return the last command within range and rate, given the actuators, shape (n_u,).
+
+        Nobody measures the backlash: to an anti-windup it would look like saturation for ever.
+        """
+        if self._command is None:
+            return u
+        followed = np.clip(self._command, u - self.play, u + self.play)
+        return np.asarray(np.clip(followed, self._low, self._high))

@@ -29,6 +29,7 @@ def factors_of(plant: Plant) -> Iterator[Factor]:
 
     Parameters are the numbers of one that is a dataclass, as `CSTR`. Of matrices they are the time
     constant of each state and the gain of each input, of other equations all time constants together.
+    So are those of states without names: a row of a transfer function's matrices is no parameter.
     """
     own = plant.plant if isinstance(plant, Disturbed) else plant
     matrices, numbers = _matrices(own), dict(_numbers(own))
@@ -39,7 +40,7 @@ def factors_of(plant: Plant) -> Iterator[Factor]:
                 yield Factor.around(_constant(state), "parameter", CHANGE)
     elif numbers:
         yield from (Factor.around(_words(n), "parameter", CHANGE, value) for n, value in numbers.items())
-    else:
+    elif own.states and not getattr(own, "sample_time", 0.0):
         yield Factor.around(SPEED, "parameter", CHANGE)
     if matrices is not None or not numbers:
         yield from (Factor.around(_gain(c), "parameter", CHANGE) for c in own.inputs)
@@ -73,7 +74,7 @@ def _changed(plant: Plant, values: Values) -> Plant:
         named: CompiledPlant = _with_numbers(plant, values)
         return replace(named, dead_time=later * plant.dead_time)
     if isinstance(plant, LinearPlant):
-        return plant.scaled(rates, gains, later)
+        return plant.scaled(speed * rates, gains, later)
     if dict(_numbers(plant)):
         plant = _with_numbers(plant, values)
     if (gains == 1).all() and speed == later == 1:
@@ -121,8 +122,8 @@ class Scaled:
 
 
 def _matrices(plant: Plant) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return A and B of a plant that is made of matrices; a discrete one has no time constants."""
-    if isinstance(plant, LinearPlant):
+    """Return A and B of a plant whose states have names; a discrete one has no time constants."""
+    if isinstance(plant, LinearPlant) and plant.has_named_states:
         rows = 0 if plant.sample_time else len(plant.states)
         return plant.system.A[:rows], plant.system.B[:rows]
     if isinstance(plant, CompiledPlant) and isinstance(plant.parameters, Linear):

@@ -7,7 +7,9 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.margins import Margins
+from prefcal_env.controllers.margins import MarginKPIs, Margins
+from prefcal_env.envs.closed_loop import ClosedLoop
+from prefcal_env.sources.function import function_of
 from prefcal_env.sources.maneuvers import Maneuvers
 from prefcal_env.sources.source import Source, WithKPIs
 
@@ -53,7 +55,12 @@ def of_maneuvers(source: Maneuvers, parts: dict[str, Subject]) -> Subject:
 
 
 def _measured(at: Callable[[Values], Source], source: WithKPIs, values: Values) -> Source:
-    return WithKPIs(at(values), source.kpis)
+    made, kpis = at(values), source.kpis
+    loop = function_of(made)
+    if isinstance(kpis, MarginKPIs) and isinstance(loop, ClosedLoop):
+        # Of the varied plant, but of the controller itself: a law that sticks has no margins.
+        kpis = MarginKPIs(ClosedLoop(loop.env, kpis.loop.controller))
+    return WithKPIs(made, kpis)
 
 
 def _maneuvers(

@@ -4,11 +4,15 @@ import re
 import subprocess
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from prefcal_app.report.acceptance import limits_kept, sheet, sheet_of
+from prefcal_app.report.acceptance import limits_kept, resting, sheet, sheet_of
 from prefcal_app.view.end import CURRENT
-from prefcal_scenarios import KPI
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.plant import Plant
+from prefcal_scenarios import KPI, load
+from prefcal_scenarios.described.pid_scenario import pid_scenario
 from support.browser import CHROMIUM, FLAGS
 from toy_study import toy_record
 
@@ -94,6 +98,23 @@ def test_the_sheet_says_how_long_an_input_was_at_its_limit(low, high, words):
     limits, before, after, *_ = (cell["text"] for cell in row["cells"])
     assert (row["name"], limits) == ("valve saturated", f"0 to {high:g} %")
     assert before == after == words
+
+
+def test_the_largest_step_of_an_input_counts_the_first_one_where_its_start_is_known():
+    def largest(e, of):
+        (row,) = (r for r in limits_kept(e, e, resting(of)) if "largest step" in r["name"])
+        return row["name"], float(row["cells"][2]["text"])
+
+    scenario = pid_scenario(Plant.of(([1.0], [50.0, 1.0]), delay=4.0, inputs=[Channel("u", "", 0, 100)]))
+    e = scenario.run(scenario.references["robust"])
+    kick, later = e.u[0, 0] - 50.0, np.abs(np.diff(e.u[:, 0])).max()  # it rests in the middle
+    assert later < 0.5 * kick
+    assert largest(e, scenario) == ("u, largest step between samples", pytest.approx(kick, rel=0.01))
+    own = replace(scenario, run=lambda theta: e)
+    after = "u, largest step between samples after the first"
+    assert largest(e, own) == (after, pytest.approx(later, rel=0.01))
+    for name in ("lag", "rough-900"):
+        assert resting(load(name)) == pytest.approx(load(name).run.__self__.task.u0)
 
 
 def test_the_sheet_of_a_program_has_no_dates_so_that_it_can_be_repeated():

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.report.export import REBUILD, best_as_json, jsonable, load_controller
+from prefcal_app.report.export import REBUILD, best_as_json, jsonable, load_controller, tuning_of
 from prefcal_env.errors import ScenarioError
 from toy_study import TOY_FILE, toy_record
 
@@ -53,6 +53,23 @@ def test_the_printed_code_rebuilds_the_controller(best, monkeypatch):
 def test_a_scenario_file_is_also_found_beside_best_json(best):
     (best.parent / "moved.py").write_text(TOY_FILE.read_text("utf-8"), encoding="utf-8")
     assert load_controller(changed(best, scenario="moved.py:toy")).T_s > 0
+
+
+def test_the_plant_of_a_pid_is_found_beside_best_json_or_the_study(best, tmp_path, monkeypatch):
+    plant = "from prefcal_env.plants.plant import Plant\nplant = Plant.of(([1.0], [9.0, 1.0]), delay=2.0)\n"
+    theta = {"K_p": 1.0, "T_i": 9.0, "T_d": 0.0, "b": 1.0}
+    moved = changed(best, scenario='pid {"plant": "own_lag.py:plant"}', theta=theta, ranges={}, before={})
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with pytest.raises(ScenarioError, match=r"no file 'own_lag\.py'"):
+        tuning_of(moved)
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "own_lag.py").write_text(plant, encoding="utf-8")
+    changed(best, origin={"study": str(tmp_path / "study" / "mine.prefcal")})
+    assert tuning_of(moved).scenario.name == "pid-own_lag"
+    changed(best, origin={})
+    (best.parent / "own_lag.py").write_text(plant, encoding="utf-8")
+    assert tuning_of(moved).scenario.name == "pid-own_lag"
 
 
 def test_other_settings_than_todays_are_refused_unless_wanted(best):

@@ -65,7 +65,7 @@ def test_a_larger_weight_of_the_integrated_error_recovers_sooner():
 
 def test_the_linear_loop_of_the_sensitivity_is_the_one_that_is_simulated():
     scenario = lqr_scenario(PLANTS["coupled, with dead times"])
-    theta, loop = scenario.references["robust"], scenario.run.kpis.sensitivity.__self__
+    theta, loop = scenario.references["robust"], scenario.run.kpis.laws
     run = scenario.run(theta)
     M, drive, y, _ = loop._loop(loop.make(theta))
     d = loop.design

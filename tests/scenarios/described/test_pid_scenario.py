@@ -36,7 +36,7 @@ def test_the_middle_of_the_ranges_is_stable_and_random_tunings_are_often_sane(na
     assert np.isfinite(middle.kpis["settling_time"])
     drawn = np.random.default_rng(0).random((200, len(space)))
     measure = scenario.run.kpis
-    stable = [np.isfinite(measure.sensitivity(space.decode(z))) for z in drawn]
+    stable = [np.isfinite(measure.laws.sensitivity(space.decode(z))) for z in drawn]
     assert np.mean(stable) >= 0.4
     ended = [scenario.run(space.decode(z)).kpis for z in drawn[:20]]
     good = [k.get("settling_time", np.inf) + k.get("recovery", np.inf) < np.inf for k in ended]
@@ -178,7 +178,7 @@ def test_a_column_with_a_dead_time_for_each_entry_is_tuned():
     robust = scenario.run(scenario.references["robust"]).kpis
     assert np.isfinite(list(robust.values())).all()
     # The linear model of the KPI M_s is the plant that is simulated.
-    model = scenario.run.kpis.sensitivity.__self__.plant
+    model = scenario.run.kpis.laws.plant
     T_s = model.dt
     states, y = np.zeros(len(model.A)), []
     for _ in range(30):

@@ -1,14 +1,18 @@
 """What varies of loops, of any plant, and of the case studies; and that controllers stay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from prefcal_env import FunctionPlant
+from prefcal_env.controllers.margins import MarginKPIs, margins
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.loops.family import LOOPS
+from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
@@ -16,7 +20,7 @@ from prefcal_scenarios.verification.cases import subject_of
 from prefcal_scenarios.verification.compiled import Designed, LawController
 from prefcal_scenarios.verification.factor import drawn
 from prefcal_scenarios.verification.loops import Worn
-from prefcal_scenarios.verification.plants import Scaled
+from prefcal_scenarios.verification.plants import Scaled, factors_of, varied_plant
 from prefcal_scenarios.verification.rest import at_rest
 
 ROUGH = ("rough-900", "rough-903")
@@ -122,7 +126,7 @@ def test_a_pid_on_a_plant_of_ones_own_is_varied():
     scenario = pid_scenario(HEATER)
     theta, subject = scenario.references["robust"], found(scenario)
     names = {f.name for f in subject.factors}
-    assert {"time constant of x1", "gain of valve", "dead time", "noise", "backlash"} <= names
+    assert {"all time constants", "gain of valve", "dead time", "noise", "backlash"} <= names
     same = subject.at({})(theta)
     assert same.kpis == pytest.approx(dict(scenario.run(theta).kpis))
     late = subject.at({"dead time": 12.0})(theta)
@@ -153,6 +157,25 @@ def test_equations_without_named_parameters_vary_in_speed_and_gain():
     assert names[:2] == ["all time constants", "gain of u"]
 
 
+def test_time_constants_of_matrices_vary_one_by_one_only_if_their_states_have_names():
+    def poles(plant, name):
+        made = varied_plant(plant, {name: 1.1})
+        return sorted(-1 / np.linalg.eigvals(made.jacobians(np.zeros(2), np.zeros(1), np.zeros(0)).A))
+
+    def names(plant):
+        return [f.name for f in factors_of(plant) if f.kind == "parameter"]
+
+    companion = Plant.of(([1.4], [360.0, 53.0, 1.0]))
+    assert names(companion) == ["all time constants", "gain of u"]
+    assert poles(companion, "all time constants") == pytest.approx([8.8, 49.5])
+    parts = [[-1 / 8, 0.0], [1 / 45, -1 / 45]], [[1 / 8], [0.0]], [[0.0, 1.4]], [[0.0]]
+    tanks = Plant.of(parts, states=["valve", "tank"])
+    assert names(tanks) == ["time constant of valve", "time constant of tank", "gain of u"]
+    assert poles(tanks, "time constant of tank") == pytest.approx([8.0, 49.5])
+    discrete = Plant.of((np.eye(1) / 2, np.eye(1), np.eye(1), np.zeros((1, 1)), 1.0))
+    assert names(discrete) == ["gain of u"]
+
+
 def test_worn_sensors_and_actuators():
     class Echo:
         T_s = 1.0
@@ -160,11 +183,68 @@ def test_worn_sensors_and_actuators():
         def move(self, m):
             return Move(10.0 * m.y)
 
-    worn = Worn(Echo(), np.array([0.5]), np.array([1.0]))
+    worn = Worn(Echo(), np.array([0.5]), np.array([1.0]), [Channel("u", "", -99, 99)])
     u = np.zeros(1)
     for y, expected in ((0.3, 4.0), (0.5, 4.0), (0.8, 9.0), (0.3, 6.0)):
         u = worn.move(Measurement(0.0, np.zeros(1), u, np.zeros(0), np.zeros(1), np.array([y]))).u
         assert u == pytest.approx([expected])
+
+
+def test_a_controller_sees_its_own_command_within_the_range_and_not_the_backlash():
+    class Listening:
+        T_s = 1.0
+
+        def __init__(self):
+            self.seen = []
+
+        def move(self, m):
+            self.seen += m.u.tolist()
+            return Move(m.y)
+
+    own = Listening()
+    worn = Worn(own, np.zeros(1), np.array([1.0]), [Channel("u", "", 0, 9)])
+    u = np.array([5.0])
+    for y in (7.0, 6.5, 20.0, 8.0):
+        u = worn.move(Measurement(0.0, np.zeros(1), u, np.zeros(0), np.zeros(1), np.array([y]))).u
+        u = u.clip(0, 9)  # as the plant does
+    assert own.seen == [5.0, 7.0, 6.5, 9.0]
+
+
+def test_margins_as_kpis_are_those_of_the_varied_plant():
+    scenario = pid_scenario(HEATER)
+    theta = scenario.references["robust"]
+    measured = replace(scenario, run=scenario.source.measured(lambda _: MarginKPIs(scenario.run)))
+    subject, found_M_s = found(measured), []
+    for gain in (0.7, 1.0, 1.4):
+        loop = subject.at({"gain of valve": gain}).source.function
+        own = margins(loop.env.plant, loop.env.task, lambda: scenario.controller(theta))
+        worn = {"gain of valve": gain, "backlash": 0.005}
+        kpis = subject.at(worn)(theta).kpis
+        found_M_s.append(kpis["M_s"])
+        assert kpis["M_s"] == pytest.approx(own.M_s, rel=1e-3)
+        assert kpis["phase_margin"] == pytest.approx(own.phase)
+    nominal = measured.run(theta).kpis
+    assert found_M_s[0] + 0.02 < found_M_s[1] == nominal["M_s"] < found_M_s[2] - 0.02
+    lqr = lqr_scenario(HEATER)
+    weights = lqr.references["robust"]
+    same, other = (found(lqr).at({"gain of valve": k})(weights).kpis["M_s"] for k in (1.0, 1.4))
+    assert same == pytest.approx(lqr.run(weights).kpis["M_s"])
+    assert other != pytest.approx(same, rel=0.02)
+
+
+def test_a_varied_plant_at_rest_elsewhere_makes_no_move_at_the_start():
+    scenario = pid_scenario(HEATER)
+    calm = np.array([1e-3, 1e4, 0.0, 0.0])
+    total = [found(scenario).at({"gain of valve": k})(calm).kpis["total_move"] for k in (0.9, 1.0)]
+    assert total[0] == pytest.approx(total[1], rel=0.2)
+
+
+def test_backlash_leaves_no_lasting_error_of_integral_action():
+    scenario = pid_scenario(HEATER, horizon=6000.0)
+    made = found(scenario).at({"backlash": 0.005})(scenario.references["robust"])
+    before = (made.t > 0.15 * made.duration) & (made.t < 0.5 * made.duration)  # of the load
+    # It hunts within the play. An anti-windup that sees the gap leaves 0.3 °C.
+    assert made.output(0)[before].mean() == pytest.approx(50.0, abs=0.01)
 
 
 def test_the_reactor_varies_its_parameters_but_not_the_gas_constant():

@@ -13,6 +13,7 @@ from prefcal_env.controllers.rules import ProcessModel
 from prefcal_env.envs.dead_time import dead_times
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.jacobians import D, U, X
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem
 from prefcal_env.plants.systems.linear import local_system
@@ -96,6 +97,11 @@ class Design:
     def phase(self) -> float:
         """Duration of each phase: one step for each loop, then the loads."""
         return max(loop.phase for loop in self.loops)
+
+    def around(self, plant: Plant, x: X, u: U, d: D) -> "Design":
+        """Return the same choices for another plant, linearized where it starts."""
+        J, delay = local_system(plant, x, u, d), dead_times(plant)
+        return replace(self, point=OperatingPoint(x, u, d), J=J, delay=delay)
 
     def suffix(self, loop: int) -> str:
         """Return the end of the names of knobs and KPIs of a loop: none if there is only one."""

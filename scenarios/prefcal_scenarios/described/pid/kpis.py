@@ -1,14 +1,16 @@
 """KPIs of loops: steps of the references, then loads on the inputs."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.envs.task import Task
+from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.tracking import entered
+from prefcal_env.plants.plant import Plant
 from prefcal_scenarios.scenario import KPI
 
 from .design import Design, Single
@@ -18,8 +20,18 @@ _BAND = 0.05
 _ROBUST = 2.0
 """Largest sensitivity peak that is usual: a gain margin of 2 and a phase margin of 29 degrees."""
 
-Sensitivity = Callable[[Float[np.ndarray, " n"]], float]
-"""Function of θ that returns the sensitivity peak of the linearized loop."""
+
+class Laws(Protocol):
+    """The controllers of all θ, physical, shape (n,), and their linearized loops."""
+
+    def make(self, theta: Float[np.ndarray, " n"]) -> Controller:
+        """Return the controller of a θ."""
+
+    def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
+        """Return the sensitivity peak of the loop of a θ."""
+
+    def around(self, plant: Plant, found: Design) -> Self:
+        """Return the same controllers around another plant, which is linearized in `found`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,11 +40,16 @@ class Measure:
 
     Args:
         design: What was chosen for the plant.
-        sensitivity: Function of θ that returns the sensitivity peak of the linearized loop.
+        laws: Controllers of all θ.
     """
 
     design: Design
-    sensitivity: Sensitivity
+    laws: Laws
+
+    def around(self, plant: Plant, task: Task) -> "Measure":
+        """Return the same KPIs of another plant, which starts as `task` says."""
+        found = self.design.around(plant, task.x0, task.u0, task.disturbance(0.0))
+        return replace(self, design=found, laws=self.laws.around(plant, found))
 
     def __call__(self, experiment: Experiment) -> dict[str, float]:
         """Return the KPIs by name; an infinite time means never."""
@@ -41,7 +58,7 @@ class Measure:
             if len(experiment.t) > 1:
                 end = self.design.suffix(k)
                 found |= {f"{n}{end}": v for n, v in self._values(experiment, loop, k).items()}
-        return found | {"M_s": self.sensitivity(experiment.theta)}
+        return found | {"M_s": self.laws.sensitivity(experiment.theta)}
 
     def _values(self, e: Experiment, loop: Single, k: int) -> dict[str, float]:
         """Return the values of loop k, whose step is after k phases; then the loads come."""

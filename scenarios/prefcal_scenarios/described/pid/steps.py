@@ -1,6 +1,6 @@
 """Make the scenario of a plant whose references step one after the other, then loads act."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -14,7 +14,6 @@ from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.envs.task import Task
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -24,12 +23,10 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
 from .design import Design
-from .kpis import Measure, Sensitivity, kpis_of
+from .kpis import Laws, Measure, kpis_of
 
 _AWAY = 10.0
 """Distance from the start, in steps, at which an output has run away."""
-Make = Callable[[Float[np.ndarray, " n"]], Controller]
-"""Function of θ that makes the controller."""
 
 
 def plant_of(plant: Any, horizon: float | None) -> Plant:
@@ -70,17 +67,14 @@ def theta_of(space: KnobSpace, values: Sequence[float]) -> Float[np.ndarray, " n
     return np.array([knob.round(min(max(v, knob.low), knob.high)) for knob, v in pairs])
 
 
-def scenario_of_steps(
-    plant: Plant, found: Design, make: Make, space: KnobSpace, sensitivity: Sensitivity, **said: Any
-) -> Scenario:
+def scenario_of_steps(plant: Plant, found: Design, laws: Laws, space: KnobSpace, **said: Any) -> Scenario:
     """Return the scenario of a plant and its controllers.
 
     Args:
         plant: Plant.
         found: What was chosen for it.
-        make: Function of θ that makes the controller.
+        laws: Controllers of all θ.
         space: Knobs of θ.
-        sensitivity: Function of θ that returns the sensitivity peak.
         said: Name, title, references and brief of the scenario; an empty brief is found, and the
             first reference is the middle of the ranges.
     """
@@ -91,19 +85,19 @@ def scenario_of_steps(
     env = PlantEnv(loaded, _task(plant, found))
     return Scenario(
         space=space,
-        run=ClosedLoop(env, make, Measure(found, sensitivity)),
-        kpis=kpis_of(found, plant.outputs, plant.time_unit, sensitivity(middle)),
+        run=ClosedLoop(env, laws.make, Measure(found, laws)),
+        kpis=kpis_of(found, plant.outputs, plant.time_unit, laws.sensitivity(middle)),
         panels=_panels(plant, found),
-        controller=make,
-        settings=partial(_data, make),
+        controller=laws.make,
+        settings=partial(_data, laws),
         simulated=True,
         **(said | {"brief": said["brief"] or _brief(plant, found)}),
     )
 
 
-def _data(make: Make, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
+def _data(laws: Laws, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
     """Return the controller of a physical θ, shape (n,), as data, from which it can be made again."""
-    return as_data(make(theta))
+    return as_data(laws.make(theta))
 
 
 def _task(plant: Plant, found: Design) -> Task:
