@@ -237,7 +237,7 @@ def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on():
     certified = replace(known.basis, certificate=CERTIFIED)
     interview._flow.thoughts.basis = certified
     said = interview.known.outlook.result
-    assert any(words.startswith(("The result rests on your answer", "No single answer")) for words in said)
+    assert any(words.startswith(("The result rests on the answer", "No single answer")) for words in said)
     assert set(said) <= set(interview.known.outlook.sentences)
     assert interview.known.screened().told_result
     unexplained = replace(CERTIFIED, share=None, chance=None)
