@@ -62,7 +62,7 @@ def test_objectives_that_only_the_new_one_misses_are_named():
 
 def test_the_knobs_that_can_stay_are_named():
     assert kept(SmallerChange((0.5, 10.0, 1.0), (0, 2), 0.031), toy) == (
-        "2 of 3 knobs can stay as before (T_s and gain) without looking worse to you "
+        "2 of 3 knobs can stay as before (T_s and gain) without looking noticeably worse "
         "(chance that it does: 3 %)."
     )
     assert kept(None, toy) == ""
@@ -130,10 +130,13 @@ def test_candidates_are_named_by_what_they_gain_and_by_different_kpis():
     ("wishes", "words"),
     [
         ((), ""),
-        ((Wished("t_f", 12.3456, 0.981, 1.0),), "You wanted settling time t_f below 12.35 h (98 %)."),
+        (
+            (Wished("t_f", 12.3456, 0.981, 1.0),),
+            "The answers fit these wishes: settling time t_f below 12.35 h (98 %).",
+        ),
         (
             (Wished("t_f", 20.0, 0.9, 0.8), Wished("iae", None, 0.7, 0.3), Wished("final", 0.5, 0.8, 1.0)),
-            "You wanted settling time t_f below 20 h (90 %), then lower iae (70 %) and "
+            "The answers fit these wishes: settling time t_f below 20 h (90 %), then lower iae (70 %) and "
             "final level within 0.5 m of its target (80 %).",
         ),
     ],
@@ -146,5 +149,5 @@ def test_a_kpi_that_should_be_high_is_wanted_above_a_value():
     kpis = (KPI("margin", "stability margin", "dB", better="higher"),)
     scenario = SimpleNamespace(kpis=kpis)
     assert wanted((Wished("margin", -6.0, 0.9, 1.0),), scenario) == (
-        "You wanted stability margin above 6 dB (90 %)."
+        "The answers fit these wishes: stability margin above 6 dB (90 %)."
     )
