@@ -50,8 +50,6 @@ class Wished:
 def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: int) -> tuple[Wished, ...]:
     """Return what the person wanted, what decides most first; empty if nothing is likely.
 
-    A KPI whose bound is beyond all values that were shown is left out: no answer was about it.
-
     Args:
         pool: Draws of the study.
         history: Samples and answers.
@@ -64,12 +62,7 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
     draws = cautious(pool, history)
     share = deciding(draws, pool.logs, usable)
     bounds = [_bound(pool, draws, usable, result, kpi) for kpi in range(share.shape[1])]
-    seen = _worst_seen(pool, history)
-    said = [
-        kpi
-        for kpi, (bound, certainty) in enumerate(bounds)
-        if certainty >= _SAID and (bound is None or bound <= seen[kpi])
-    ]
+    said = [kpi for kpi, (_, certainty) in enumerate(bounds) if certainty >= _SAID]
     order: list[int] = []
     while said and len(order) < _MOST:
         leads = np.bincount(np.argmax(share[:, said], axis=1), minlength=len(said))
@@ -78,13 +71,6 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
         Wished(pool.scale.names[kpi], *bounds[kpi], _leads(share, kpi, order[place + 1 :]))
         for place, kpi in enumerate(order)
     )
-
-
-def _worst_seen(pool: Pool, history: History) -> Float[np.ndarray, " k"]:
-    """Return the largest finite value of each KPI that was shown, shape (k,); beyond it only draws know."""
-    columns = [pool.bank.names.index(name) for name in pool.scale.names]
-    shown = pool.bank.kpis[np.ix_(pool.shown[: history.answered], columns)]
-    return np.asarray(np.where(np.isfinite(shown), shown, -np.inf).max(axis=0))
 
 
 def cautious(pool: Pool, history: History) -> Utilities:
@@ -170,7 +156,7 @@ def _verdict(gain: Float[np.ndarray, "s p"]) -> Int[np.ndarray, "s p"]:
 def _bound(
     pool: Pool, draws: Utilities, rows: Int[np.ndarray, " r"], result: int, kpi: int
 ) -> tuple[float | None, float]:
-    """Return the bound of a KPI and its certainty."""
+    """Return the bound of a KPI and its certainty; none is certain beyond all values that were shown."""
     values = marks(pool, rows, result, kpi)
     if not len(values):
         return None, 0.0
@@ -180,6 +166,9 @@ def _bound(
     if certain.max() < _LIKELY:
         return None, float(certain[-1])
     place = int(np.argmax(certain >= _LIKELY))
+    shown = pool.bank.kpis[pool.shown, pool.bank.names.index(pool.scale.names[kpi])]
+    if not np.any(np.isfinite(shown) & (shown >= values[place])):
+        return None, 0.0
     return float(values[place]), float(certain[place])
 
 

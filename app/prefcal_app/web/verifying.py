@@ -7,7 +7,6 @@ from typing import Any
 from prefcal_app import report
 from prefcal_app.view.tables import cell, row, table
 from prefcal_scenarios import verification
-from prefcal_scenarios.presentation.wording import number
 
 from .answers import refused
 from .pages import Reports
@@ -94,7 +93,7 @@ def _said(said: "verification.verified.Verified") -> dict[str, Any]:
         "worst": [
             {
                 "words": each.words,
-                "values": ", ".join(f"{name} {number(value)}" for name, value in each.values.items()),
+                "values": each.text,
                 "verdict": each.verdict,
                 "picture": f"/report/{report.verifying.picture(k)}",
             }
