@@ -40,6 +40,7 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
         "What hurts most, one at a time:",
         "Worst runs:",
         "Varied: time constant of temperature 0.9 to 1.1",
+        "backlash 0 to 0.005 of the range",
         "Sampling jitter is not varied",
         "Kept in",
     ):

@@ -35,7 +35,7 @@ FOUND = Verified(
 FACTORS = (
     Factor("jitter", "sensor", 0.0, 0.0, 0.1),
     Factor.around("dead time", "dead time", 0.2, 6.0, "s"),
-    Factor("noise", "sensor", 0.0, 0.0, 0.002),
+    Factor("noise", "sensor", 0.0, 0.0, 0.002, "of the step"),
     *(Factor.around(f"gain {k}", "parameter", 0.1) for k in range(5)),
 )
 
@@ -50,7 +50,8 @@ def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
     worst = WorstRun.of(run_of(("overshoot misses its objective",)), FACTORS)
     assert worst.words == "overshoot misses its objective"
     assert worst.text == (
-        "dead time 7.03 s, noise 0.00117, gain 4 1.04, gain 3 1.03, gain 2 1.02, gain 1 1.01 and 2 others"
+        "dead time 7.03 s, noise 0.00117 of the step, gain 4 1.04, gain 3 1.03, gain 2 1.02, "
+        "gain 1 1.01 and 2 others"
     )
     assert WorstRun("", {"dead time": 7.1}, 3).text == "dead time 7.1"
 
