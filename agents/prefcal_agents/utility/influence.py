@@ -20,6 +20,8 @@ _SURE = 0.5
 does not take its place, whoever draws."""
 _JUDGES = 256
 """Number of draws that choose among several that take its place."""
+_DOUBTFUL = 0.1
+"""Chance of the other answer from which on it tells something that the result rests on one."""
 _HARDLY = 0.05
 """Chance of another result below which an answer hardly changes it."""
 
@@ -41,6 +43,11 @@ class Influence:
     reversed: int | None
     chance: float
     sure: bool
+
+    @property
+    def doubtful(self) -> bool:
+        """Return whether the other answers leave this one in doubt."""
+        return self.chance >= _DOUBTFUL
 
 
 @dataclass(frozen=True, slots=True)

@@ -156,7 +156,7 @@ def _verdict(gain: Float[np.ndarray, "s p"]) -> Int[np.ndarray, "s p"]:
 def _bound(
     pool: Pool, draws: Utilities, rows: Int[np.ndarray, " r"], result: int, kpi: int
 ) -> tuple[float | None, float]:
-    """Return the bound of a KPI and its certainty."""
+    """Return the bound of a KPI and its certainty; none is certain beyond all values that were shown."""
     values = marks(pool, rows, result, kpi)
     if not len(values):
         return None, 0.0
@@ -166,6 +166,9 @@ def _bound(
     if certain.max() < _LIKELY:
         return None, float(certain[-1])
     place = int(np.argmax(certain >= _LIKELY))
+    shown = pool.bank.kpis[pool.shown, pool.bank.names.index(pool.scale.names[kpi])]
+    if not np.any(np.isfinite(shown) & (shown >= values[place])):
+        return None, 0.0
     return float(values[place]), float(certain[place])
 
 

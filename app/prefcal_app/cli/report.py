@@ -138,9 +138,9 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
 
 def _drawn(title: str, table: Mapping[str, Any]) -> Table:
     """Return a table of the view for the console: a column of names, and columns of values."""
-    drawn = Table("", title=_plain(title), title_style="bold", title_justify="left")
+    drawn = Table("", title=plain(title), title_style="bold", title_justify="left")
     for column in table["columns"][1:]:
-        drawn.add_column(_plain(column["name"]), justify="right")
+        drawn.add_column(plain(column["name"]), justify="right")
     signed = {k for row in table["rows"] for k, cell in enumerate(row["cells"]) if cell["met"] is not None}
     for row in table["rows"]:
         cells = [
@@ -150,10 +150,10 @@ def _drawn(title: str, table: Mapping[str, Any]) -> Table:
             )
             for k, cell in enumerate(row["cells"])
         ]
-        drawn.add_row(_plain(labeled(row["name"], row["unit"])), *cells)
+        drawn.add_row(plain(labeled(row["name"], row["unit"])), *cells)
     return drawn
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """Return a name out of the user's file as text that moves no cursor and is no markup."""
     return escape(printable(text))

@@ -12,8 +12,9 @@ from prefcal_app.report.verifying import judge, picture, verify_best
 from prefcal_app.terminal.lines import ask_line
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.presentation.wording import number, printable
 from prefcal_scenarios.verification.verified import EFFECTS, FILE, Verified
+
+from .report import plain
 
 if TYPE_CHECKING:
     from .commands import VerifyOptions
@@ -84,7 +85,7 @@ def _lines(said: Verified) -> Iterator[str]:
     if said.worst:
         yield "Worst runs:"
     for each in said.worst:
-        yield f"  {each.words}: {', '.join(f'{n} {number(v)}' for n, v in each.values.items())}"
+        yield f"  {each.words}: {each.text}"
     if said.varied:
         yield f"Varied: {', '.join(said.varied)}."
     yield from map(_sentence, said.left_out)
@@ -95,7 +96,7 @@ def _sentence(text: str) -> str:
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(*map(printable, columns), box=None, header_style="bold")
+    table = Table(*map(plain, columns), box=None, header_style="bold")
     for row in rows:
-        table.add_row(*map(printable, row))
+        table.add_row(*map(plain, row))
     return table

@@ -108,8 +108,7 @@ def verified_answers(verified: Verified) -> Answers:
         "Other plants": f"{verified.statement} {verified.limits_kept}",
     }
     for worst in verified.worst[:1]:
-        values = ", ".join(f"{name} {number(value)}" for name, value in worst.values.items())
-        found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {values}."
+        found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {worst.text}."
     found["Hurts most"] = next(iter(verified.effects), _UNKNOWN)
     found["Varied"] = f"{'; '.join(verified.varied) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
     found["Not verified"] = " ".join(f"{text[:1].upper()}{text[1:]}." for text in verified.left_out) or "–"

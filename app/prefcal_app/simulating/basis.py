@@ -25,7 +25,7 @@ class Carried:
     Args:
         over: Whether it is about the result of a study that is over.
         stakes: What the answer to the open question can change; None without such a question.
-        decisive: The answer that carries the result; None if none alone does.
+        decisive: The doubtful answer that carries the result; None if none alone does.
         menu: Rows of the bank that the person might prefer to the result, with why.
         wishes: What the person wanted by the answers, what matters most first.
         objections: Rows of the bank to compare with the result, by the KPI that matters more than
@@ -51,7 +51,8 @@ class Carried:
         if not over:
             return cls(False, agent.stakes, None, {}, ())
         best = agent.best_index
-        found = None if best is None else decisive(agent.influences, best)
+        doubtful = tuple(each for each in agent.influences if each.doubtful)
+        found = None if best is None else decisive(doubtful, best)
         told = found, agent.menu, agent.wishes, agent.objections, agent.robustness
         return cls(True, None, *told, complete=not agent.setup.start)
 

@@ -14,8 +14,8 @@ from prefcal_scenarios.scenario import Scenario
 from .basis import Basis, Carried
 from .why import carried_by, kept, percent, robust, wanted
 
-_UNLIKELY = 0.1
-"""Chance below which stopping is offered."""
+_UNLIKELY, _KNOWN = 0.1, 0.5
+"""Chance below which stopping is offered, and that above which something better is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,16 +39,16 @@ class Prospect:
         """Return whether something better can be expected."""
         said = self.certificate
         if said is not None and not said.explained:
-            return "The KPIs do not explain your answers well enough to say how much better is left."
+            return "The KPIs do not explain the answers well enough to say how much better is left."
         if said is not None and said.share is not None and said.chance is not None:
             left = (
-                f"With {percent(said.probability)} probability, fewer than {percent(said.share)} of θ drawn "
-                f"at random are noticeably better than the best so far.{_as_good_as(said)}"
+                f"Of θ drawn at random instead, fewer than {percent(said.share)} are noticeably better (with "
+                f"{percent(said.probability)} probability).{_as_good_as(said)}"
             )
             return (
-                f"{left if said.share < 1 else 'It is too early to say how much better is left.'} The chance "
-                f"that the most promising of the {self.simulated} simulated is noticeably better is "
-                f"{percent(said.chance)}."
+                f"The chance that the most promising of the {self.simulated} simulated is noticeably better "
+                f"than the best so far is {percent(said.chance)}. "
+                f"{left if said.share < 1 else 'It is too early to say how many of θ drawn at random are.'}"
             )
         return (
             f"The chance that the most promising of the {self.simulated} simulated is better than "
@@ -63,14 +63,17 @@ class Prospect:
 
 
 def _as_good_as(said: Certificate) -> str:
-    """Return how many random experiments the result is equal to, as a sentence after another one."""
-    if said.experiments is None:
+    """Return how many random experiments the result is equal to, as a sentence after another one.
+
+    Empty if something better is known: then it would read as a contradiction.
+    """
+    if said.experiments is None or said.chance is None or said.chance > _KNOWN:
         return ""
     low, middle, high = (
         f"{float(f'{n:.2g}'):,.0f}" if n < MOST else f"more than {MOST:,}" for n in said.experiments
     )
     about = middle if middle.startswith("more") else f"about {middle}"
-    return f" It is as good as the best of {about} random experiments (90 %: {low} to {high})."
+    return f" The best so far is as good as the best of {about} random experiments (90 %: {low} to {high})."
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -127,9 +127,9 @@ def at_stake(stakes: Stakes) -> str:
 def carried_by(influence: Influence | None) -> str:
     """Return which answer carries the result, as one sentence."""
     if influence is None or influence.reversed is None:
-        return "No single answer carries the result."
+        return "No single answer is doubtful enough to change the result."
     return (
-        f"The result rests on your answer about experiment {influence.answer + 1}: if it were the "
+        f"The result rests on the answer about experiment {influence.answer + 1}: if it were the "
         f"other way round, experiment {influence.reversed + 1} would be the best."
     )
 
@@ -141,7 +141,7 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
     names = [scenario.space.names[knob] for knob in smaller.kept]
     return (
         f"{len(names)} of {len(scenario.space)} knobs can stay as before ({_listed(names)}) without "
-        f"looking worse to you (chance that it does: {percent(smaller.chance)})."
+        f"looking noticeably worse (chance that it does: {percent(smaller.chance)})."
     )
 
 
@@ -164,7 +164,7 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     if parts:
         yield f"Robustness costs {_listed(parts[:_MOST])}: what promises most nominally does not hold."
     else:
-        yield "Robustness costs nothing that you would notice."
+        yield "Robustness costs nothing noticeable."
 
 
 def menu_names(menu: Mapping[int, Reason], scenario: Scenario) -> dict[int, str]:
@@ -182,7 +182,7 @@ def menu_names(menu: Mapping[int, Reason], scenario: Scenario) -> dict[int, str]
 
 
 def wanted(wishes: Sequence[Wished], scenario: Scenario) -> str:
-    """Return what the person wanted, with its certainty, as one sentence; empty if it is not known.
+    """Return what the answers fit, with its certainty, as one sentence; empty if it is not known.
 
     "Then" stands where the KPI before probably decides as much as all that follow.
     """
@@ -193,7 +193,7 @@ def wanted(wishes: Sequence[Wished], scenario: Scenario) -> str:
         kpi, bound = kpis.get(wish.name), wish.bound
         what = named(wish.name, True) if kpi is None or bound is None else _within(kpi, bound)
         words += f"{what} ({percent(wish.certainty)})"
-    return f"You wanted {words}." if words else ""
+    return f"The answers fit these wishes: {words}." if words else ""
 
 
 def _within(kpi: KPI, bound: float) -> str:

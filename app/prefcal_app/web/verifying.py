@@ -8,7 +8,6 @@ from prefcal_app import report
 from prefcal_app.view.tables import cell, row, table
 from prefcal_env.errors import StaleError
 from prefcal_scenarios import verification
-from prefcal_scenarios.presentation.wording import number
 
 from .answers import refused
 from .pages import Reports
@@ -121,7 +120,7 @@ def _said(said: "verification.verified.Verified") -> dict[str, Any]:
         "worst": [
             {
                 "words": each.words,
-                "values": ", ".join(f"{name} {number(value)}" for name, value in each.values.items()),
+                "values": each.text,
                 "seed": each.seed,
                 "verdict": each.verdict,
                 "picture": f"/report/{report.verifying.picture(k)}",

@@ -28,7 +28,7 @@ class Factor:
         nominal: Value of the study.
         low: Lowest value.
         high: Highest value.
-        unit: Unit; "" also for a factor by which something is multiplied.
+        unit: Unit, or what it is a share of; "" also for a factor by which something is multiplied.
         ends: Whether it only has its lowest and its highest value, as a direction does.
     """
 

@@ -119,19 +119,19 @@ class VariedLoop:
         if self._noisy:
             yield Factor.around(NOISE, "sensor", _WEAR)
         else:
-            yield Factor(NOISE, "sensor", 0.0, 0.0, _NOISE)
+            yield Factor(NOISE, "sensor", 0.0, 0.0, _NOISE, "of the step")
         if self.wears:
-            yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN)
-            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY)
+            yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN, "of the step")
+            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range")
         if self.jitters:
-            yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER)
+            yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER, "of the period")
         if self.task.max_move is not None:
             yield Factor.around(MOVE, "actuator", SIZE)
         if self._loaded:
             yield Factor.around(LOAD, "task", SIZE)
         steps = (
             Factor.around(REFERENCE, "task", SIZE),
-            Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET),
+            Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET, "of the step"),
             Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True),
         )
         yield from (factor for factor in steps if factor.name in self.moves)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +15,14 @@ from prefcal_scenarios.presentation.wording import labeled, limits_text, number,
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .factor import Factor
-from .result import Effect, Robustness, Verification
+from .result import Effect, Robustness, Verification, VerifiedRun
 
 EFFECTS = 4
 """Number of factors that people are shown, those that hurt most."""
 FILE, BEST = "verification.json", "best.json"
 """Names of the files of a verification and of its tuning, in one folder."""
+_NAMED = 6
+"""Number of values of a run that are named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +30,38 @@ class WorstRun:
     """One of the worst random runs.
 
     Args:
-        words: Which stated limits it loses, or "within the limits".
-        values: Values that differ from the nominal ones, by name, in the units of `varied`.
+        words: Which stated limits it loses, or that it is within them.
+        values: Values that differ from the nominal ones, by name, the one that moved most within its
+            range first.
         seed: Seed of the run.
         verdict: "acceptable" or "not acceptable"; "" if nobody was asked.
+        units: Units of the values by name, those that have one.
     """
 
     words: str
     values: dict[str, float]
     seed: int
     verdict: str = ""
+    units: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, run: VerifiedRun, factors: Sequence[Factor]) -> "WorstRun":
+        """Return one of the worst runs, with the factors that varied."""
+
+        def moved(f: Factor) -> float:
+            return abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
+
+        values = {f.name: run.values[f.name] for f in sorted(factors, key=moved, reverse=True)}
+        words = run.words if run.problems else f"most different from nominal, {run.words}"
+        return cls(words, values, run.seed, units={f.name: f.unit for f in factors if f.unit})
+
+    @property
+    def text(self) -> str:
+        """Return the values that moved most, with three significant digits and units."""
+        shown = list(self.values.items())[:_NAMED]
+        words = [f"{n} {quantity(float(f'{v:.3g}'), self.units.get(n, ''))}" for n, v in shown]
+        others = len(self.values) - len(shown)
+        return ", ".join(words) + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +116,10 @@ class Verified:
         both = [found.tuning, *([found.before] if found.before else [])]
         unit = scenario.source.channels.time_unit if scenario.source.channels else ""
         margins, basis = margins_said([each.margins for each in both], unit)
+        left = bool(baseline and found.runs) and found.before is None
+        alone = f" Stopped before the {baseline} ran on these plants." if left else ""
         return cls(
-            statement=found.statement,
+            statement=found.statement + alone,
             limits_kept=found.limits,
             share=found.share if found.runs else None,
             bound=found.bound,
@@ -104,7 +130,7 @@ class Verified:
             margins=margins,
             basis=basis,
             effects=tuple(map(_effect, found.effects)),
-            worst=tuple(WorstRun(r.words, dict(r.values), r.seed) for r in found.worst()),
+            worst=tuple(WorstRun.of(run, found.factors) for run in found.worst()),
             varied=tuple(f"{f.name} {_range(f)}" for f in found.factors),
             left_out=(*found.left_out, *(f"{name} changes no KPI here" for name in found.idle)),
             scenario=found.scenario,

@@ -1,5 +1,7 @@
 """What a person wanted, as statements that hold for the person who answered."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,3 +100,15 @@ def test_nobody_can_object_with_a_kpi_in_which_the_result_is_the_best():
     pool, record = taught(0)
     result = int(np.argmin(BANK.kpis[:, 1]))
     assert "b" not in objections(pool, record, ROWS, result, "a")
+
+
+def test_a_bound_that_no_shown_run_exceeds_is_not_said():
+    pool, record = taught(0)
+    result = int(np.argmin(BANK.kpis[:, 0]))
+    bounds = {wish.name: wish.bound for wish in wishes(pool, record, ROWS, result)}
+    assert bounds["a"] is not None
+    assert bounds["a"] <= BANK.kpis[pool.shown, 0].max()
+    values = pool.bank.kpis.copy()
+    values[pool.shown, 0] = values[result, 0]  # nobody saw it vary
+    unseen = replace(pool, bank=replace(BANK, kpis=values))
+    assert "a" not in {wish.name for wish in wishes(unseen, record, ROWS, result)}

@@ -48,10 +48,10 @@ def test_who_answered_what_and_why_the_result_is_the_result():
     assert who.endswith("SHA-256 of the study file: ab12.")
     assert found["Why this one"].startswith("It is the best by the answers")
     assert found["Enough answers"].startswith("Not stated")
-    told = Outlook(promise="Fewer than 4 % are better.", result=("You wanted calmness.",))
+    told = Outlook(promise="Fewer than 4 % are better.", result=("The answers fit these wishes: calmness.",))
     found = dict(answers(replace(record, outlook=told)))
     assert found["Enough answers"] == "Fewer than 4 % are better."
-    assert found["Why this one"] == "You wanted calmness."
+    assert found["Why this one"] == "The answers fit these wishes: calmness."
 
 
 def test_a_study_that_ends_by_itself_or_by_a_good_best_is_no_partial_one():

@@ -197,11 +197,11 @@ CERTIFIED = Certificate(0.06, 0.95, 0.3, (1.0,))
 
 def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
     assert Prospect(940, 0.08, CERTIFIED).text == (
-        "With 95 % probability, fewer than 6 % of θ drawn at random are noticeably better than the best so "
-        "far. The chance that the most promising of the 940 simulated is noticeably better is 30 %."
+        "The chance that the most promising of the 940 simulated is noticeably better than the best so far "
+        "is 30 %. Of θ drawn at random instead, fewer than 6 % are noticeably better (with 95 % probability)."
     )
     early = Prospect(940, 0.08, replace(CERTIFIED, share=1.0)).text
-    assert early.startswith("It is too early to say how much better is left. The chance that the most")
+    assert early.endswith("so far is 30 %. It is too early to say how many of θ drawn at random are.")
     assert Prospect(940, 0.08, CERTIFIED).offer == "", "not the draws' own chance decides"
     assert Prospect(940, 0.5, replace(CERTIFIED, chance=0.05)).offer.endswith("Stop here, or go on?")
 
@@ -216,13 +216,16 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
 )
 def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments, words):
     said = replace(CERTIFIED, experiments=experiments)
-    assert f"the best so far. It is as good as the best of {words} The chance" in Prospect(9, 0.1, said).text
+    assert Prospect(9, 0.1, said).text.endswith(f"). The best so far is as good as the best of {words}")
     assert "random experiments" not in Prospect(9, 0.1, replace(said, share=1.0)).text
+    better_is_known = Prospect(9, 0.1, replace(said, chance=0.94)).text
+    assert better_is_known.startswith("The chance that the most promising of the 9 simulated is noticeably")
+    assert "random experiments" not in better_is_known
 
 
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
     found = Prospect(940, 0.08, replace(CERTIFIED, share=None, chance=None))
-    assert found.text == "The KPIs do not explain your answers well enough to say how much better is left."
+    assert found.text == "The KPIs do not explain the answers well enough to say how much better is left."
     assert found.offer == ""
 
 
@@ -237,7 +240,7 @@ def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on():
     certified = replace(known.basis, certificate=CERTIFIED)
     interview._flow.thoughts.basis = certified
     said = interview.known.outlook.result
-    assert any(words.startswith(("The result rests on your answer", "No single answer")) for words in said)
+    assert any(words.startswith(("The result rests on the answer", "No single answer")) for words in said)
     assert set(said) <= set(interview.known.outlook.sentences)
     assert interview.known.screened().told_result
     unexplained = replace(CERTIFIED, share=None, chance=None)

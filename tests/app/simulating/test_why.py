@@ -9,6 +9,7 @@ from prefcal_agents.utility.influence import Influence, Stakes
 from prefcal_agents.utility.smaller_change import SmallerChange
 from prefcal_agents.utility.wishes import Wished
 from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, wanted, why
+from prefcal_app.simulating.basis import Carried
 from prefcal_app.simulating.why import kept
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.scenario import KPI
@@ -61,7 +62,7 @@ def test_objectives_that_only_the_new_one_misses_are_named():
 
 def test_the_knobs_that_can_stay_are_named():
     assert kept(SmallerChange((0.5, 10.0, 1.0), (0, 2), 0.031), toy) == (
-        "2 of 3 knobs can stay as before (T_s and gain) without looking worse to you "
+        "2 of 3 knobs can stay as before (T_s and gain) without looking noticeably worse "
         "(chance that it does: 3 %)."
     )
     assert kept(None, toy) == ""
@@ -101,10 +102,19 @@ def test_the_question_says_that_its_answer_hardly_changes_the_result():
 
 def test_the_answer_that_carries_the_result_is_named():
     assert carried_by(Influence(4, 2, 6, 0.3, sure=True)) == (
-        "The result rests on your answer about experiment 5: if it were the other way round, "
+        "The result rests on the answer about experiment 5: if it were the other way round, "
         "experiment 7 would be the best."
     )
-    assert carried_by(None) == "No single answer carries the result."
+    assert carried_by(None) == "No single answer is doubtful enough to change the result."
+
+
+@pytest.mark.parametrize(("chance", "named"), [(0.09, False), (0.1, True)])
+def test_that_the_last_winner_rests_on_its_last_answer_is_said_only_if_that_is_in_doubt(chance, named):
+    agent = SimpleNamespace(influences=(Influence(6, 5, 5, chance, sure=True),), best_index=6)
+    for name in ("menu", "wishes", "objections", "robustness"):
+        setattr(agent, name, None)
+    agent.setup = SimpleNamespace(start=None)
+    assert (Carried.of(agent, over=True).decisive is not None) == named
 
 
 def test_candidates_are_named_by_what_they_gain_and_by_different_kpis():
@@ -120,10 +130,13 @@ def test_candidates_are_named_by_what_they_gain_and_by_different_kpis():
     ("wishes", "words"),
     [
         ((), ""),
-        ((Wished("t_f", 12.3456, 0.981, 1.0),), "You wanted settling time t_f below 12.35 h (98 %)."),
+        (
+            (Wished("t_f", 12.3456, 0.981, 1.0),),
+            "The answers fit these wishes: settling time t_f below 12.35 h (98 %).",
+        ),
         (
             (Wished("t_f", 20.0, 0.9, 0.8), Wished("iae", None, 0.7, 0.3), Wished("final", 0.5, 0.8, 1.0)),
-            "You wanted settling time t_f below 20 h (90 %), then lower iae (70 %) and "
+            "The answers fit these wishes: settling time t_f below 20 h (90 %), then lower iae (70 %) and "
             "final level within 0.5 m of its target (80 %).",
         ),
     ],
@@ -136,5 +149,5 @@ def test_a_kpi_that_should_be_high_is_wanted_above_a_value():
     kpis = (KPI("margin", "stability margin", "dB", better="higher"),)
     scenario = SimpleNamespace(kpis=kpis)
     assert wanted((Wished("margin", -6.0, 0.9, 1.0),), scenario) == (
-        "You wanted stability margin above 6 dB (90 %)."
+        "The answers fit these wishes: stability margin above 6 dB (90 %)."
     )

@@ -207,7 +207,7 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
     page.wait_for_function("() => document.querySelector('#point .values')?.textContent.includes('21')")
     assert "Simulated, never shown" in page.inner_text("#point")
     page.keyboard.press("Escape")
-    page.wait_for_selector("text=The result rests on your answer about experiment 2")
+    page.wait_for_selector("text=The result rests on the answer about experiment 2")
     watched.shot("end-simulated-1280")
     page.click("text=Look at that answer again")
     page.wait_for_selector("#again h3")

@@ -32,7 +32,7 @@ def said_of(folder):
         margins=(("phase margin [°]", "60", "44"),),
         basis="margins of the law",
         effects=tuple(f"effect {k}" for k in range(9)),
-        worst=(WorstRun("within the limits", {"dead time": 7.1234567}, 3),),
+        worst=(WorstRun("within the limits", {"dead time": 7.1234567}, 3, units={"dead time": "s"}),),
         varied=("dead time 4.8 to 7.2 s",),
         left_out=("sampling jitter is not varied",),
         scenario="lag",
@@ -91,7 +91,7 @@ def test_one_verification_runs_at_a_time_and_its_result_is_shown_and_judged(page
         len(row["cells"]) == len(table["columns"]) - 1 for table in said["tables"] for row in table["rows"]
     )
     (worst,) = said["worst"]
-    assert (worst["values"], worst["picture"]) == ("dead time 7.123", "/report/worst_run_1.png")
+    assert (worst["values"], worst["picture"]) == ("dead time 7.12 s", "/report/worst_run_1.png")
     of = {"seed": worst["seed"], "best": said["best"]}
     judged = page.post("judge", run=0, **of, acceptable=False).json()["said"]["worst"]
     assert [each["verdict"] for each in judged] == ["not acceptable"]

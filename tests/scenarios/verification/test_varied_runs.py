@@ -108,6 +108,8 @@ def test_what_is_done_before_an_interruption_is_kept():
     kept = Verified.of(found, load("lag"), "current tuning", "1.0", "")
     assert (kept.runs, kept.planned, kept.baseline, kept.effects) == (6, 299, "", ())
     assert found.effects == ()
+    assert kept.statement == f"{found.statement} Stopped before the current tuning ran on these plants."
+    assert Verified.of(found, load("lag"), "", "1.0", "").statement == found.statement
 
 
 def test_the_current_tuning_meets_the_same_plants():

@@ -6,6 +6,9 @@ import pytest
 
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import End
+from prefcal_scenarios.verification.factor import Factor
+from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.verified import BEST, FILE, Verified, WorstRun
 
 FOUND = Verified(
@@ -27,6 +30,34 @@ FOUND = Verified(
     version="1.0",
     best="",
 )
+
+
+FACTORS = (
+    Factor("jitter", "sensor", 0.0, 0.0, 0.1),
+    Factor.around("dead time", "dead time", 0.2, 6.0, "s"),
+    Factor("noise", "sensor", 0.0, 0.0, 0.002, "of the step"),
+    *(Factor.around(f"gain {k}", "parameter", 0.1) for k in range(5)),
+)
+
+
+def run_of(problems=()):
+    values = {"jitter": 3.082e-5, "dead time": 7.03456, "noise": 0.00117234}
+    values |= {f"gain {k}": 1.0 + 0.01 * k for k in range(5)}
+    return VerifiedRun(values, 3, End.TIME_UP, {}, problems)
+
+
+def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
+    worst = WorstRun.of(run_of(("overshoot misses its objective",)), FACTORS)
+    assert worst.words == "overshoot misses its objective"
+    assert worst.text == (
+        "dead time 7.03 s, noise 0.00117 of the step, gain 4 1.04, gain 3 1.03, gain 2 1.02, "
+        "gain 1 1.01 and 2 others"
+    )
+    assert WorstRun("", {"dead time": 7.1}, 3).text == "dead time 7.1"
+
+
+def test_a_worst_run_that_keeps_the_limits_is_only_the_most_different():
+    assert WorstRun.of(run_of(), FACTORS).words == "most different from nominal, within the limits"
 
 
 @pytest.fixture
