@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from prefcal_app.report.export import REBUILD, best_as_json, jsonable, load_controller
+from prefcal_app.report.export import REBUILD, best_as_json, jsonable, load_controller, tuning_of
 from prefcal_env.errors import ScenarioError
 from toy_study import TOY_FILE, toy_record
 
@@ -77,6 +77,11 @@ def test_something_that_is_no_best_json_is_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(ScenarioError, match=r"best\.json"):
         load_controller(path)
+
+
+def test_an_end_that_no_experiment_has_is_refused(best):
+    with pytest.raises(ScenarioError, match=r"\"ended\" in .* must be one of \[.*time is up.*, got 'bored'"):
+        tuning_of(changed(best, ended="bored"))
 
 
 def test_a_missing_file_is_refused(tmp_path):
