@@ -41,19 +41,22 @@ _NEAR = 1e-6
 """Share of its size by which a value may miss a limit and still count as being at it."""
 
 
-def sheet(record: StudyRecord, verified: Verified | None = None) -> str:
+def sheet(record: StudyRecord, verified: Verified | str | None = None) -> str:
     """Return the text of the sheet, a self-contained page that prints on one A4 or Letter page.
 
     Args:
         record: Record of the study.
-        verified: What was verified of the result; None if nothing was.
+        verified: What was verified of the result, or why that is not known; None if nothing was.
 
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
     content = sheet_of(record)
     room = min(content["room"], _TALL)
-    holds = unverified(record) if verified is None else verified_answers(verified)
+    if isinstance(verified, Verified):
+        holds = verified_answers(verified)
+    else:
+        holds = unverified(record, verified or "")
     height = left(room, holds)
     picture = _curves(record, height=height / _INCH) if height else b""
     curves, made = picture and data_uri(picture), Markup(section(holds, room))

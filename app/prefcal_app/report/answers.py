@@ -86,8 +86,8 @@ def _back(record: StudyRecord) -> str:
     return f"{said} To go back, set the parameters of the column “{name}”; best.json has them, too."
 
 
-def unverified(record: StudyRecord) -> Answers:
-    """Return what is asked about margins and other plants before anything is verified."""
+def unverified(record: StudyRecord, why: str = "") -> Answers:
+    """Return what is asked about margins and other plants before anything is verified, and why."""
     assert record.best is not None
     scenario, both = record.scenario, [record.best.experiment, record.before.experiment]
     try:
@@ -98,7 +98,7 @@ def unverified(record: StudyRecord) -> Answers:
     except Exception as error:  # people's own plants and controllers can raise anything
         found = [f"no margins: {error}"]
     said = margins_said(found, both[0].channels.time_unit)
-    return [("Margins", _margins(*said)), ("Other plants", _RUN)]
+    return [("Margins", _margins(*said)), ("Other plants", f"{_RUN} {why}." if why else _RUN)]
 
 
 def verified_answers(verified: Verified) -> Answers:

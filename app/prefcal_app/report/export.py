@@ -4,6 +4,7 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from pathlib import Path
@@ -38,6 +39,7 @@ class Tuning:
         baseline: What that is, such as "current tuning".
         kpis: Its KPIs in the study; those that are not finite are left out.
         end: How its experiment in the study ended.
+        digest: SHA-256 of the file that it was read from, in hexadecimal digits.
     """
 
     scenario: Scenario
@@ -46,6 +48,7 @@ class Tuning:
     baseline: str
     kpis: Mapping[str, float]
     end: End
+    digest: str
 
 
 REBUILD = """\
@@ -123,7 +126,7 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
         ScenarioError: If the file does not exist or is not a best.json, the scenario is unknown
             or has no controller, θ does not fit it, or the settings differ from the file's.
     """
-    content = _read(Path(path))
+    content, _ = _read(Path(path))
     settings = content["settings"]
     try:
         described = controller_of(settings) if isinstance(settings, Mapping) else None
@@ -149,15 +152,22 @@ def tuning_of(path: str | Path) -> Tuning:
     Raises:
         ScenarioError: If the file is no best.json, or the scenario is unknown or has other knobs.
     """
-    content = _read(Path(path))
+    content, digest = _read(Path(path))
     scenario = _loaded(content, path)
     theta = _values(scenario, content["theta"], path)
     before = content.get("before") or {}
     start = before.get("theta")
     known = None if start is None else _values(scenario, start, path)
     kpis = {name: value for name, value in content.get("kpis", {}).items() if value is not None}
-    end = End(content.get("ended", End.TIME_UP))
-    return Tuning(scenario, theta, known, str(before.get("what", "")), kpis, end)
+    return Tuning(scenario, theta, known, str(before.get("what", "")), kpis, _end(content, path), digest)
+
+
+def _end(content: Mapping[str, Any], path: str | Path) -> End:
+    """Return how the experiment of a best.json ended."""
+    given = content.get("ended", End.TIME_UP.value)
+    if given not in (known := [end.value for end in End]):
+        raise ScenarioError(f'"ended" in {str(path)!r} must be one of {known}, got {given!r}')
+    return End(given)
 
 
 def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
@@ -205,9 +215,11 @@ def jsonable(value: Any) -> Any:
     return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> tuple[dict[str, Any], str]:
+    """Return the content of a best.json and the SHA-256 of the same bytes."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        read = path.read_bytes()
+        content = json.loads(read.decode("utf-8"))
     except (OSError, ValueError) as error:
         raise ScenarioError(f"cannot read a tuned controller from {str(path)!r}: {error}") from error
     missing = {"format", "scenario", "theta", "settings"} - set(content if isinstance(content, dict) else ())
@@ -215,7 +227,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{str(path)!r} is not a best.json: it lacks {sorted(missing)}")
     if content["format"] != FORMAT:
         raise ScenarioError(f"{str(path)!r} has format {content['format']}, this prefcal reads {FORMAT}")
-    return dict(content)
+    return dict(content), sha256(read).hexdigest()
 
 
 def _moved(source: str, places: Sequence[Path]) -> str:

@@ -1,10 +1,11 @@
 """Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from prefcal_env.disk import digest_of
-from prefcal_env.errors import StaleError
+from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_scenarios.many.simulate import Progress
 from prefcal_scenarios.presentation.folder import put
 from prefcal_scenarios.presentation.style import png
@@ -12,7 +13,7 @@ from prefcal_scenarios.verification import Verification, replay, verify
 from prefcal_scenarios.verification.factor import Ranges
 from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.varied_runs import RUNS, unvaried
-from prefcal_scenarios.verification.verified import Verified
+from prefcal_scenarios.verification.verified import Verified, WorstRun
 
 from .answers import refresh
 from .export import Tuning, tuning_of, versions
@@ -62,13 +63,30 @@ def verify_best(
 
 
 def _kept(found: Verification, tuning: Tuning, best: Path) -> Verified:
-    """Write what a verification says, and draw its worst runs."""
-    said = Verified.of(found, tuning.scenario, tuning.baseline, versions()["prefcal"], digest_of(best))
+    """Write what a verification says, with earlier verdicts on the same runs, and draw its worst runs."""
+    if found.planned and not found.runs:
+        raise ScenarioError("stopped before a random run was completed, so nothing is written")
+    if not best.is_file() or digest_of(best) != tuning.digest:
+        raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
+    said = Verified.of(found, tuning.scenario, tuning.baseline, versions()["prefcal"], tuning.digest)
+    said = replace(said, worst=_judged(said.worst, best.parent))
     said.write(best.parent)
+    for stale in best.parent.glob("worst_run_*.png"):
+        stale.unlink(missing_ok=True)
     for k, each in enumerate(found.worst()):
         put(best.parent / picture(k), _drawn(tuning, each, k + 1))
     refresh(best.parent)
     return said
+
+
+def _judged(worst: Sequence[WorstRun], folder: Path) -> tuple[WorstRun, ...]:
+    """Return runs with the verdicts that the verification in a folder has on the same ones."""
+    try:
+        before = Verified.read(folder)
+    except ScenarioError:  # a damaged file is written anew
+        before = None
+    given = [] if before is None else [(replace(run, verdict=""), run.verdict) for run in before.worst]
+    return tuple(replace(each, verdict=next((v for run, v in given if run == each), "")) for each in worst)
 
 
 def picture(worst: int) -> str:

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from prefcal_env.errors import ScenarioError
 from prefcal_scenarios.presentation.folder import put
 from prefcal_scenarios.scenario import Picture
+from prefcal_scenarios.verification.verified import FILE as VERIFICATION
 from prefcal_scenarios.verification.verified import Verified
 
 from .acceptance import sheet
@@ -37,9 +39,17 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     for d in drawn:
         put(folder / d.picture.file, d.content)
     if record.best is not None:
-        put(folder / FILE, sheet(record, Verified.read(folder)).encode())
+        put(folder / FILE, sheet(record, _verified(folder)).encode())
     else:
         (folder / FILE).unlink(missing_ok=True)
     report = folder / "report.html"
     put(report, page(record, drawn).encode())
     return report
+
+
+def _verified(folder: Path) -> Verified | str | None:
+    """Return what was verified of the best.json in a folder; of a damaged file, that it is."""
+    try:
+        return Verified.read(folder)
+    except ScenarioError:
+        return f"{VERIFICATION} is damaged, or of another version of prefcal"

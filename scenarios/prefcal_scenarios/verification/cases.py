@@ -27,7 +27,7 @@ from prefcal_scenarios.described.fmu_scenario import FMURun
 from .compiled import of_loop
 from .factor import Factor, Values, within
 from .loops import of_closed_loop
-from .plants import CHANGE
+from .plants import CHANGE, LEAST
 from .subject import Subject, of_maneuvers
 
 RIG = "it runs on a rig or a live plant, which cannot be varied: verify a model of it"
@@ -82,7 +82,10 @@ def of_fmu(loop: FMULoop) -> Subject:
     """Return the real parameters of an FMU that are no knobs, within its limits."""
     free = [v for v in loop.model.parameters if v.name not in loop.parameters and not v.whole]
     varied = [(v, Factor.around(v.name, "parameter", CHANGE, v.start, v.unit)) for v in free if v.start]
-    factors = tuple(replace(f, low=max(f.low, v.low), high=min(f.high, v.high)) for v, f in varied)
+    factors = tuple(
+        replace(f, low=max(f.low, v.low), high=min(f.high, v.high), possible=(v.low, v.high))
+        for v, f in varied
+    )
     if not factors:
         raise ScenarioError("its FMU has no other real parameters with a value: export those of the plant")
     wider = loop.with_knobs([Knob(f.name, f.low, f.high, f.unit) for f in factors])
@@ -115,7 +118,7 @@ def _overtaking(function: Any) -> Subject:
     """Return the car's wheelbase, which the MPC does not know, and where it starts."""
     options = getattr(function, "keywords", {}).get("options") or OvertakeOptions()
     factors = (
-        Factor.around("wheelbase", "parameter", CHANGE, options.wheelbase, "m"),
+        Factor.around("wheelbase", "parameter", CHANGE, options.wheelbase, "m", (LEAST, np.inf)),
         Factor("distance at the start", "task", 0.0, -5.0, 5.0, "m"),
         Factor("start beside the center line", "task", 0.0, -0.3, 0.3, "m"),
         Factor("heading at the start", "task", 0.0, -0.03, 0.03, "rad"),

@@ -15,7 +15,20 @@ Kind = Literal["parameter", "dead time", "sensor", "actuator", "task"]
 Values = Mapping[str, float]
 """Values of factors by name, in their units; those left out are nominal."""
 Ranges = Mapping[str, float | Sequence[float]]
-"""Relative changes by name or kind of factor: one number for both directions, or two."""
+"""Relative changes by name or kind of factor: one number for both directions, or two.
+
+By its name, a factor changes as given; by its kind, its usual range grows as the kind's usual change does.
+"""
+USUAL: Mapping[Kind, float] = {
+    "parameter": 0.1,
+    "dead time": 0.2,
+    "sensor": 1.0,
+    "actuator": 0.1,
+    "task": 0.2,
+}
+"""Usual relative change of each kind."""
+ANY, NOT_NEGATIVE = (-np.inf, np.inf), (0.0, np.inf)
+"""Possible values of a factor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +43,7 @@ class Factor:
         high: Highest value.
         unit: Unit, or what it is a share of; "" also for a factor by which something is multiplied.
         ends: Whether it only has its lowest and its highest value, as a direction does.
+        possible: Smallest and largest value that there can be.
     """
 
     name: str
@@ -39,15 +53,22 @@ class Factor:
     high: float
     unit: str = ""
     ends: bool = False
+    possible: tuple[float, float] = ANY
 
     @classmethod
     def around(
-        cls, name: str, kind: Kind, change: float | Sequence[float], nominal: float = 1.0, unit: str = ""
+        cls,
+        name: str,
+        kind: Kind,
+        change: float | Sequence[float],
+        nominal: float = 1.0,
+        unit: str = "",
+        possible: tuple[float, float] = ANY,
     ) -> "Factor":
         """Return the factor that changes by a share of its nominal value, or, if that is 0, by so much."""
-        down, up = (-change, change) if isinstance(change, int | float) else change
-        size = abs(nominal) or 1.0
-        return cls(name, kind, nominal, nominal + down * size, nominal + up * size, unit)
+        (down, up), size = _both(change), abs(nominal) or 1.0
+        low, high = nominal + down * size, nominal + up * size
+        return cls(name, kind, nominal, low, high, unit, possible=possible)
 
     def value(self, share: float) -> float:
         """Return the value at a share of the way from the lowest to the highest, 0 to 1."""
@@ -62,7 +83,7 @@ def within(factors: Iterable[Factor], ranges: Ranges) -> tuple[Factor, ...]:
     A name comes before its kind, and a change of 0 leaves a factor out.
 
     Raises:
-        SettingsError: If a name is unknown, or a change is no number or has no direction.
+        SettingsError: If a name is unknown, or a change is no number, has no direction or is impossible.
     """
     found = list(factors)
     known = {*(factor.name for factor in found), *get_args(Kind)}
@@ -72,18 +93,41 @@ def within(factors: Iterable[Factor], ranges: Ranges) -> tuple[Factor, ...]:
                 f"nothing that varies is called {name!r}.{did_you_mean(name, known)} Expected one of "
                 f"{sorted(known)}"
             )
-        both = [-change, change] if isinstance(change, int | float) else list(change)
+        both = _both(change)
         if len(both) != 2 or not all(is_number(e) and np.isfinite(e) for e in both) or both[0] > both[1]:
             raise SettingsError(f"the range of {name!r} must be a number or two, low first, got {change!r}")
-    changed = (_changed(f, ranges.get(f.name, ranges.get(f.kind))) for f in found)
+    changed = (_changed(f, ranges) for f in found)
     return tuple(f for f in changed if f.low != f.nominal or f.high != f.nominal)
 
 
-def _changed(factor: Factor, change: float | Sequence[float] | None) -> Factor:
-    if change is None:
+def _both(change: float | Sequence[float]) -> list[float]:
+    """Return the change downwards and upwards."""
+    return [-change, change] if isinstance(change, int | float) else list(change)
+
+
+def _changed(factor: Factor, ranges: Ranges) -> Factor:
+    """Return a factor with another range, if one is given for its name or its kind."""
+    named = factor.name in ranges
+    change = ranges.get(factor.name, ranges.get(factor.kind))
+    if change is None or (factor.ends and any(_both(change)) and not named):
         return factor
+    if factor.ends and any(_both(change)):
+        values = f"{factor.low:g} or {factor.high:g}"
+        raise SettingsError(
+            f"{factor.name!r} is {values}: only 0, which leaves it out, changes that, got {change}"
+        )
     wide = Factor.around(factor.name, factor.kind, change, factor.nominal)
-    return replace(factor, low=wide.low, high=wide.high)
+    low, high = wide.low, wide.high
+    if not named:
+        sides = factor.nominal - factor.low, factor.high - factor.nominal
+        low, high = (factor.nominal + c / USUAL[factor.kind] * sides[c > 0] for c in _both(change))
+    least, most = factor.possible
+    if low < least or high > most:
+        raise SettingsError(
+            f"{factor.name!r} would be {low:.4g} to {high:.4g} {factor.unit}".rstrip()
+            + f", but only {least:.4g} to {most:.4g} is possible: got a change of {change}"
+        )
+    return replace(factor, low=low, high=high)
 
 
 def drawn(factors: Sequence[Factor], seed: int, k: int) -> dict[str, float]:

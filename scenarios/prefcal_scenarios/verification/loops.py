@@ -22,8 +22,8 @@ from prefcal_env.plants.plant import Plant
 from prefcal_env.sources.function import Function
 from prefcal_scenarios.described.pid.kpis import Measure
 
-from .factor import Factor, Values
-from .plants import SIZE, factors_of, varied_plant
+from .factor import NOT_NEGATIVE, Factor, Values
+from .plants import LEAST, SIZE, factors_of, varied_plant
 from .rest import at_rest, rest
 from .subject import Subject
 
@@ -33,8 +33,8 @@ _NOISE, _GRAIN, _PLAY, _OFFSET = 0.002, 0.005, 0.005, 0.1
 """Largest noise of sensors without any, and resolution, as shares of the largest step; half backlash
 of actuators, as a share of the range; change of the operating point, as a share of the step."""
 NOISE, GRAIN, PLAY, LOAD = "noise", "resolution of sensors", "backlash", "size of the load"
-JITTER, _JITTER = "sampling jitter", 0.1
-"""Largest jitter, as a share of the period."""
+JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
+"""Largest jitter, as a share of the period: the usual and the possible one."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 Build = Callable[[Plant, Task, Y, U], Callable[..., Experiment]]
 """Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
@@ -117,20 +117,20 @@ class VariedLoop:
     def _others(self) -> Iterator[Factor]:
         """Yield what varies beside the plant."""
         if self._noisy:
-            yield Factor.around(NOISE, "sensor", _WEAR)
+            yield Factor.around(NOISE, "sensor", _WEAR, possible=NOT_NEGATIVE)
         else:
-            yield Factor(NOISE, "sensor", 0.0, 0.0, _NOISE, "of the step")
+            yield Factor(NOISE, "sensor", 0.0, 0.0, _NOISE, "of the step", possible=NOT_NEGATIVE)
         if self.wears:
-            yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN, "of the step")
-            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range")
+            yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN, "of the step", possible=NOT_NEGATIVE)
+            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range", possible=NOT_NEGATIVE)
         if self.jitters:
-            yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER, "of the period")
+            yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER, "of the period", possible=(0.0, _MOST))
         if self.task.max_move is not None:
-            yield Factor.around(MOVE, "actuator", SIZE)
+            yield Factor.around(MOVE, "actuator", SIZE, possible=(LEAST, np.inf))
         if self._loaded:
-            yield Factor.around(LOAD, "task", SIZE)
+            yield Factor.around(LOAD, "task", SIZE, possible=NOT_NEGATIVE)
         steps = (
-            Factor.around(REFERENCE, "task", SIZE),
+            Factor.around(REFERENCE, "task", SIZE, possible=(LEAST, np.inf)),
             Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET, "of the step"),
             Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True),
         )

@@ -16,10 +16,12 @@ from prefcal_env.plants.systems import LinearPlant
 from prefcal_scenarios.cases.loops.plant import CompiledPlant
 from prefcal_scenarios.cases.loops.right_hand_sides import Linear
 
-from .factor import Factor, Values
+from .factor import NOT_NEGATIVE, USUAL, Factor, Values
 
-CHANGE, SIZE, NARROWER = 0.1, 0.2, 0.1
+CHANGE, SIZE, NARROWER = USUAL["parameter"], USUAL["dead time"], USUAL["actuator"]
 """Relative changes: of parameters; of dead time, loads and references; of the ranges of inputs."""
+LEAST = 0.01
+"""Smallest share of its nominal value that what cannot be 0 can have."""
 SPEED, DELAY = "all time constants", "dead time"
 _NOT_PARAMETERS = ("max_step", "dead_time")
 
@@ -37,18 +39,23 @@ def factors_of(plant: Plant) -> Iterator[Factor]:
         for state, a, b in zip(own.states, *matrices, strict=False):
             # A row such as ẋ = v says what a state is: it has no parameter.
             if b.any() or not np.isin(np.abs(a), (0.0, 1.0)).all():
-                yield Factor.around(_constant(state), "parameter", CHANGE)
+                yield _parameter(_constant(state))
     elif numbers:
-        yield from (Factor.around(_words(n), "parameter", CHANGE, value) for n, value in numbers.items())
+        yield from (_parameter(_words(n), value) for n, value in numbers.items())
     elif own.states and not getattr(own, "sample_time", 0.0):
-        yield Factor.around(SPEED, "parameter", CHANGE)
+        yield _parameter(SPEED)
     if matrices is not None or not numbers:
-        yield from (Factor.around(_gain(c), "parameter", CHANGE) for c in own.inputs)
+        yield from (_parameter(_gain(c)) for c in own.inputs)
     if late := max(delays_of(own)[0]):
-        yield Factor.around(DELAY, "dead time", SIZE, late, own.time_unit)
+        yield Factor.around(DELAY, "dead time", SIZE, late, own.time_unit, NOT_NEGATIVE)
     for c in plant.inputs:
         if np.isfinite(c.high - c.low):
-            yield Factor(_range(c), "actuator", 1.0, 1 - NARROWER, 1.0)
+            yield Factor(_range(c), "actuator", 1.0, 1 - NARROWER, 1.0, possible=(LEAST, 1.0))
+
+
+def _parameter(name: str, value: float = 1.0) -> Factor:
+    """Return a parameter of a plant, which is above 0 and stays so."""
+    return Factor.around(name, "parameter", CHANGE, value, possible=(LEAST * value, np.inf))
 
 
 def varied_plant(plant: Plant, values: Values) -> Plant:

@@ -11,6 +11,7 @@ from prefcal_app.report.acceptance import sheet
 from prefcal_app.report.answers import FILE, answers, refresh, unverified, verified_answers
 from prefcal_app.report.export import best_as_json
 from prefcal_app.report.html import page
+from prefcal_app.report.write import write_report
 from prefcal_app.summary.outlook import Outlook
 from prefcal_env.disk import digest_of
 from prefcal_scenarios.catalog import load
@@ -88,6 +89,13 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
 
     monkeypatch.setattr("prefcal_scenarios.verification.cases.subject_of", fails)
     assert dict(unverified(record))["Margins"] == "not verified: no margins: no plant"
+
+
+@pytest.mark.parametrize("content", ["{", '{"x": 1}'])
+def test_a_damaged_verification_is_none_and_the_sheet_says_so(tmp_path, content):
+    (tmp_path / "verification.json").write_text(content)
+    write_report(toy_record(), tmp_path)
+    assert "verification.json is damaged, or of another version" in (tmp_path / FILE).read_text()
 
 
 def test_what_was_verified_is_said_with_what_was_not():

@@ -103,6 +103,11 @@ def test_something_that_is_no_best_json_is_refused(tmp_path, text):
         load_controller(path)
 
 
+def test_an_end_that_no_experiment_has_is_refused(best):
+    with pytest.raises(ScenarioError, match=r"\"ended\" in .* must be one of \[.*time is up.*, got 'bored'"):
+        tuning_of(changed(best, ended="bored"))
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match="cannot read"):
         load_controller(tmp_path / "best.json")

@@ -54,6 +54,30 @@ def test_runs_that_are_stopped_early_count(best):
     assert "stopped early" in said.statement
 
 
+def test_a_verification_of_the_tuning_before_does_not_count_for_a_new_file(best):
+    def changed(done, planned):
+        best.write_text(best.read_text().replace("2.0", "1.0"))
+
+    with pytest.raises(StaleError, match=r"best\.json.* changed while its tuning was verified"):
+        verify_best(best, 2, jobs=1, progress=changed)
+    assert sorted(best.parent.iterdir()) == [best]
+
+
+def test_a_stop_before_the_first_run_changes_nothing_and_verdicts_on_the_same_runs_stay(best):
+    def stop(done, planned):
+        raise KeyboardInterrupt
+
+    verify_best(best, 4, jobs=1)
+    told = judge(best.parent, 0, acceptable=False)
+    with pytest.raises(ScenarioError, match="stopped before a random run was completed"):
+        verify_best(best, 50, jobs=1, progress=stop)
+    assert Verified.read(best.parent) == told
+    assert verify_best(best, 4, jobs=1) == told
+    assert [each.verdict for each in verify_best(best, 4, jobs=1, ranges={"noise": 1}).worst] == [""] * 3
+    verify_best(best, 1, jobs=1)
+    assert [each.name for each in best.parent.glob("worst*")] == [picture(0)]
+
+
 def test_what_cannot_be_varied_is_refused_and_leaves_nothing(tmp_path):
     (tmp_path / "mine.py").write_text(OWN)
     content = {"format": 1, "scenario": "mine.py:SCENARIO", "theta": {"gain": 1.0}, "settings": {}}

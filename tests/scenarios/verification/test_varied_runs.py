@@ -9,7 +9,8 @@ from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import Factor, replay, verify
-from prefcal_scenarios.verification.factor import drawn
+from prefcal_scenarios.verification.cases import subject_of
+from prefcal_scenarios.verification.factor import drawn, within
 from prefcal_scenarios.verification.result import most_probable
 from prefcal_scenarios.verification.verified import Verified
 
@@ -132,6 +133,47 @@ def test_ranges_and_kinds_are_chosen_by_name_and_misspelled_ones_are_refused():
         verify("lag", LAG, 2, ranges={"parameter": 0, "dead time": 0, **others})
     with pytest.raises(SettingsError, match="low first"):
         verify("lag", LAG, 2, ranges={"noise": (1.0, 0.0)})
+
+
+def lows_and_highs(name, ranges):
+    scenario = load(name)
+    factors = within(subject_of(scenario.source, scenario.space).factors, ranges)
+    return {f.name: (f.low / abs(f.nominal or 1.0), f.high / abs(f.nominal or 1.0)) for f in factors}
+
+
+def test_a_change_of_a_kind_scales_usual_ranges_and_leaves_two_values_alone():
+    usual = lows_and_highs("lag", {})
+    same = lows_and_highs("lag", {"parameter": 0.1, "sensor": 1, "actuator": 0.1, "task": 0.2})
+    assert all(same[name] == pytest.approx(ends) for name, ends in usual.items())
+    wide = lows_and_highs("lag", {"actuator": 0.2, "sensor": 0.5, "task": 0.1, "parameter": (0, 0.2)})
+    assert wide["backlash"] == (0, 0.01)
+    assert wide["range of valve"] == pytest.approx((0.8, 1.0))
+    assert wide["noise"] == (0.75, 1.5)
+    assert wide["resolution of sensors"] == (0, 0.0025)
+    assert wide["direction"] == (-1, 1)
+    assert wide["size of the load"] == pytest.approx((0.9, 1.1))
+    assert wide["time constant of temperature"] == pytest.approx((1, 1.2))
+    assert "direction" not in lows_and_highs("lag", {"direction": 0})
+    reactor = lows_and_highs("cstr", {"parameter": 0.2})
+    assert reactor["E"] == pytest.approx((0.98, 1.02))
+    assert reactor["H"] == pytest.approx((0.8, 1.2))
+    assert lows_and_highs("cstr", {"E": 0.2})["E"] == pytest.approx((0.8, 1.2))
+
+
+@pytest.mark.parametrize(
+    ("ranges", "says"),
+    [
+        ({"dead time": (-2, 0)}, "'dead time' would be -6 to 6 s, but only 0 to inf is possible"),
+        ({"parameter": 1.5}, "'time constant of temperature' would be -0.5 to 2.5, but only 0.01 to inf"),
+        ({"sensor": 3}, "'noise' would be -0.5 to 4, but only 0 to inf"),
+        ({"range of valve": 0.2}, "would be 0.8 to 1.2, but only 0.01 to 1"),
+        ({"backlash": 0.2}, "'backlash' would be -0.2 to 0.2"),
+        ({"direction": 0.1}, "'direction' is -1 or 1: only 0"),
+    ],
+)
+def test_an_impossible_range_is_refused(ranges, says):
+    with pytest.raises(SettingsError, match=says):
+        lows_and_highs("lag", ranges)
 
 
 def test_a_worst_run_can_be_looked_at():
