@@ -50,13 +50,16 @@ class Verifying:
     def view(self) -> dict[str, Any]:
         """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
         folder = self._reports.folder
-        said = None if folder is None or self._running else verification.verified.Verified.read(folder)
+        told = None
+        if folder is not None and not self._running:
+            said = verification.verified.Verified.read(folder)
+            told = None if said is None else _said(said, folder)
         return {
             "running": self._running,
             "done": self._done,
             "planned": self._planned,
             "problem": self._problem,
-            "said": None if said is None else _said(said),
+            "said": told,
         }
 
     def _verify(self, folder: Path) -> None:
@@ -64,6 +67,8 @@ class Verifying:
             report.verifying.verify_best(folder / verification.verified.BEST, progress=self._progress)
         except Exception as error:
             _, self._problem, _ = refused(error)
+        except SystemExit as error:
+            self._problem = f"the code of the scenario called exit: {error}"
         finally:
             self._running = False
 
@@ -73,8 +78,8 @@ class Verifying:
             raise KeyboardInterrupt  # which a verification takes as its early end
 
 
-def _said(said: "verification.verified.Verified") -> dict[str, Any]:
-    """Return what a verification says, for the page."""
+def _said(said: "verification.verified.Verified", folder: Path) -> dict[str, Any]:
+    """Return what a verification says, for the page; pictures are in a folder."""
     baseline = [said.baseline] if said.baseline else []
     kpi_heads = ["KPI", "objective", "nominal", "5 %", "95 %"]
     kpi_heads += [f"{said.baseline}, nominal", "5 %", "95 %"] if said.baseline else []
@@ -96,10 +101,15 @@ def _said(said: "verification.verified.Verified") -> dict[str, Any]:
                 "words": each.words,
                 "values": ", ".join(f"{name} {number(value)}" for name, value in each.values.items()),
                 "verdict": each.verdict,
-                "picture": f"/report/{report.verifying.picture(k)}",
+                "picture": _picture(folder, report.verifying.picture(k)),
             }
             for k, each in enumerate(said.worst)
         ],
         "varied": list(said.varied),
         "left_out": list(said.left_out),
     }
+
+
+def _picture(folder: Path, name: str) -> str:
+    """Return the address of a picture; empty if the run could not be drawn."""
+    return f"/report/{name}" if (folder / name).is_file() else ""

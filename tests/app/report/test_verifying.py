@@ -1,6 +1,7 @@
 """A tuning's verification stays beside its best.json, with pictures and a person's verdicts."""
 
 import json
+import re
 from dataclasses import replace
 
 import pytest
@@ -76,6 +77,32 @@ def test_a_stop_before_the_first_run_changes_nothing_and_verdicts_on_the_same_ru
     assert [each.verdict for each in verify_best(best, 4, jobs=1, ranges={"noise": 1}).worst] == [""] * 3
     verify_best(best, 1, jobs=1)
     assert [each.name for each in best.parent.glob("worst*")] == [picture(0)]
+
+
+@pytest.mark.parametrize(
+    ("code", "says", "nominal"),
+    [
+        ("sys.exit(3)", "failed: run called exit: 3", True),
+        ("time.sleep(1e6)", "failed: .*2 s", True),
+        ("os._exit(7)", "the run failed: .*exit code 7", False),
+    ],
+)
+def test_own_code_that_ends_or_hangs_keeps_nobody(tmp_path, code, says, nominal):
+    text = OWN.replace("seed=0", "seed=0, mass=1.2")
+    text = text.replace(
+        "    t =", f"    import os, sys, time\n    if (mass == 1.2) == {nominal}: {code}\n    t ="
+    )
+    (tmp_path / "mine.py").write_text(text)
+    content = {"format": 1, "scenario": "mine.py:SCENARIO", "theta": {"gain": 1.0}, "settings": {}}
+    (tmp_path / BEST).write_text(json.dumps(content))
+    timeout = 2 if "sleep" in code else None
+    if nominal:
+        with pytest.raises(ScenarioError, match=says):
+            verify_best(tmp_path / BEST, 1, jobs=1, timeout=timeout)
+    else:
+        said = verify_best(tmp_path / BEST, 1, jobs=1, timeout=timeout)
+        assert re.match(says, said.worst[0].words)
+        assert not list(tmp_path.glob("worst_run*"))
 
 
 def test_what_cannot_be_varied_is_refused_and_leaves_nothing(tmp_path):

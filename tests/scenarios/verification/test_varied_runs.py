@@ -1,5 +1,6 @@
 """Verification: what varies, what stays, how sure the statement is, and what is kept."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +82,25 @@ def test_a_run_without_a_scenario_is_verified_too():
     assert [f.name for f in found.factors] == ["mass", "stiffness"]
     with pytest.raises(KnobError, match="finite numbers"):
         verify(run, np.array([np.nan]))
+
+
+def test_whole_numbers_among_the_arguments_are_named_and_stay():
+    def counted(theta, seed=0, mass=1.0, points=101, flag=True):
+        assert isinstance(points, int)
+        return run(theta, seed, mass)
+
+    found = verify(replace(SPRING, run=counted), THETA, 3, jobs=1)
+    assert [f.name for f in found.factors] == ["mass"]
+    assert any(text.startswith("whole numbers") and text.endswith(": points") for text in found.left_out)
+
+
+def test_with_a_time_limit_no_run_happens_in_this_process():
+    def where(theta, seed=0, mass=1.0):
+        return run(theta, seed, mass).with_kpis({"weight": float(os.getpid()), "pull": 0.0})
+
+    found = verify(replace(SPRING, run=where), THETA, 2, start=THETA, jobs=1, timeout=60)
+    runs = (found.tuning.nominal, found.before.nominal, *found.runs, *found.alone, *found.before.runs)
+    assert all(each.kpis["weight"] != os.getpid() for each in runs)
 
 
 def test_a_function_of_theta_alone_says_what_to_add():
