@@ -10,13 +10,13 @@ from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.many.simulate import Progress
-from prefcal_scenarios.presentation.folder import put
+from prefcal_scenarios.presentation.folder import folder_for, put
 from prefcal_scenarios.presentation.style import png
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.factor import Ranges
 from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
-from prefcal_scenarios.verification.verified import Verified, WorstRun
+from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun
 
 from .answers import refresh
 from .export import Tuning, tuning_of, versions
@@ -46,10 +46,15 @@ def verify_best(
         progress: As for `simulate_many`.
 
     Raises:
-        PrefcalError: If the file or a range does not fit, or nothing of the scenario can vary.
-        OSError: If the folder cannot be written.
+        PrefcalError: If the file or a range does not fit, the folder cannot be written, or nothing of the
+            scenario can vary.
     """
+    if best.name != BEST:
+        raise ScenarioError(
+            f"what is verified must be called {BEST}, as verification.json counts for that: got {str(best)!r}"
+        )
     tuning = tuning_of(best)
+    folder_for(best.parent)
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
     if tuning.scenario.source.asks:

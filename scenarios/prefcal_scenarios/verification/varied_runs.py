@@ -217,7 +217,7 @@ def _nominally(
     """Yield how tunings do without variation, with their margins."""
     for theta, made in zip(thetas, _experiments(_as_it_is(scenario, thetas, seed), timeout), strict=True):
         run = VerifiedRun({}, seed, made.end, made.kpis, problems_of(scenario.kpis, made, None))
-        yield Robustness(theta, run, subject.margins(theta))
+        yield Robustness(theta, run, subject.margins(theta), time_unit=made.channels.time_unit)
 
 
 def _fair(

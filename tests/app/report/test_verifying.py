@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from prefcal_app.report.verifying import judge, picture, verify_best
-from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_scenarios.verification.verified import BEST, Verified
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
@@ -62,6 +62,17 @@ def test_a_verification_of_the_tuning_before_does_not_count_for_a_new_file(best)
     with pytest.raises(StaleError, match=r"best\.json.* changed while its tuning was verified"):
         verify_best(best, 2, jobs=1, progress=changed)
     assert sorted(best.parent.iterdir()) == [best]
+
+
+def test_another_name_and_a_folder_that_cannot_be_written_are_refused_at_once(best, monkeypatch):
+    def never(done, planned):
+        raise AssertionError
+
+    monkeypatch.setattr("prefcal_scenarios.presentation.folder.os.access", lambda *_: False)
+    with pytest.raises(SettingsError, match=f"cannot write into the folder {best.parent}"):
+        verify_best(best, progress=never)
+    with pytest.raises(ScenarioError, match=r"must be called best\.json.*tuned\.json"):
+        verify_best(best.rename(best.with_name("tuned.json")), progress=never)
 
 
 def test_a_stop_before_the_first_run_changes_nothing_and_verdicts_on_the_same_runs_stay(best):

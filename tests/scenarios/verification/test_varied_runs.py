@@ -230,6 +230,23 @@ def test_a_run_that_raises_fails_and_says_why():
     assert any("too heavy" in problem for each in found.failed for problem in each.problems)
 
 
+def test_without_a_good_run_there_is_no_bound():
+    found = verify(replace(SPRING, kpis=(KPI("weight", "weight", at_most=0.1),)), THETA, 3, jobs=1)
+    assert found.statement == "No run of 3 keeps the stated limits."
+
+
+def test_the_delay_margin_has_a_unit_and_a_controller_that_raises_has_no_margins(monkeypatch):
+    found = verify("lag", LAG, 1, jobs=1)
+    kept = Verified.of(found, load("lag"), "", "1.0", "")
+    assert "delay margin [s]" in [name for name, *_ in kept.margins]
+
+    def raises(*_):
+        raise IndexError("table ends at 60 h")
+
+    monkeypatch.setattr("prefcal_scenarios.verification.compiled.controller_of", raises)
+    assert verify("lag", LAG, 1, jobs=1).tuning.margins == "no margins: table ends at 60 h"
+
+
 def test_a_nominal_run_that_never_settles_is_said():
     found = verify("lag", LAG * [0.05, 5, 1, 1, 1, 1], 3, jobs=1)
     assert "settling time of temperature (within ±5 %)" in found.never
