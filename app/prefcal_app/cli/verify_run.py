@@ -39,7 +39,9 @@ def run(options: "VerifyOptions") -> int:
     )
     show(said, console)
     for k in range(len(said.worst)):
-        say(console, f"Worst run {k + 1}, beside the nominal one: {best.parent / picture(k)}")
+        drawn = best.parent / picture(k)
+        where = drawn if drawn.is_file() else "could not be run again to draw it"
+        say(console, f"Worst run {k + 1}, beside the nominal one: {where}")
     if sys.stdin.isatty():
         _ask(said, best.parent, console)
     say(console, f"Kept in {best.parent / FILE}.")

@@ -95,8 +95,6 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
         found = [known(each.theta) for each in both]
     except ScenarioError:  # such as a file that runs in a process of its own
         found = ["prefcal verify best.json computes them if the plant is known as equations"]
-    except Exception as error:  # people's own plants and controllers can raise anything
-        found = [f"no margins: {error}"]
     said = margins_said(found, both[0].channels.time_unit)
     return [("Margins", _margins(*said)), ("Other plants", f"{_RUN} {why}." if why else _RUN)]
 

@@ -19,6 +19,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
+from prefcal_scenarios.names import is_own
 from prefcal_scenarios.own.source import file_in, joined_source, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
@@ -39,6 +40,7 @@ class Tuning:
         baseline: What that is, such as "current tuning".
         kpis: Its KPIs in the study; those that are not finite are left out.
         end: How its experiment in the study ended.
+        own: Whether the scenario is a person's own, whose code can do anything.
         digest: SHA-256 of the file that it was read from, in hexadecimal digits.
     """
 
@@ -48,6 +50,7 @@ class Tuning:
     baseline: str
     kpis: Mapping[str, float]
     end: End
+    own: bool
     digest: str
 
 
@@ -159,7 +162,8 @@ def tuning_of(path: str | Path) -> Tuning:
     start = before.get("theta")
     known = None if start is None else _values(scenario, start, path)
     kpis = {name: value for name, value in content.get("kpis", {}).items() if value is not None}
-    return Tuning(scenario, theta, known, str(before.get("what", "")), kpis, _end(content, path), digest)
+    own, end = is_own(content["scenario"]), _end(content, path)
+    return Tuning(scenario, theta, known, str(before.get("what", "")), kpis, end, own, digest)
 
 
 def _end(content: Mapping[str, Any], path: str | Path) -> End:

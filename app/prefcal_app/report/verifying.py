@@ -1,19 +1,22 @@
 """Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.experiments.experiment import End
+from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.many.simulate import Progress
-from prefcal_scenarios.presentation.folder import put
+from prefcal_scenarios.presentation.folder import folder_for, put
 from prefcal_scenarios.presentation.style import png
-from prefcal_scenarios.verification import Verification, replay, verify
+from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.factor import Ranges
 from prefcal_scenarios.verification.result import VerifiedRun
-from prefcal_scenarios.verification.varied_runs import RUNS, unvaried
-from prefcal_scenarios.verification.verified import Verified, WorstRun
+from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
+from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun
 
 from .answers import refresh
 from .export import Tuning, tuning_of, versions
@@ -38,14 +41,22 @@ def verify_best(
         runs: Number of random runs.
         ranges: Relative changes, as for `verify`.
         jobs: Number of processes, as for `verify`.
-        timeout: Time limit of each run in seconds; None for no limit.
+        timeout: Time limit of each run in seconds; None for that of a study if the scenario is a person's
+            own, which runs in other processes, and for no limit otherwise.
         progress: As for `simulate_many`.
 
     Raises:
-        PrefcalError: If the file or a range does not fit, or nothing of the scenario can vary.
-        OSError: If the folder cannot be written.
+        PrefcalError: If the file or a range does not fit, the folder cannot be written, or nothing of the
+            scenario can vary.
     """
+    if best.name != BEST:
+        raise ScenarioError(
+            f"what is verified must be called {BEST}, as verification.json counts for that: got {str(best)!r}"
+        )
     tuning = tuning_of(best)
+    folder_for(best.parent)
+    if tuning.own and timeout is None:
+        timeout = DEFAULT_LIMIT
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
     else:
@@ -59,10 +70,10 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    return _kept(found, tuning, best)
+    return _kept(found, tuning, best, timeout)
 
 
-def _kept(found: Verification, tuning: Tuning, best: Path) -> Verified:
+def _kept(found: Verification, tuning: Tuning, best: Path, timeout: float | None) -> Verified:
     """Write what a verification says, with earlier verdicts on the same runs, and draw its worst runs."""
     if found.planned and not found.runs:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
@@ -73,8 +84,9 @@ def _kept(found: Verification, tuning: Tuning, best: Path) -> Verified:
     said.write(best.parent)
     for stale in best.parent.glob("worst_run_*.png"):
         stale.unlink(missing_ok=True)
-    for k, each in enumerate(found.worst()):
-        put(best.parent / picture(k), _drawn(tuning, each, k + 1))
+    with suppress(Exception):  # what cannot run again has no picture
+        for rank, drawn in _drawn(tuning, found.worst(), timeout):
+            put(best.parent / picture(rank), drawn)
     refresh(best.parent)
     return said
 
@@ -111,10 +123,13 @@ def judge(folder: Path, worst: int, *, acceptable: bool) -> Verified:
     return told
 
 
-def _drawn(tuning: Tuning, worst: VerifiedRun, rank: int) -> bytes:
-    """Return a PNG of one of the worst runs beside the nominal one of the same seed."""
-    nominal, made = (
-        replay(tuning.scenario, tuning.theta, each) for each in (replace(worst, values={}), worst)
-    )
-    labels = "nominal", f"worst run {rank}: {worst.words}"
-    return png(figure(tuning.scenario, nominal, made, labels, own=True))
+def _drawn(
+    tuning: Tuning, worst: Sequence[VerifiedRun], timeout: float | None
+) -> Iterator[tuple[int, bytes]]:
+    """Yield number and PNG of the worst runs that did not fail, beside nominal ones of the same seed."""
+    shown = [(rank, run) for rank, run in enumerate(worst) if run.end is not End.FAILED]
+    runs = [each for _, run in shown for each in (replace(run, values={}), run)]
+    made = replays(tuning.scenario, tuning.theta, runs, timeout) if runs else []
+    for (rank, run), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
+        labels = "nominal", f"worst run {rank + 1}: {run.words}"
+        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True))

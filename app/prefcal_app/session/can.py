@@ -71,7 +71,7 @@ def _ask_for(flow: Flow, study: Study) -> PrefcalError | None:
 
 def _choose(flow: Flow, study: Study) -> PrefcalError | None:
     if not study.simulates:
-        return SettingsError("nothing is simulated unseen in this study: continue it and ask for a θ")
+        return StaleError("nothing is simulated unseen in this study: continue it and ask for a θ")
     return _go_on(flow, study)
 
 

@@ -75,14 +75,15 @@ class Verifying:
 
     def view(self) -> dict[str, Any]:
         """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
-        said = None if self.running else self._said()
+        folder = self._reports.folder
+        said = None if folder is None or self.running else self._said()
         return {
             "running": self.running,
             "runs": verification.varied_runs.RUNS,
             "done": self._done,
             "planned": self._planned,
             "problem": self._problem,
-            "said": None if said is None else _said(said),
+            "said": None if folder is None or said is None else _view(said, folder),
         }
 
     def _said(self) -> "verification.verified.Verified | None":
@@ -94,6 +95,8 @@ class Verifying:
             report.verifying.verify_best(folder / verification.verified.BEST, progress=self._progress)
         except Exception as error:
             _, self._problem, _ = refused(error)
+        except SystemExit as error:
+            self._problem = f"the code of the scenario called exit: {error}"
 
     def _progress(self, done: int, planned: int | None) -> None:
         self._done, self._planned = done, planned or 0
@@ -101,8 +104,8 @@ class Verifying:
             raise KeyboardInterrupt  # which a verification takes as its early end
 
 
-def _said(said: "verification.verified.Verified") -> dict[str, Any]:
-    """Return what a verification says, for the page."""
+def _view(said: "verification.verified.Verified", folder: Path) -> dict[str, Any]:
+    """Return what a verification says, for the page; pictures are in a folder."""
     return {
         "best": said.best,
         "statement": said.statement,
@@ -123,10 +126,15 @@ def _said(said: "verification.verified.Verified") -> dict[str, Any]:
                 "values": each.text,
                 "seed": each.seed,
                 "verdict": each.verdict,
-                "picture": f"/report/{report.verifying.picture(k)}",
+                "picture": _picture(folder, report.verifying.picture(k)),
             }
             for k, each in enumerate(said.worst)
         ],
         "varied": list(said.varied),
         "left_out": list(said.left_out),
     }
+
+
+def _picture(folder: Path, name: str) -> str:
+    """Return the address of a picture; empty if the run could not be drawn."""
+    return f"/report/{name}" if (folder / name).is_file() else ""

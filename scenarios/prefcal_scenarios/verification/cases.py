@@ -59,9 +59,16 @@ def subject_of(source: Source, space: KnobSpace) -> Subject:
 
 
 def of_function(function: Any) -> Subject:
-    """Return the numbers that a run takes as arguments with a default, besides θ and the seed."""
+    """Return the numbers that a run takes as arguments with a default, besides θ and the seed.
+
+    A whole one may be a count, which cannot change a little.
+    """
     given = signature(function).parameters.values() if callable(function) else ()
-    numbers = {p.name: float(p.default) for p in given if p.name not in _OURS and is_number(p.default)}
+    found = {p.name: p.default for p in given if p.name not in _OURS and is_number(p.default)}
+    numbers = {name: float(value) for name, value in found.items() if isinstance(value, float)}
+    whole = ", ".join(name for name in found if name not in numbers)
+    said = ["only arguments of its run are varied: sensors, actuators and the task are in its code"]
+    said += [f"whole numbers are not varied, write 2.0 for 2 where they can be: {whole}"] if whole else []
     if not numbers:
         raise ScenarioError(
             "nothing of it can be varied, since it is only a function of θ: give the parameters of its plant "
@@ -69,7 +76,7 @@ def of_function(function: Any) -> Subject:
         )
     return Subject(
         tuple(Factor.around(name, "parameter", CHANGE, value) for name, value in numbers.items()),
-        ("only arguments of its run are varied: sensors, actuators and the task are in its code",),
+        tuple(said),
         partial(_with_arguments, function),
     )
 

@@ -14,7 +14,7 @@ from prefcal_env.envs.fit import tracked_of
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.envs.task import Signal, Task
-from prefcal_env.errors import PlantError, ScenarioError, SettingsError
+from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.control import Controller, Measurement, Move
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.plants.jacobians import U, X, Y
@@ -111,7 +111,7 @@ class VariedLoop:
         """Return the margins of a physical θ, shape (n,), or why there are none."""
         try:
             return margins(self.plant, self.task, partial(self.controller, theta))
-        except (SettingsError, PlantError) as error:
+        except Exception as error:  # people's own plants and controllers can raise anything
             return f"no margins: {error}"
 
     def _others(self) -> Iterator[Factor]:

@@ -51,12 +51,14 @@ class Robustness:
         nominal: Run without variation.
         margins: Margins on the nominal plant, or why there are none.
         runs: Random runs, independent of each other.
+        time_unit: Unit of the delay margin.
     """
 
     theta: Float[np.ndarray, " n"]
     nominal: VerifiedRun
     margins: Margins | str
     runs: tuple[VerifiedRun, ...] = ()
+    time_unit: str = ""
 
     def quantiles(self, kpi: str) -> tuple[float, float]:
         """Return the 5 and 95 % quantile of the KPI of this name; NaN without values."""
@@ -135,6 +137,8 @@ class Verification:
             return f"Not verified: {'no run was completed' if self.planned else 'nothing can be varied'}."
         never = f" Not counted, since infinite nominally, too: {', '.join(self.never)}." if self.never else ""
         early = "" if count == self.planned else f" (stopped early, {self.planned} were planned)"
+        if len(self.failed) == count:
+            return f"No run of {count} keeps the stated limits{early}.{never}"
         # Rounded up to two digits, so that what is below it stays below.
         digits = 1 - int(np.floor(np.log10(100 * self.bound)))
         percent = np.ceil(100 * self.bound * 10.0**digits - 1e-9) / 10.0**digits

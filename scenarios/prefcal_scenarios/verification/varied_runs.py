@@ -18,7 +18,7 @@ from prefcal_env.sources.source import Source
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.kpis import Result
 from prefcal_scenarios.many.results import FailedRun
-from prefcal_scenarios.many.simulate import Progress, simulate_iter
+from prefcal_scenarios.many.simulate import Progress, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from .cases import RIG, subject_of
@@ -60,13 +60,14 @@ def verify(
         ranges: Relative changes by name or kind of factor, such as {"parameter": 0.2, "dead time":
             (0.0, 0.2)}; 0 leaves a factor out. See `Factor`.
         jobs: Number of processes; None for all cores, or this process if all runs are quick.
-        timeout: Time limit of each run in seconds; None for no limit.
+        timeout: Time limit of each run in seconds; None for no limit. With one, no run happens in this
+            process, so that none can end it.
         progress: As for `simulate_many`.
         clock: Returns the time in seconds, for how quick a run is.
 
     Raises:
-        ScenarioError: If there is no such scenario, or nothing of it can be varied; the message says
-            what to add.
+        ScenarioError: If there is no such scenario, nothing of it can be varied, or, with a time limit,
+            a nominal run fails; the message says why, or what to add.
         KnobError: If θ does not fit the scenario.
         SettingsError: If an argument is not valid, or all ranges are 0.
     """
@@ -74,12 +75,12 @@ def verify(
     integer("seed", seed, low=0, error=SettingsError)
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
-    found, subject = _with_kpis(found, thetas[0], seed), _subject(found)
+    found, subject = _with_kpis(found, thetas[0], seed, timeout), _subject(found)
     factors = within(subject.factors, ranges or {})
     if not factors:
         raise SettingsError("nothing varies: all ranges are 0")
-    tunings = [_nominally(found, subject, each, seed) for each in thetas]
-    factors, unfair = _fair(found, subject, factors, tunings[0])
+    tunings = list(_nominally(found, subject, thetas, seed, timeout))
+    factors, unfair = _fair(found, subject, factors, tunings[0], timeout)
     cases = tuple(_cases(factors, len(tunings), runs, seed))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
@@ -107,8 +108,22 @@ def unvaried(scenario: Scenario, theta: Float[np.ndarray, " n"], made: Result) -
 
 def replay(scenario: Scenario | str | Source, theta: Float[np.ndarray, " n"], run: VerifiedRun) -> Experiment:
     """Return the whole experiment of a run of a verification of θ, physical, shape (n,), to look at."""
-    source = _subject(_scenario(scenario, theta)).at(run.values)
-    return returned(source.run(np.array(theta, dtype=float), seed=run.seed))
+    return replays(_scenario(scenario, theta), theta, [run])[0]
+
+
+def replays(
+    scenario: Scenario,
+    theta: Float[np.ndarray, " n"],
+    runs: Sequence[VerifiedRun],
+    timeout: float | None = None,
+) -> list[Experiment]:
+    """Return the experiments of several runs, as `replay` does; with a time limit, from another process.
+
+    Raises:
+        ScenarioError: If one fails there.
+    """
+    cases = [_Case(0, dict(run.values), run.seed) for run in runs]
+    return _experiments(Variations(_subject(scenario).at, [np.array(theta, dtype=float)], cases), timeout)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +155,7 @@ class Variations(Source):
     def run(self, theta: Float[np.ndarray, " 1"], seed: int = 0) -> Experiment:
         """Run the case with this number, shape (1,)."""
         case = self.cases[int(theta[0])]
-        made = returned(self._at(case.values).run(self._thetas[case.which].copy(), seed=case.seed))
-        return replace(made, theta=theta, runs=())
+        return returned(self._at(case.values).run(self._thetas[case.which].copy(), seed=case.seed))
 
 
 def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
@@ -154,11 +168,14 @@ def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
     return Scenario("source", "A source", KnobSpace(knobs), given)
 
 
-def _with_kpis(scenario: Scenario, theta: Float[np.ndarray, " n"], seed: int) -> Scenario:
+def _with_kpis(
+    scenario: Scenario, theta: Float[np.ndarray, " n"], seed: int, timeout: float | None
+) -> Scenario:
     """Return the scenario with KPIs, which are found in a run if it states none."""
     if not finds_kpis(scenario):
         return scenario
-    return with_found_kpis(scenario, returned(scenario.run(theta.copy(), seed=seed)))
+    (made,) = _experiments(_as_it_is(scenario, [theta], seed), timeout)
+    return with_found_kpis(scenario, made)
 
 
 def _subject(scenario: Scenario) -> Subject:
@@ -169,15 +186,46 @@ def _subject(scenario: Scenario) -> Subject:
         raise ScenarioError(f"scenario {scenario.name!r} cannot be verified: {error}") from error
 
 
-def _nominally(scenario: Scenario, subject: Subject, theta: Float[np.ndarray, " n"], seed: int) -> Robustness:
-    """Return how a tuning does without variation, with its margins."""
-    made = returned(scenario.run(theta.copy(), seed=seed))
-    run = VerifiedRun({}, seed, made.end, made.kpis, problems_of(scenario.kpis, made, None))
-    return Robustness(theta, run, subject.margins(theta))
+def _as_it_is(scenario: Scenario, thetas: list[Float[np.ndarray, " n"]], seed: int) -> Variations:
+    """Return the runs of tunings without variation."""
+    return Variations(lambda _: scenario.source, thetas, [_Case(k, {}, seed) for k in range(len(thetas))])
+
+
+def _experiments(varied: Variations, timeout: float | None) -> list[Experiment]:
+    """Return the experiments of all cases; with a time limit, another process runs them.
+
+    Raises:
+        ScenarioError: If one fails there.
+    """
+    scenario, numbers = _numbered(varied)
+    if timeout is None:
+        return [varied.run(number) for number in numbers]
+    made = simulate_many(scenario, np.array(numbers), jobs=1, timeout=timeout, trajectories=True)
+    for each in made:
+        if isinstance(each, FailedRun):
+            raise ScenarioError(f"a run without variation, or one that is looked at, failed: {each.words}")
+    return [returned(each) for each in made]
+
+
+def _nominally(
+    scenario: Scenario,
+    subject: Subject,
+    thetas: list[Float[np.ndarray, " n"]],
+    seed: int,
+    timeout: float | None,
+) -> Iterator[Robustness]:
+    """Yield how tunings do without variation, with their margins."""
+    for theta, made in zip(thetas, _experiments(_as_it_is(scenario, thetas, seed), timeout), strict=True):
+        run = VerifiedRun({}, seed, made.end, made.kpis, problems_of(scenario.kpis, made, None))
+        yield Robustness(theta, run, subject.margins(theta), time_unit=made.channels.time_unit)
 
 
 def _fair(
-    scenario: Scenario, subject: Subject, factors: tuple[Factor, ...], tuning: Robustness
+    scenario: Scenario,
+    subject: Subject,
+    factors: tuple[Factor, ...],
+    tuning: Robustness,
+    timeout: float | None,
 ) -> tuple[tuple[Factor, ...], list[str]]:
     """Return the factors without those of two values that the nominal plant cannot stand either.
 
@@ -185,7 +233,8 @@ def _fair(
     """
     said, nominal = dict[str, str](), tuning.nominal
     for factor in (factor for factor in factors if factor.ends):
-        made = returned(subject.at({factor.name: factor.low}).run(tuning.theta.copy(), seed=nominal.seed))
+        case = _Case(0, {factor.name: factor.low}, nominal.seed)
+        (made,) = _experiments(Variations(subject.at, [tuning.theta], [case]), timeout)
         if problems := set(problems_of(scenario.kpis, made, nominal)) - set(nominal.problems):
             why = "; ".join(sorted(problems))
             said[factor.name] = f"{factor.name} is not varied: turned, the nominal plant fails, too ({why})"
@@ -214,15 +263,20 @@ def _done(
     source: Variations, jobs: int | None, timeout: float | None, progress: Progress | bool
 ) -> list[Result]:
     """Return the results in order, as many as there are before Ctrl-C."""
-    count = len(source.cases)
-    space = KnobSpace([Knob("case", 0, max(count - 1, 1), integer=True)])
-    numbers = [np.array([float(k)]) for k in range(count)]
-    scenario, done = Scenario("verification", "Verification", space, source, kpis=()), list[Result]()
+    (scenario, numbers), done = _numbered(source), list[Result]()
     runs = simulate_iter(scenario, numbers, jobs=jobs, timeout=timeout, progress=progress)
     with closing(runs), suppress(KeyboardInterrupt):
         for result in runs:
             done.append(result)
     return done
+
+
+def _numbered(varied: Variations) -> tuple[Scenario, list[Float[np.ndarray, " 1"]]]:
+    """Return a scenario whose θ are the numbers of cases, and these."""
+    count = len(varied.cases)
+    space = KnobSpace([Knob("case", 0, max(count - 1, 1), integer=True)])
+    numbers = [np.array([float(k)]) for k in range(count)]
+    return Scenario("verification", "Verification", space, varied, kpis=()), numbers
 
 
 def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: Result) -> VerifiedRun:

@@ -114,8 +114,7 @@ class Verified:
     ) -> "Verified":
         """Return what a verification of a scenario's tuning says; see the class for the others."""
         both = [found.tuning, *([found.before] if found.before else [])]
-        unit = scenario.source.channels.time_unit if scenario.source.channels else ""
-        margins, basis = margins_said([each.margins for each in both], unit)
+        margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
         left = bool(baseline and found.runs) and found.before is None
         alone = f" Stopped before the {baseline} ran on these plants." if left else ""
         return cls(

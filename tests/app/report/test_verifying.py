@@ -1,12 +1,13 @@
 """A tuning's verification stays beside its best.json, with pictures and a person's verdicts."""
 
 import json
+import re
 from dataclasses import replace
 
 import pytest
 
 from prefcal_app.report.verifying import judge, picture, verify_best
-from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_scenarios.verification.verified import BEST, Verified
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
@@ -63,6 +64,17 @@ def test_a_verification_of_the_tuning_before_does_not_count_for_a_new_file(best)
     assert sorted(best.parent.iterdir()) == [best]
 
 
+def test_another_name_and_a_folder_that_cannot_be_written_are_refused_at_once(best, monkeypatch):
+    def never(done, planned):
+        raise AssertionError
+
+    monkeypatch.setattr("prefcal_scenarios.presentation.folder.os.access", lambda *_: False)
+    with pytest.raises(SettingsError, match=f"cannot write into the folder {best.parent}"):
+        verify_best(best, progress=never)
+    with pytest.raises(ScenarioError, match=r"must be called best\.json.*tuned\.json"):
+        verify_best(best.rename(best.with_name("tuned.json")), progress=never)
+
+
 def test_a_stop_before_the_first_run_changes_nothing_and_verdicts_on_the_same_runs_stay(best):
     def stop(done, planned):
         raise KeyboardInterrupt
@@ -76,6 +88,32 @@ def test_a_stop_before_the_first_run_changes_nothing_and_verdicts_on_the_same_ru
     assert [each.verdict for each in verify_best(best, 4, jobs=1, ranges={"noise": 1}).worst] == [""] * 3
     verify_best(best, 1, jobs=1)
     assert [each.name for each in best.parent.glob("worst*")] == [picture(0)]
+
+
+@pytest.mark.parametrize(
+    ("code", "says", "nominal"),
+    [
+        ("sys.exit(3)", "failed: run called exit: 3", True),
+        ("time.sleep(1e6)", "failed: .*2 s", True),
+        ("os._exit(7)", "the run failed: .*exit code 7", False),
+    ],
+)
+def test_own_code_that_ends_or_hangs_keeps_nobody(tmp_path, code, says, nominal):
+    text = OWN.replace("seed=0", "seed=0, mass=1.2")
+    text = text.replace(
+        "    t =", f"    import os, sys, time\n    if (mass == 1.2) == {nominal}: {code}\n    t ="
+    )
+    (tmp_path / "mine.py").write_text(text)
+    content = {"format": 1, "scenario": "mine.py:SCENARIO", "theta": {"gain": 1.0}, "settings": {}}
+    (tmp_path / BEST).write_text(json.dumps(content))
+    timeout = 2 if "sleep" in code else None
+    if nominal:
+        with pytest.raises(ScenarioError, match=says):
+            verify_best(tmp_path / BEST, 1, jobs=1, timeout=timeout)
+    else:
+        said = verify_best(tmp_path / BEST, 1, jobs=1, timeout=timeout)
+        assert re.match(says, said.worst[0].words)
+        assert not list(tmp_path.glob("worst_run*"))
 
 
 def test_what_cannot_be_varied_is_refused_and_leaves_nothing(tmp_path):

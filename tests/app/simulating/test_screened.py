@@ -13,7 +13,7 @@ from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import Carried, Prospect
 from prefcal_app.simulating.why import percent
 from prefcal_app.view.simulated import smaller_view
-from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, SettingsError, StaleError
+from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.kpis import screened
 from support.interviews import begin, proceed, reopened
@@ -345,7 +345,7 @@ def test_nothing_is_chosen_where_nothing_is_simulated():
     proceed(interview)
     now = interview.steps.finish()
     assert "choose" not in now.can
-    with pytest.raises(SettingsError, match="nothing is simulated unseen"):
+    with pytest.raises(StaleError, match="nothing is simulated unseen"):
         interview.steps.choose(toy.space.decode(np.full(len(toy.space), 0.3)), now.incumbent)
     assert "choose" in ended().now().can
 

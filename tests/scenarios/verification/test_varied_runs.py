@@ -1,5 +1,6 @@
 """Verification: what varies, what stays, how sure the statement is, and what is kept."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +82,25 @@ def test_a_run_without_a_scenario_is_verified_too():
     assert [f.name for f in found.factors] == ["mass", "stiffness"]
     with pytest.raises(KnobError, match="finite numbers"):
         verify(run, np.array([np.nan]))
+
+
+def test_whole_numbers_among_the_arguments_are_named_and_stay():
+    def counted(theta, seed=0, mass=1.0, points=101, flag=True):
+        assert isinstance(points, int)
+        return run(theta, seed, mass)
+
+    found = verify(replace(SPRING, run=counted), THETA, 3, jobs=1)
+    assert [f.name for f in found.factors] == ["mass"]
+    assert any(text.startswith("whole numbers") and text.endswith(": points") for text in found.left_out)
+
+
+def test_with_a_time_limit_no_run_happens_in_this_process():
+    def where(theta, seed=0, mass=1.0):
+        return run(theta, seed, mass).with_kpis({"weight": float(os.getpid()), "pull": 0.0})
+
+    found = verify(replace(SPRING, run=where), THETA, 2, start=THETA, jobs=1, timeout=60)
+    runs = (found.tuning.nominal, found.before.nominal, *found.runs, *found.alone, *found.before.runs)
+    assert all(each.kpis["weight"] != os.getpid() for each in runs)
 
 
 def test_a_function_of_theta_alone_says_what_to_add():
@@ -210,6 +230,23 @@ def test_a_run_that_raises_fails_and_says_why():
 
     found = verify(replace(SPRING, run=breaks), THETA, 40, jobs=1)
     assert any("too heavy" in problem for each in found.failed for problem in each.problems)
+
+
+def test_without_a_good_run_there_is_no_bound():
+    found = verify(replace(SPRING, kpis=(KPI("weight", "weight", at_most=0.1),)), THETA, 3, jobs=1)
+    assert found.statement == "No run of 3 keeps the stated limits."
+
+
+def test_the_delay_margin_has_a_unit_and_a_controller_that_raises_has_no_margins(monkeypatch):
+    found = verify("lag", LAG, 1, jobs=1)
+    kept = Verified.of(found, load("lag"), "", "1.0", "")
+    assert "delay margin [s]" in [name for name, *_ in kept.margins]
+
+    def raises(*_):
+        raise IndexError("table ends at 60 h")
+
+    monkeypatch.setattr("prefcal_scenarios.verification.compiled.controller_of", raises)
+    assert verify("lag", LAG, 1, jobs=1).tuning.margins == "no margins: table ends at 60 h"
 
 
 def test_a_nominal_run_that_never_settles_is_said():

@@ -57,7 +57,7 @@ function said({ best, statement, limits, basis, tables, effects, worst, varied, 
 function run({ words, values, seed, verdict, picture }, k, best) {
   const judge = (acceptable) => show(() => post("judge", { run: k, seed, best, acceptable }, false));
   const choice = (text, acceptable) => button(text, () => judge(acceptable), { "aria-pressed": String(verdict === text.toLowerCase()) });
-  return el("figure", { class: "worst" }, el("img", { src: `${picture}?${Date.now()}`, alt: `Curves of worst run ${k + 1} beside the nominal run`, loading: "lazy" }),
+  return el("figure", { class: "worst" }, picture ? el("img", { src: `${picture}?${Date.now()}`, alt: `Curves of worst run ${k + 1} beside the nominal run`, loading: "lazy" }) : null,
     el("figcaption", {}, el("strong", {}, `${k + 1}: ${words}. `), symbol(values),
       el("span", { class: "actions" }, choice("Acceptable", true), choice("Not acceptable", false))));
 }
