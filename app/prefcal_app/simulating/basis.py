@@ -51,9 +51,9 @@ class Carried:
         if not over:
             return cls(False, agent.stakes, None, {}, ())
         best = agent.best_index
-        doubtful = tuple(each for each in agent.influences if each.doubtful)
-        found = None if best is None else decisive(doubtful, best)
-        told = found, agent.menu, agent.wishes, agent.objections, agent.robustness
+        found = None if best is None else decisive(agent.influences, best)
+        named = found if found and found.doubtful else None
+        told = named, agent.menu, agent.wishes, agent.objections, agent.robustness
         return cls(True, None, *told, complete=not agent.setup.start)
 
 

@@ -127,7 +127,7 @@ def at_stake(stakes: Stakes) -> str:
 def carried_by(influence: Influence | None) -> str:
     """Return which answer carries the result, as one sentence."""
     if influence is None or influence.reversed is None:
-        return "No single answer is doubtful enough to change the result."
+        return "No single answer that is in doubt would surely change the result."
     return (
         f"The result rests on the answer about experiment {influence.answer + 1}: if it were the "
         f"other way round, experiment {influence.reversed + 1} would be the best."

@@ -105,7 +105,7 @@ def test_the_answer_that_carries_the_result_is_named():
         "The result rests on the answer about experiment 5: if it were the other way round, "
         "experiment 7 would be the best."
     )
-    assert carried_by(None) == "No single answer is doubtful enough to change the result."
+    assert carried_by(None) == "No single answer that is in doubt would surely change the result."
 
 
 @pytest.mark.parametrize(("chance", "named"), [(0.09, False), (0.1, True)])
