@@ -37,7 +37,11 @@ EXTENDED = {
         "test_site.py",
     ),
     "fmu": ("env/fmu/*", "scenarios/described/test_fmu_scenario.py", "scenarios/verification/test_fmus.py"),
-    "libraries": ("env/controllers/test_lqr.py", "env/plants/systems/test_casadi.py"),
+    "libraries": (
+        "env/controllers/test_lqr.py",
+        "env/controllers/test_margins.py",
+        "env/plants/systems/test_casadi.py",
+    ),
     "peers": ("bench/peers/*", "agents/test_rl_*.py"),
     "processes": (
         "env/study/test_disk.py",
