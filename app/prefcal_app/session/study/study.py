@@ -82,7 +82,7 @@ class Study:
         Who asks for a θ, or to be asked again, wants the study to go on.
         """
         state, history = self.state, self.state.history
-        person = state.configuration["options"]["calibrator"] == PERSON
+        person = state.configuration.get("options", {}).get("calibrator") == PERSON
         repeated = bool(history.repeats) and state.answers[-1] is history.repeats[-1]
         wants = repeated or any(index >= history.answered for index in state.requested)
         return person and not (wants or state.open or state.reopened)
