@@ -110,16 +110,19 @@ def _of_the_solver() -> Iterator[Kernel]:
 
 
 def _of_the_mpc() -> Iterator[Kernel]:
-    from prefcal_env.mpc.kernels import hold, riccati, rows, step
+    from prefcal_env.mpc.kernels.hold import discretize
+    from prefcal_env.mpc.kernels.riccati import triangularize
+    from prefcal_env.mpc.kernels.rows import inputs
+    from prefcal_env.mpc.kernels.step import decide
     from prefcal_env.qp import _active_set
 
-    yield _kernel("discrete model", hold.discretize, "matrix, matrix, vector, f8")
-    yield _kernel("triangular factors", riccati.triangularize, "matrix, i8, i8, i8")
-    yield _kernel("inputs", rows.inputs, "cube, vector, vector, UniTuple(vector, 4)")
+    yield _kernel("discrete model", discretize, "matrix, matrix, vector, f8")
+    yield _kernel("triangular factors", triangularize, "matrix, i8, i8, i8")
+    yield _kernel("inputs", inputs, "cube, vector, vector, UniTuple(vector, 4)")
     yield _kernel("active limits", _active_set.nearest, "matrix, vector, vector, f8, f8, i8")
     yield _kernel(
         "control step",
-        step.decide,
+        decide,
         "equations, Tuple((vector, vector, matrix, matrix)), "
         "Tuple((cube, cube, matrix, cube, cube, matrix)), Tuple((f8, i8, i8, i8)), "
         "UniTuple(matrix, 4), UniTuple(vector, 4), UniTuple(vector, 3), Tuple((b1, f8, f8, i8))",

@@ -78,8 +78,8 @@ def claim_default(base: Path, owner: Owner) -> Ownership:
     Raises:
         SettingsError: If none can be created or written to.
     """
-    for number in count(1):
-        path = base if number == 1 else base.with_name(f"{base.name}-{number}")
+    for copy in count(1):
+        path = base if copy == 1 else base.with_name(f"{base.name}-{copy}")
         if path.exists() and not path.is_dir():
             continue
         claim = _claim(path, owner)

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Concatenate, ParamSpec
 
-from . import can, records, runs, steps
+from . import records, runs, steps
+from .can import refusal
 from .flow import Flow, Guarded
 from .study.now import Now
 
@@ -17,7 +18,7 @@ def _step(name: str, step: Callable[Concatenate[Flow, P], None]) -> Callable[Con
     @wraps(step)
     def take(self: "Steps", /, *args: P.args, **kwargs: P.kwargs) -> Now:
         with self._guarded.changing() as flow:
-            refused = can.refusal(flow, name)
+            refused = refusal(flow, name)
             if refused is not None:
                 raise refused
             step(flow, *args, **kwargs)

@@ -45,21 +45,21 @@ def check_parts(scenario: Scenario) -> None:
 
 
 def _check_types(scenario: Scenario, where: str) -> None:
-    for field, type_, example in (("panels", Panel, "Panel('level')"), ("kpis", KPI, "KPI(...)")):
-        values: Any = getattr(scenario, field)
+    for part, type_, example in (("panels", Panel, "Panel('level')"), ("kpis", KPI, "KPI(...)")):
+        values: Any = getattr(scenario, part)
         if isinstance(values, type_):
-            raise ScenarioError(f"{where}: {field} must be a tuple; of one write ({example},) with its comma")
+            raise ScenarioError(f"{where}: {part} must be a tuple; of one write ({example},) with its comma")
         if not isinstance(values, tuple | list):
-            raise ScenarioError(f"{where}: {field} must be a tuple, got {values!r}")
+            raise ScenarioError(f"{where}: {part} must be a tuple, got {values!r}")
         strangers = [value for value in values if not isinstance(value, type_)]
         if strangers:
-            raise ScenarioError(f"{where}: {field} must hold {example}, got {strangers[0]!r}")
+            raise ScenarioError(f"{where}: {part} must hold {example}, got {strangers[0]!r}")
         if isinstance(values, list):  # a tuple may say that the KPIs are left out
-            object.__setattr__(scenario, field, tuple(values))
-    for field in ("cost", "controller", "settings", "pictures", "configured"):
-        value = getattr(scenario, field)
+            object.__setattr__(scenario, part, tuple(values))
+    for part in ("cost", "controller", "settings", "pictures", "configured"):
+        value = getattr(scenario, part)
         if value is not None and not callable(value):
-            raise ScenarioError(f"{where}: {field} must be a function or None, got {value!r}")
+            raise ScenarioError(f"{where}: {part} must be a function or None, got {value!r}")
     for name, make in scenario.calibrators.items():
         if not callable(make):
             raise ScenarioError(

@@ -5,13 +5,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from prefcal_app.cli.parameters import Kept, Parameter
-from prefcal_env.errors import SettingsError
-from prefcal_scenarios.names import is_described, is_own
-from prefcal_scenarios.own.source import split_source
 
 
 def check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     """Raise SettingsError if the study's program or configuration is not the one given."""
+    from prefcal_env.errors import SettingsError  # here, and below: `prefcal --help` need not load them
+    from prefcal_scenarios.names import is_described, is_own
+    from prefcal_scenarios.own.source import split_source
+
     for name, does in (("cost", "goes by a cost that was given to it"), ("twin", "simulates with a program")):
         program = str(kept.get(name) or "")
         if given.get(name) is None and is_own(program):
@@ -33,6 +34,8 @@ def check_unchanged(
     rules: Mapping[str, tuple[Parameter, Kept]], kept: Mapping[str, Any], given: Mapping[str, Any]
 ) -> None:
     """Raise SettingsError if an option that cannot change has a new value."""
+    from prefcal_env.errors import SettingsError
+
     for name, (parameter, rule) in rules.items():
         value, then = given.get(name), kept.get(name)
         if rule.anew or value is None or value == then:
