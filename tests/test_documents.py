@@ -29,7 +29,7 @@ SCRIPTS.remove(ROOT / "docs" / "opcua_server.py")  # it serves until it is ended
 
 SHOWN = """
 import shlex, sys
-from prefcal_bench.cli.program import main
+from prefcal_app.cli import main
 from prefcal_app.report import write
 # Not the figures of reports: they take most of the time.
 draw, write.draw = write.draw, lambda record, extra: ()

@@ -317,5 +317,5 @@ def test_importing_plants_and_scenarios_loads_nothing_heavy():
 
 
 def test_the_help_of_the_program_waits_for_no_plant():
-    code = "import sys; from prefcal_bench.cli.program import main; print('gymnasium' in sys.modules)"
+    code = "import sys; from prefcal_app.cli import main; print('gymnasium' in sys.modules)"
     assert in_a_new_process(code) == "False"

@@ -4,10 +4,10 @@ import sys
 
 import numpy as np
 import pytest
-
 from prefcal_agents.rl import PPOBandit, SACBandit, bandits
 from prefcal_agents.rl.bandits import rewards
 from prefcal_agents.support.global_random import seeded
+
 from prefcal_env.errors import MissingExtraError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

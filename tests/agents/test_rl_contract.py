@@ -1,9 +1,9 @@
 """PPO and SAC as bandits go through the contract suite of value-based agents, with few updates."""
 
 import pytest
+from prefcal_agents.rl import PPOBandit, SACBandit, bandits
 
 from contracts.value_agents import *  # noqa: F403
-from prefcal_agents.rl import PPOBandit, SACBandit, bandits
 from support.extras import need
 
 

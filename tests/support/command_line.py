@@ -6,7 +6,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from prefcal_bench.cli.program import main
+from prefcal_app.cli import main
 from prefcal_bench.people import named
 
 SAMPLE = import_module("prefcal_bench.people.sample")  # the function has the same name

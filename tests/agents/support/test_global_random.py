@@ -2,7 +2,6 @@ import random
 
 import numpy as np
 import pytest
-
 from prefcal_agents.support.global_random import seeded
 
 

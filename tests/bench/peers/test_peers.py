@@ -4,9 +4,9 @@ import sys
 
 import numpy as np
 import pytest
+from prefcal_agents.support.global_random import seeded
 
 from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.support.global_random import seeded
 from prefcal_bench.peers.botorch_agents import BOPE, EUBO
 from prefcal_bench.peers.optuna_agents import OptunaGP, OptunaPreferential, OptunaTPE
 from prefcal_bench.peers.reference import ReferenceGLIS, ReferenceGLISp
