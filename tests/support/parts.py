@@ -41,6 +41,8 @@ EXTENDED = {
         "env/controllers/test_lqr.py",
         "env/controllers/test_margins.py",
         "env/plants/systems/test_casadi.py",
+        "env/study/test_exports.py",
+        "env/tables/test_parquet.py",
     ),
     "peers": ("bench/peers/*", "agents/test_rl_*.py"),
     "processes": (
