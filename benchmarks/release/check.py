@@ -5,7 +5,8 @@
 Builds the source distributions of prefcal and prefcal-bench and, from them, the wheels; checks all
 with twine and compares the wheels' files with those of the repository. Then installs prefcal in a
 new environment and an empty folder, without the repository, measures what starting costs, adds
-prefcal-bench, and there runs each command with `--help` and once for real. `--newest` leaves the pins of constraints.txt out.
+prefcal-bench, and there runs each command with `--help` and once for real. `--newest` leaves the
+pins of constraints.txt out.
 """
 
 import argparse
