@@ -1,7 +1,3 @@
-"""Fixtures of `support.command_line`."""
+"""The tests of the benchmark and of its scripts; what they share with those of prefcal is there."""
 
-from support.command_line import data_home as data_home
-from support.command_line import done as done
-from support.command_line import prefcal as prefcal
-from support.command_line import refused as refused
-from support.command_line import small_samples as small_samples
+pytest_plugins = ["support.parts", "support.session", "support.command_line", "bench_support.session"]

@@ -2,8 +2,7 @@ import random
 
 import numpy as np
 import pytest
-
-from prefcal_agents.support.global_random import seeded
+from prefcal_bench.global_random import seeded
 
 
 def draws():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-FILE = Path(__file__).parents[1] / "benchmarks" / "same_studies.py"
+FILE = Path(__file__).parents[1] / "same_studies.py"
 
 
 @pytest.fixture

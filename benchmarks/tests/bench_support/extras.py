@@ -15,7 +15,7 @@ def need(extra: str) -> None:
     """Skip the test unless `extra` is installed."""
     missing = [name for name in MODULES[extra] if find_spec(name) is None]
     if missing:
-        pytest.skip(f"needs {', '.join(missing)}: pip install -e '.[{extra}]'")
+        pytest.skip(f"needs {', '.join(missing)}: pip install -e './benchmarks[{extra}]'")
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from scipy.special import expit
 from prefcal_agents.glisp.foresight import Foresight
 from prefcal_agents.screening.certificate import Evidence
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

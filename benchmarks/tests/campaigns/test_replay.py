@@ -11,7 +11,7 @@ import pytest
 
 from prefcal_app.simulating import Simulator
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

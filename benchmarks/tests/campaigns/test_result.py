@@ -9,7 +9,7 @@ import pytest
 
 from prefcal_bench.people import Runs
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

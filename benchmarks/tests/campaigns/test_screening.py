@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bench_support.worths import study
 from prefcal_bench import Cell, Result, Store
 from prefcal_bench.problems import CSTR_BROAD, problem
 from prefcal_bench.results.statistics import mean_of, ratio_of
-from support.worths import study
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(autouse=True)

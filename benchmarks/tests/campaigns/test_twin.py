@@ -8,7 +8,7 @@ import pytest
 
 from prefcal_scenarios import load, simulator
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

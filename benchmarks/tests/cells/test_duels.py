@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import pytest
 
+from bench_support.worths import study
 from prefcal_bench.cells.cell import Cell, Result
 from prefcal_bench.cells.duels import PAPER, Duel, Round, play, rounds
 from prefcal_bench.problems import problem
 from prefcal_env.errors import SettingsError
-from support.worths import study
 
 OPTIMUM = (0.085, 0.31, 16.0, 0.261, 0.918)
 SLOW = (0.4, 1.0, 30.0, 2.0, 2.0)

@@ -9,7 +9,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent
 
 SPACE = KnobSpace([Knob("a", 0, 1), Knob("b", -1, 1)])
-OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+OWN = Path(__file__).parents[1] / "bench_support" / "agents.py"
 LACKING = Entry("Far", lambda: 1 / 0, packages={"sys": "sys", "not_there": "not"}, extra="x")
 
 

@@ -11,8 +11,8 @@ from prefcal_bench.cells.run import run_cell
 from prefcal_bench.problems import problem
 from prefcal_scenarios.cases.functions import FUNCTIONS
 
-OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
-LOOP = f"{OWN.with_name('bench_loop.py')}:SCENARIO"
+OWN = Path(__file__).parents[1] / "bench_support" / "agents.py"
+LOOP = f"{OWN.with_name('loop.py')}:SCENARIO"
 
 
 def cell(agent="Own", problem="camel", calibrator="perfect", seed=0, n_init=2, n_max=5):

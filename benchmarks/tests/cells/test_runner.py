@@ -7,8 +7,8 @@ import pytest
 
 from prefcal_bench import Processes, Store, Suite, run_suite
 
-OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
-LOOP = OWN.with_name("bench_loop.py")
+OWN = Path(__file__).parents[1] / "bench_support" / "agents.py"
+LOOP = OWN.with_name("loop.py")
 LOOPS = (f"{LOOP}:SCENARIO",)
 TASTES = ("weights", "hidden-noisy20", "rising", "priorities")
 SICK = """

@@ -14,8 +14,8 @@ from prefcal_bench.problems import problem
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.kpis import screened
 
-SUPPORT = Path(__file__).parents[2] / "support"
-LOOP = f"{SUPPORT / 'bench_loop.py'}:SCENARIO"
+SUPPORT = Path(__file__).parents[1] / "bench_support"
+LOOP = f"{SUPPORT / 'loop.py'}:SCENARIO"
 THETA = np.array([0.4, 0.5, 0.6])
 
 
@@ -94,7 +94,7 @@ def test_results_say_how_many_were_simulated(agent):
 
 @pytest.mark.usefixtures("small_samples")
 def test_a_user_s_own_agent_gets_what_it_asks_for():
-    own = f"{SUPPORT / 'bench_agents.py'}:Simulates"
+    own = f"{SUPPORT / 'agents.py'}:Simulates"
     result = run_cell(Cell(own, LOOP, "weights", 0, 1, 4))
     assert not result.failure
     assert result.simulated == 10

@@ -8,8 +8,8 @@ from prefcal_bench.cells.suite import Suite
 from prefcal_bench.problems import PROBLEMS
 from prefcal_env.errors import SettingsError
 
-OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
-LOOP = OWN.with_name("bench_loop.py")
+OWN = Path(__file__).parents[1] / "bench_support" / "agents.py"
+LOOP = OWN.with_name("loop.py")
 BOTH = Suite(
     ("GLISp", "GLIS"),
     ("camel", "overtake", "cstr", "cstr-guidelines"),

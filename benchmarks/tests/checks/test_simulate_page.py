@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 
 
 def test_the_page_has_a_row_for_each_study_and_the_first_seed_is_within_it(monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 
 from support.processes import is_running, start, wait_until
 
-OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+OWN = Path(__file__).parents[1] / "bench_support" / "agents.py"
 TINY = ["--problems", "camel", "--calibrators", "perfect", "--seeds", "2", "--n-max", "3"]
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from bench_support.worths import walk, walks
 from prefcal_bench import SuiteResults
 from prefcal_bench.cli import run as run_module
 from prefcal_bench.cli.options import BenchOptions, CompareOptions
 from prefcal_bench.published.plan import publish
 from prefcal_bench.published.raw import write_raw
-from support.worths import walk, walks
 
-OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+OWN = Path(__file__).parents[1] / "bench_support" / "agents.py"
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import pickle
 
 import numpy as np
 import pytest
+from prefcal_bench.loops import loop, rough, rough_loop
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
-from prefcal_scenarios.cases.loops import loop, rough, rough_loop
 from prefcal_scenarios.catalog import load
 
 pytestmark = pytest.mark.slow  # each loop takes half a second to draw

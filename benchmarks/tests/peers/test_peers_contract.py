@@ -2,10 +2,10 @@
 
 import pytest
 
+from bench_support.extras import quick_peers  # noqa: F401
+from bench_support.peers import peers
 from contracts.agents import *  # noqa: F403
 from contracts.agents_memory import *  # noqa: F403
-from support.agents import peers
-from support.extras import quick_peers  # noqa: F401
 
 AGENTS = peers()
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench_support.extras import need
 from prefcal_bench.peers.peer import torch_seeded
 from prefcal_bench.peers.utility import KPITable, Utility, strict_pairs
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Comparison, History
-from support.extras import need
 from support.histories import in_cube
 
 POINTS = np.linspace(0.0, 1.0, 6)[:, None]

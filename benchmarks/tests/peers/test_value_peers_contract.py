@@ -2,9 +2,9 @@
 
 import pytest
 
+from bench_support.extras import quick_peers  # noqa: F401
+from bench_support.peers import peers
 from contracts.value_agents import *  # noqa: F403
-from support.agents import peers
-from support.extras import quick_peers  # noqa: F401
 
 AGENTS = peers(by_value=True)
 

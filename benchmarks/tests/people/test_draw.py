@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench_support.people import NAMES, kinds, runs
 from prefcal_bench.people import Runs
 from prefcal_bench.people.draw import KINDS, decided, limits, narrow, priorities, weights
 from prefcal_bench.people.draw import rising as rising_one
 from prefcal_bench.people.sample import _run, thetas
 from prefcal_scenarios.catalog import load
-from support.people import NAMES, kinds, runs
 
 SEEDS = range(25)
 pytestmark = pytest.mark.filterwarnings("error")

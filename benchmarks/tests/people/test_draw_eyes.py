@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from bench_support.people import EYES, NAMES, runs
 from prefcal_bench.people import USUAL, draw, named
 from prefcal_bench.people.judgements import Order, Total
 from prefcal_bench.people.looks import LOOKS
 from prefcal_bench.people.sample import sample
 from prefcal_scenarios.catalog import load
-from support.people import EYES, NAMES, runs
 
 pytestmark = [pytest.mark.slow, pytest.mark.unchecked]  # for speed: the judgements are checked
 LOOPS = ("servo", "building", "rough-3")

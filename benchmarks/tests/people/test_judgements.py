@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from bench_support.people import only, runs
 from prefcal_bench.people.judgements import Loss, Majority, Noticed, Order, Rank, Total, Wish
 from prefcal_bench.people.rule import Noticing, noticeable
-from support.people import only, runs
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from bench_support.people import kinds
 from prefcal_bench.people import (
     TASTES,
     USUAL,
@@ -24,7 +25,6 @@ from prefcal_bench.people.trade_off import Term, TradeOff
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import KPI
-from support.people import kinds
 
 KPIS = tuple(KPI(name, name, better="lower") for name in ("corner", "middle", "other"))
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench_support.people import RULES, any_runs, only, runs
 from prefcal_bench.people.rule import minus, sign, survival
-from support.people import RULES, any_runs, only, runs
 
 every = pytest.mark.parametrize("rule", RULES.values(), ids=list(RULES))
 pytestmark = pytest.mark.filterwarnings("error")

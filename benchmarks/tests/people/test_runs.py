@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from bench_support.people import runs
 from prefcal_bench.people import runs_of
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.scenario import KPI
-from support.people import runs
 from support.short_runs import short_run
 
 KPIS = (

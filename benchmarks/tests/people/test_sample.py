@@ -18,7 +18,7 @@ from support.short_runs import short_run
 
 SAMPLE = import_module("prefcal_bench.people.sample")  # the function has the same name
 SPACE = KnobSpace([Knob("a", 0.0, 1.0), Knob("n", 1, 9, integer=True)])
-TINY = load(str(Path(__file__).parents[2] / "support" / "bench_loop.py") + ":SCENARIO")
+TINY = load(str(Path(__file__).parents[1] / "bench_support" / "loop.py") + ":SCENARIO")
 pytestmark = pytest.mark.usefixtures("small_samples", "own_cache")
 
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from bench_support.people import RULES, any_runs, only, runs
 from prefcal_bench.people.trade_off import Standards, Term, TradeOff
-from support.people import RULES, any_runs, only, runs
 
 pytestmark = pytest.mark.filterwarnings("error")
 

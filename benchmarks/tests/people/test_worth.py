@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from bench_support.people import runs
 from prefcal_bench.people import random_search_worth, worth
 from prefcal_bench.people.judgements import Noticed, Order
 from prefcal_bench.people.rule import Noticing
 from prefcal_env.errors import SettingsError
-from support.people import runs
 
 
 def by_error(noticed, *, ties_count):

@@ -10,7 +10,7 @@ from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
 
-OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"
+OWN = Path(__file__).parents[1] / "bench_support" / "loop.py"
 
 
 def test_closed_loops_come_first_then_test_functions_and_the_paper_s_cases():

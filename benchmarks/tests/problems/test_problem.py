@@ -11,7 +11,7 @@ from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.kpis import INTERRUPTED
 
-OWN = Path(__file__).parents[2] / "support" / "bench_loop.py"
+OWN = Path(__file__).parents[1] / "bench_support" / "loop.py"
 module = import_module("prefcal_bench.problems.problem")
 
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from bench_support.worths import study, walks
 from prefcal_bench.published import plan as module
 from prefcal_bench.published.plan import plan, publish, read_published
 from prefcal_bench.published.raw import write_raw
 from prefcal_env.errors import SettingsError
-from support.worths import study, walks
 
-SCRIPT = Path(__file__).parents[3] / "benchmarks" / "campaigns" / "publish.py"
+SCRIPT = Path(__file__).parents[2] / "campaigns" / "publish.py"
 LOOPS = ("camel", "hartman3")
 
 

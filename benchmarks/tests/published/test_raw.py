@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench_support.campaigns import failed, result
+from bench_support.worths import study, walks
 from prefcal_bench.cells.roster import entry
 from prefcal_bench.published.raw import raw_file, read_curves, write_raw
 from prefcal_bench.results.campaign import campaign_of
 from prefcal_env.errors import MissingExtraError, SettingsError
-from support.campaigns import failed, result
-from support.worths import study, walks
 
 
 def raw(tmp_path, *results):

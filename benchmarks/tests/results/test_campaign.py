@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from bench_support.worths import published, study, walks
 from prefcal_bench.results.campaign import Setting, after_answers, campaign_of, problems_of
 from prefcal_env.errors import SettingsError
-from support.worths import published, study, walks
 
 
 def test_published_studies_are_those_of_the_results_in_any_order_of_their_rows():

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bench_support.campaigns import ends, grid, result
+from bench_support.worths import study, walks
 from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results import figures
 from prefcal_bench.results.campaign import campaign_of
@@ -13,8 +15,6 @@ from prefcal_bench.results.drawing import agent_styles, drawn
 from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.statistics import random_search
 from prefcal_scenarios.presentation.style import save, style
-from support.campaigns import ends, grid, result
-from support.worths import study, walks
 
 FACTORS = {"GLISp": 1.0, "Own": 3.0, "RandomSearch": 100.0}
 

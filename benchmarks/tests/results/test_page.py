@@ -8,14 +8,14 @@ import sys
 
 import pytest
 
+from bench_support.campaigns import duel, failed, grid, result
+from bench_support.worths import published, study, walks
 from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.results.campaign import campaign_of
 from prefcal_bench.results.page import write
 from prefcal_bench.results.pictures import Material, draw_loops, draw_overview
 from prefcal_env.errors import SettingsError
-from support.campaigns import duel, failed, grid, result
 from support.pages import Outline, assert_accessible
-from support.worths import published, study, walks
 
 FACTORS = {"GLISp": 1.0, "<Own> & co": 3.0, "RandomSearch": 100.0}
 FIGURES = ["gap-answers.png", "gap-experiments.png"]

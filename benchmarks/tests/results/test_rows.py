@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench_support.campaigns import duel, ends, failed, grid, result
+from bench_support.worths import study, walks
 from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.results import as_csv, duel_table, table
 from prefcal_bench.results.campaign import Setting, campaign_of
@@ -17,8 +19,6 @@ from prefcal_bench.results.rows import checkpoints, duel_rows, gap_rows, worth_r
 from prefcal_bench.results.statistics import FLOOR
 from prefcal_bench.results.tables import overview, worth_numbers
 from prefcal_env.errors import SettingsError
-from support.campaigns import duel, ends, failed, grid, result
-from support.worths import study, walks
 
 KINDS = st.sampled_from(["there", "missing", "failed"])
 

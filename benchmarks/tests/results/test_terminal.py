@@ -4,10 +4,10 @@ import io
 
 from rich.console import Console
 
+from bench_support.campaigns import duel, ends, failed, grid, result
+from bench_support.worths import study
 from prefcal_bench.cells.duels import PAPER
 from prefcal_bench.results import print_table
-from support.campaigns import duel, ends, failed, grid, result
-from support.worths import study
 
 
 def printed(results, duels=(), width=120, **options):

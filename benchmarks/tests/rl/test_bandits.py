@@ -4,14 +4,14 @@ import sys
 
 import numpy as np
 import pytest
+from prefcal_bench.global_random import seeded
+from prefcal_bench.rl import PPOBandit, SACBandit, bandits
+from prefcal_bench.rl.bandits import rewards
 
-from prefcal_agents.rl import PPOBandit, SACBandit, bandits
-from prefcal_agents.rl.bandits import rewards
-from prefcal_agents.support.global_random import seeded
+from bench_support.extras import need
 from prefcal_env.errors import MissingExtraError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from support.extras import need
 
 LINE = KnobSpace([Knob("x", 0.0, 4.0), Knob("y", -1.0, 1.0)])
 EACH = pytest.mark.parametrize("make", [PPOBandit, SACBandit])

@@ -15,7 +15,7 @@ from support.browser import Watched
 mkdocs = pytest.importorskip("mkdocs.config")
 pytest.importorskip("material")
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
 PACKAGES = {
     "prefcal_env": ROOT / "prefcal_env",
