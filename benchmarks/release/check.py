@@ -23,13 +23,13 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SOURCES = (ROOT, *(ROOT / each for each in ("agents", "scenarios", "app", "benchmarks")))
 PACKAGES = ("prefcal_env", "prefcal_agents", "prefcal_scenarios", "prefcal_app", "prefcal_bench")
-LIMITS = {("-c", "import prefcal_env"): 0.4, ("-m", "prefcal_bench", "--help"): 0.25}
+LIMITS = {("-c", "import prefcal_env"): 0.4, ("-m", "prefcal_app", "--help"): 0.25}
 """Processor seconds that starting may cost."""
 
 COMMANDS = """
 import sys
 from typer.main import get_command
-from prefcal_bench.cli.program import app
+from prefcal_app.cli import app
 
 def walk(command, words):
     print(" ".join(words))
@@ -223,12 +223,12 @@ def smoke(place: Place) -> None:
     if untried or not commands:
         raise WrongError(f"no run here tries {sorted(untried) or 'anything'}")
     for command in ("", *commands):
-        if "Usage" not in place.run("-m", "prefcal_bench", *command.split(), "--help"):
+        if "Usage" not in place.run("-m", "prefcal_app", *command.split(), "--help"):
             raise WrongError(f"prefcal {command} --help shows no usage")
     for command, runs in RUNS.items():
         for words in runs:
             begun = time.monotonic()
-            place.run("-m", "prefcal_bench", *words.split())
+            place.run("-m", "prefcal_app", *words.split())
             print(f"  {time.monotonic() - begun:5.1f} s  prefcal {words}", flush=True)
         assert command in commands, f"{command} is no command any more"
     place.run("tuned.py")

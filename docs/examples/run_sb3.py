@@ -11,9 +11,9 @@ import argparse
 
 import gymnasium as gym
 import numpy as np
+from prefcal_agents.rl import PPOBandit, SACBandit
 from stable_baselines3 import PPO, SAC
 
-from prefcal_agents.rl import PPOBandit, SACBandit
 from prefcal_env import rollout
 from prefcal_env.experiments.control import Move
 from prefcal_scenarios.cases.cstr import performance_index

@@ -12,8 +12,8 @@ from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.support.extras import load
-from prefcal_agents.support.global_random import seeded
+from prefcal_bench.extras import load
+from prefcal_bench.global_random import seeded
 from prefcal_env.preferences.history import History
 
 PPO_STEPS = 5

@@ -12,12 +12,13 @@ from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.cases.loops import LOOPS
+from prefcal_scenarios.cases.loops.controllers import TunedPID
+from prefcal_scenarios.cases.loops.family import judged
+from prefcal_scenarios.cases.loops.loop import Actuator, Loop
 from prefcal_scenarios.scenario import Scenario
 
-from .controllers import TunedPID
-from .family import LOOPS, checked_seed, is_worth_tuning, judged, varied
-from .kinds.parts import random
-from .loop import Actuator, Loop
+from .family import checked_seed, is_worth_tuning, random, varied
 
 _TRIES = 30
 """How often a rough loop is drawn at most."""

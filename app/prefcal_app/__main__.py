@@ -1,4 +1,4 @@
-"""Run `prefcal`; also as `python -m prefcal_bench`."""
+"""Run `prefcal`; also as `python -m prefcal_app`."""
 
 import gc
 
@@ -8,7 +8,7 @@ def main() -> None:
     # Imports and figures create hundreds of thousands of objects that live on: looking for unused
     # ones among them after every 700 took a tenth of the time of a study, and of `prefcal --help`.
     gc.set_threshold(100_000)
-    from .cli.program import main as run
+    from .cli import main as run
 
     run()
 

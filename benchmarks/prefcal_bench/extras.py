@@ -7,7 +7,7 @@ from prefcal_env.errors import MissingExtraError
 
 
 def load(module: str, extra: str) -> Any:
-    """Import `module`, which the extra `extra` of this project installs.
+    """Import `module`, which the extra `extra` of prefcal-bench installs.
 
     Raises:
         MissingExtraError: If it is not installed, or other packages have versions that it does not
@@ -17,5 +17,5 @@ def load(module: str, extra: str) -> Any:
         return import_module(module)
     except ImportError as error:
         raise MissingExtraError(
-            f"{module} cannot be imported ({error}): pip install 'prefcal[{extra}]'"
+            f"{module} cannot be imported ({error}): pip install 'prefcal-bench[{extra}]'"
         ) from error
