@@ -17,13 +17,16 @@ from support.documents import (
     run_script,
 )
 
+PAGES = [*filter(needs_another_distribution, DOCUMENTS)]
+EXAMPLES = [*filter(needs_another_distribution, SCRIPTS)]
 
-@pytest.mark.parametrize("document", filter(needs_another_distribution, DOCUMENTS), ids=name_of)
+
+@pytest.mark.parametrize("document", PAGES, ids=name_of)
 def test_what_a_document_shows_runs(document, tmp_path):
     run_document(document, tmp_path)
 
 
-@pytest.mark.parametrize("script", filter(needs_another_distribution, SCRIPTS), ids=name_of)
+@pytest.mark.parametrize("script", EXAMPLES, ids=name_of)
 def test_a_script_to_copy_runs_and_is_short(script, tmp_path):
     run_script(script, tmp_path)
 

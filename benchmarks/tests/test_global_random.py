@@ -2,6 +2,7 @@ import random
 
 import numpy as np
 import pytest
+
 from prefcal_bench.global_random import seeded
 
 

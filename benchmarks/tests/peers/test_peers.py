@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from prefcal_bench.global_random import seeded
 
 from bench_support.extras import quick_peers  # noqa: F401
 from bench_support.peers import peers
 from prefcal_agents.space.design import latin_hypercube
+from prefcal_bench.global_random import seeded
 from prefcal_bench.peers.botorch_agents import BOPE, EUBO
 from prefcal_bench.peers.optuna_agents import OptunaGP, OptunaPreferential, OptunaTPE
 from prefcal_bench.peers.reference import ReferenceGLIS, ReferenceGLISp

@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 import pytest
+
+from bench_support.extras import need
 from prefcal_bench.global_random import seeded
 from prefcal_bench.rl import PPOBandit, SACBandit, bandits
 from prefcal_bench.rl.bandits import rewards
-
-from bench_support.extras import need
 from prefcal_env.errors import MissingExtraError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

@@ -1,10 +1,10 @@
 """PPO and SAC as bandits go through the contract suite of value-based agents, with few updates."""
 
 import pytest
-from prefcal_bench.rl import PPOBandit, SACBandit, bandits
 
 from bench_support.extras import need
 from contracts.value_agents import *  # noqa: F403
+from prefcal_bench.rl import PPOBandit, SACBandit, bandits
 
 
 @pytest.fixture(params=[PPOBandit, SACBandit])

@@ -5,23 +5,30 @@ import warnings
 import gymnasium as gym
 import pytest
 
+from bench_support.extras import need
 from prefcal_env import LatentCost
 from prefcal_env.envs.preference_reward import PreferenceReward
 from support.environments import OWN, SUBJECTS
 from support.short_runs import final_level
 
-checker = pytest.importorskip("stable_baselines3.common.env_checker")
+
+@pytest.fixture
+def check():
+    need("rl")
+    from stable_baselines3.common.env_checker import check_env
+
+    return check_env
 
 
 @pytest.mark.parametrize("subject", SUBJECTS)
-def test_it_passes_without_a_warning(subject, monkeypatch):
+def test_it_passes_without_a_warning(subject, check, monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     env = gym.make(subject, render_mode="rgb_array", **SUBJECTS[subject]).unwrapped
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        checker.check_env(env, skip_render_check=False)
+        check(env, skip_render_check=False)
 
 
-def test_preferences_as_a_reward_pass():
+def test_preferences_as_a_reward_pass(check):
     env = PreferenceReward(gym.make("prefcal/Experiment-v0", **OWN), LatentCost(final_level))
-    checker.check_env(env)
+    check(env)
