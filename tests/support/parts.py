@@ -15,27 +15,9 @@ import pytest
 
 TESTS = Path(__file__).parents[1]
 EXTENDED = {
-    "benchmark": (
-        "bench/[!p]*",
-        "bench/pr*",
-        "bench/pu*",
-        "test_*_campaign.py",
-        "test_replay.py",
-        "test_same_studies.py",
-        "test_worth_table.py",
-    ),
     "browser": ("app/looking/test_window.py", "app/web/test_accessibility.py", "app/web/test_page*.py"),
     "commands": ("app/cli/test_[!c]*.py", "app/cli/test_ch*.py"),
-    "documents": (
-        "test_claims.py",
-        "test_figures.py",
-        "test_notebooks.py",
-        "test_own_*.py",
-        "test_parts.py",
-        "test_release_files.py",
-        "test_simulate_page.py",
-        "test_site.py",
-    ),
+    "documents": ("test_notebooks.py", "test_own_*.py", "test_parts.py", "test_release_files.py"),
     "fmu": ("env/fmu/*", "scenarios/described/test_fmu_scenario.py", "scenarios/verification/test_fmus.py"),
     "libraries": (
         "env/controllers/test_lqr.py",
@@ -44,7 +26,6 @@ EXTENDED = {
         "env/study/test_exports.py",
         "env/tables/test_parquet.py",
     ),
-    "peers": ("bench/peers/*", "agents/test_rl_*.py"),
     "processes": (
         "env/study/test_disk.py",
         "env/test_compiling.py",
@@ -72,12 +53,10 @@ EXTENDED = {
         "env/plants/test_integrate.py",
         "app/session/test_[cfps]*.py",
         "app/view/test_now.py",
-        "bench/people/test_rule.py",
         "scenarios/cases/overtake/test_picture.py",
         "scenarios/described/test_*_scenario.py",
         "app/test_failed_runs.py",
         "app/test_report.py",
-        "test_house.py",
         "test_imports.py",
         "test_trace_proposal.py",
     ),
