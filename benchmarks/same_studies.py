@@ -21,7 +21,6 @@ import contextlib
 import csv
 import io
 import json
-import runpy
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -37,6 +36,7 @@ from prefcal_agents import GLIS, GLISp, GLISpSettings, RandomSearch, restore
 from prefcal_agents.baselines.latin_hypercube import LatinHypercube
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.respacing import respaced
+from prefcal_app.cli import main as run_prefcal
 from prefcal_env import Answer, Knob, KnobSpace, Mark
 from prefcal_env.preferences.answer import Query
 
@@ -317,7 +317,7 @@ def command(folder: Path, words: str) -> str:
         contextlib.redirect_stderr(said),
     ):
         try:
-            runpy.run_module("prefcal_bench", run_name="__main__")
+            run_prefcal()
         except SystemExit as end:
             if end.code:
                 raise RuntimeError(f"prefcal {words}\n{said.getvalue()}") from end

@@ -1,15 +1,14 @@
 """Find the line of a user's own code that raised an error, so that they can fix it."""
 
 import site
+import sys
 import sysconfig
 import traceback
+from collections.abc import Iterable, Mapping
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
 from prefcal_env.errors import PrefcalError, ScenarioError
-
-_PACKAGES = ("prefcal_env", "prefcal_agents", "prefcal_scenarios", "prefcal_app", "prefcal_bench")
 
 
 def own_line(error: BaseException) -> str:
@@ -19,7 +18,8 @@ def own_line(error: BaseException) -> str:
 
 def last_own(frames: traceback.StackSummary) -> str:
     """Return the last line of the user's code among `frames`, "own.py:12: x = 1 / 0", or ""."""
-    own = [frame for frame in frames if _is_own(frame.filename)]
+    others = {*_installed(), *(Path(folder).resolve() for each in ours().values() for folder in each)}
+    own = [frame for frame in frames if _is_own(frame.filename, others)]
     if not own:
         return ""
     source = f": {own[-1].line}" if own[-1].line else ""
@@ -81,19 +81,25 @@ def _text(error: BaseException) -> str:
         return "it has no readable message"
 
 
-def _is_own(filename: str) -> bool:
+def ours() -> Mapping[str, Iterable[str]]:
+    """Return the folders of the packages of prefcal and its extensions that are loaded, by name."""
+    return {
+        name: module.__path__
+        for name, module in sys.modules.copy().items()  # other threads import meanwhile
+        if name.startswith("prefcal_") and "." not in name and hasattr(module, "__path__")
+    }
+
+
+def _is_own(filename: str, others: Iterable[Path]) -> bool:
     if filename.startswith("<"):  # not a file: dynamically compiled code or a frozen module
         return False
     path = Path(filename).resolve()
-    return not any(path.is_relative_to(folder) for folder in _others())
+    return not any(path.is_relative_to(folder) for folder in others)
 
 
 @cache
-def _others() -> tuple[Path, ...]:
-    """Return the folders of Python, of installed packages, and of prefcal."""
+def _installed() -> tuple[Path, ...]:
+    """Return the folders of Python and of installed packages."""
     names = ("stdlib", "platstdlib", "purelib", "platlib")
     folders = {*map(sysconfig.get_path, names), site.getusersitepackages()}
-    for name in _PACKAGES:
-        spec = find_spec(name)
-        folders |= set(spec.submodule_search_locations or ()) if spec is not None else set()
     return tuple(Path(folder).resolve() for folder in folders)

@@ -1,4 +1,4 @@
-"""Load what reads and writes Parquet, which an extra installs."""
+"""Load pyarrow, which reads and writes Parquet; nothing else of prefcal needs it."""
 
 from types import ModuleType
 
@@ -9,13 +9,11 @@ def pyarrow() -> ModuleType:
     """Return pyarrow, with its module `parquet`.
 
     Raises:
-        MissingExtraError: If the extra `parquet` is not installed.
+        MissingExtraError: If pyarrow is not installed.
     """
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise MissingExtraError(
-            "Parquet needs pyarrow: pip install 'prefcal[parquet]', or use CSV"
-        ) from error
+        raise MissingExtraError("Parquet needs pyarrow: pip install pyarrow, or use CSV") from error
     return pyarrow  # type: ignore[no-any-return]

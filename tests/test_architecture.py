@@ -7,12 +7,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-PACKAGES = (
-    "prefcal_env",
-    "agents/prefcal_agents",
-    "scenarios/prefcal_scenarios",
-    "app/prefcal_app",
-    "benchmarks/prefcal_bench",
+PACKAGES = sorted(
+    path.parent.relative_to(ROOT).as_posix()
+    for depth in ("prefcal_*", "*/prefcal_*")
+    for path in ROOT.glob(f"{depth}/__init__.py")
 )
 HOMES = [ROOT, *(ROOT / each for package in PACKAGES for each in (Path(package).parent, package))]
 """A path is relative to one of these, as the page writes it."""

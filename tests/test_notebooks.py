@@ -35,7 +35,7 @@ def test_a_notebook_is_valid_short_and_kept_without_outputs(path):
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_a_notebook_runs_and_shows_the_page_and_its_results(path, tmp_path, monkeypatch):
-    homes = (".", "agents", "scenarios", "app", "benchmarks")
+    homes = (".", "agents", "scenarios", "app")
     paths = [str(ROOT / home) for home in homes]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))

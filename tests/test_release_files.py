@@ -1,6 +1,5 @@
 """What a release needs says the same everywhere: version, dependencies, references, scripts."""
 
-import importlib
 import os
 import re
 import shutil
@@ -64,44 +63,6 @@ def test_a_release_needs_its_tag_and_its_heading(tag, heading, code, tmp_path):
         env={**os.environ, "PATH": path, "GITHUB_REF_NAME": tag},
     )
     assert done.returncode == code
-
-
-@pytest.fixture
-def place(monkeypatch, tmp_path):
-    """Return the release check, and an environment whose `prefcal` is this shell script."""
-    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "release")
-    check = importlib.import_module("check")
-
-    def made(script):
-        for name, text in (("python", "echo 2.0.0"), ("prefcal", script)):
-            if text:
-                (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
-                (tmp_path / name).chmod(0o755)
-        return check.Place(tmp_path, tmp_path / "python")
-
-    return check, made
-
-
-@posix
-def test_the_release_check_starts_the_installed_command(place):
-    check, made = place
-    check.started(made('test "$1" = --help && echo Usage || echo prefcal 2.0.0'))
-
-
-@posix
-@pytest.mark.parametrize(
-    ("script", "words"),
-    [
-        ("", "installs no command prefcal"),
-        ("echo no such module; exit 1", "no such module"),
-        ("echo prefcal 12.0.0 Usage", r"does not show 2\.0\.0"),
-        ("echo prefcal 2.0.0", "shows no usage"),
-    ],
-)
-def test_the_release_check_refuses_a_broken_command(place, script, words):
-    check, made = place
-    with pytest.raises(check.WrongError, match=words):
-        check.smoke(made(script))
 
 
 def test_the_recipe_needs_what_the_wheel_needs_and_starts_the_same_command():

@@ -1,7 +1,6 @@
 """Provide agents that propose θ and learn from preferences or from scores.
 
-The names below are imported on first use. `registry.py` lists all agents, `rl` has those of
-stable-baselines3.
+The names below are imported on first use. `registry.py` lists all agents.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,6 +1,6 @@
 """The list of agents: a new one is its file and a row here.
 
-Packages above this one `register` agents of their own when they are imported. Rows are plain data,
+Extensions `register` agents of their own when they are imported. Rows are plain data,
 so that `prefcal --help` can show the agents without loading any of them.
 """
 
@@ -30,7 +30,7 @@ class AgentRow:
         by_value: Whether it learns from scores; otherwise from preferences.
         simulates: Whether it needs `simulate`, a function of θ that returns KPIs.
         learns: Whether it uses answers for more than keeping the winner.
-        extra: Extra that it needs: `pip install prefcal[extra]`.
+        extra: Extra of its distribution that it needs.
         packages: Modules of that extra to their distributions.
         package: Package of `module`.
     """
@@ -52,8 +52,6 @@ class AgentRow:
         return attrgetter(self.name)(import_module(f"{self.package}.{self.module}"))
 
 
-_SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
-
 AGENTS = (
     AgentRow("Screening", "screening.agent", "screening", "simulates many θ, asks about few", simulates=True),
     AgentRow("GLISp", "glisp.agent", "glisp"),
@@ -61,8 +59,6 @@ AGENTS = (
     AgentRow(
         "GLIS", "baselines.glis", "glis", "learns from the scenario's score, needs no answers", by_value=True
     ),
-    AgentRow("PPOBandit", "rl", label="PPO", by_value=True, extra="rl", packages=_SB3),
-    AgentRow("SACBandit", "rl", label="SAC", by_value=True, extra="rl", packages=_SB3),
     AgentRow("EqualWeights", "baselines.equal_weights", learns=False, simulates=True),
     AgentRow("StepSearch", "baselines.step_search"),
     AgentRow("LatinHypercube", "baselines.latin_hypercube", "lhs", learns=False),
@@ -75,14 +71,16 @@ CLASSES: dict[str, AgentRow] = {row.name: row for row in AGENTS if "." not in ro
 JUDGES: list[Callable[[Any], Mapping[str, Callable[[int], Any]]]] = []
 """Who else answers for a closed loop: functions of a scenario that return calibrators by name.
 
-Each calibrator is a function of a seed. Packages above this one add theirs when they are imported.
+Each calibrator is a function of a seed. Extensions add theirs when they are imported.
 """
+FAMILIES: dict[str, Callable[[int], Any]] = {}
+"""Families of scenarios by name, such as "loop" for "loop-17": functions of a seed, of extensions."""
 WORDS: Mapping[str, AgentRow] = {row.word: row for row in AGENTS if row.word}
 """Command-line word to row."""
 
 
 def register(*rows: AgentRow) -> None:
-    """Add agents of a package above this one, so that their saved states can be restored."""
+    """Add agents of an extension, so that their saved states can be restored."""
     CLASSES.update({row.name: row for row in rows})
 
 
@@ -90,12 +88,16 @@ def agent_class(name: str) -> Any:
     """Return the class called `name`; creating it without its extra raises MissingExtraError.
 
     Raises:
-        SettingsError: If no agent has that name.
+        SettingsError: If no agent has that name, also none of an extension.
     """
     if name not in CLASSES:
-        from prefcal_env.errors import SettingsError  # loads numpy
+        from prefcal_env.errors import SettingsError  # these load numpy
+        from prefcal_env.extensions import BENCHMARK, load_extensions
 
-        raise SettingsError(f"the agent must be one of {sorted(CLASSES)}, got {name!r}")
+        load_extensions()
+        if name not in CLASSES:
+            known = f"the agent must be one of {sorted(CLASSES)}, got {name!r}"
+            raise SettingsError(f"{known}. The benchmark has more: {BENCHMARK}")
     return CLASSES[name].load()
 
 

@@ -38,13 +38,13 @@ from prefcal_agents.protocol.agent import Agent, one_thread
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import each
 from prefcal_bench.cells.run import CellStudy
+from prefcal_bench.loops import rough_model
 from prefcal_bench.problems import Person, Problem, problem
 from prefcal_bench.results.statistics import mean_of, ratio_of
 from prefcal_bench.results.words import interval, markdown
 from prefcal_env.errors import BenchmarkError, RunError
 from prefcal_env.preferences.kpis import Outcome as Kpis
 from prefcal_scenarios import load, simulator
-from prefcal_scenarios.cases.loops import rough_model
 from prefcal_scenarios.scenario import Scenario
 
 PLANTS = (*range(900, 915), *range(7000, 7005))

@@ -110,7 +110,7 @@ Gallery = tuple[dict[str, bytes], Mapping[str, float]]
 """Pictures by file, and the numbers to keep."""
 _BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
 _FIRST = re.compile(r"^<!-- run first: ([\w.]+) -->", re.M)
-_COMMAND = "from prefcal_bench.cli.program import main; main()"
+_COMMAND = "from prefcal_app.cli import main; main()"
 
 
 def examples(docs: Path, folder: Path) -> Gallery:

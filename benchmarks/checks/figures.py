@@ -63,7 +63,7 @@ ANSWERED = 5
 
 def prefcal(*words: str) -> str:
     """Run the command; return its standard output."""
-    code = "from prefcal_bench.cli.program import main; main()"
+    code = "from prefcal_app.cli import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, *words],
         check=True,

@@ -2,16 +2,16 @@
 
 In `cells`, `Suite` lists the cells, `run_suite` runs those without a result in a `Store` on
 `Processes`, and `digest` tells whether two runs gave the same results. Importing this package makes
-its simulated people calibrators of closed loops, and lets `prefcal_agents.restore` restore its
-agents.
+its simulated people calibrators of closed loops, lets `prefcal_agents.restore` restore its agents,
+and `prefcal_scenarios.load` make random loops. prefcal imports it when something unknown is asked for.
 """
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from prefcal_agents.registry import JUDGES, register
+from prefcal_agents.registry import FAMILIES, JUDGES, register
 
-from .peers import PEERS
+from .peers import BANDITS, PEERS
 
 if TYPE_CHECKING:
     from .cells.cell import Cell as Cell
@@ -51,5 +51,18 @@ def _simulated_people(scenario: Any) -> Mapping[str, Callable[[int], Any]]:
     return calibrators_of(scenario)
 
 
-register(*PEERS)
+def _loop(seed: int) -> Any:
+    from .loops import loop  # loads numba
+
+    return loop(seed)
+
+
+def _rough_loop(seed: int) -> Any:
+    from .loops import rough_loop
+
+    return rough_loop(seed)
+
+
+register(*BANDITS, *PEERS)
 JUDGES.append(_simulated_people)
+FAMILIES.update({"loop": _loop, "rough": _rough_loop})

@@ -2,10 +2,11 @@
 
     python benchmarks/release/check.py [--out dist] [--extra notebook] [--newest]
 
-Builds the source distribution and, from it, the wheel; checks both with twine and compares the
-wheel's files with those of the repository. Then installs the wheel in a new environment and an
-empty folder, without the repository, and there runs each command with `--help` and once for real.
-Also measures what starting costs. `--newest` leaves the pins of constraints.txt out.
+Builds the source distributions of prefcal and prefcal-bench and, from them, the wheels; checks all
+with twine and compares the wheels' files with those of the repository. Then installs prefcal in a
+new environment and an empty folder, without the repository, measures what starting costs, adds
+prefcal-bench, and there runs each command with `--help` and once for real. `--newest` leaves the
+pins of constraints.txt out.
 """
 
 import argparse
@@ -22,14 +23,18 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 SOURCES = (ROOT, *(ROOT / each for each in ("agents", "scenarios", "app", "benchmarks")))
-PACKAGES = ("prefcal_env", "prefcal_agents", "prefcal_scenarios", "prefcal_app", "prefcal_bench")
-LIMITS = {("-c", "import prefcal_env"): 0.4, ("-m", "prefcal_bench", "--help"): 0.25}
+DISTRIBUTIONS: Mapping[str, tuple[Path, tuple[str, ...]]] = {
+    "prefcal": (ROOT, ("prefcal_env", "prefcal_agents", "prefcal_scenarios", "prefcal_app")),
+    "prefcal_bench": (ROOT / "benchmarks", ("prefcal_bench",)),
+}
+"""Folders of the distributions, and their packages."""
+LIMITS = {("-c", "import prefcal_env"): 0.4, ("-m", "prefcal_app", "--help"): 0.25}
 """Processor seconds that starting may cost."""
 
 COMMANDS = """
-import sys
+from importlib.metadata import entry_points
 from typer.main import get_command
-from prefcal_bench.cli.program import app
+from prefcal_app.cli import app
 
 def walk(command, words):
     print(" ".join(words))
@@ -37,6 +42,8 @@ def walk(command, words):
         walk(inner, [*words, name])
 
 walk(get_command(app), [])
+for found in entry_points(group="prefcal.commands"):
+    walk(get_command(found.load()), [found.name])
 """
 """Prints the words of every command, one per line; the first line is that of `prefcal` itself."""
 
@@ -151,23 +158,24 @@ class Place:
         return kept | data
 
 
-def build(out: Path) -> Path:
-    """Build and check both distributions in `out`; return the wheel."""
-    old = [*out.glob("prefcal-*.whl"), *out.glob("prefcal-*.tar.gz")]
+def build(out: Path, name: str) -> Path:
+    """Build and check the source distribution and the wheel called `name` in `out`; return the wheel."""
+    old = [*out.glob(f"{name}-*.whl"), *out.glob(f"{name}-*.tar.gz")]
     if old:
         raise WrongError(f"{out} holds {old[0].name} already: name an empty folder with --out")
+    folder, packages = DISTRIBUTIONS[name]
     subprocess.run(
-        [sys.executable, "-m", "build", "--outdir", out, ROOT], check=True, stdout=subprocess.DEVNULL
+        [sys.executable, "-m", "build", "--outdir", out, folder], check=True, stdout=subprocess.DEVNULL
     )
-    (wheel,), (source,) = out.glob("prefcal-*.whl"), out.glob("prefcal-*.tar.gz")
+    (wheel,), (source,) = out.glob(f"{name}-*.whl"), out.glob(f"{name}-*.tar.gz")
     subprocess.run([sys.executable, "-m", "twine", "check", "--strict", wheel, source], check=True)
-    missing = expected() ^ packed(wheel)
+    missing = expected(packages) ^ packed(wheel)
     if missing:
-        raise WrongError(f"wheel and repository differ in {sorted(missing)}")
+        raise WrongError(f"{wheel.name} and repository differ in {sorted(missing)}")
     return wheel
 
 
-def expected() -> set[str]:
+def expected(packages: Sequence[str]) -> set[str]:
     """Return the files of the packages as Git knows them, relative to where they are installed."""
     listed = subprocess.run(
         ["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True
@@ -179,28 +187,31 @@ def expected() -> set[str]:
         for home in (*homes, ROOT)
         if (ROOT / name).is_relative_to(home)
     ]
-    return {path.as_posix() for path in inner if path.parts[:1] and path.parts[0] in PACKAGES}
+    return {path.as_posix() for path in inner if path.parts[:1] and path.parts[0] in packages}
 
 
 def packed(wheel: Path) -> set[str]:
-    """Return the files of the packages in a wheel."""
+    """Return the files in a wheel, but for what describes it."""
     with zipfile.ZipFile(wheel) as archive:
-        return {name for name in archive.namelist() if name.startswith(tuple(f"{p}/" for p in PACKAGES))}
+        return {name for name in archive.namelist() if ".dist-info/" not in name}
 
 
-def install(wheel: Path, folder: Path, extra: str, pinned: bool) -> Place:
-    """Install the wheel in a new environment; return it with an empty folder."""
+def place_in(folder: Path) -> Place:
+    """Return a new environment with an empty folder."""
     venv.create(folder / "venv", with_pip=True)
     scripts = "Scripts" if os.name == "nt" else "bin"
     empty = folder / "empty"
     empty.mkdir()
-    place = Place(empty, folder / "venv" / scripts / "python")
+    return Place(empty, folder / "venv" / scripts / "python")
+
+
+def install(place: Place, wheel: Path, extra: str, pinned: bool) -> None:
+    """Install the wheel in an environment. Raises WrongError if prefcal is not imported from there."""
     pins = ("-c", str(ROOT / "constraints.txt")) if pinned else ()
     place.run("-m", "pip", "install", "-q", *pins, f"{wheel}[{extra}]" if extra else str(wheel))
     where = place.run("-c", "import prefcal_env; print(prefcal_env.__file__)")
-    if str(folder) not in where:
+    if str(place.folder.parent) not in where:
         raise WrongError(f"the environment imports prefcal from {where}")
-    return place
 
 
 def started(place: Place) -> None:
@@ -218,17 +229,17 @@ def smoke(place: Place) -> None:
     for name, content in FILES.items():
         (place.folder / name).write_text(content, encoding="utf-8")
     groups = {"bench", "studies"}
-    commands = [line for line in place.run("-c", COMMANDS).splitlines() if line]
+    commands = [line for line in dict.fromkeys(place.run("-c", COMMANDS).splitlines()) if line]
     untried = set(commands) - set(RUNS) - groups
     if untried or not commands:
         raise WrongError(f"no run here tries {sorted(untried) or 'anything'}")
     for command in ("", *commands):
-        if "Usage" not in place.run("-m", "prefcal_bench", *command.split(), "--help"):
+        if "Usage" not in place.run("-m", "prefcal_app", *command.split(), "--help"):
             raise WrongError(f"prefcal {command} --help shows no usage")
     for command, runs in RUNS.items():
         for words in runs:
             begun = time.monotonic()
-            place.run("-m", "prefcal_bench", *words.split())
+            place.run("-m", "prefcal_app", *words.split())
             print(f"  {time.monotonic() - begun:5.1f} s  prefcal {words}", flush=True)
         assert command in commands, f"{command} is no command any more"
     place.run("tuned.py")
@@ -250,17 +261,20 @@ def main() -> None:
     """Check everything; exit with code 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, help="keep the distributions in this folder")
-    parser.add_argument("--extra", default="parquet", help="extras to install, separated by commas")
+    parser.add_argument("--extra", default="", help="extras of prefcal to install, separated by commas")
     parser.add_argument("--newest", action="store_true", help="no pins from constraints.txt")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         out = Path(name) / "dist" if given.out is None else given.out.resolve()
         out.mkdir(parents=True, exist_ok=True)
         try:
-            wheel = build(out)
+            wheel, benchmark = build(out, "prefcal"), build(out, "prefcal_bench")
             print(f"{wheel.name}: installing it in a new environment", flush=True)
-            place = install(wheel, Path(name), given.extra, not given.newest)
+            place = place_in(Path(name))
+            install(place, wheel, given.extra, not given.newest)
             starts(place)
+            print(f"{benchmark.name}: installing it, too", flush=True)
+            install(place, benchmark, "", not given.newest)
             smoke(place)
         except (WrongError, subprocess.CalledProcessError) as error:
             sys.exit(f"not fit for release: {error}")

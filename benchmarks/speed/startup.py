@@ -21,7 +21,7 @@ from rich.table import Table
 
 NUMPY = ("-c", "import numpy")
 STARTS = {
-    "prefcal --help": ("-m", "prefcal_bench", "--help"),
+    "prefcal --help": ("-m", "prefcal_app", "--help"),
     "import prefcal_env": ("-c", "import prefcal_env"),
     "import numba": ("-c", "import numba"),
     "load('cstr')": ("-c", "import prefcal_scenarios; prefcal_scenarios.load('cstr')"),
@@ -57,7 +57,7 @@ def seconds(words: Sequence[str], folder: Path, until_link: bool = False) -> flo
 
 def calibrate(scenario: str, *words: str) -> tuple[str, ...]:
     """Return the words of a calibration."""
-    return ("-m", "prefcal_bench", "calibrate", scenario, *words)
+    return ("-m", "prefcal_app", "calibrate", scenario, *words)
 
 
 def unattended(scenario: str, folder: Path) -> float:

@@ -4,7 +4,7 @@
     python run_sb3.py --algorithm SAC      # SAC does
     python run_sb3.py --plant 20000        # PPO learns to control, in 20000 sampling periods
 
-Needs stable-baselines3: pip install prefcal[rl]
+Needs the benchmark with stable-baselines3: pip install './benchmarks[rl]' in a clone of prefcal.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3 import PPO, SAC
 
-from prefcal_agents.rl import PPOBandit, SACBandit
+from prefcal_bench.rl import PPOBandit, SACBandit
 from prefcal_env import rollout
 from prefcal_env.experiments.control import Move
 from prefcal_scenarios.cases.cstr import performance_index

@@ -61,7 +61,7 @@ def export_parquet(study: StudyFile, folder: Path | str) -> Path:
     Columns are named without units; their fields have the metadata "unit" and "meaning", which
     dictionary-parquet.csv repeats. All trajectories are in one table, with the number of their
     experiment. The folder may exist: files of an earlier export as Parquet are replaced. Raises
-    StudyError if it cannot be written, and MissingExtraError without the extra `parquet`.
+    StudyError if it cannot be written, and MissingExtraError without pyarrow.
     """
     write = pyarrow().parquet.write_table
     target = Path(folder)

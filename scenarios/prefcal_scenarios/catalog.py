@@ -4,10 +4,22 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from prefcal_agents.registry import FAMILIES
 from prefcal_env.errors import ScenarioError
+from prefcal_env.extensions import BENCHMARK, load_extensions
 from prefcal_env.wording import did_you_mean
 
-from .names import BUILT_IN, CASES, CONTROLLERS, NAMES, either, is_built_in, is_described, is_own
+from .names import (
+    BUILT_IN,
+    CASES,
+    CONTROLLERS,
+    NAMES,
+    either,
+    is_built_in,
+    is_described,
+    is_own,
+    is_random_loop,
+)
 from .own.own_file import module_at
 from .own.source import split_source
 from .scenario import Scenario
@@ -19,8 +31,8 @@ def load(name: str) -> Scenario:
     A user's own is "path/to/own.py:attribute", or described by plain data: "path/to/tank.toml",
     "path/to/loop.fmu", or 'pid {"plant": "path/to/model.py:plant"}'.
 
-    "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`, and
-    "rough-17" the rough one, see `prefcal_scenarios.cases.loops.rough_loop`.
+    "loop-17" is the random closed loop with seed 17, and "rough-17" the rough one; both are made
+    by the benchmark, the distribution prefcal-bench.
 
     A configuration in JSON may follow the name: 'overtake {"lanes_count": 3}'.
 
@@ -47,6 +59,8 @@ def load(name: str) -> Scenario:
         raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if is_own(name):
         return _scenario_in(module_at(Path(path)), attribute, name)
+    if is_random_loop(name):
+        return _random_loop(name)
     if is_built_in(name):
         case = name if name in CASES else "loops"
         return _scenario_in(import_module(f"prefcal_scenarios.cases.{case}"), name, name)
@@ -55,6 +69,17 @@ def load(name: str) -> Scenario:
         f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, {either(CONTROLLERS)} "
         "(see `prefcal scenarios`)"
     )
+
+
+def _random_loop(name: str) -> Scenario:
+    """Return "loop-17" or "rough-17". Raises ScenarioError if no extension makes such loops."""
+    family, _, seed = name.rpartition("-")
+    if family not in FAMILIES:
+        load_extensions()
+    if family not in FAMILIES:
+        raise ScenarioError(f"{name} is made by the benchmark's generator: {BENCHMARK}")
+    scenario: Scenario = FAMILIES[family](int(seed))
+    return scenario
 
 
 def _scenario_in(module: ModuleType, attribute: str, name: str) -> Scenario:

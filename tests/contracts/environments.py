@@ -34,13 +34,6 @@ def passes_the_checker_of_gymnasium_without_a_warning(make: Make) -> None:
             gymnasium_check(make(render_mode=mode).unwrapped)
 
 
-def passes_the_checker_of_stable_baselines3_without_a_warning(make: Make) -> None:
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        checker.check_env(make(render_mode="rgb_array").unwrapped, skip_render_check=False)
-
-
 def repeats_itself(make: Make) -> None:
     first, second = _episode(make()), _episode(make())
     assert len(first) == len(second)
@@ -217,7 +210,6 @@ def _episode(env: gym.Env[Any, Any], n: int = 30) -> list[tuple[Any, ...]]:
 
 CONTRACT = (
     passes_the_checker_of_gymnasium_without_a_warning,
-    pytest.param(passes_the_checker_of_stable_baselines3_without_a_warning, marks=pytest.mark.peers),
     repeats_itself,
     observes_and_rewards_within_bounds,
     acts_and_observes_in_the_unit_box,

@@ -6,25 +6,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import prefcal_scenarios as prefcal_scenarios  # registers the tuning environments
 from contracts.environments import environment_contract
-from prefcal_env import ClosedLoop, Knob, KnobSpace, LatentCost, PrefcalError
-from prefcal_env.envs.preference_reward import PreferenceReward
-from support.short_runs import final_level
-from support.tank import pi_of, tank_env
-
-OWN = {
-    "space": KnobSpace([Knob("K_p", 0.1, 2.0), Knob("K_i", 0.0, 1.0)]),
-    "run": ClosedLoop(tank_env, pi_of),
-    "score": final_level,
-}
-SUBJECTS = {
-    "prefcal/CSTR-v0": {},
-    "prefcal/CSTRTuning-v0": {},
-    "prefcal/Experiment-v0": OWN,
-    "prefcal/Overtake-v0": {},
-    "prefcal/OvertakeTuning-v0": {},
-}
+from prefcal_env import PrefcalError
+from support.environments import SUBJECTS
 
 
 @pytest.fixture(autouse=True)
@@ -103,10 +87,3 @@ def test_what_cannot_be_is_refused_when_an_environment_is_made():
     ]:
         with pytest.raises(PrefcalError):
             gym.make(f"prefcal/{env_id}-v0", **settings)
-
-
-@pytest.mark.peers
-def test_preferences_as_a_reward_pass_the_checkers():
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = PreferenceReward(gym.make("prefcal/Experiment-v0", **OWN), LatentCost(final_level))
-    checker.check_env(env)

@@ -4,4 +4,3 @@ from support.command_line import data_home as data_home
 from support.command_line import done as done
 from support.command_line import prefcal as prefcal
 from support.command_line import refused as refused
-from support.command_line import small_samples as small_samples

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from contracts.agents import MIXED
+from prefcal_agents import restore
 from prefcal_agents.registry import AGENTS, AgentRow
-from prefcal_bench.peers import PEERS
 
 
 def quick(theta: np.ndarray) -> dict[str, float]:
@@ -34,7 +35,9 @@ def maker(row: AgentRow) -> Callable[..., Any]:
     return partial(agent, simulate=quick, n_simulated=40) if row.simulates else agent
 
 
-def peers(*, by_value: bool = False) -> dict[str, Callable[..., Any]]:
-    """Return what makes each agent of other people's packages, by name, for one kind of agents."""
-    rows = [row for row in PEERS if row.by_value is by_value]
-    return {row.name: row.load() for row in rows}
+def assert_a_state_wakes_up(row: AgentRow) -> None:
+    """Check that the state of the agent of `row` restores one that goes on with the same question."""
+    agent = maker(row)(MIXED, n_init=2, n_max=4, seed=7)
+    twin = restore(MIXED, agent.state)
+    assert type(twin) is type(agent)
+    assert twin.ask() == agent.ask()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_bench.cli.program import main
+from prefcal_app.cli import main
 
 
 def without_figures(patch: pytest.MonkeyPatch) -> None:

@@ -1,30 +1,16 @@
 """The command line, called as a user calls it, in this process."""
 
 import sys
-from importlib import import_module
 
-import numpy as np
 import pytest
 
-from prefcal_bench.cli.program import main
-from prefcal_bench.people import named
-
-SAMPLE = import_module("prefcal_bench.people.sample")  # the function has the same name
+from prefcal_app.cli import main
 
 
 @pytest.fixture(autouse=True)
 def data_home(monkeypatch, tmp_path):
     """Studies with a name go into a folder of the test, never into the user's."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
-@pytest.fixture
-def small_samples(monkeypatch):
-    """Random experiments of closed loops and others: 64 show what is usual, 128 are the pool."""
-    for name, count in (("_USUAL", 64), ("_QUICK_POOL", 128), ("_SLOW_POOL", 128)):
-        monkeypatch.setattr(SAMPLE, name, count)
-    monkeypatch.setattr(named, "_USUAL", (0.0, np.inf))  # with so few, hardly any taste is usual
-    monkeypatch.setattr(import_module("prefcal_bench.problems.problem"), "_READ", {})
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-MAIN = "from prefcal_bench.cli.program import main; main()"
+MAIN = "from prefcal_app.cli import main; main()"
 
 
 def start(folder: Path, *words: str, **options: str) -> subprocess.Popen[str]:

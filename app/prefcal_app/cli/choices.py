@@ -19,6 +19,7 @@ from prefcal_app.simulating import twin_of
 from prefcal_app.terminal.lines import theta_of
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.extensions import BENCHMARK, load_extensions
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.study import space_of
@@ -26,6 +27,7 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios import verification
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.kpis import outcome
+from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.scenario import Scenario, finds_kpis
 
@@ -212,6 +214,9 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
     if scenario.cost is not None and (options.cost is not None or not calibrators):
         cost = scenario.cost
         calibrators[SYNTHETIC] = lambda seed: LatentCost(cost, seed=seed)
+    if options.calibrator not in calibrators and is_built_in(options.scenario):
+        load_extensions()  # which have people for our closed loops
+        calibrators.update(load(options.scenario).calibrators)
     if options.calibrator not in calibrators:
         raise SettingsError(_unknown(options.calibrator, scenario, sorted(calibrators)))
     return calibrators[options.calibrator](options.seed)
@@ -225,10 +230,11 @@ def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
     if not known:
         kpi = next((kpi.name for kpi in scenario.kpis if kpi.goal is not None), "")
         such_as = f"--cost {shlex.quote(kpi)}" if kpi else "--cost NAME; `prefcal check` lists them"
+        more = f". The benchmark has simulated people: {BENCHMARK}" if is_built_in(scenario.name) else ""
         return (
             f"{name} has no cost, so only people can compare: leave --calibrator {calibrator} out, "
             f"or say what to go by: a KPI ({such_as}), or a function in own.py with "
-            "--cost own.py:NAME"
+            f"--cost own.py:NAME{more}"
         )
     names = sorted(["human", *known])
     return (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Exit, Option, Typer, echo
+from typer import Argument, Context, Exit, Option, Typer, echo
 
 from .options import Described, Options
 from .parameters import argument, examples, given, made, option, takes
@@ -332,4 +332,34 @@ def scenarios(
         describe(name)
 
 
+ELSEWHERE = {
+    "reproduce": "Repeat the paper's case studies, and show its results and ours on one page.",
+    "bench": "Compare agents on problems, and write tables and figures.",
+}
+"""Commands of the distribution prefcal-bench, and their help."""
+
+
+def _hand_over(context: Context) -> None:
+    """Run a command of the benchmark, or say on standard error what to install."""
+    from typer.main import get_command
+
+    from prefcal_env.extensions import BENCHMARK, command
+
+    name = str(context.info_name)
+    found = command(name)
+    if found is None:
+        print(f"prefcal: {name} is a command of the benchmark: {BENCHMARK}", file=sys.stderr)
+        raise Exit(2)
+    program = get_command(found.load())
+    with program.make_context(name, context.args, parent=context.parent) as inner:
+        raise Exit(program.invoke(inner) or 0)
+
+
+for _name, _help in ELSEWHERE.items():
+    app.command(
+        _name,
+        help=_help,
+        add_help_option=False,
+        context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+    )(_hand_over)
 app.add_typer(studies)

@@ -16,7 +16,7 @@ from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.registry import AGENTS as REGISTRY
 from prefcal_agents.registry import AgentRow
 from prefcal_agents.screening.simulations import Simulate
-from prefcal_bench.peers import PEERS
+from prefcal_bench.peers import BANDITS, PEERS
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -34,7 +34,7 @@ class Entry:
             `n_max` and `seed`, and of `simulate` if the agent simulates.
         by_value: Whether it learns from the value of each experiment, otherwise from preferences.
         packages: Modules that must be installed, to their distributions.
-        extra: Extra that installs them: `pip install prefcal[extra]`.
+        extra: Extra that installs them: `pip install prefcal-bench[extra]`.
         learns: Whether the agent uses answers for more than keeping the winner.
         simulates: Whether the agent needs `simulate`, a function of θ that returns KPIs.
         content: Hash of a user's own file, which is its version.
@@ -76,7 +76,7 @@ class Entry:
         absent = [name for name in self.packages if find_spec(name) is None]
         if not absent:
             return ""
-        return f"{self.name} needs {', '.join(absent)}: pip install 'prefcal[{self.extra}]'"
+        return f"{self.name} needs {', '.join(absent)}: pip install 'prefcal-bench[{self.extra}]'"
 
     @cached_property
     def version(self) -> str:
@@ -170,7 +170,9 @@ VARIANTS = (
 
 def _make_roster() -> Mapping[str, Entry]:
     """Return all agents; GLISp comes first, since others are compared with the first agent."""
-    entries = [_row_entry(row) for row in (*REGISTRY, *PEERS)]
+    place = [row.name for row in REGISTRY].index("GLIS") + 1  # all that see values stand together
+    rows = (*REGISTRY[:place], *BANDITS, *REGISTRY[place:], *PEERS)
+    entries = [_row_entry(row) for row in rows]
     first = [one for one in entries if one.name.startswith("GLISp")]
     rest = [one for one in entries if one not in first]
     return MappingProxyType({one.name: one for one in (*first, *VARIANTS, *rest)})

@@ -1,1 +1,1 @@
-"""The command `prefcal bench`."""
+"""The commands `prefcal bench` and `prefcal reproduce`."""

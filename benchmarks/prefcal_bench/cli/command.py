@@ -8,7 +8,7 @@ from prefcal_app.cli.parameters import made, takes
 
 from .options import BenchOptions, CompareOptions
 
-app = typer.Typer(name="bench", rich_markup_mode="rich")
+app = typer.Typer(name="bench", add_completion=False, rich_markup_mode="rich")
 
 EPILOG = """\
 [bold]Examples[/bold]

@@ -23,12 +23,16 @@ and every deviation with its reason. The figures are beside it as PNG files.
 """
 
 
+app = typer.Typer(name="reproduce", add_completion=False, rich_markup_mode="rich")
+
+
 class What(StrEnum):
     """Results that can be reproduced."""
 
     PAPER = "paper"
 
 
+@app.command(no_args_is_help=True, epilog=EPILOG)
 def reproduce(
     what: Annotated[What, typer.Argument(metavar="WHAT", help="paper: section IV of the paper.")],
     seeds: Annotated[int, typer.Option(min=1, help="Number of runs of each study, with seeds 0, 1, ...")] = 5,

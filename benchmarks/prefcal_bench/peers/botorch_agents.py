@@ -9,7 +9,7 @@ from jaxtyping import Float
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, rematch
-from prefcal_agents.support.extras import load
+from prefcal_bench.extras import load
 from prefcal_env.preferences.history import History
 
 from .peer import Peer, torch_seeded

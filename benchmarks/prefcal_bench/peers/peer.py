@@ -11,8 +11,8 @@ from jaxtyping import Float
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.support.extras import load
-from prefcal_agents.support.global_random import seeded
+from prefcal_bench.extras import load
+from prefcal_bench.global_random import seeded
 from prefcal_env.preferences.history import History
 
 

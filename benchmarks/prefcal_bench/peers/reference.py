@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences, cube_of, scores_of
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.support.extras import load
-from prefcal_agents.support.global_random import seeded
+from prefcal_bench.extras import load
+from prefcal_bench.global_random import seeded
 from prefcal_env.preferences.history import History
 
 from .peer import Peer

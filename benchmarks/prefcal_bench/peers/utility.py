@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from prefcal_agents.history.lessons import Preferences, kpis_of
 from prefcal_agents.models.interpolant import normalized
 from prefcal_agents.models.kpi_model import CEILING
-from prefcal_agents.support.extras import load
+from prefcal_bench.extras import load
 from prefcal_env.preferences.history import History
 
 _FIT = {"options": {"ftol": 1e-4}}

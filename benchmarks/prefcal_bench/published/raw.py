@@ -1,6 +1,6 @@
 """Write raw results as a Parquet file that others can use, and read the curves of worth from it.
 
-raw.parquet (raw.csv without the extra `parquet`) has a row for each comparison, and for each
+raw.parquet (raw.csv without pyarrow) has a row for each comparison, and for each
 experiment that was never a challenger:
 
     agent, loop, taste, seed   the study: its agent, problem, calibrator and seed
@@ -65,7 +65,7 @@ _BATCH = 500
 
 
 def raw_file(folder: Path) -> Path:
-    """Return the file of raw results in a folder: raw.csv if the extra `parquet` is missing."""
+    """Return the file of raw results in a folder: raw.csv if pyarrow is missing."""
     return folder / ("raw.csv" if find_spec("pyarrow") is None else "raw.parquet")
 
 
@@ -77,7 +77,7 @@ def write_raw(results: Iterable[Result], path: Path) -> Path:
 
     Raises:
         SettingsError: If the file cannot be written.
-        MissingExtraError: If it is not called .csv, and the extra `parquet` is not installed.
+        MissingExtraError: If it is not called .csv, and pyarrow is not installed.
     """
     write = _as_csv if path.suffix == ".csv" else partial(_as_parquet, pyarrow())
     ordered = iter(sorted((r for r in results if not r.failure), key=lambda r: r.cell))
@@ -113,7 +113,7 @@ def read(path: str | Path, columns: Sequence[str]) -> pd.DataFrame:
 
     Raises:
         SettingsError: If there is no such file, or it lacks one of the columns.
-        MissingExtraError: If it is Parquet, and the extra `parquet` is not installed.
+        MissingExtraError: If it is Parquet, and pyarrow is not installed.
     """
     try:
         if Path(path).suffix == ".csv":

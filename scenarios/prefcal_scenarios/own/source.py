@@ -14,11 +14,11 @@ from typing import Any
 import prefcal_env
 import prefcal_scenarios
 from prefcal_env.errors import ScenarioError
+from prefcal_env.own_line import ours
 
 _QUOTED = re.compile(rb"""["']([^"'\r\n\0]{1,200})["']""")
 _LARGE = 10_000_000
 """Bytes of a file above which reading it would take long."""
-_OURS = ("prefcal_env", "prefcal_agents", "prefcal_scenarios", "prefcal_app", "prefcal_bench")
 
 
 def split_source(source: str) -> tuple[str, dict[str, Any] | None]:
@@ -105,9 +105,10 @@ def _loaded() -> Iterator[Path]:
     """Yield the files of loaded modules that belong to the user: neither installed nor prefcal."""
     kinds = ("stdlib", "platstdlib", "purelib", "platlib")
     installed = tuple(os.path.realpath(sysconfig.get_path(kind)) + os.sep for kind in kinds)
+    packages = ours()
     for name, module in sys.modules.copy().items():  # other threads import meanwhile
         path = os.path.realpath(getattr(module, "__file__", None) or "")
-        if name == "__main__" or name.partition(".")[0] in _OURS or path.startswith(installed):
+        if name == "__main__" or name.partition(".")[0] in packages or path.startswith(installed):
             continue
         if os.path.isfile(path):
             yield Path(path)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_scenarios.catalog import load
 from toy_study import TOY
 
 SYNTHETIC = ["--calibrator", "synthetic"]
@@ -51,16 +50,6 @@ def test_the_scenarios_are_listed(done):
     assert "T_s, N_p, log Q_Δu" in out
     assert "Closed loops: lag, integrating" in out
     assert "own.py:name" in out
-
-
-@pytest.mark.usefixtures("small_samples")
-def test_a_closed_loop_is_calibrated_by_somebody_with_a_taste(prefcal, done, tmp_path):
-    words = ["--calibrator", "weights", "--no-browser", "--n-max", "5", "--simulate", "30"]
-    out = done("calibrate", "servo", *words, "--out", "out", "--json")
-    assert list(json.loads(out)["best"]) == list(load("servo").space.names)
-    assert (tmp_path / "out" / "report.html").exists()
-    again = prefcal("calibrate", "servo", *words, "--out", "again", "--json")[1]
-    assert json.loads(again)["best"] == json.loads(out)["best"]
 
 
 def test_the_version_is_printed(prefcal):

@@ -73,7 +73,10 @@ CALLS = [
     ("calibrate oven.toml --knob K=1:2 --knob K=1:3", "--knob gives 'K' twice"),
     ("calibrate cstr --stop-time 3", "--stop-time describes an FMU"),
     ("calibrate cstr --config config.json", "takes no configuration"),
-    ("calibrate lag --agent screening --calibrator weights --at-once 2", "choose --agent glisp"),
+    (
+        "calibrate lag --agent screening --calibrator synthetic --cost error --at-once 2",
+        "choose --agent glisp",
+    ),
     ("check TOY --theta T_s=1", "every knob needs a value"),
     ("check TOY --out a.jpg", "ends in .png"),
     ("check TOY --out no/a.png", "must be in an existing folder, got 'no/a.png'"),
@@ -85,12 +88,6 @@ CALLS = [
     ("studies verify nowhere", "there is no study 'nowhere'"),
     ("report nowhere", "there is no study 'nowhere'"),
     ("studies export x --format y", "--format", "json"),
-    ("bench --problems cst", "Did you mean 'cstr'?"),
-    ("bench --agents GLIPs", "Did you mean 'GLISp'?"),
-    ("bench --seeds 0", "--seeds"),
-    ("bench --jobs 0", "jobs"),
-    ("bench --agents GLIS --problems cstr-guidelines", "nothing to run: GLIS"),
-    ("bench --n-init 9 --n-max 5", "--n-max must be at least --n-init"),
 ]
 
 

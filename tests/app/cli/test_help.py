@@ -6,7 +6,6 @@ COMMANDS = [
     ["calibrate"],
     ["check"],
     ["report"],
-    ["bench"],
     *(
         ["studies", word]
         for word in ("list", "show", "rename", "rm", "export", "import", "verify", "respace")

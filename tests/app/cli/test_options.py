@@ -11,7 +11,6 @@ from prefcal_app.cli.commands import CheckOptions, LookOptions, ReportOptions
 from prefcal_app.cli.options import Options
 from prefcal_app.cli.parameters import Kept, argument, given, kept_by, option, parameters_of, takes
 from prefcal_app.cli.studies.commands import RespaceOptions
-from prefcal_bench.cli.options import BenchOptions
 from prefcal_env.errors import SettingsError
 from toy_study import TOY
 
@@ -84,9 +83,7 @@ def test_the_help_of_an_option_is_its_line_in_the_docstring():
     assert parameters_of(Toy)["rounds"].info.help == "How often, in words of two lines."
 
 
-@pytest.mark.parametrize(
-    "options", [Options, CheckOptions, LookOptions, ReportOptions, RespaceOptions, BenchOptions]
-)
+@pytest.mark.parametrize("options", [Options, CheckOptions, LookOptions, ReportOptions, RespaceOptions])
 def test_every_option_has_its_help(options):
     assert all(parameter.info.help for parameter in parameters_of(options).values())
 

@@ -89,7 +89,7 @@ def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):
 
 def test_help_loads_neither_plots_nor_compilers_nor_agents(tmp_path):
     code = (
-        "import sys\nfrom prefcal_bench.cli.program import app\n"
+        "import sys\nfrom prefcal_app.cli import app\n"
         "heavy = {'matplotlib', 'numba', 'numpy', 'prefcal_agents.glisp', 'prefcal_env'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"
     )

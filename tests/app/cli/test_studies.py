@@ -117,9 +117,11 @@ def test_a_report_is_written_of_any_study(prefcal, done, refused, study, tmp_pat
     assert (tmp_path / "again" / "best.json").read_text() == first
 
 
-def test_parquet_without_its_extra_is_refused_with_the_extra(prefcal, refused, study, monkeypatch, tmp_path):
+def test_parquet_without_pyarrow_is_refused_with_what_to_install(
+    prefcal, refused, study, monkeypatch, tmp_path
+):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    assert "Parquet needs pyarrow: pip install 'prefcal[parquet]', or use CSV" in refused(
+    assert "Parquet needs pyarrow: pip install pyarrow, or use CSV" in refused(
         "studies", "export", "mine", "--format", "parquet"
     )
     assert not (tmp_path / "mine").exists()

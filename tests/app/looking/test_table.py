@@ -1,6 +1,7 @@
 """Tables of any logger as runs, and what is said of those that are none."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from prefcal_app.looking.table import run_from
@@ -96,8 +97,9 @@ def test_of_two_hundred_columns_the_first_are_shown(tmp_path):
     assert "choose others with --outputs" in run.about
 
 
+@pytest.mark.extended
 def test_parquet_is_read_with_its_index(tmp_path):
-    pd, _ = pytest.importorskip("pandas"), pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow", reason="needs pyarrow: pip install pyarrow")
     path = tmp_path / "run.parquet"
     pd.DataFrame({"level [m]": [1.0, 2.0]}, index=pd.Index([0.0, 5.0], name="time")).to_parquet(path)
     assert np.array_equal(run_from(path).experiment.t, [0, 5])

@@ -105,7 +105,7 @@ def unattended_study(path: Path) -> None:
     ]
     with TemporaryDirectory() as folder:
         kept = ["--study", str(path), "--out", folder]
-        subprocess.run([sys.executable, "-m", "prefcal_bench", *words, *kept], check=True)
+        subprocess.run([sys.executable, "-m", "prefcal_app", *words, *kept], check=True)
 
 
 def facts(path: Path) -> dict[str, object]:

@@ -12,7 +12,7 @@ from prefcal_env.study.exports import dictionary_file
 from prefcal_env.study.tables import trajectory_of
 from support.studies import experiment, small_study
 
-pq = pytest.importorskip("pyarrow.parquet")
+pq = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: pip install pyarrow")
 
 
 @pytest.fixture

@@ -64,7 +64,6 @@ class Loop:
     # Index of a state that the step should not move much; None if there is none
     beside: int | None = None
     staged: bool = False  # whether the input has stages
-    sample: int = 128  # number of random θ that show whether the loop is worth tuning
     # Actuators of the inputs; () if all are ideal. Not for an MPC
     actuators: tuple[Actuator, ...] = ()
     # Distance of the values that each measured state can have, 0 for continuous ones; () if

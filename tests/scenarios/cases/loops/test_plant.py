@@ -5,8 +5,8 @@ import pytest
 
 from prefcal_env.plants.derivative import derivative
 from prefcal_scenarios.cases.loops import LOOPS
-from prefcal_scenarios.cases.loops.kinds.parts import random
 from support.equations import evaluated
+from support.varied import random
 
 
 def at_rest(name):

@@ -1,4 +1,4 @@
-"""What the makers of the loops share: nominal or random parameters, knobs and the usual task."""
+"""What the makers of the loops share: parameters, knobs and the usual task."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -16,22 +16,11 @@ CASCADE = ("_outer", "_inner")
 """Suffixes of the knobs of a cascade."""
 Vary = Callable[[float], float]
 """Function that returns the value to use in place of a positive nominal one."""
-_FACTOR = 1.5
-"""Random parameters lie between the nominal value divided and multiplied by this."""
 
 
 def nominal(value: float) -> float:
     """Return `value` itself: so the named loops are made."""
     return value
-
-
-def random(rng: np.random.Generator) -> Vary:
-    """Return a function that draws values around the nominal one, uniform in the logarithm."""
-
-    def vary(value: float) -> float:
-        return float(value * _FACTOR ** rng.uniform(-1.0, 1.0))
-
-    return vary
 
 
 def step_task(

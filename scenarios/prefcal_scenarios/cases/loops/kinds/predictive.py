@@ -11,9 +11,6 @@ from .motion import boost_converter
 from .parts import Vary, knobs, nominal
 from .processes import quadruple_tank
 
-_SAMPLE = 20
-"""Random θ that show whether a loop is worth tuning: few, since an experiment takes 20 ms."""
-
 
 def _predictive(
     make: Callable[[Vary], Loop],
@@ -39,7 +36,7 @@ def _predictive(
         noise = tuple(loop.task.noise.tolist())
         mpc = TunedMPC(scales, moves, noise, process, *disturbed, fixed={"Q_1": 1.0})
         name, space = f"mpc-{loop.name}", knobs(text, sampling)
-        return replace(loop, name=name, title=title, controller=mpc, space=space, sample=_SAMPLE)
+        return replace(loop, name=name, title=title, controller=mpc, space=space)
 
     return maker
 

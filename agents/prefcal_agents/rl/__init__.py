@@ -1,4 +1,0 @@
-"""Provide agents of stable-baselines3, which the extra `rl` installs, as baselines."""
-
-from .bandits import PPOBandit as PPOBandit
-from .bandits import SACBandit as SACBandit

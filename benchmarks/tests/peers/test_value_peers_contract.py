@@ -1,0 +1,14 @@
+"""The other people's agents that are told scores go through the contract suite."""
+
+import pytest
+
+from bench_support.extras import quick_peers  # noqa: F401
+from bench_support.peers import peers
+from contracts.value_agents import *  # noqa: F403
+
+AGENTS = peers(by_value=True)
+
+
+@pytest.fixture(params=AGENTS.values(), ids=AGENTS)
+def make_agent(request, quick_peers):  # noqa: F811
+    return request.param
