@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_env.on_first_use import _MOVED
-
 ROOT = Path(__file__).parents[1]
 FOLDERS = {
     "prefcal_env": ROOT / "prefcal_env",
@@ -238,17 +236,6 @@ def test_every_public_name_loads_and_is_known_to_type_checkers(package, folder):
     assert set(module.__all__) == typed
     assert all(getattr(module, name) is not None for name in typed)
     assert typed <= set(dir(module))
-
-
-@pytest.mark.parametrize(
-    ("package", "name"), [(package, name) for package, names in _MOVED.items() for name in names]
-)
-def test_a_name_that_left_the_door_says_where_it_is(package, name):
-    with pytest.raises(ImportError, match="write `from ") as told:
-        getattr(importlib.import_module(package), name)
-    module = str(told.value).split()[2]
-    if module != "prefcal_agents.rl":  # of an extra
-        assert getattr(importlib.import_module(module), name) is not None
 
 
 def public_names():
