@@ -41,8 +41,6 @@ def public_names(package: str) -> Door:
             return found
         if not name.startswith("_") and find_spec(f"{package}.{name}") is not None:
             return import_module(f".{name}", package)
-        if name in (moved := _MOVED.get(package, {})):
-            raise ImportError(f"write `from {package}.{moved[name]} import {name}`: the door has fewer names")
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
     return Door(load, lambda: sorted({*vars(module), *homes}), sorted(homes))
@@ -55,35 +53,3 @@ def _typed(source: str) -> Iterator[tuple[str, str]]:
             for found in node.body:
                 if isinstance(found, ast.ImportFrom):
                     yield from ((alias.name, found.module or "") for alias in found.names)
-
-
-_MOVED = {
-    package: {name: home for home, names in homes.items() for name in names.split()}
-    for package, homes in {
-        "prefcal_env": {
-            "calibrators": "BradleyTerry Criterion Lexicographic Thurstone",
-            "envs.preference_reward": "PreferenceReward",
-            "envs.tuning_env": "TuningEnv",
-            "experiments.control": "Controller",
-            "experiments.maneuvers": "combined",
-            "preferences.answer": "Agent Suggestion",
-            "preferences.kpis": "Outcome",
-            "preferences.loop": "Comparison ask_and_tell completed",
-        },
-        "prefcal_agents": {
-            "baselines.equal_weights": "EqualWeights",
-            "baselines.step_search": "StepSearch",
-            "history.agent_state": "AgentState",
-            "minimize": "Minimum",
-            "protocol.agent": "Agent",
-            "registry": "AGENTS",
-            "respacing": "respaced",
-            "rl": "PPOBandit SACBandit",
-            "screening.simulations": "Simulate SimulateMany",
-            "transfer": "Earlier",
-            "utility.bank": "Bank",
-        },
-        "prefcal_scenarios": {"kpis": "screened", "many.results": "Simulated"},
-    }.items()
-}
-"""Module of each name that a door once held, which files of people may still ask for."""

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_env.on_first_use import _MOVED
 from support.new_process import in_a_new_process
 from support.rules import (
     assert_a_star_imports_every_public_name,
@@ -119,17 +118,6 @@ def test_what_a_package_exports_is_there_and_known_to_type_checkers(package, fol
 def test_the_folders_of_packages_are_none_themselves():
     for folder in ("agents", "scenarios", "app"):
         assert not (ROOT / folder / "__init__.py").exists()
-
-
-@pytest.mark.parametrize(
-    ("package", "name"), [(package, name) for package, names in _MOVED.items() for name in names]
-)
-def test_a_name_that_left_the_door_says_where_it_is(package, name):
-    with pytest.raises(ImportError, match="write `from ") as told:
-        getattr(importlib.import_module(package), name)
-    module = str(told.value).split()[2]
-    if module != "prefcal_agents.rl":  # of an extra
-        assert getattr(importlib.import_module(module), name) is not None
 
 
 def public_names():

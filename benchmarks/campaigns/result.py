@@ -8,16 +8,13 @@ Simulated people of six families with just noticeable differences answer ten que
 thousand simulated θ. Studies that are in the file do not run again.
 
 answer    The answer named as decisive is turned round, the whole record is learned again, and the
-          result is compared with what was foretold; likewise without the answer.
+          result is compared with what was foretold.
 stakes    Before each of the last five questions: the chance that its answer changes the result, and
           whether it did.
 menu      Whether a candidate on it is not noticeably worse than the best one, the one than which the
           fewest of all simulated are noticeably better; and the share of those that are.
-wanted    Whether the person finds the result noticeably worse with one KPI at the stated value, and
-          whether the KPI said first decides as many pairs as those said later.
-object    If another KPI decides more pairs than the one said first: the share of candidates that are
-          better than the result, then after one more usual answer, and after the one to the
-          question that an objection leads to.
+wanted    Whether the person finds the result noticeably worse with a named KPI at the worst value that
+          was shown.
 smaller   With --start alone, where each study begins with a random θ that ends safely, the current
           tuning: how many knobs of the result that differ from it are put back, and whether the
           person does not find that noticeably worse than the result.
@@ -42,14 +39,12 @@ from prefcal_agents.protocol.agent import one_thread
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.space.start import Start
 from prefcal_agents.utility.influence import decisive, turned
-from prefcal_agents.utility.wishes import Wished, pairs
 from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.people import USUAL, Runs, Taste, runs_of, sample, taste
 from prefcal_bench.people.sample import thetas
 from prefcal_bench.problems import Problem, prefer, problem
 from prefcal_bench.results.words import markdown
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.history import History
 
 LOOPS = tuple(f"rough-{number}" for number in range(900, 915))
 """Loops on which nothing was developed."""
@@ -94,8 +89,7 @@ class ToldStudy:
             "stakes": stakes,
             "answer": self._answer(),
             **self._menu(runs, best),
-            **self._wanted(runs, runs.take(np.array([best]))),
-            "object": self._objected(runs),
+            "wanted": self._wanted(runs.take(np.array([best]))),
         }
 
     def _runs(self, thetas: Float[np.ndarray, "m n"]) -> Runs:
@@ -137,18 +131,9 @@ class ToldStudy:
         named = None if best is None else decisive(self.agent.influences, best)
         if named is None:
             return None
-        others = turned(history, named.answer), history.retracted(named.answer)
-        return {
-            "foretold": [named.reversed, named.without],
-            "found": [self._relearned(other) for other in others],
-            "now": best,
-            "sure": named.sure,
-        }
-
-    def _relearned(self, history: History) -> int | None:
         agent = self.agent.copy()
-        agent.history = replace(history, leads=())
-        return agent.best_index
+        agent.history = turned(history, named.answer)
+        return {"foretold": named.reversed, "found": agent.best_index, "now": best, "sure": named.sure}
 
     def _menu(self, runs: Runs, best: int) -> Row:
         """Return of result and menu which are no worse than the best, and the shares better."""
@@ -158,44 +143,16 @@ class ToldStudy:
         good = rule.compare(runs.take(np.array(rows)), top) <= 0
         return {"good": good.tolist(), "better": [float(beaten[row]) for row in rows]}
 
-    def _wanted(self, runs: Runs, result: Runs) -> Row:
-        """Return certainties and whether each is true: of bounds, and of the order."""
-        said = self.agent.wishes
-        share = [self._decides(runs, wish.name) for wish in said]
-        bounds = [(wish.certainty, self._worse(result, wish)) for wish in said if wish.bound is not None]
-        order = [(w.first, share[i] >= max(share[i + 1 :])) for i, w in enumerate(said[:-1])]
-        return {"said": len(said), "bounds": bounds, "order": order}
-
-    def _objected(self, runs: Runs) -> list[float]:
-        """Return the shares better than the result, after a usual answer, and after an objection."""
-        said, asked = self.agent.wishes, self.agent.objections
-        share = {name: self._decides(runs, name) for name in (*[w.name for w in said[:1]], *asked)}
-        meant = max(asked, key=lambda name: share[name], default=None)
-        if meant is None or share[meant] <= share[said[0].name]:
-            return []
-        found = [self.agent.copy() for _ in range(3)]
-        found[2].ask()
-        found[2].replace_pending(found[2].bank.thetas[asked[meant]])
-        for agent in found[1:]:
-            self._answer_next(agent)
-        return [self._better(runs, agent.best) for agent in found]
-
-    def _better(self, runs: Runs, theta: Float[np.ndarray, " n"]) -> float:
-        """Return the share of runs that are noticeably better than that of θ, physical, shape (n,)."""
-        experiment = self._where.outcome(theta).experiment
-        assert experiment is not None
-        one = runs_of(self._person.kpis, [experiment])
-        return float(np.mean(self._person.rule.compare(runs, one) < 0))
-
-    def _worse(self, result: Runs, wish: Wished) -> bool:
-        changed = _with(result, wish.name, np.array([wish.bound]))
-        return bool(self._person.rule.compare(result, changed)[0] < 0)
-
-    def _decides(self, runs: Runs, name: str) -> float:
-        """Return the share of pairs whose verdict is another one with the same value of a KPI."""
-        one, other = (runs.take(rows) for rows in pairs(np.flatnonzero(np.isinf(runs.survived))))
-        compare = self._person.rule.compare
-        return float(np.mean(compare(_with(one, name, other.column(name)), other) != compare(one, other)))
+    def _wanted(self, result: Runs) -> list[tuple[float, bool]]:
+        """Return the certainty of each wish, and whether the worst value that was shown is noticed."""
+        bank, history = self.agent.bank, self.agent.history
+        shown = bank.kpis[bank.rows([s.theta for s in history.samples[: history.answered]])]
+        found = []
+        for name, certainty in self.agent.wishes.items():
+            values = shown[:, bank.names.index(name)]
+            changed = _with(result, name, np.array([values[np.isfinite(values)].max()]))
+            found.append((certainty, bool(self._person.rule.compare(result, changed)[0] < 0)))
+        return found
 
 
 def _safe(where: Problem) -> Float[np.ndarray, " n"]:
@@ -220,36 +177,20 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         heads = ["family", "studies", "offered", "no worse", "knobs that differ", "put back"]
         yield from markdown(heads, [[f, *_changes(some)] for f, some in {**groups, "all": rows}.items()])
         return
-    heads = "studies", "named", "as foretold", "without", "result", "menu", "result 1 %", "menu 1 %"
+    heads = "studies", "named", "as foretold", "result", "menu", "result 1 %", "menu 1 %"
     yield from markdown(
         ["family", *heads], [[family, *_figures(some)] for family, some in {**groups, "all": rows}.items()]
     )
     seen = [row for row in rows if row["taste"] != "curves"]  # which no KPI decides
-    for title, key, some in (
-        ("result changes", "stakes", rows),
-        ("noticed from the stated value on", "bounds", seen),
-        ("decides as many pairs as those said later", "order", seen),
-    ):
+    for title, key, some in (("result changes", "stakes", rows), ("noticed if worse", "wanted", seen)):
         yield from markdown(["stated", "so often", "was so"], list(_bins(some, key)), title)
-    objected = [row["object"] for row in rows if row.get("object")]
-    if objected:
-        heads = "one more answer", "people", "better", "worse", "of all, noticeably better"
-        yield from markdown(heads, list(_after(np.array(objected))), "another order was meant")
-
-
-def _after(found: Float[np.ndarray, "n 3"]) -> Iterator[list[str]]:
-    """Yield how many results are better and worse after an answer, and the mean share beyond them."""
-    for words, now in zip(("none", "usual", "objection"), found.T, strict=True):
-        changed = [int(np.sum(now < found[:, 0])), int(np.sum(now > found[:, 0]))]
-        yield [words, *map(str, (len(found), *changed)), f"{100 * now.mean():.2f} %"]
 
 
 def _figures(rows: Sequence[Row]) -> Iterator[str]:
     named = [row["answer"] for row in rows if row["answer"] is not None]
     yield str(len(rows))
     yield _share([row["answer"] is not None for row in rows])
-    for place in (0, 1):
-        yield _share([each["foretold"][place] == each["found"][place] for each in named])
+    yield _share([each["foretold"] == each["found"] for each in named])
     yield _share([row["good"][0] for row in rows])
     yield _share([any(row["good"]) for row in rows])
     yield _share([row["better"][0] < _FEW for row in rows])

@@ -102,9 +102,7 @@ class MPCSettings:
 
     def named(self) -> dict[str, Any]:
         """Return the settings by name, as `best.json` stores them."""
-        # Files written before the setting was renamed must still load: the key in them stays.
-        keys = {"linearization": "linearisation"}
-        return {keys.get(name, name): value for name, value in asdict(self).items()}
+        return asdict(self)
 
     def _check_horizons(self) -> None:
         for name in ("N_p", "N_u"):

@@ -216,13 +216,6 @@ class Strategy:
     def _state(self, history: History) -> AgentState:
         return AgentState.of_setup(type(self).__name__, self.version, self.setup, history)
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        if "_propose" in vars(cls):
-            raise SettingsError(
-                f"{cls.__name__}: rename _propose to propose, and write self.setup.seed for self._seed"
-            )
-
 
 class Agent(Strategy):
     """A strategy with the record of a study, which is all that changes; the same for all agents.
@@ -486,11 +479,3 @@ def one_thread() -> AbstractContextManager[Any]:
     """
     limit: AbstractContextManager[Any] = _threads().limit(limits=1, user_api="blas")
     return limit
-
-
-def __getattr__(name: str) -> Any:
-    if name in ("PreferenceBased", "ValueBased"):
-        also = ", with `by_value = True`" if name == "ValueBased" else ""
-        where = "from prefcal_agents.protocol.agent import Agent"
-        raise ImportError(f"{name} is now Agent: write `{where}`{also}, and `propose`")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -23,12 +23,12 @@ from prefcal_agents.utility.choice import (
     trend,
     worth,
 )
-from prefcal_agents.utility.influence import Influence, Stakes, influences, stakes
+from prefcal_agents.utility.influence import Influence, influences, stakes
 from prefcal_agents.utility.menu import others
 from prefcal_agents.utility.posterior import AFTER, explains
 from prefcal_agents.utility.smaller_change import SmallerChange, smaller_change
 from prefcal_agents.utility.utilities import Utilities
-from prefcal_agents.utility.wishes import Wished, cautious, noticed_worse, objections, wishes
+from prefcal_agents.utility.wishes import cautious, noticed_worse, wishes
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Comparison, History
 
@@ -154,7 +154,7 @@ class Screening(Simulating):
 
     @property
     def influences(self) -> tuple[Influence, ...]:
-        """Return what the result would be without each answer, and if it were the other way round.
+        """Return what the result would be if each answer were the other way round.
 
         It simulates if needed.
         """
@@ -162,8 +162,8 @@ class Screening(Simulating):
         return influences(self._growth.pool(past), past) if past.lessons() else ()
 
     @property
-    def stakes(self) -> Stakes | None:
-        """Return what the answer to the open query can change; None if nothing new is compared.
+    def stakes(self) -> float | None:
+        """Return how probably the answer to the open query changes the best; None if nothing new is compared.
 
         It simulates if needed.
         """
@@ -194,44 +194,28 @@ class Screening(Simulating):
         return RobustResult(kept, dict(zip(names, map(tuple, pairs.tolist()), strict=True)))
 
     @property
-    def menu(self) -> dict[int, Reason]:
-        """Return rows of the bank that people like this one might prefer to the best, with why.
+    def menu(self) -> dict[int, tuple[str, ...]]:
+        """Return rows of the bank that people like this one might prefer, with the KPIs that they gain.
 
-        There are up to two, as different as they can be; in a robust study those that do not hold are
-        left out. It simulates if needed.
+        The KPI that matters most comes first. There are up to two, as different as they can be; in a robust
+        study those that do not hold are left out. It simulates if needed.
         """
         if self.best_index is None or not self.history.lessons():
             return {}
         stage, past = self._stages(self.history), self._past
         best = stage.bank.find(self.best)
         rows = others(stage.costs, stage.logs, ~stage.bank.hopeless, best)
-        return {row: reason_for(stage, row, best, past) for row in rows if self._holds(stage.bank, row)}
+        held = [row for row in rows if self._holds(stage.bank, row)]
+        return {row: reason_for(stage, row, best, past).better_in for row in held}
 
     @property
-    def wishes(self) -> tuple[Wished, ...]:
-        """Return what the person wanted by the answers, what matters most first.
-
-        It simulates if needed.
-        """
+    def wishes(self) -> dict[str, float]:
+        """Return the KPIs that the person surely wanted better, with how sure; it simulates if needed."""
         past = self._past
         if self.best_index is None or not past.lessons():
-            return ()
-        stage = self._stages(self.history)
-        return wishes(self._growth.pool(past), past, stage.spread, stage.bank.find(self.best))
-
-    @property
-    def objections(self) -> dict[str, int]:
-        """Return which row to compare with the best if a KPI matters more than was said, by its name.
-
-        In a robust study rows that do not hold are left out. It simulates if needed.
-        """
-        said, past = self.wishes, self._past
-        if not said:
             return {}
         stage = self._stages(self.history)
-        best = stage.bank.find(self.best)
-        found = objections(self._growth.pool(past), past, stage.spread, best, said[0].name)
-        return {name: row for name, row in found.items() if self._holds(stage.bank, row)}
+        return wishes(self._growth.pool(past), past, stage.spread, stage.bank.find(self.best))
 
     @property
     def smaller_change(self) -> SmallerChange | None:

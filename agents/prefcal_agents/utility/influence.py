@@ -4,7 +4,6 @@ The result of another record is what its answers say, unless the draws, weighted
 experiment for noticeably better. Nothing is fitted again.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,25 +21,21 @@ _JUDGES = 256
 """Number of draws that choose among several that take its place."""
 _DOUBTFUL = 0.1
 """Chance of the other answer from which on it tells something that the result rests on one."""
-_HARDLY = 0.05
-"""Chance of another result below which an answer hardly changes it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Influence:
-    """What the result would be without an answer, and if it were the other way round.
+    """What the result would be if an answer were the other way round.
 
     Args:
         answer: Number of the answer, that of its challenger.
-        without: Sample that would be the best without it.
-        reversed: Sample that would be the best if the other side were preferred; None for a tie.
+        reversed: Sample that would be the best then.
         chance: Probability of that other answer, by all answers but this one.
         sure: Whether draws leave no doubt about `reversed`.
     """
 
     answer: int
-    without: int
-    reversed: int | None
+    reversed: int
     chance: float
     sure: bool
 
@@ -50,26 +45,8 @@ class Influence:
         return self.chance >= _DOUBTFUL
 
 
-@dataclass(frozen=True, slots=True)
-class Stakes:
-    """What the answer to the open question can change.
-
-    Args:
-        results: Sample that is the best after each answer.
-        chance: Probability that it is another one than now.
-    """
-
-    results: Mapping[Preference, int]
-    chance: float
-
-    @property
-    def decides(self) -> bool:
-        """Return whether the answer may well decide between two results."""
-        return self.chance >= _HARDLY
-
-
 def influences(pool: Pool, history: History) -> tuple[Influence, ...]:
-    """Return the influence of each answer that teaches, in the order given.
+    """Return the influence of each answer that teaches and prefers a side, in the order given.
 
     Args:
         pool: Draws of the study.
@@ -77,17 +54,12 @@ def influences(pool: Pool, history: History) -> tuple[Influence, ...]:
     """
     found = []
     for index, comparison in enumerate(history.comparisons):
-        if not comparison.teaches:
+        if not comparison.teaches or not comparison.answer.preference:
             continue
-        rest = history.retracted(index)
-        without, _ = _result(pool, rest)
-        if not comparison.answer.preference:
-            found.append(Influence(index, without, None, 0.0, True))
-            continue
-        other_way = turned(history, index)
+        rest, other_way = history.retracted(index), turned(history, index)
         likely = np.exp(pool.log_likelihood(other_way) - pool.log_likelihood(rest))
         other, sure = _result(pool, other_way)
-        found.append(Influence(index, without, other, float(pool.weights(rest) @ likely), sure))
+        found.append(Influence(index, other, float(pool.weights(rest) @ likely), sure))
     return tuple(found)
 
 
@@ -96,12 +68,12 @@ def decisive(found: tuple[Influence, ...], best: int) -> Influence | None:
 
     Of those that surely change it, if any, it is the one that the other answers support least.
     """
-    changing = [each for each in found if each.reversed not in (None, best)]
+    changing = [each for each in found if each.reversed != best]
     return max(changing, key=lambda each: (each.sure, each.chance), default=None)
 
 
-def stakes(pool: Pool, history: History, incumbent: int) -> Stakes:
-    """Return what the answer to the open question can change.
+def stakes(pool: Pool, history: History, incumbent: int) -> float:
+    """Return how probably another sample is the best after the answer to the open question.
 
     Args:
         pool: Draws of the study, with the challenger among the samples.
@@ -109,14 +81,13 @@ def stakes(pool: Pool, history: History, incumbent: int) -> Stakes:
         incumbent: Sample that is the best so far.
     """
     given, before = pool.weights(history), pool.log_likelihood(history)
-    results, likely = {}, {}
+    other = total = 0.0
     for preference in (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT):
         after = history.with_answer(Answer(preference), incumbent)
-        results[preference], _ = _result(pool, after)
-        likely[preference] = float(given @ np.exp(pool.log_likelihood(after) - before))
-    # Their sum is below 1 where something was unsafe, which each new experiment is better than.
-    other = sum(chance for preference, chance in likely.items() if results[preference] != incumbent)
-    return Stakes(results, other / sum(likely.values()))
+        likely = float(given @ np.exp(pool.log_likelihood(after) - before))
+        total += likely
+        other += likely * (_result(pool, after)[0] != incumbent)
+    return other / total  # below 1 where something was unsafe, which each new experiment is better than
 
 
 def turned(history: History, index: int) -> History:

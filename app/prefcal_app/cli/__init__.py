@@ -72,11 +72,6 @@ _PLAINER = (
     (r"input should be a (valid )?(\w+), unable to parse.*", r"expected an \2"),
     (r"expected an number", "expected a number"),
     (r"^no such option: (\S+) \(possible options: ([^,)]+).*\)", r"no such option: \1. Did you mean \2?"),
-    (r"^no such option: --from\b.*", "--from STUDY is gone: write --start STUDY:best"),
-    (
-        r"^no such command 'index'.*",
-        "`studies index` is gone: `agent.index.to_python()` writes such a sum in Python",
-    ),
     (r"^got unexpected extra arguments? \((.*)\)", r"too many arguments: \1"),
     (r"^got unexpected extra argument\(s\) \((.*)\)", r"too many arguments: \1"),
     (r"^option '(.+?)' requires an argument", r"\1 needs a value"),

@@ -26,7 +26,7 @@ from prefcal_scenarios.scenario import Scenario, with_ranges
 from .record import StudyRecord
 
 FORMAT = 1
-"""Format of best.json; raised when older versions of prefcal could not read a newer file."""
+"""Format of best.json."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,7 @@
 """What the open question was chosen from: the simulated θ, and why this one is shown."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,9 +12,8 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.certificate import Certificate
 from prefcal_agents.screening.reason import Reason, RobustResult
 from prefcal_agents.utility.bank import Bank
-from prefcal_agents.utility.influence import Influence, Stakes, decisive
+from prefcal_agents.utility.influence import Influence, decisive
 from prefcal_agents.utility.smaller_change import SmallerChange
-from prefcal_agents.utility.wishes import Wished
 from prefcal_env.preferences.history import History, Sample
 
 
@@ -24,23 +23,20 @@ class Carried:
 
     Args:
         over: Whether it is about the result of a study that is over.
-        stakes: What the answer to the open question can change; None without such a question.
+        stakes: Chance that the answer to the open question changes the best; None without one.
         decisive: The doubtful answer that carries the result; None if none alone does.
-        menu: Rows of the bank that the person might prefer to the result, with why.
-        wishes: What the person wanted by the answers, what matters most first.
-        objections: Rows of the bank to compare with the result, by the KPI that matters more than
-            was said.
+        menu: Rows of the bank that the person might prefer to the result, with the KPIs they gain.
+        wishes: KPIs that the person wanted better by the answers, with how sure that is.
         robustness: How the result of a robust study holds, and what that costs.
         smaller: The result with knobs as in the current tuning; None if none can be.
         complete: Whether `smaller` is worked out, which takes more simulations.
     """
 
     over: bool
-    stakes: Stakes | None
+    stakes: float | None
     decisive: Influence | None
-    menu: Mapping[int, Reason]
-    wishes: tuple[Wished, ...]
-    objections: Mapping[str, int] = field(default_factory=dict)
+    menu: Mapping[int, Sequence[str]]
+    wishes: Mapping[str, float]
     robustness: RobustResult | None = None
     smaller: SmallerChange | None = None
     complete: bool = True
@@ -49,11 +45,11 @@ class Carried:
     def of(cls, agent: Screening, *, over: bool) -> "Carried":
         """Return what is to be said of the open question or, if the study is over, of the result."""
         if not over:
-            return cls(False, agent.stakes, None, {}, ())
+            return cls(False, agent.stakes, None, {}, {})
         best = agent.best_index
         found = None if best is None else decisive(agent.influences, best)
         named = found if found and found.doubtful else None
-        told = named, agent.menu, agent.wishes, agent.objections, agent.robustness
+        told = named, agent.menu, agent.wishes, agent.robustness
         return cls(True, None, *told, complete=not agent.setup.start)
 
 

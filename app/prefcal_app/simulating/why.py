@@ -6,9 +6,8 @@ from math import inf
 
 from prefcal_agents.screening.reason import Reason, RobustResult
 from prefcal_agents.screening.simulations import ENOUGH
-from prefcal_agents.utility.influence import Influence, Stakes
+from prefcal_agents.utility.influence import Influence
 from prefcal_agents.utility.smaller_change import SmallerChange
-from prefcal_agents.utility.wishes import Wished
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -16,8 +15,8 @@ _MOST = 2
 """Number of KPIs named on either side of the sentence, those that matter most."""
 _LEAST = 0.01
 """Share of a KPI from which on it is a price."""
-_IN_ORDER = 0.5
-"""Probability that a KPI decides as much as all later ones, from which on it comes first."""
+_HARDLY = 0.05
+"""Chance of another result below which it is stated: larger ones are too high (docs/research/result.md)."""
 
 
 def percent(chance: float) -> str:
@@ -114,19 +113,14 @@ def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
     return named
 
 
-def at_stake(stakes: Stakes) -> str:
-    """Return that the answer to the open question hardly changes the result; empty if it may.
-
-    A chance is stated only where it is small: larger ones are too high (docs/research/result.md).
-    """
-    if stakes.decides:
-        return ""
-    return f"Your answer hardly changes the result (chance: {percent(stakes.chance)})."
+def at_stake(chance: float) -> str:
+    """Return that the answer to the open question hardly changes the result; empty if it may."""
+    return "" if chance >= _HARDLY else f"Your answer hardly changes the result (chance: {percent(chance)})."
 
 
 def carried_by(influence: Influence | None) -> str:
     """Return which answer carries the result, as one sentence."""
-    if influence is None or influence.reversed is None:
+    if influence is None:
         return "No single answer that is in doubt would surely change the result."
     return (
         f"The result rests on the answer about experiment {influence.answer + 1}: if it were the "
@@ -167,38 +161,22 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
         yield "Robustness costs nothing noticeable."
 
 
-def menu_names(menu: Mapping[int, Reason], scenario: Scenario) -> dict[int, str]:
+def menu_names(menu: Mapping[int, Sequence[str]], scenario: Scenario) -> dict[int, str]:
     """Return the name of each candidate on the menu, by the KPI that it gains, none twice if possible.
 
     Args:
-        menu: Rows of the bank, with what each is better in than the result.
+        menu: Rows of the bank, with the KPIs in which each is better than the result.
         scenario: Scenario that has the titles of the KPIs.
     """
     named, found = _namer(scenario), dict[int, str]()
-    for row, reason in menu.items():
-        names = [named(name, True) for name in reason.better_in] or ["another"]
+    for row, gained in menu.items():
+        names = [named(name, True) for name in gained] or ["another"]
         found[row] = next((name for name in names if name not in found.values()), names[0])
     return found
 
 
-def wanted(wishes: Sequence[Wished], scenario: Scenario) -> str:
-    """Return what the answers fit, with its certainty, as one sentence; empty if it is not known.
-
-    "Then" stands where the KPI before probably decides as much as all that follow.
-    """
-    kpis, named, words = {kpi.name: kpi for kpi in scenario.kpis}, _namer(scenario), ""
-    for place, wish in enumerate(wishes):
-        if place:
-            words += ", then " if wishes[place - 1].first >= _IN_ORDER else " and "
-        kpi, bound = kpis.get(wish.name), wish.bound
-        what = named(wish.name, True) if kpi is None or bound is None else _within(kpi, bound)
-        words += f"{what} ({percent(wish.certainty)})"
+def wanted(wishes: Mapping[str, float], scenario: Scenario) -> str:
+    """Return what the answers fit, with its certainty, as one sentence; empty if nothing is sure."""
+    named = _namer(scenario)
+    words = _listed([f"{named(name, True)} ({percent(certainty)})" for name, certainty in wishes.items()])
     return f"The answers fit these wishes: {words}." if words else ""
-
-
-def _within(kpi: KPI, bound: float) -> str:
-    """Return a KPI with the bound on its badness, in its unit."""
-    value = f"{kpi.read(-bound if kpi.goal == 'higher' else bound):.4g} {kpi.unit}".rstrip()
-    if kpi.goal == "target":
-        return f"{kpi.title} within {value} of its target"
-    return f"{kpi.title} {'above' if kpi.goal == 'higher' else 'below'} {value}"

@@ -15,7 +15,7 @@ from prefcal_scenarios.scenario import KPI
 from . import tables
 from .seen import Seen
 from .sides import theta_view
-from .simulated import decisive_view, menu_view, objections_view, smaller_view
+from .simulated import decisive_view, menu_view, smaller_view
 
 FIRST, CURRENT = "first experiment", "current tuning"
 """Names of the first experiment: without and with a tuning that the person gave."""
@@ -50,7 +50,6 @@ def over_view(
         "decisive": decisive_view(interview),
         "menu": menu_view(interview),
         "smaller": smaller_view(interview),
-        "objections": objections_view(interview),
     }
 
 

@@ -76,17 +76,6 @@ def menu_view(interview: Interview) -> list[dict[str, Any]]:
     ]
 
 
-def objections_view(interview: Interview) -> list[dict[str, Any]]:
-    """Return the KPIs that a person can say matter more, each with the θ to compare with the result."""
-    screened = interview.known.screened()
-    carried = None if screened is None else screened.carried
-    if screened is None or carried is None:
-        return []
-    thetas, rows = screened.bank.thetas, carried.objections
-    kpis = [kpi for kpi in interview.scenario.kpis if kpi.name in rows]
-    return [{"name": kpi.title, "theta": thetas[rows[kpi.name]].tolist()} for kpi in kpis]
-
-
 def why_view(interview: Interview, now: Now) -> str:
     """Return why the open question is asked, in one sentence; empty while there is no reason."""
     question, screened = now.question, interview.known.screened()

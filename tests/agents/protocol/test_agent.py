@@ -6,7 +6,6 @@ import pytest
 from prefcal_agents import GLISp, GLISpSettings, RandomSearch
 from prefcal_agents.glisp.questions import FINALS, final_question
 from prefcal_agents.protocol.agent import Agent, rematch
-from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
@@ -147,12 +146,3 @@ def test_an_agent_that_returns_a_theta_that_ran_gets_a_random_one():
         agent.tell(agent.ask(), 0 if agent.history.answered else None)
     assert agent.samples[0, 0] == 0.5
     assert len(set(agent.samples[:, 0])) == 5
-
-
-def test_an_agent_written_for_an_earlier_base_is_told_what_to_write():
-    with pytest.raises(SettingsError, match=r"Old: rename _propose to propose, and write self\.setup\.seed"):
-        type("Old", (Agent,), {"version": 1, "_propose": lambda self, history: None})
-    with pytest.raises(ImportError, match="PreferenceBased is now Agent: write"):
-        from prefcal_agents.protocol.agent import PreferenceBased  # noqa: F401
-    with pytest.raises(ImportError, match="by_value = True"):
-        from prefcal_agents.protocol.agent import ValueBased  # noqa: F401

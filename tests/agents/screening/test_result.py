@@ -24,14 +24,13 @@ def by_first(query):
 @pytest.fixture(scope="module")
 def ended():
     agent = Screening(MIXED, simulate=quick, n_simulated=100, n_max=8, seed=0)
-    assert (agent.influences, agent.stakes, agent.menu, agent.wishes) == ((), None, {}, ())
-    assert agent.objections == {}
+    assert (agent.influences, agent.stakes, agent.menu, agent.wishes) == ((), None, {}, {})
     while not agent.done:
         query = agent.ask()
         stakes = agent.stakes
         assert (stakes is None) == (query.incumbent is None)
         agent.tell(query, by_first(query))
-        if stakes is not None and stakes.chance < 0.05:
+        if stakes is not None and stakes < 0.05:
             assert agent.best_index == query.incumbent.index
     return agent
 
@@ -45,27 +44,16 @@ def test_turning_the_decisive_answer_gives_what_was_foretold(ended):
     assert ended.stakes is None  # nothing is asked any more
 
 
-def test_leaving_an_answer_out_gives_what_was_foretold(ended):
-    for influence in ended.influences:
-        agent = ended.copy()
-        agent.history = ended.history.retracted(influence.answer)
-        if influence.sure:
-            assert agent.best_index == influence.without
-
-
 def test_the_menu_holds_others_with_what_they_gain(ended):
     best = quick(ended.best)
-    for row, reason in ended.menu.items():
+    for row, gained in ended.menu.items():
         theta = ended.bank.thetas[row]
         assert not np.array_equal(theta, ended.best)
-        assert all(quick(theta)[name] < best[name] for name in reason.better_in)
-        assert all(quick(theta)[name] > best[name] for name in reason.worse_in)
+        assert all(quick(theta)[name] < best[name] for name in gained)
 
 
 def test_what_decided_is_what_was_wanted(ended):
-    wish = {wish.name: wish for wish in ended.wishes}["first"]
-    assert wish.certainty > 0.9
-    assert quick(ended.best)["first"] < wish.bound < np.median(ended.bank.kpis[:, 0])
+    assert ended.wishes["first"] > 0.9
 
 
 def test_knobs_that_no_kpi_depends_on_stay_as_they_were():
@@ -91,15 +79,6 @@ def test_knobs_that_no_kpi_depends_on_stay_as_they_were():
 def test_a_result_without_a_given_start_is_compared_with_nothing(ended):
     assert ended.best_index != 0
     assert ended.smaller_change is None
-
-
-def test_an_objection_leads_to_what_gains_in_that_kpi(ended):
-    assert ended.wishes[0].name not in ended.objections
-    assert ended.objections
-    for name, row in ended.objections.items():
-        theta = ended.bank.thetas[row]
-        assert quick(theta)[name] < quick(ended.best)[name]
-        assert not ended.space.close(theta, ended.samples).any()
 
 
 def test_a_requested_theta_that_was_not_simulated_says_nothing():

@@ -50,7 +50,7 @@ def test_a_verdict_that_all_people_would_give_is_less_open_than_one_of_taste():
     assert named.answer == 2
 
 
-def test_without_the_answer_that_crowned_the_best_the_one_before_is_the_result():
+def test_with_the_answer_that_crowned_the_best_turned_the_one_before_is_the_result():
     history = record((FAIR, None), (9, -1))
     (only,) = influences(pool_of(history), history)
     assert (only.answer, only.reversed) == (1, 0)
@@ -58,9 +58,7 @@ def test_without_the_answer_that_crowned_the_best_the_one_before_is_the_result()
 
 def test_a_tie_has_no_other_way_round():
     history = record((GOOD, None), (SAME, 0))
-    (only,) = influences(pool_of(history), history)
-    assert only.reversed is None
-    assert decisive((only,), 0) is None
+    assert influences(pool_of(history), history) == ()
 
 
 def test_turning_an_answer_twice_changes_nothing():
@@ -74,17 +72,7 @@ def test_turning_an_answer_twice_changes_nothing():
 @pytest.mark.parametrize(("new", "low", "high"), [(BEST, 0.8, 1.0), (POOR, 0.0, 0.1), (SAME, 0.0, 0.1)])
 def test_a_question_matters_if_the_new_one_may_win(new, low, high):
     history = record((FAIR, None), (GOOD, -1), pending=new)
-    found = stakes(pool_of(history), history, 1)
-    assert low <= found.chance <= high
-    assert found.decides == (found.chance >= 0.05)
-
-
-def test_the_winner_is_the_result_unless_nobody_would_say_so():
-    history = record((FAIR, None), (GOOD, -1), pending=SAME)
-    same = stakes(pool_of(history), history, 1).results
-    assert (same[Preference.CHALLENGER], same[Preference.TIE], same[Preference.INCUMBENT]) == (2, 1, 1)
-    history = record((FAIR, None), (GOOD, -1), pending=POOR)
-    assert stakes(pool_of(history), history, 1).results[Preference.CHALLENGER] == 1  # a slip
+    assert low <= stakes(pool_of(history), history, 1) <= high
 
 
 def test_only_the_probably_better_overtake_the_winner_of_the_answers():

@@ -26,8 +26,6 @@ CALLS = [
     ("calib", "no such command 'calib'. Did you mean 'calibrate'?"),
     ("nonsense", "no such command 'nonsense'", "calibrate, new, check, look, report, "),
     ("calibrate TOY --nmax 3", "no such option: --nmax", "--n-max"),
-    ("calibrate TOY --from mine", "--from STUDY is gone: write --start STUDY:best"),
-    ("studies index mine", "`agent.index.to_python()`"),
     ("calibrate TOY --n-max x", "--n-max"),
     ("calibrate TOY more", "more", "calibrate --help"),
     ("calibrate TOY --port 99999", "--port", "65535"),

@@ -9,12 +9,10 @@ import pytest
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.reason import Reason
 from prefcal_agents.utility.bank import Bank
-from prefcal_agents.utility.influence import Stakes
 from prefcal_app.session import Choice
 from prefcal_app.simulating import Basis, Carried, Screened
 from prefcal_app.view import look_view, map_view, now_view, why_view
-from prefcal_app.view.simulated import _axes, _chosen, _points, menu_view, objections_view
-from prefcal_env.preferences.answer import Preference
+from prefcal_app.view.simulated import _axes, _chosen, _points, menu_view
 from prefcal_env.preferences.history import History
 from support.interviews import begin, proceed
 from support.looks import toy
@@ -229,11 +227,10 @@ def carries(interview, monkeypatch, found):
 
 def test_an_answer_that_hardly_changes_the_result_is_said_and_blind_hides_it(says, monkeypatch):
     interview = explained(screening())
-    results = {Preference.CHALLENGER: 1, Preference.INCUMBENT: 0}
-    carries(interview, monkeypatch, Carried(False, Stakes(results, 0.03), None, {}, ()))
+    carries(interview, monkeypatch, Carried(False, 0.03, None, {}, {}))
     assert told(interview)["why"].endswith(" Your answer hardly changes the result (chance: 3 %).")
     assert told(interview, blind=True)["why"] == ""
-    carries(interview, monkeypatch, Carried(False, Stakes(results, 0.3), None, {}, ()))
+    carries(interview, monkeypatch, Carried(False, 0.3, None, {}, {}))
     assert "hardly" not in told(interview)["why"]
 
 
@@ -243,9 +240,9 @@ def test_the_menu_names_other_simulated_theta_by_what_they_gain(monkeypatch):
     bank = interview.known.screened().bank
     shown = interview.known.screened().row(interview.past.experiment(0).theta)
     rows = [row for row in range(len(bank)) if row != shown][5:7]
-    gains = (Reason(0.4, ("t_f",), ()), Reason(0.3, ("final",), ()), Reason(0.3, ("final",), ()))
+    gains = ("t_f",), ("final",), ("final",)
     menu = dict(zip([*rows, shown], gains, strict=True))
-    carries(interview, monkeypatch, Carried(True, None, None, menu, ()))
+    carries(interview, monkeypatch, Carried(True, None, None, menu, {}))
     assert [choice["name"] for choice in menu_view(interview)] == [
         "lower settling time t_f",
         "final level nearer to its target",
@@ -260,18 +257,7 @@ def test_the_picture_has_what_lies_between_the_result_and_the_menu(monkeypatch):
     assert map_view(interview)["ways"] == []
     bank, best = interview.known.screened().bank, map_view(interview)["best"]
     row = int(np.argmin(np.where(np.arange(len(bank)) == best, np.inf, bank.kpis[:, 0])))
-    carries(interview, monkeypatch, Carried(True, None, None, {row: Reason(0.4, ("t_f",), ())}, ()))
+    carries(interview, monkeypatch, Carried(True, None, None, {row: ("t_f",)}, {}))
     (way,) = map_view(interview)["ways"]
     assert (way[0], way[-1]) == (best, row)
     assert not bank.hopeless[list(way)].any()
-
-
-def test_the_kpis_that_may_matter_more_come_with_what_is_then_asked(monkeypatch):
-    interview = explained(screening())
-    assert objections_view(interview) == []
-    bank = interview.known.screened().bank
-    carries(interview, monkeypatch, Carried(True, None, None, {}, (), {"final": 7, "t_f": 5}))
-    assert objections_view(interview) == [
-        {"name": "settling time t_f", "theta": bank.thetas[5].tolist()},
-        {"name": "final level", "theta": bank.thetas[7].tolist()},
-    ]

@@ -3,7 +3,7 @@
 import { $, ask, button, copying, el, fill, shownTable, symbol, values } from "./dom.js";
 import { can, open } from "./flow.js";
 import { showNext } from "./history.js";
-import { request, showOther, showTheta } from "./simulated.js";
+import { showOther, showTheta } from "./simulated.js";
 import { bestCard } from "./status.js";
 import { verification } from "./verify.js";
 
@@ -53,8 +53,6 @@ function steps(now, act) {
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
-      over.objections.length ? el("p", { class: "actions" }, "Is that not what you want? This matters more:", over.objections.map(({ name, theta }) =>
-        button(symbol(name), () => request(theta, progress.questions - progress.answered, act), { class: "objection" }))) : null,
       over.decisive || over.smaller ? el("p", { class: "actions" }, over.decisive ? button("Look at that answer again", again) : null,
         over.smaller ? button("Look at the smaller change", () => showTheta(over.smaller)) : null) : null,
       outlook.command ? command(outlook.command, "widens the range") : null) : null,

@@ -197,15 +197,10 @@ function actions(point) {
 
 async function askFor(event) {
   event.target.disabled = true;
-  if (!(await request(data.points[row].theta, data.left_to_ask, send))) describe();
-}
-
-// Make θ the next question, and go to it; a study that is over goes on for it. Return whether it worked.
-export async function request(theta, left, act) {
-  if (can("go_on") && !(await act("go_on", { more: left > 0 ? 0 : 1 }))) return false;
-  const asked = await act("ask_for", { theta }, "asked for");
-  if (asked) open("now");
-  return asked;
+  // A study that is over goes on for it.
+  const on = !can("go_on") || (await send("go_on", { more: data.left_to_ask > 0 ? 0 : 1 }));
+  if (on && (await send("ask_for", { theta: data.points[row].theta }, "asked for"))) return open("now");
+  return describe();
 }
 
 // Choose what is looked at instead of the result: an answer, without another question.

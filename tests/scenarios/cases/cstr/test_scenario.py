@@ -132,7 +132,7 @@ def test_a_theta_outside_the_box_is_refused(theta):
 def test_the_controller_is_the_papers():
     s = cstr.settings(np.array([0.31, 26.0, -1.79]))
     json.dumps(s)
-    assert s["linearisation"] == "point"  # the key that earlier best.json files have
+    assert s["linearization"] == "point"
     assert "linearization" not in s
     assert (s["T_s"], s["N_p"], s["N_u"]) == (0.31, 26, 9)
     assert s["Q_du"] == ((pytest.approx(10**-1.79),),)
