@@ -15,22 +15,21 @@ import pytest
 yaml = pytest.importorskip("yaml")
 
 ROOT = Path(__file__).parents[1]
+PAPER = ROOT / "docs" / "paper"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 FORMS = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
 posix = pytest.mark.skipif(os.name == "nt", reason="shell scripts")
-CONDA = {"matplotlib": "matplotlib-base"}
-"""Packages that conda names differently."""
 
 
 def read(path):
     return yaml.safe_load((ROOT / path).read_text(encoding="utf-8"))
 
 
-def test_citation_recipe_and_project_have_one_version():
-    cited, recipe = read("CITATION.cff"), read("conda/recipe.yaml")
-    assert cited["version"] == recipe["context"]["version"] == PROJECT["version"]
-    assert cited["license"] == recipe["about"]["license"] == PROJECT["license"]
+def test_citation_and_project_have_one_version():
+    cited = read("CITATION.cff")
+    assert cited["version"] == PROJECT["version"]
+    assert cited["license"] == PROJECT["license"]
     assert {"cff-version", "message", "title", "authors"} <= set(cited)
 
 
@@ -65,17 +64,6 @@ def test_a_release_needs_its_tag_and_its_heading(tag, heading, code, tmp_path):
     assert done.returncode == code
 
 
-def test_the_recipe_needs_what_the_wheel_needs_and_starts_the_same_command():
-    recipe = read("conda/recipe.yaml")
-    wanted = set()
-    for text in PROJECT["dependencies"]:
-        name, limits = re.fullmatch(r"([\w.-]+)(.*)", text).groups()
-        wanted.add(f"{CONDA.get(name, name)} {limits}".strip())
-    needed = [line for line in recipe["requirements"]["run"] if not line.startswith("python ")]
-    assert set(needed) == wanted
-    assert recipe["build"]["python"]["entry_points"] == [f"prefcal = {PROJECT['scripts']['prefcal']}"]
-    least = recipe["context"]["python_min"]
-    assert PROJECT["requires-python"] == f">={least}"
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda p: p.stem)
@@ -149,7 +137,7 @@ def test_hooks_run_installed_tools():
 
 
 def test_the_paper_has_the_length_and_the_parts_that_the_journal_asks_for():
-    text = (ROOT / "paper.md").read_text(encoding="utf-8")
+    text = (PAPER / "paper.md").read_text(encoding="utf-8")
     _, front, body = text.split("---\n", 2)
     about = yaml.safe_load(front)
     assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= set(about)
@@ -163,7 +151,7 @@ def test_the_paper_has_the_length_and_the_parts_that_the_journal_asks_for():
         "References",
     ):
         assert f"# {part}" in body
-    library = (ROOT / about["bibliography"]).read_text(encoding="utf-8")
+    library = (PAPER / about["bibliography"]).read_text(encoding="utf-8")
     keys = set(re.findall(r"@\w+\{(\w+),", library))
     assert set(re.findall(r"@(\w+)", body)) == keys
 
@@ -187,7 +175,7 @@ def row(page, first, *headings):
 
 @pytest.fixture(scope="module")
 def paper():
-    return " ".join((ROOT / "paper.md").read_text(encoding="utf-8").split())
+    return " ".join((PAPER / "paper.md").read_text(encoding="utf-8").split())
 
 
 def test_worth_of_answers_in_the_paper_is_that_of_its_note(paper):

@@ -2,7 +2,7 @@
 
     python benchmarks/release/headlines.py  # list them; exits with 1 if one is missing or outdated
 
-People first read README, paper.md, the site's first page, and the first paragraph of other pages.
+People first read README, the paper, the site's first page, and the first paragraph of other pages.
 Each figure there stands in docs/claims.toml with the command that gives it, the revision it was run
 at, its seeds, and its interval if it is a mean. A claim about an agent names the version it was
 measured with: on the three pages that are read whole, that is the version of today. The studies
@@ -29,7 +29,7 @@ from prefcal_bench.results import campaign_of, worth_table
 ROOT = Path(__file__).parents[2]
 LIST = ROOT / "docs" / "claims.toml"
 ROWS = ROOT / "benchmarks" / "release" / "held_out.parquet"
-FRONT = ("README.md", "paper.md", "docs/index.md")
+FRONT = ("README.md", "docs/paper/paper.md", "docs/index.md")
 """Pages that are read as a whole; of all others only the first paragraph."""
 _OTHERS, _TEN = ("ideal", "majority", "ranks", "curves"), (10, "answers")
 _MEAN = "people of another form"
@@ -134,7 +134,7 @@ def unlisted(page: str, listed: list[Headline], given: list[str], root: Path = R
 
 def pages(root: Path = ROOT) -> list[str]:
     """Return all pages, as paths in the repository."""
-    found = [root / page for page in FRONT[:2]] + sorted((root / "docs").rglob("*.md"))
+    found = [root / FRONT[0], *sorted((root / "docs").rglob("*.md"))]
     return [page.relative_to(root).as_posix() for page in found]
 
 

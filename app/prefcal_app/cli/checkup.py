@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -45,11 +45,9 @@ from prefcal_scenarios.presentation.wording import (
 from prefcal_scenarios.scenario import Scenario, with_found_kpis
 
 from .choices import start_of
+from .options import CheckOptions
 from .studies.files import as_text
 from .studies.sources import completed
-
-if TYPE_CHECKING:
-    from .commands import CheckOptions
 
 _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
 _FIRST = " (the very first run on a machine compiles for half a minute)"
@@ -258,7 +256,7 @@ class Checkup:
         yield Finding("study file", same, f"{len(content) / 1000:.0f} kB an experiment, unpacked")
 
 
-def run(given: Mapping[str, Any], options: "CheckOptions") -> int:
+def run(given: Mapping[str, Any], options: CheckOptions) -> int:
     """Check a scenario and print the findings; return 1 if anything is wrong, else 0.
 
     Args:

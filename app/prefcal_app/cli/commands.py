@@ -5,17 +5,14 @@ What they do is imported when they run, so that `prefcal --help` stays fast.
 
 import os
 import sys
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Argument, Context, Exit, Option, Typer, echo
 
-from .options import Described, Options
-from .parameters import argument, examples, given, made, option, takes
+from .options import CheckOptions, LookOptions, Options, ReportOptions, VerifyOptions
+from .parameters import examples, given, made, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
-from .studies.commands import OfStudy
 from .studies.commands import app as studies
 
 app = Typer(
@@ -110,22 +107,6 @@ def calibrate(**typed: Any) -> None:
 app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
 
 
-@dataclass(frozen=True, slots=True)
-class CheckOptions(Described):
-    """Options of `prefcal check`, in the order of its help.
-
-    Args:
-        theta: What to run: "KNOB=VALUE, ..." for every knob, the name of a reference, or an experiment
-            of a study, MINE:3 or MINE:best.
-        out: File of the picture.
-        json: Print the result as JSON, and nothing else, on stdout.
-    """
-
-    theta: str | None = option(None, "THETA", shown="the middle of the box")
-    out: Path | None = option(None, "FILE.png", shown="./check-NAME.png")
-    json: bool = option(False, flag="--json")
-
-
 @app.command(
     no_args_is_help=True,
     epilog=examples(
@@ -159,45 +140,6 @@ def check(**typed: Any) -> None:
     from .checkup import run
 
     raise Exit(run(given(CheckOptions, typed), made(CheckOptions, typed)))
-
-
-@dataclass(frozen=True, slots=True)
-class LookOptions:
-    """Options of `prefcal look`, in the order of its help.
-
-    Args:
-        runs: CSV or Parquet files, or STUDY:3, STUDY:best.
-        time: Column of time.
-        time_format: Format of time stamps.
-        outputs: Columns to show.
-        inputs: Columns that are inputs, drawn as steps.
-        reference: Reference of an output: a number, or a column.
-        unit: Unit of a column without one.
-        columns: Name of your own for a column.
-        align: Let all runs start at time 0.
-        terminal: Show KPIs in this terminal.
-        browser: Only print the link.
-        host: Address of the page.
-        port: Port of the page; 0: any free one.
-        out: Write a picture instead.
-        json: Print the KPIs as JSON instead.
-    """
-
-    runs: tuple[str, ...] = argument("RUN RUN ...")
-    time: str | None = option(None, "NAME", shown="time, or the first one")
-    time_format: str | None = option(None, "FORMAT", shown="ISO 8601")
-    outputs: str = option("", "NAME,...", shown="all others")
-    inputs: str = option("", "NAME,...")
-    reference: tuple[str, ...] = option((), "NAME=VALUE")
-    unit: tuple[str, ...] = option((), "NAME=UNIT")
-    columns: tuple[str, ...] = option((), "NAME=HEADING")
-    align: bool = option(False, flag="--align")
-    terminal: bool = option(False, flag="--terminal")
-    browser: bool = option(True, flag="--no-browser")
-    host: str = option("127.0.0.1", "ADDRESS")
-    port: int = option(0, "N")
-    out: Path | None = option(None, "FILE.png")
-    json: bool = option(False, flag="--json")
 
 
 @app.command(
@@ -237,21 +179,6 @@ def look(**typed: Any) -> None:
     raise Exit(run(made(LookOptions, typed)))
 
 
-@dataclass(frozen=True, slots=True)
-class ReportOptions(OfStudy):
-    """Options of `prefcal report`, in the order of its help.
-
-    Args:
-        cost: The cost that the study was started with, if any.
-        out: Folder of the report; must not hold the report of another study.
-        json: Print only JSON on standard output.
-    """
-
-    cost: str | None = option(None, "COST", shown="the scenario's score")
-    out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY")
-    json: bool = option(False, flag="--json")
-
-
 @app.command(
     epilog=examples(
         ("report mine", "Write the report of the study called mine into the folder prefcal-mine."),
@@ -268,25 +195,6 @@ def report(**typed: Any) -> None:
     from .calibration import report_of
 
     report_of(given(ReportOptions, typed))
-
-
-@dataclass(frozen=True, slots=True)
-class VerifyOptions:
-    """Options of `prefcal verify`, in the order of its help.
-
-    Args:
-        best: The best.json of a report.
-        runs: Number of random runs; 299 good ones show that less than 1 % are bad.
-        range: Relative change of a factor or a kind of factors; 0 leaves it out.
-        jobs: Number of processes.
-        run_timeout: Time limit of each run, in seconds.
-    """
-
-    best: str = argument("BEST.json")
-    runs: int = option(299, "N")
-    range: tuple[str, ...] = option((), "NAME=CHANGE")
-    jobs: int | None = option(None, "N", shown="all cores")
-    run_timeout: float | None = option(None, "SECONDS", shown="none")
 
 
 @app.command(

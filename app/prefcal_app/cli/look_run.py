@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 
@@ -22,15 +22,13 @@ from prefcal_scenarios.presentation.wording import printable
 from prefcal_scenarios.scenario import KPI
 
 from .interrupt import interruption
+from .options import LookOptions
 from .studies.files import EXPERIMENT, as_text, existing, numbered, open_described
-
-if TYPE_CHECKING:
-    from .commands import LookOptions
 
 _SQLITE = b"SQLite format 3\0"
 
 
-def run(options: "LookOptions") -> int:
+def run(options: LookOptions) -> int:
     """Show the runs; return the exit code.
 
     Raises:
@@ -141,7 +139,7 @@ def _as_dict(runs: Sequence[NamedRun], look: SideBySide) -> dict[str, Any]:
     }
 
 
-def _serve(runs: Sequence[NamedRun], options: "LookOptions") -> None:
+def _serve(runs: Sequence[NamedRun], options: LookOptions) -> None:
     """Serve the page until Ctrl-C."""
     # Imported here: pictures need no web server.
     from prefcal_app.looking.window import LookWindow

@@ -1,4 +1,4 @@
-"""Options of `prefcal calibrate`; a new option is one new field here."""
+"""Options of the commands; a new option of `prefcal calibrate` is one new field here."""
 
 import shlex
 from collections.abc import Mapping
@@ -240,3 +240,123 @@ def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str,
     n_init = min(2 * knobs if agent == "glisp" else 10, 10, max(1, n_max // 2))
     calibrator = SCORE if agent in BY_VALUE else HUMAN
     return {"agent": agent, "n_init": n_init, "n_max": n_max, "calibrator": calibrator}
+
+
+@dataclass(frozen=True, slots=True)
+class CheckOptions(Described):
+    """Options of `prefcal check`, in the order of its help.
+
+    Args:
+        theta: What to run: "KNOB=VALUE, ..." for every knob, the name of a reference, or an experiment
+            of a study, MINE:3 or MINE:best.
+        out: File of the picture.
+        json: Print the result as JSON, and nothing else, on stdout.
+    """
+
+    theta: str | None = option(None, "THETA", shown="the middle of the box")
+    out: Path | None = option(None, "FILE.png", shown="./check-NAME.png")
+    json: bool = option(False, flag="--json")
+
+
+@dataclass(frozen=True, slots=True)
+class LookOptions:
+    """Options of `prefcal look`, in the order of its help.
+
+    Args:
+        runs: CSV or Parquet files, or STUDY:3, STUDY:best.
+        time: Column of time.
+        time_format: Format of time stamps.
+        outputs: Columns to show.
+        inputs: Columns that are inputs, drawn as steps.
+        reference: Reference of an output: a number, or a column.
+        unit: Unit of a column without one.
+        columns: Name of your own for a column.
+        align: Let all runs start at time 0.
+        terminal: Show KPIs in this terminal.
+        browser: Only print the link.
+        host: Address of the page.
+        port: Port of the page; 0: any free one.
+        out: Write a picture instead.
+        json: Print the KPIs as JSON instead.
+    """
+
+    runs: tuple[str, ...] = argument("RUN RUN ...")
+    time: str | None = option(None, "NAME", shown="time, or the first one")
+    time_format: str | None = option(None, "FORMAT", shown="ISO 8601")
+    outputs: str = option("", "NAME,...", shown="all others")
+    inputs: str = option("", "NAME,...")
+    reference: tuple[str, ...] = option((), "NAME=VALUE")
+    unit: tuple[str, ...] = option((), "NAME=UNIT")
+    columns: tuple[str, ...] = option((), "NAME=HEADING")
+    align: bool = option(False, flag="--align")
+    terminal: bool = option(False, flag="--terminal")
+    browser: bool = option(True, flag="--no-browser")
+    host: str = option("127.0.0.1", "ADDRESS")
+    port: int = option(0, "N")
+    out: Path | None = option(None, "FILE.png")
+    json: bool = option(False, flag="--json")
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyOptions:
+    """Options of `prefcal verify`, in the order of its help.
+
+    Args:
+        best: The best.json of a report.
+        runs: Number of random runs; 299 good ones show that less than 1 % are bad.
+        range: Relative change of a factor or a kind of factors; 0 leaves it out.
+        jobs: Number of processes.
+        run_timeout: Time limit of each run, in seconds.
+    """
+
+    best: str = argument("BEST.json")
+    runs: int = option(299, "N")
+    range: tuple[str, ...] = option((), "NAME=CHANGE")
+    jobs: int | None = option(None, "N", shown="all cores")
+    run_timeout: float | None = option(None, "SECONDS", shown="none")
+
+
+@dataclass(frozen=True, slots=True)
+class OfStudy:
+    """Options of a command that loads the scenario of a study.
+
+    Args:
+        study: A name, or the path of a file.
+        scenario: Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never makes
+            prefcal run a program.
+        plant: Plant of a standard controller, as for calibrate.
+    """
+
+    study: str = argument("STUDY")
+    scenario: str | None = option(None, "SCENARIO", shown="the built-in one that the study names")
+    plant: str | None = option(None, "FILE.py:NAME")
+
+
+@dataclass(frozen=True, slots=True)
+class ReportOptions(OfStudy):
+    """Options of `prefcal report`, in the order of its help.
+
+    Args:
+        cost: The cost that the study was started with, if any.
+        out: Folder of the report; must not hold the report of another study.
+        json: Print only JSON on standard output.
+    """
+
+    cost: str | None = option(None, "COST", shown="the scenario's score")
+    out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY")
+    json: bool = option(False, flag="--json")
+
+
+@dataclass(frozen=True, slots=True)
+class RespaceOptions(OfStudy):
+    """Options of `prefcal studies respace`, in the order of its help.
+
+    Args:
+        knob: Search this range, narrower or wider.
+        freeze: Keep a knob at this value.
+        add: A knob that is new in the scenario, and its value in the experiments so far.
+    """
+
+    knob: tuple[str, ...] = option((), "KNOB=LOW:HIGH")
+    freeze: tuple[str, ...] = option((), "KNOB=VALUE")
+    add: tuple[str, ...] = option((), "KNOB=VALUE")

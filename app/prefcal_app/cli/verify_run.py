@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
@@ -14,15 +13,13 @@ from prefcal_app.terminal.showing import say
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.verification.verified import EFFECTS, FILE, Verified
 
+from .options import VerifyOptions
 from .report import plain
-
-if TYPE_CHECKING:
-    from .commands import VerifyOptions
 
 _VERDICTS = {"y": True, "n": False}
 
 
-def run(options: "VerifyOptions") -> int:
+def run(options: VerifyOptions) -> int:
     """Verify the tuning; return the exit code.
 
     Raises:

@@ -76,7 +76,7 @@ def test_a_figure_that_the_published_studies_do_not_give_is_named(headlines, sit
 
 def test_headlines_about_agents_are_computed_again_from_published_studies(headlines):
     listed, _ = headlines.read()
-    front = [h for h in listed if h.agent and {"README.md", "paper.md"} & set(h.pages)]
+    front = [h for h in listed if h.agent and {"README.md", "docs/paper/paper.md"} & set(h.pages)]
     assert front
     assert all(h.rows for h in front)
 

@@ -94,7 +94,7 @@ def config():
 
 def test_every_page_is_in_the_navigation_once(config):
     pages = [page for _, page in nav(config["nav"])]
-    there = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    there = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")} - {"paper/paper.md"}
     root = {"architecture.md", "changelog.md", "contributing.md", "security.md"}
     assert set(pages) == there | root
     assert len(pages) == len(set(pages))

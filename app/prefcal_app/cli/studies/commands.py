@@ -1,14 +1,14 @@
 """Declare the commands `prefcal studies ...`."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Argument, Exit, Option, Typer, echo
 
-from prefcal_app.cli.parameters import argument, examples, made, option, takes
+from prefcal_app.cli.options import RespaceOptions
+from prefcal_app.cli.parameters import examples, made, takes
 
 app = Typer(
     name="studies",
@@ -19,22 +19,6 @@ app = Typer(
 
 Study = Annotated[str, Argument(metavar="STUDY", help="A name, or the path of a file.")]
 Json = Annotated[bool, Option("--json", metavar="", help="Print only JSON on standard output.")]
-
-
-@dataclass(frozen=True, slots=True)
-class OfStudy:
-    """Options of a command that loads the scenario of a study.
-
-    Args:
-        study: A name, or the path of a file.
-        scenario: Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never makes
-            prefcal run a program.
-        plant: Plant of a standard controller, as for calibrate.
-    """
-
-    study: str = argument("STUDY")
-    scenario: str | None = option(None, "SCENARIO", shown="the built-in one that the study names")
-    plant: str | None = option(None, "FILE.py:NAME")
 
 
 def _command(*shown: tuple[str, str], name: str | None = None) -> Callable[..., Any]:
@@ -154,21 +138,6 @@ def verify(study: Study) -> None:
     if findings:
         raise Exit(1)
     echo(f"Sound: {count} events.")
-
-
-@dataclass(frozen=True, slots=True)
-class RespaceOptions(OfStudy):
-    """Options of `prefcal studies respace`, in the order of its help.
-
-    Args:
-        knob: Search this range, narrower or wider.
-        freeze: Keep a knob at this value.
-        add: A knob that is new in the scenario, and its value in the experiments so far.
-    """
-
-    knob: tuple[str, ...] = option((), "KNOB=LOW:HIGH")
-    freeze: tuple[str, ...] = option((), "KNOB=VALUE")
-    add: tuple[str, ...] = option((), "KNOB=VALUE")
 
 
 @_command(

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from prefcal_agents.respacing import RESPACEABLE, moved
+from prefcal_app.cli.options import RespaceOptions
 from prefcal_app.session.study.memory import agent_of, agent_state, with_constraints
 from prefcal_app.terminal.lines import knob_called
 from prefcal_env.errors import SettingsError, StudyError
@@ -17,13 +18,10 @@ from prefcal_scenarios.catalog import load
 from .files import existing, open_described
 from .sources import completed
 
-if TYPE_CHECKING:
-    from .commands import RespaceOptions
-
 _Part = tuple[float, float]
 
 
-def respaced_in_words(changes: "RespaceOptions", typed: Mapping[str, Any]) -> Iterator[str]:
+def respaced_in_words(changes: RespaceOptions, typed: Mapping[str, Any]) -> Iterator[str]:
     """Change the space of a study, and yield the new one in words; for errors see `respace`.
 
     Args:
@@ -34,7 +32,7 @@ def respaced_in_words(changes: "RespaceOptions", typed: Mapping[str, Any]) -> It
     yield from in_words(respace(changes, source))
 
 
-def respace(changes: "RespaceOptions", source: str) -> KnobSpace:
+def respace(changes: RespaceOptions, source: str) -> KnobSpace:
     """Change the space of a study of the scenario `source`; return the new space.
 
     The changes are as typed: "T_s=0.25:1.0", "N_p=26", "filter=0.5".
@@ -54,7 +52,7 @@ def respace(changes: "RespaceOptions", source: str) -> KnobSpace:
     return space
 
 
-def _event(state: State, scenario: KnobSpace, changes: "RespaceOptions") -> tuple[Respaced, KnobSpace]:
+def _event(state: State, scenario: KnobSpace, changes: RespaceOptions) -> tuple[Respaced, KnobSpace]:
     old = with_constraints(space_of(state.configuration), scenario)
     parts = {**_parts(state, old, scenario), **_asked(changes, scenario)}
     added = {name: value for name, (value, _) in _read(changes.add, "KNOB=VALUE", scenario)}
@@ -86,7 +84,7 @@ def _parts(state: State, old: KnobSpace, scenario: KnobSpace) -> dict[str, _Part
     }
 
 
-def _asked(changes: "RespaceOptions", scenario: KnobSpace) -> dict[str, _Part]:
+def _asked(changes: RespaceOptions, scenario: KnobSpace) -> dict[str, _Part]:
     ranges = _read(changes.knob, "KNOB=LOW:HIGH", scenario)
     return dict([*ranges, *_read(changes.freeze, "KNOB=VALUE", scenario)])
 

@@ -1,6 +1,5 @@
 """Hold the page's files in memory; no other file can be requested."""
 
-import importlib.util
 from collections.abc import Mapping
 from hashlib import sha256
 from importlib.resources import files
@@ -11,7 +10,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
-PLOTLY = "plotly.min.js"
+_STATIC = files("prefcal_app.web") / "static"
+_PLOTLY = "plotly-basic.min.js"
 _TYPES: Mapping[str, str] = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -22,20 +22,19 @@ _TYPES: Mapping[str, str] = {
 
 
 class Assets:
-    """The files of the folder `static`, and plotly.js from the installed plotly package.
+    """The files of the folder `static`, and plotly.js, which has a folder of its own there.
 
     Args:
         folder: Folder of the files; the package's own if None.
     """
 
     def __init__(self, folder: Traversable | None = None) -> None:
-        own = files("prefcal_app.web") / "static" if folder is None else folder
+        own = _STATIC if folder is None else folder
         found = list(own.iterdir()) if own.is_dir() else []
         # Compare with existing names instead of joining paths: no name can leave the folder.
         wanted = [file for file in found if file.is_file() and Path(file.name).suffix in _TYPES]
         self._contents = {file.name: file.read_bytes() for file in wanted}
-        if plotly := _plotly():
-            self._contents[PLOTLY] = plotly.read_bytes()
+        self._contents[_PLOTLY] = (_STATIC / "plotly" / _PLOTLY).read_bytes()
         self._tags = {
             name: f'"{sha256(content).hexdigest()[:20]}"' for name, content in self._contents.items()
         }
@@ -54,12 +53,3 @@ class Assets:
             return Response(status_code=304, headers=headers)
         media_type = _TYPES[Path(name).suffix]
         return Response(self._contents[name], headers=headers, media_type=media_type)
-
-
-def _plotly() -> Path | None:
-    """Return the path of plotly.js, found without importing plotly, which would take a second."""
-    spec = importlib.util.find_spec("plotly")
-    if spec is None or spec.origin is None:
-        return None
-    path = Path(spec.origin).parent / "package_data" / PLOTLY
-    return path if path.is_file() else None

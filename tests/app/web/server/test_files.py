@@ -1,6 +1,9 @@
 """The page's own files, and those of the report."""
 
 import asyncio
+import tomllib
+from hashlib import sha256
+from importlib.resources import files
 
 import httpx
 import pytest
@@ -20,11 +23,15 @@ def test_a_file_that_the_browser_has_is_not_sent_again(room, static):
     assert other.status_code == 200
 
 
-def test_plotly_comes_from_the_installed_package(room):
-    response = room.page().get("/static/plotly.min.js")
+def test_plotly_is_the_version_that_its_folder_names(room):
+    folder = files("prefcal_app.web") / "static" / "plotly"
+    source = tomllib.loads((folder / "SOURCE.toml").read_text(encoding="utf-8"))
+    response = room.page().get(f"/static/{source['file']}")
     assert response.status_code == 200
     assert response.headers["content-type"].startswith("text/javascript")
-    assert b"plotly.js" in response.content[:200]
+    assert sha256(response.content).hexdigest() == source["sha256"]
+    assert f"plotly.js (basic - minified) v{source['version']}".encode() in response.content[:80]
+    assert "MIT License" in (folder / "LICENSE").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
