@@ -28,8 +28,8 @@ LAYERS = {
         {"arrays", "disk", "errors", "jit", "on_first_use", "own_line", "wording"},
         {"knobs", "experiments", "qp", "plain", "described", "parquet", "workers"},
         {"preferences", "plants", "tables"},
-        {"mpc", "envs", "sources", "calibrators", "study", "fmu"},
-        {"compiling", "controllers", "live"},
+        {"mpc", "envs", "sources", "calibrators", "study"},
+        {"compiling", "controllers", "worlds"},
     ),
     "prefcal_agents": (
         {"history", "space", "support"},
@@ -45,7 +45,7 @@ LAYERS = {
         {"described", "presentation"},
         {"cases"},
         {"catalog"},
-        {"isolated", "kpis", "many", "verification"},
+        {"isolated", "kpis", "many", "verification", "worlds"},
     ),
     "prefcal_app": (
         {"simulating", "summary"},
@@ -53,7 +53,7 @@ LAYERS = {
         {"view"},
         {"report", "terminal", "web"},
         {"looking"},
-        {"cli"},
+        {"cli", "worlds"},
     ),
     "prefcal_bench": (
         {"peers", "people", "reproduce"},

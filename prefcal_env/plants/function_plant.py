@@ -9,12 +9,12 @@ from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
+from prefcal_env.worlds.casadi import CasadiEquation, is_function
 
 from .derivative import derivative
 from .equations import Equations, equations_of
 from .integrate import integrate
 from .jacobians import D, Jacobians, States, Times, U, X, Y
-from .systems.casadi import CasadiEquation, is_function
 from .systems.linear import Numbers, numbers
 
 Equation = Callable[[Any, Any, Any], Any]

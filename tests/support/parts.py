@@ -36,12 +36,16 @@ EXTENDED = {
         "test_simulate_page.py",
         "test_site.py",
     ),
-    "fmu": ("env/fmu/*", "scenarios/described/test_fmu_scenario.py", "scenarios/verification/test_fmus.py"),
+    "fmu": ("worlds/fmu/*",),
     "libraries": (
         "env/controllers/test_lqr.py",
         "env/controllers/test_margins.py",
-        "env/plants/systems/test_casadi.py",
+        "worlds/casadi/*",
+        "worlds/control/*",
+        "worlds/do_mpc/*",
+        "worlds/test_deleted.py",
     ),
+    "notebook": ("worlds/notebook/*",),
     "peers": ("bench/peers/*", "agents/test_rl_*.py"),
     "processes": (
         "env/study/test_disk.py",
@@ -53,11 +57,7 @@ EXTENDED = {
         "scenarios/verification/test_varied_runs.py",
         "app/test_crash.py",
     ),
-    "servers": (
-        "env/live/test_live_sessions.py",
-        "env/live/test_opcua.py",
-        "scenarios/described/test_live_plant.py",
-    ),
+    "servers": ("worlds/live/*",),
     "slow": (
         "agents/acquisition/test_penalty.py",
         "agents/baselines/test_glis.py",

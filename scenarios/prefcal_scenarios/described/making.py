@@ -18,9 +18,9 @@ from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.experiments.tracking import every_tracking_kpi, found_kpis
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.live import live_rig
 from prefcal_env.sources.function import function_of
 from prefcal_env.wording import did_you_mean
+from prefcal_env.worlds.live import live_rig
 from prefcal_scenarios.names import CONTROLLERS
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -51,7 +51,7 @@ def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
 
 
 def _of_fmu(d: Description, knobs: list[Knob], where: str) -> Scenario:
-    from prefcal_scenarios.described.fmu_scenario import fmu_scenario
+    from prefcal_scenarios.worlds.fmu import fmu_scenario
 
     assert d.fmu is not None
     return fmu_scenario(

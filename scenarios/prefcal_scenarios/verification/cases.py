@@ -13,16 +13,16 @@ from prefcal_env.envs.cstr import cstr_env
 from prefcal_env.envs.overtake import OvertakeOptions
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.fmu import FMULoop
 from prefcal_env.knobs.knob import Knob, is_number
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.sources.function import Function, function_of
 from prefcal_env.sources.maneuvers import Maneuvers
 from prefcal_env.sources.source import Source, WithKPIs
+from prefcal_env.worlds.fmu import FMULoop
 from prefcal_scenarios.cases.cstr.controller import controller
 from prefcal_scenarios.cases.cstr.kpis import compute_kpis
 from prefcal_scenarios.cases.loops.loop import Loop
-from prefcal_scenarios.described.fmu_scenario import FMURun
+from prefcal_scenarios.worlds.fmu import FMURun
 
 from .compiled import of_loop
 from .factor import Factor, Values, within
