@@ -25,7 +25,7 @@ AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain", "on_first_use
 
 LAYERS = {
     "prefcal_env": (
-        {"arrays", "disk", "errors", "jit", "on_first_use", "own_line", "wording"},
+        {"arrays", "disk", "errors", "jit", "on_first_use", "optional", "own_line", "wording"},
         {"knobs", "experiments", "qp", "plain", "described", "parquet", "workers"},
         {"preferences", "plants", "tables"},
         {"mpc", "envs", "sources", "calibrators", "study"},

@@ -250,13 +250,13 @@ class Experiment:
         Columns are the outputs, states, inputs and signals. `from_frame` reads the
         curves back if you name the inputs.
         """
-        from prefcal_env.worlds.notebook import frame_of
+        from .notebook import frame_of
 
         return frame_of(self)
 
     def _repr_html_(self) -> str:
         """Return a picture of the curves and the KPIs, for notebooks."""
-        from prefcal_env.worlds.notebook import html_of
+        from .notebook import html_of
 
         return html_of(self)
 

@@ -1,1 +1,1 @@
-"""Optional worlds: what prefcal can do with other software, each in a module of its own."""
+"""Optional worlds: what prefcal can do with other software; `optional.toml` declares them."""

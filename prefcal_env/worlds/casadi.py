@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
+from prefcal_env.plants.jacobians import ExactEquation
 
 
 def is_function(equation: object) -> bool:
@@ -20,7 +21,16 @@ def is_function(equation: object) -> bool:
     return casadi is not None and isinstance(equation, casadi.Function)
 
 
-class CasadiEquation:
+def equation(function: Any, sizes: tuple[int, int, int]) -> Any:
+    """Return a CasADi `Function` as an equation of a plant, and anything else unchanged.
+
+    Raises:
+        PlantError: As `CasadiEquation` does.
+    """
+    return CasadiEquation(function, sizes) if is_function(function) else function
+
+
+class CasadiEquation(ExactEquation):
     """A CasADi `Function` of (x, u) or (x, u, d) as an equation of a plant.
 
     Values go through buffers of CasADi, which takes about a microsecond; a call with arrays takes

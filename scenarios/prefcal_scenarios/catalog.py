@@ -7,7 +7,7 @@ from types import ModuleType
 from prefcal_env.errors import ScenarioError
 from prefcal_env.wording import did_you_mean
 
-from .names import BUILT_IN, CASES, CONTROLLERS, NAMES, either, is_built_in, is_described, is_own
+from .names import BUILT_IN, CASES, CONTROLLERS, NAMES, OWN, either, is_built_in, is_described, is_own
 from .own.own_file import module_at
 from .own.source import split_source
 from .scenario import Scenario
@@ -17,7 +17,7 @@ def load(name: str) -> Scenario:
     """Return the scenario called `name`: one of `BUILT_IN`, or a user's own.
 
     A user's own is "path/to/own.py:attribute", or described by plain data: "path/to/tank.toml",
-    "path/to/loop.fmu", or 'pid {"plant": "path/to/model.py:plant"}'.
+    'pid {"plant": "path/to/model.py:plant"}', or a file of an optional world, such as an FMU.
 
     "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`, and
     "rough-17" the rough one, see `prefcal_scenarios.cases.loops.rough_loop`.
@@ -52,7 +52,7 @@ def load(name: str) -> Scenario:
         return _scenario_in(import_module(f"prefcal_scenarios.cases.{case}"), name, name)
     raise ScenarioError(
         f"no scenario is called {name!r}.{did_you_mean(name, BUILT_IN)} "
-        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, {either(CONTROLLERS)} "
+        f"Expected {NAMES}, or your own: {', '.join(OWN)}, {either(CONTROLLERS)} "
         "(see `prefcal scenarios`)"
     )
 

@@ -37,13 +37,13 @@ class Described:
     r"""Options that say what is tuned, for `calibrate` and `check`.
 
     Args:
-        scenario: A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu,
+        scenario: A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml{files},
             or a controller such as pid with --plant.
-        knob: Knob of an FMU or a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example
+        knob: Knob of {called}a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example
             "K_p=0.1:50:log %/m". Repeat the option for more.
-        show: Curves to show, for example level,valve; of an FMU also in another unit, "T \[degC]".
+        show: Curves to show, for example level,valve{units}.
         reference: Desired value of an output, for example level=2. Repeat the option for more.
-        plant: Plant of a standard controller: a prefcal plant, a system of python-control or scipy,
+        plant: Plant of a standard controller: a prefcal plant, a system of {systems}scipy,
             or (A, B, C, D).
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.

@@ -12,8 +12,8 @@ from prefcal_app.summary.compare import Spread, compared
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
+from prefcal_env.experiments.notebook import table_of
 from prefcal_env.experiments.panels import Plot
-from prefcal_env.worlds.notebook import table_of
 from prefcal_scenarios.presentation.folder import picture_at, put
 from prefcal_scenarios.presentation.wording import printable, with_unit
 from prefcal_scenarios.scenario import KPI

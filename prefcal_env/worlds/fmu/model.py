@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.errors import MissingExtraError, PlantError
+from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
+from prefcal_env.optional import world
 from prefcal_env.wording import did_you_mean
 
 from .units import AS_IT_IS, Scales, UnitScale, display_units, plain
@@ -198,10 +199,7 @@ def _description(path: Path) -> Any:
     """Return FMPy's model description of a file that can be simulated here."""
     if not path.is_file():
         raise PlantError(f"no FMU at {str(path)!r}: give the path of a .fmu file")
-    try:
-        import fmpy
-    except ImportError as error:
-        raise MissingExtraError("FMUs need FMPy: pip install 'prefcal[fmu]'") from error
+    fmpy = world("fmu").imported()
     try:
         found = fmpy.read_model_description(str(path), validate=False)
         platforms = fmpy.supported_platforms(str(path))

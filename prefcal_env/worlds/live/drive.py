@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isnan, nan
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,12 +14,10 @@ from prefcal_env.sources.run import Change, Progress, Stage
 from .journal import Journal
 from .outcome import Row, experiment_of, never_good
 from .parts import all_within, within
+from .plan import LivePlan
 from .plant import TypedPlant
 from .progress import Confirm, Driven, Tell
 from .writer import SLACK, Way, Writer
-
-if TYPE_CHECKING:
-    from .rig import LiveRig
 
 _SLICE = 0.2
 """Longest sleep in seconds, so that a stop is noticed soon although the period may be long."""
@@ -58,7 +55,7 @@ class Drive:
         hands: Clock, confirmation, stop and progress.
     """
 
-    def __init__(self, rig: "LiveRig", theta: Mapping[str, float], journal: Journal, hands: Hands) -> None:
+    def __init__(self, rig: LivePlan, theta: Mapping[str, float], journal: Journal, hands: Hands) -> None:
         self.rig, self.theta, self.journal, self.hands = rig, theta, journal, hands
         self.plant = rig.plant
         self.written = {part.knob.name: part for part in (*rig.knobs, *rig.start)}

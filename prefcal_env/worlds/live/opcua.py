@@ -9,7 +9,8 @@ from contextlib import suppress
 from math import isfinite, nan
 from typing import Any, TypeVar
 
-from prefcal_env.errors import ConnectionLostError, LiveError, MissingExtraError, SettingsError
+from prefcal_env.errors import ConnectionLostError, LiveError, SettingsError
+from prefcal_env.optional import world
 
 T = TypeVar("T")
 _MARGIN = 1.0
@@ -37,20 +38,14 @@ class OPCUAPlant:
     def __init__(
         self, address: str, *, user: str = "", password: str = "", security: str = "", timeout: float = 4.0
     ) -> None:
-        try:
-            import asyncua
-        except ImportError as error:
-            raise MissingExtraError(
-                "OPC UA needs the package asyncua: pip install 'prefcal[opcua]'"
-            ) from error
+        # Without types: asyncua exports its names implicitly.
+        self._asyncua: Any = world("live").imported()
         if not address.startswith("opc.tcp://"):
             raise LiveError(f"the address of an OPC UA server begins with opc.tcp://, got {address!r}")
         if not (isfinite(timeout) and timeout > 0):
             raise SettingsError(f"timeout must be above 0 s and finite, got {timeout}")
         self.address, self._timeout = address, timeout
-        # Without types: asyncua exports its names implicitly.
-        self._asyncua: Any = asyncua
-        self._ua: Any = asyncua.ua
+        self._ua: Any = self._asyncua.ua
         self._user, self._password, self._security = user, password, security
         self._client: Any = None
         self._types: dict[str, Any] = {}

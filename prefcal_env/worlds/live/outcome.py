@@ -1,7 +1,7 @@
 """Turn what was read from a live plant into an experiment."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -11,17 +11,13 @@ from prefcal_env.tables.curves import bridged
 from prefcal_env.tables.recorded import recorded
 
 from .parts import Role
-
-if TYPE_CHECKING:
-    from .rig import LiveRig
+from .plan import LivePlan
 
 Row = tuple[float, Mapping[str, float]]
 """A sample: seconds since the start of the record, and the value of each tag by its key."""
 
 
-def experiment_of(
-    rig: "LiveRig", theta: Float[np.ndarray, " n"], rows: Sequence[Row], end: End
-) -> Experiment:
+def experiment_of(rig: LivePlan, theta: Float[np.ndarray, " n"], rows: Sequence[Row], end: End) -> Experiment:
     """Return the experiment of a physical θ, shape (n,), from the samples of its run.
 
     Where an output had bad quality, its curve is interpolated, and the signal "NAME as read" keeps
@@ -62,7 +58,7 @@ def experiment_of(
     )
 
 
-def never_good(rig: "LiveRig", rows: Sequence[Row]) -> list[str]:
+def never_good(rig: LivePlan, rows: Sequence[Row]) -> list[str]:
     """Return the roles and names of outputs and inputs without any good value in a run."""
     return [
         tag.key

@@ -1,33 +1,28 @@
 """A live plant that prefcal drives itself, after a person confirmed what is written."""
 
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from math import isfinite
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import LiveError, SettingsError
-from prefcal_env.experiments.experiment import Channel, Channels, Experiment
-from prefcal_env.experiments.tracking import tracking_kpis
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.sources.run import Change
+from prefcal_env.errors import ConnectionLostError, LiveError, RunError
+from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.sources.run import Change, LiveCurve, Progress, Run, Stage, Table
 from prefcal_env.sources.source import KPIsOf, Source, formula_problems, with_own
 
 from .drive import Drive, Hands
 from .journal import Journal
-from .parts import LiveKnob, LiveStart, Tag
-from .plant import LivePlant
+from .plan import LivePlan
 from .progress import Confirm, Driven, Tell
-from .run import LiveRun, RestoringRun
-
-Limits = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class LiveRig(Source):
+class LiveRig(LivePlan, Source):
     """The `run` of a scenario whose experiments prefcal does on a live plant.
 
     A run writes θ at limited rates and reads it back, waits for the start condition, writes the
@@ -57,86 +52,14 @@ class LiveRig(Source):
         SettingsError: If names or nodes repeat, there is no output, or a number is not valid.
     """
 
-    plant: LivePlant
-    knobs: tuple[LiveKnob, ...]
-    tags: tuple[Tag, ...]
-    duration: float = field()
-    period: float = 1.0
-    start: tuple[LiveStart, ...] = ()
-    ready: Limits = field(default_factory=dict)
-    ready_within: float = 600.0
-    done: Limits = field(default_factory=dict)
-    hold: float = 0.0
-    blind: float = 5.0
-    after: Literal["restore", "keep"] = "restore"
-    journal: Journal | None = None
-    instructions: str = ""
-    kpis: Callable[[Experiment], Mapping[str, float]] = tracking_kpis
-
     asks = "confirm"
     stops = recovers = True
-    channels: Channels = field(init=False, repr=False, compare=False)
-    """Channels of its experiments; those in `y` are the outputs with a recorded reference."""
 
-    def __post_init__(self) -> None:
-        for name in ("knobs", "tags", "start"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        if not self.knobs or not any(tag.role == "output" for tag in self.tags):
-            raise SettingsError("a live rig needs a knob to write and an output to record")
-        self._check_names()
-        for name, least in (("period", 0.0), ("duration", self.period), ("ready_within", 0.0)):
-            value = getattr(self, name)
-            if not (isfinite(value) and value > least):
-                raise SettingsError(f"{name} must be above {least:g} s, got {value}")
-        for name in ("hold", "blind"):
-            value = getattr(self, name)
-            if not (isfinite(value) and value >= 0):
-                raise SettingsError(f"{name} must be 0 s or more, got {value}")
-        if self.after not in ("restore", "keep"):
-            raise SettingsError(f"after must be restore or keep, got {self.after!r}")
-        self.keyed(self.ready), self.keyed(self.done)
-        object.__setattr__(self, "channels", self._channels())
-        kept = "the old values are restored" if self.after == "restore" else "the new θ stays"
-        object.__setattr__(self, "afterward", kept)
-
-    def _check_names(self) -> None:
-        written = (*self.knobs, *self.start)
-        for what, found in (
-            ("name of a knob or start value", [w.knob.name for w in written]),
-            ("node that is written to", [w.node for w in written]),
-            ("output or input", [tag.name for tag in self.tags if tag.role != "reference"]),
-            ("reference", [tag.name for tag in self.tags if tag.role == "reference"]),
-        ):
-            twice = sorted({each for each in found if found.count(each) > 1})
-            if twice:
-                raise SettingsError(f"each {what} may be given once, got {twice[0]!r} twice")
-        outputs = {tag.name for tag in self.tags if tag.role == "output"}
-        for tag in self.tags:
-            if tag.role == "reference" and tag.name not in outputs:
-                raise SettingsError(
-                    f"a reference must have the name of an output, {sorted(outputs)}, got {tag.name!r}"
-                )
-
-    @property
-    def space(self) -> KnobSpace:
-        """Space of the knobs."""
-        return KnobSpace([live.knob for live in self.knobs])
-
-    def _channels(self) -> Channels:
-        """Return the channels; those in `y` are the outputs with a recorded reference."""
-        by_role = {
-            role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
-            for role in ("output", "input")
-        }
-        aimed = {tag.name for tag in self.tags if tag.role == "reference"}
-        y = tuple(channel for channel in by_role["output"] if channel.name in aimed)
-        return Channels((), by_role["input"], y)
-
-    def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> LiveRun:
+    def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Run:
         """Return a run of θ, physical, shape (n,), that asks for a confirmation before it writes."""
         return LiveRun(self, theta)
 
-    def recovery(self) -> RestoringRun:
+    def recovery(self) -> Run:
         """Return the run that restores what an interrupted one left."""
         return RestoringRun(self)
 
@@ -249,12 +172,123 @@ class LiveRig(Source):
         values = dict(zip(self.space.names, self.space.check(theta).tolist(), strict=True))
         return Drive(self, values, self._kept, hands)
 
-    def keyed(self, limits: Limits) -> dict[str, tuple[float, float]]:
-        """Return conditions by the key of their tag."""
-        found = {tag.name: tag.key for tag in self.tags if tag.role != "reference"}
-        for name, (low, high) in limits.items():
-            if name not in found or not low < high:
-                raise SettingsError(
-                    f"a condition must give low < high of one of {sorted(found)}, got {name!r}: {low}, {high}"
-                )
-        return {found[name]: (float(low), float(high)) for name, (low, high) in limits.items()}
+
+_DRAWN = 400
+"""Largest number of samples that a live curve shows."""
+
+
+class _Followed(Run):
+    """A run that can be followed while another thread drives the plant."""
+
+    def __init__(self, rig: LiveRig) -> None:
+        self._rig = rig
+        self._stop, self._closing = threading.Event(), threading.Event()
+        self._lock = threading.Lock()
+        self._rows: list[Progress] = []
+
+    @property
+    def recorded(self) -> tuple[tuple[float, ...], tuple[LiveCurve, ...]]:
+        with self._lock:
+            rows = self._rows[:: max(1, -(-len(self._rows) // _DRAWN))]
+        tags = self._rig.tags
+        referenced = {tag.name for tag in tags if tag.role == "reference"}
+        curves = tuple(
+            LiveCurve(
+                tag,
+                tuple(row.values[tag.key] for row in rows),
+                tuple(row.values[f"reference {tag.name}"] for row in rows if tag.name in referenced),
+            )
+            for tag in tags
+            if tag.role == "output"
+        )
+        return tuple(row.elapsed for row in rows), curves
+
+    def stop(self, why: str, within: float = 0.0) -> None:
+        """Stop: the old values are restored, if the process ends, at the next start."""
+        self.stopping = self.stopping or why == "stopped"
+        (self._stop if why == "stopped" else self._closing).set()
+
+    def _tell(self, progress: Progress) -> None:
+        self.progress = progress
+        if progress.stage is Stage.RECORDING:
+            with self._lock:
+                self._rows.append(progress)
+        self.changed()
+
+
+class LiveRun(_Followed):
+    """A run of θ: it looks at the plant, waits until a person confirms the changes, and drives.
+
+    Args:
+        rig: Live rig.
+        theta: Physical θ, shape (n,).
+    """
+
+    def __init__(self, rig: LiveRig, theta: Float[np.ndarray, " n"]) -> None:
+        super().__init__(rig)
+        self._theta = theta
+        self._agreed: tuple[Change, ...] | None = None
+
+    def supply(self, given: Table | tuple[Change, ...]) -> None:
+        """Let the run start with the changes that a person confirmed."""
+        if not given or not isinstance(given, tuple):
+            raise LiveError(self.problem or "nothing was confirmed")
+        self._agreed, self.problem = given, ""
+        self.waits, self.moves_plant = False, True
+        self.progress = Progress(Stage.CONNECTING, 0.0, 0.0)
+
+    def advance(self) -> Experiment | None:
+        """Look at the plant or, once the changes are confirmed, run θ and return what it recorded.
+
+        Raises:
+            RunError: If the run failed; `partial` holds what was recorded until then.
+            LiveError: If another process runs on the plant, or it lacks its old values.
+        """
+        if self._agreed is None:
+            self._look()
+            return None
+        agreed = self._agreed
+        try:
+            driven = self._rig.drive(
+                self._theta,
+                lambda changes: changes == agreed,
+                stop=self._stop.is_set,
+                closing=self._closing.is_set,
+                tell=self._tell,
+            )
+        finally:
+            self.progress = None
+        made = driven.experiment
+        self.partial = made if len(made.t) else None
+        if not (driven.restored or driven.kept):
+            self.problem = (
+                f"the plant does not have its old values yet: {driven.problem}. They are restored first"
+            )
+        if not driven.why or made.end is not End.FAILED:
+            return made
+        restored = "The old values are restored" if driven.restored else self.problem
+        raise RunError(f"{driven.why}. {restored}.", "stopped" if driven.stopped else "raised")
+
+    def _look(self) -> None:
+        try:
+            self.changes = self._rig.look(self._theta) or None
+        except ConnectionLostError as error:
+            self.problem = f"the server is not reachable: {error}"
+        except LiveError as error:
+            self.problem = str(error)
+        self.waits = True
+
+
+class RestoringRun(_Followed):
+    """Restores what an interrupted run left on the plant; it has no experiment."""
+
+    def advance(self) -> None:
+        """Restore the old values.
+
+        Raises:
+            LiveError: If another process runs on the plant, or it refuses its old values.
+        """
+        try:
+            self._rig.recover(closing=self._closing.is_set, tell=self._tell)
+        finally:
+            self.progress = None

@@ -1,8 +1,11 @@
-"""Make a scenario of an FMU, with nothing but names and numbers."""
+"""Make a scenario of an FMU, with nothing but names and numbers, and vary its other parameters."""
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,8 +13,14 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.knobs.knob import Knob
+from prefcal_env.sources.function import Function
+from prefcal_env.sources.source import Source
 from prefcal_env.worlds.fmu import FMULoop, Model, Variable, in_unit, read_model
+from prefcal_scenarios.described.description import Description
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification.factor import Factor, Values
+from prefcal_scenarios.verification.plants import CHANGE
+from prefcal_scenarios.verification.subject import Subject
 
 _SHOWN = 8
 """Number of outputs that are shown at most if none is named."""
@@ -99,6 +108,20 @@ def fmu_scenario(
     )
 
 
+def described(d: Description, knobs: list[Knob], where: str) -> Scenario:
+    """Return the scenario of a description; raises what `fmu_scenario` does."""
+    return fmu_scenario(
+        d.of,
+        knobs=knobs,
+        show=d.show,
+        reference=d.reference or None,
+        stop_time=d.stop_time,
+        title=d.title,
+        brief=d.brief,
+        timeout=60.0 if d.timeout is None else d.timeout,
+    )
+
+
 def _choice(model: Model) -> str:
     """Return what to say if no knob is given: each parameter, with an option to copy."""
     if not model.parameters:
@@ -162,3 +185,34 @@ def _is_quick(loop: FMULoop) -> bool:
     finally:
         loop.close()
     return done and loop.seconds is not None and loop.seconds <= _QUICK
+
+
+def subject_of(run: FMURun | FMULoop) -> Subject:
+    """Return the real parameters of an FMU that are no knobs, within its limits.
+
+    Raises:
+        ScenarioError: If it has none.
+    """
+    loop = run.loop if isinstance(run, FMURun) else run
+    free = [v for v in loop.model.parameters if v.name not in loop.parameters and not v.whole]
+    varied = [(v, Factor.around(v.name, "parameter", CHANGE, v.start, v.unit)) for v in free if v.start]
+    factors = tuple(
+        replace(f, low=max(f.low, v.low), high=min(f.high, v.high), possible=(v.low, v.high))
+        for v, f in varied
+    )
+    if not factors:
+        raise ScenarioError("its FMU has no other real parameters with a value: export those of the plant")
+    wider = loop.with_knobs([Knob(f.name, f.low, f.high, f.unit) for f in factors])
+    fixed = ", ".join(v.name for v in free if not v.start)
+    said = ["only parameters of the FMU are varied: sensors, actuators and the task are in it"]
+    said += [f"parameters of the FMU without a value, or with 0, are not varied: {fixed}"] if fixed else []
+    return Subject(factors, tuple(said), partial(_with_parameters, wider, factors))
+
+
+def _with_parameters(wider: FMULoop, factors: tuple[Factor, ...], values: Values) -> Source:
+    return Function(partial(_attempt, wider, [values.get(f.name, f.nominal) for f in factors]))
+
+
+def _attempt(wider: FMULoop, more: list[float], theta: Any, seed: int = 0) -> Experiment:
+    """Return the experiment of θ, shape (n,), in an FMU that has more values behind it."""
+    return replace(wider.attempt(np.array([*theta, *more])), theta=theta)

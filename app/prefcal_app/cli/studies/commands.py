@@ -27,7 +27,7 @@ class OfStudy:
 
     Args:
         study: A name, or the path of a file.
-        scenario: Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never makes
+        scenario: Your own scenario: own.py:NAME, tank.toml{files}. A study file alone never makes
             prefcal run a program.
         plant: Plant of a standard controller, as for calibrate.
     """

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.experiments.tracking_kinds import kinds_of
+from .tracking_kinds import kinds_of
 
 Experiment = Any
 """`prefcal_env.Experiment`, which calls these functions."""
