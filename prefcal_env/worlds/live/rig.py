@@ -12,7 +12,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ConnectionLostError, LiveError, RunError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.sources.run import Change, LiveCurve, Progress, Run, Stage, Table
+from prefcal_env.sources.run import Change, Progress, Run, RunCurve, Stage, Table
 from prefcal_env.sources.source import KPIsOf, Source, formula_problems, with_own
 
 from .drive import Drive, Hands
@@ -187,13 +187,13 @@ class _Followed(Run):
         self._rows: list[Progress] = []
 
     @property
-    def recorded(self) -> tuple[tuple[float, ...], tuple[LiveCurve, ...]]:
+    def recorded(self) -> tuple[tuple[float, ...], tuple[RunCurve, ...]]:
         with self._lock:
             rows = self._rows[:: max(1, -(-len(self._rows) // _DRAWN))]
         tags = self._rig.tags
         referenced = {tag.name for tag in tags if tag.role == "reference"}
         curves = tuple(
-            LiveCurve(
+            RunCurve(
                 tag,
                 tuple(row.values[tag.key] for row in rows),
                 tuple(row.values[f"reference {tag.name}"] for row in rows if tag.name in referenced),

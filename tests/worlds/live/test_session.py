@@ -30,7 +30,7 @@ def waited_for(interview):
     """Work until a person must do something: what is waited for."""
     while True:
         now = interview.now()
-        known = now.live.changes is not None or now.live.problem
+        known = now.plant.changes is not None or now.plant.problem
         if now.phase not in (Phase.RUNNING, Phase.CONFIRM) or (now.phase is Phase.CONFIRM and known):
             return now
         assert interview.work()
@@ -42,7 +42,7 @@ def test_each_run_is_confirmed_saved_and_compared(scenario, plant, tmp_path):
     while (now := waited_for(interview)).phase is not Phase.OVER:
         if now.phase is Phase.CONFIRM:
             before = len(plant.writes)
-            assert [change.old for change in now.live.changes] == pytest.approx([1.0, 10.0, 1.0])
+            assert [change.old for change in now.plant.changes] == pytest.approx([1.0, 10.0, 1.0])
             assert len(plant.writes) == before
             interview.steps.write_and_start(now.pending.index)
             confirmed += 1
@@ -62,7 +62,7 @@ def test_front_ends_are_told_when_the_values_to_confirm_are_known(scenario):
     interview = begin(scenario)
     while interview.now().phase is not Phase.CONFIRM:
         assert interview.work()
-    while (asked := interview.now()).live.changes is None:
+    while (asked := interview.now()).plant.changes is None:
         assert "write_and_start" not in asked.can
         assert interview.work()  # it restores what an earlier run left, and reads the plant
         assert interview.now().version > asked.version
@@ -89,7 +89,7 @@ def test_a_plant_that_changed_since_the_confirmation_is_not_touched(scenario, pl
     assert now.phase is Phase.FAILED
     assert plant.writes == []
     interview.steps.retry()
-    assert waited_for(interview).live.changes[0].old == pytest.approx(1.2)
+    assert waited_for(interview).plant.changes[0].old == pytest.approx(1.2)
 
 
 def test_a_stopped_run_can_be_tried_again_or_counted_as_failed(scenario, plant):
@@ -115,7 +115,7 @@ def test_a_kept_theta_does_not_hide_that_the_set_point_is_not_taken_back(scenari
     plant.at = lambda p: setattr(p, "refuses", "sp" if plant.values["sp"] == 2.0 else "")
     interview.steps.write_and_start(0)
     assert interview.work()
-    assert "set-point: the server memory refuses" in interview.now().live.problem
+    assert "set-point: the server memory refuses" in interview.now().plant.problem
     plant.at, plant.refuses = lambda p: None, ""
     assert interview.work()
     assert plant.values["sp"] == pytest.approx(1.0)
@@ -125,10 +125,10 @@ def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario,
     plant.up = False
     interview = begin(scenario)
     now = waited_for(interview)
-    assert "no connection to memory" in now.live.problem
+    assert "no connection to memory" in now.plant.problem
     plant.up = True
     interview.steps.retry()
-    assert waited_for(interview).live.changes
+    assert waited_for(interview).plant.changes
 
 
 def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeeds(scenario, plant, tmp_path):
@@ -138,9 +138,9 @@ def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeed
     now = waited_for(interview)
     for _ in range(3):
         assert now.phase is Phase.CONFIRM
-        assert now.live.recovery is Recovery.FAILED
-        assert "K_p: the server memory refuses" in now.live.problem
-        assert now.live.changes is None
+        assert now.plant.recovery is Recovery.FAILED
+        assert "K_p: the server memory refuses" in now.plant.problem
+        assert now.plant.changes is None
         with pytest.raises(StaleError, match="does not have its old values yet"):
             interview.steps.write_and_start(now.pending.index)
         assert not interview.work()
@@ -150,9 +150,9 @@ def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeed
     plant.refuses = ""
     interview.steps.retry()
     now = waited_for(interview)
-    assert now.live.problem == ""
-    assert now.live.recovery is Recovery.DONE
-    assert now.live.changes[0].old == pytest.approx(1.5)
+    assert now.plant.problem == ""
+    assert now.plant.recovery is Recovery.DONE
+    assert now.plant.changes[0].old == pytest.approx(1.5)
     interview.steps.write_and_start(now.pending.index)
     assert interview.work()
     assert len(interview.now().state.finished) == 1
@@ -161,7 +161,7 @@ def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeed
 def test_a_recovery_in_progress_is_not_called_failed(scenario, plant, tmp_path):
     Journal(tmp_path / "old.json").save({"K_p": 5.0, "T_i": 10.0, "set-point": 1.0})
     interview, seen = begin(scenario), set()
-    plant.at = lambda p: seen.add(interview.now().live.recovery)
+    plant.at = lambda p: seen.add(interview.now().plant.recovery)
     waited_for(interview)
     assert seen == {Recovery.RUNNING}
     assert plant.values["kp"] == pytest.approx(5.0)
@@ -180,12 +180,12 @@ def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(scena
         pass
     now = interview.now()
     assert now.phase is Phase.QUESTION
-    assert now.live.recovery is Recovery.FAILED
-    assert "set-point" in now.live.problem
+    assert now.plant.recovery is Recovery.FAILED
+    assert "set-point" in now.plant.problem
     plant.at, plant.refuses = lambda p: None, ""
     interview.steps.retry()
     assert interview.work()
-    assert interview.now().live.recovery is Recovery.DONE
+    assert interview.now().plant.recovery is Recovery.DONE
     assert plant.values["sp"] == pytest.approx(1.0)
     assert interview.now().phase is Phase.QUESTION
 
@@ -201,14 +201,14 @@ def test_a_run_that_raised_has_its_old_values_restored_before_anything_else(scen
 
     interview = begin(scenario)
     now = waited_for(interview)
-    assert now.live.recovery is Recovery.DONE
+    assert now.plant.recovery is Recovery.DONE
     monkeypatch.setattr(LiveRig, "drive", broken)
     interview.steps.write_and_start(now.pending.index)
     assert interview.work()
     assert interview.now().phase is Phase.FAILED
-    assert interview.now().live.recovery is Recovery.DUE
+    assert interview.now().plant.recovery is Recovery.DUE
     assert interview.work()
-    assert interview.now().live.recovery is Recovery.DONE
+    assert interview.now().plant.recovery is Recovery.DONE
     assert plant.values["kp"] == pytest.approx(1.0)
 
 

@@ -85,7 +85,7 @@ def test_a_plant_without_its_old_values_is_named_beside_a_question_and_tried_aga
 
     def keys():
         until = time.monotonic() + 20.0
-        while interview.now().live.recovery is not Recovery.FAILED and plant.refuses:
+        while interview.now().plant.recovery is not Recovery.FAILED and plant.refuses:
             assert time.monotonic() < until
             time.sleep(0.01)
         if len(typed) == 2:
@@ -108,7 +108,7 @@ def test_a_plant_without_its_old_values_is_named_where_a_run_has_failed(intervie
 
     def keys():
         until = time.monotonic() + 20.0
-        while interview.now().live.recovery is not Recovery.FAILED and plant.refuses:
+        while interview.now().plant.recovery is not Recovery.FAILED and plant.refuses:
             assert time.monotonic() < until
             time.sleep(0.01)
         if len(typed) == 2:

@@ -161,7 +161,7 @@ class Study:
             elif now.phase is Phase.FAILED:
                 interview.steps.fail(_pending(now), now.problem or "")
                 how, ran = "lost in the run, counted as failed", True
-            elif now.live is not None and now.live.changes is None:
+            elif now.plant is not None and now.plant.changes is None:
                 interview.steps.retry()
                 how = "lost before the run, read again"
             else:
