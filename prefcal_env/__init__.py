@@ -14,7 +14,6 @@ from .on_first_use import public_names
 if TYPE_CHECKING:
     from .calibrators import HumanCalibrator as HumanCalibrator
     from .calibrators import LatentCost as LatentCost
-    from .controllers.do_mpc import DoMPC as DoMPC
     from .controllers.lqg import LQG as LQG
     from .controllers.lqr import LQR as LQR
     from .controllers.pid import PID as PID
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from .experiments.panels import Panel as Panel
     from .experiments.rollout import rollout as rollout
     from .experiments.tracking import tracking_kpis as tracking_kpis
-    from .fmu import FMULoop as FMULoop
     from .knobs.constraints import Constraint as Constraint
     from .knobs.constraints import LinearConstraint as LinearConstraint
     from .knobs.knob import Knob as Knob
@@ -55,6 +53,8 @@ if TYPE_CHECKING:
     from .tables import TableColumns as TableColumns
     from .tables import from_frame as from_frame
     from .tables.recorded import recorded as recorded
+    from .worlds.do_mpc import DoMPC as DoMPC
+    from .worlds.fmu import FMULoop as FMULoop
 
 __getattr__, __dir__, __all__ = public_names(__name__)
 

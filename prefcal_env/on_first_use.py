@@ -30,7 +30,12 @@ def public_names(package: str) -> Door:
     module = modules[package]
     # Not `inspect.getsource`, which asks the module for names that it has not.
     source: str = module.__loader__.get_source(package)  # type: ignore[union-attr]
-    homes = dict(_typed(source))
+    homes = {
+        name: home
+        for name, home in _typed(source)
+        # An optional world may be left out.
+        if not home.startswith("worlds.") or find_spec(f"{package}.{home}") is not None
+    }
 
     def load(name: str) -> Any:
         if name == "__all__":

@@ -64,8 +64,6 @@ def test_a_release_needs_its_tag_and_its_heading(tag, heading, code, tmp_path):
     assert done.returncode == code
 
 
-
-
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda p: p.stem)
 def test_a_workflow_runs_what_exists_and_may_do_only_what_it_needs(path):
     text, content = path.read_text(encoding="utf-8"), read(path)

@@ -6,10 +6,10 @@ Names are imported on first use, so that `prefcal --help` does not load plants a
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .cli.notebook import ask as ask
     from .looking.look import look as look
     from .report.export import load_controller as load_controller
     from .report.trajectories import figure as figure
+    from .worlds.notebook import ask as ask
 
 
 def __getattr__(name: str) -> Any:

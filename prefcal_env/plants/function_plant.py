@@ -9,12 +9,12 @@ from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
+from prefcal_env.optional import world_of
 
 from .derivative import derivative
 from .equations import Equations, equations_of
 from .integrate import integrate
-from .jacobians import D, Jacobians, States, Times, U, X, Y
-from .systems.casadi import CasadiEquation, is_function
+from .jacobians import D, ExactEquation, Jacobians, States, Times, U, X, Y
 from .systems.linear import Numbers, numbers
 
 Equation = Callable[[Any, Any, Any], Any]
@@ -88,7 +88,7 @@ class FunctionPlant:
             raise PlantError(f"delay must be 0 {time_unit} or more, got {self.input_delay}")
         self.x0 = None if x0 is None else numbers("x0", x0, len(self.states))
         self.u0 = None if u0 is None else numbers("u0", u0, len(self.inputs))
-        self._f, self._g = self._of_casadi(f), self._of_casadi(g)
+        self._f, self._g = self._adapted(f), self._adapted(g)
         self._equations: Equations | None = None
         self._called_back: Equations | None = None
 
@@ -148,16 +148,18 @@ class FunctionPlant:
     def _derivative(self, name: str, x: Any, u: Any, d: Any) -> Float[np.ndarray, "m n"]:
         """Return the derivative of f or g with respect to (x, u)."""
         equation, n_x = self._f if name == "f" else self._g, len(self.states)
-        if isinstance(equation, CasadiEquation):
+        if isinstance(equation, ExactEquation):
             return equation.jacobian(x, u, d)
         point = np.concatenate([x, u])
         return derivative(lambda p: self._values(name, p[:n_x], p[n_x:], d), point)
 
-    def _of_casadi(self, equation: Any) -> Any:
-        """Return a CasADi Function as an equation, and anything else unchanged."""
-        if not is_function(equation):
+    def _adapted(self, equation: Any) -> Any:
+        """Return a function of an optional world as an equation, and anything else unchanged."""
+        world = None if isinstance(equation, ExactEquation) else world_of(equation)
+        if world is None or not world.equations:
             return equation
-        return CasadiEquation(equation, (len(self.states), len(self.inputs), len(self.disturbances)))
+        sizes = len(self.states), len(self.inputs), len(self.disturbances)
+        return world.inside("prefcal_env").equation(equation, sizes)
 
     def _values(self, name: str, x: Any, u: Any, d: Any) -> Any:
         """Return the result of f or g as a float or complex array of the right shape."""

@@ -7,9 +7,9 @@ process stand behind the same calls. Nobody asks a source what it is: it says wh
 from .maneuvers import Maneuvers as Maneuvers
 from .rig import Rig as Rig
 from .run import Change as Change
-from .run import LiveCurve as LiveCurve
 from .run import Progress as Progress
 from .run import Run as Run
+from .run import RunCurve as RunCurve
 from .run import Stage as Stage
 from .run import Table as Table
 from .source import Source as Source

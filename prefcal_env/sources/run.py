@@ -73,7 +73,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class LiveCurve:
+class RunCurve:
     """An output that is recorded, as far as it is known.
 
     Args:
@@ -129,7 +129,7 @@ class Run:
     partial: Experiment | None = None
 
     @property
-    def recorded(self) -> tuple[tuple[float, ...], tuple[LiveCurve, ...]]:
+    def recorded(self) -> tuple[tuple[float, ...], tuple[RunCurve, ...]]:
         """Return instants in seconds, and the curves recorded so far."""
         return (), ()
 

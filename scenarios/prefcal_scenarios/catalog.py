@@ -14,6 +14,7 @@ from .names import (
     CASES,
     CONTROLLERS,
     NAMES,
+    OWN,
     either,
     is_built_in,
     is_described,
@@ -29,7 +30,7 @@ def load(name: str) -> Scenario:
     """Return the scenario called `name`: one of `BUILT_IN`, or a user's own.
 
     A user's own is "path/to/own.py:attribute", or described by plain data: "path/to/tank.toml",
-    "path/to/loop.fmu", or 'pid {"plant": "path/to/model.py:plant"}'.
+    'pid {"plant": "path/to/model.py:plant"}', or a file of an optional world, such as an FMU.
 
     "loop-17" is the random closed loop with seed 17, and "rough-17" the rough one; both are made
     by the benchmark, the distribution prefcal-bench.
@@ -66,7 +67,7 @@ def load(name: str) -> Scenario:
         return _scenario_in(import_module(f"prefcal_scenarios.cases.{case}"), name, name)
     raise ScenarioError(
         f"no scenario is called {name!r}.{did_you_mean(name, BUILT_IN)} "
-        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, {either(CONTROLLERS)} "
+        f"Expected {NAMES}, or your own: {', '.join(OWN)}, {either(CONTROLLERS)} "
         "(see `prefcal scenarios`)"
     )
 

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterable, Mapping
 
+from prefcal_env.optional import ENDINGS, WORLDS
+
 CASES = ("cstr", "overtake")
 """Names of the paper's case studies."""
 CLOSED_LOOPS = (
@@ -32,6 +34,8 @@ CONTROLLERS: Mapping[str, str] = {"pid": "PID", "lqr": "LQR"}
 A new one is `described/NAME_scenario.py` and a row here: a function NAME_scenario, called as
 `pid_scenario` is, and, unless `prefcal_env.controllers` has it, the class, decorated as `storable`.
 """
+OWN = ("path/to/own.py:NAME", "tank.toml", *(world.file for world in WORLDS if world.file))
+"""What people's own scenarios may be called, for messages, beside standard controllers."""
 _RANDOM_LOOP = re.compile(r"(loop|rough)-(0|[1-9]\d*)", re.ASCII)
 
 
@@ -64,7 +68,8 @@ def is_own(source: str) -> bool:
 def is_described(source: str) -> bool:
     """Return whether a scenario is described by plain data.
 
-    It is a TOML file, an FMU, or a standard controller such as "pid", configured or not.
+    It is a TOML file, a file of an optional world, or a standard controller such as "pid",
+    configured or not.
     """
     name = source.partition("{")[0].strip()
-    return name in CONTROLLERS or name.endswith((".toml", ".fmu"))
+    return name in CONTROLLERS or name.endswith((".toml", *ENDINGS))

@@ -18,14 +18,18 @@ EXTENDED = {
     "browser": ("app/looking/test_window.py", "app/web/test_accessibility.py", "app/web/test_page*.py"),
     "commands": ("app/cli/test_[!c]*.py", "app/cli/test_ch*.py"),
     "documents": ("test_notebooks.py", "test_own_*.py", "test_parts.py", "test_release_files.py"),
-    "fmu": ("env/fmu/*", "scenarios/described/test_fmu_scenario.py", "scenarios/verification/test_fmus.py"),
+    "fmu": ("worlds/fmu/*",),
     "libraries": (
         "env/controllers/test_lqr.py",
         "env/controllers/test_margins.py",
-        "env/plants/systems/test_casadi.py",
         "env/study/test_exports.py",
         "env/tables/test_parquet.py",
+        "worlds/casadi/*",
+        "worlds/control/*",
+        "worlds/do_mpc/*",
+        "worlds/test_deleted.py",
     ),
+    "notebook": ("worlds/notebook/*",),
     "processes": (
         "env/study/test_disk.py",
         "env/test_compiling.py",
@@ -36,11 +40,7 @@ EXTENDED = {
         "scenarios/verification/test_varied_runs.py",
         "app/test_crash.py",
     ),
-    "servers": (
-        "env/live/test_live_sessions.py",
-        "env/live/test_opcua.py",
-        "scenarios/described/test_live_plant.py",
-    ),
+    "servers": ("worlds/live/*",),
     "slow": (
         "agents/acquisition/test_penalty.py",
         "agents/baselines/test_glis.py",

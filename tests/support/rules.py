@@ -4,7 +4,7 @@ import ast
 import importlib
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from graphlib import TopologicalSorter
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from support.new_process import in_a_new_process
@@ -28,8 +28,11 @@ def modules_of(folders: Mapping[str, Path]) -> list[tuple[str, Path]]:
     ]
 
 
-def imported(module: str, path: Path) -> set[str]:
-    """Return full names of the modules (or of what is in them) that a file imports when it runs."""
+def imported(module: str, path: Path, *, typing: bool = False) -> set[str]:
+    """Return full names of the modules (or of what is in them) that a file imports, at once or late.
+
+    Those for type checkers alone count only if `typing`.
+    """
     names = set()
     package = module.split(".") if path.stem == "__init__" else module.split(".")[:-1]
     package = [part for part in package if part != "__init__"]
@@ -41,7 +44,7 @@ def imported(module: str, path: Path) -> set[str]:
         for inner in ast.walk(node)
     }
     for node in ast.walk(tree):
-        if id(node) in typing_only:
+        if id(node) in typing_only and not typing:
             continue
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
@@ -95,20 +98,40 @@ def level(layers: Layers, part: str) -> int:
     return found[0]
 
 
-def assert_no_circle(files: Sequence[tuple[str, Path]]) -> None:
-    """Check that no file imports itself through others; a CycleError names the circle."""
+def _through_doors(name: str, doors: Mapping[str, str], known: Collection[str]) -> str:
+    """Return the module that a full name is from, also if the `__init__` of a package hands it on."""
+    while name not in known and doors.get(name, name) != name:
+        name = doors[name]
+    return name if name in known else name.rpartition(".")[0]
+
+
+def _handed_on(files: Sequence[tuple[str, Path]]) -> dict[str, str]:
+    """Return full names at the doors of packages, to those where they come from."""
+    doors = {}
+    for name, path in files:
+        if path.stem == "__init__":
+            package = name.removesuffix(".__init__")
+            for origin in imported(name, path, typing=True):
+                doors[f"{package}.{origin.rpartition('.')[2]}"] = origin
+    return doors
+
+
+def circle(files: Sequence[tuple[str, Path]]) -> list[str] | None:
+    """Return a circle of imports, late ones and those for type checkers included; None if there is none."""
     known = {name.removesuffix(".__init__"): path for name, path in files}
     assert len(known) == len(files), "two modules have one name"
+    doors = _handed_on(files)
     graph = {
-        name: {
-            origin if origin in known else origin.rpartition(".")[0]
-            for origin in imported(f"{name}.__init__" if path.stem == "__init__" else name, path)
-        }
+        name: {_through_doors(origin, doors, known) for origin in imported(name, path, typing=True)}
         & known.keys() - {name}
         for name, path in known.items()
         if path.stem != "__init__"
     }
-    assert list(TopologicalSorter(graph).static_order())
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return None
 
 
 def assert_folders_stay_small(folder: Path, leave_out: Iterable[Path] = ()) -> None:

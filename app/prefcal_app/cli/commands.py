@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from typer import Argument, Context, Exit, Option, Typer, echo
 
 from .options import CheckOptions, LookOptions, Options, ReportOptions, VerifyOptions
-from .parameters import examples, given, made, takes
+from .parameters import examples, examples_of_worlds, given, made, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
 from .studies.commands import app as studies
@@ -73,10 +73,7 @@ def _one_thread() -> None:
         ("calibrate cstr --simulate 0", "Run only what is shown: 50 experiments, with agent glisp."),
         ("calibrate cstr --agent glis --cost own.py:cost", "Unattended, scored by a function of yours."),
         ("calibrate own.py:plant", "Your own scenario, simulated or a rig that you run yourself."),
-        (
-            'calibrate loop.fmu --knob "K_p=0.1:50:log" --reference level=2',
-            "An FMU with a controller in it, exported from Simulink, Modelica or Dymola.",
-        ),
+        *examples_of_worlds("calibrate"),
         (
             "calibrate pid --plant model.py:plant",
             "A PID on your own plant; knobs, set point and duration are found.",
@@ -113,10 +110,7 @@ app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
         ("check own.py:plant", "Your own scenario: the variable plant in the file own.py."),
         ('check own.py:plant --theta "K_p=2, K_i=0.1"', "The same at your current tuning, every knob given."),
         ("check cstr --out reactor.png", "A built-in scenario, with the picture in a file of your choice."),
-        (
-            'check loop.fmu --knob "K_p=0.1:50:log" --reference level=2',
-            "An FMU with a controller in it; without knobs, its parameters are listed.",
-        ),
+        *examples_of_worlds("check"),
         ("check pid --plant model.py:plant", "A PID on your own plant."),
         ("check tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
         more="""\

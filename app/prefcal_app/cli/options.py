@@ -37,13 +37,13 @@ class Described:
     r"""Options that say what is tuned, for `calibrate` and `check`.
 
     Args:
-        scenario: A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu,
+        scenario: A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml{files},
             or a controller such as pid with --plant.
-        knob: Knob of an FMU or a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example
+        knob: Knob of {called}a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example
             "K_p=0.1:50:log %/m". Repeat the option for more.
-        show: Curves to show, for example level,valve; of an FMU also in another unit, "T \[degC]".
+        show: Curves to show, for example level,valve{units}.
         reference: Desired value of an output, for example level=2. Repeat the option for more.
-        plant: Plant of a standard controller: a prefcal plant, a system of python-control or scipy,
+        plant: Plant of a standard controller: a prefcal plant, a system of {systems}scipy,
             or (A, B, C, D).
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.
@@ -322,7 +322,7 @@ class OfStudy:
 
     Args:
         study: A name, or the path of a file.
-        scenario: Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never makes
+        scenario: Your own scenario: own.py:NAME, tank.toml{files}. A study file alone never makes
             prefcal run a program.
         plant: Plant of a standard controller, as for calibrate.
     """

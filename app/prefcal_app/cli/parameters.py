@@ -7,10 +7,13 @@ file and all messages use that declaration.
 
 import inspect
 import re
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from typer import Argument, Option
@@ -164,10 +167,26 @@ def parameters_of(options: type) -> Mapping[str, Parameter]:
 
 
 def _args(docstring: str) -> Iterator[tuple[str, str]]:
-    """Yield names and words of the section "Args" of a docstring."""
+    """Yield names and words of the section "Args" of a docstring; {these} are of optional worlds."""
     section = inspect.cleandoc(docstring).partition("\nArgs:\n")[2].partition("\n\n")[0]
     for name, words in re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", section, re.MULTILINE):
+        for place, said in _of_worlds().items():
+            words = words.replace(f"{{{place}}}", said)
         yield name, " ".join(words.split())
+
+
+@cache
+def _of_worlds() -> Mapping[str, str]:
+    """Return what optional worlds add to the help of options, by the place that is left for it."""
+    files = [world for world in worlds() if "ending" in world]
+    systems = [world["system"] for world in worlds() if "system" in world]
+    units = [f"; of {each['called']} also in another unit, {each['unit']['show']}" for each in files]
+    return {
+        "files": "".join(f", {each['file']}" for each in files),
+        "called": "".join(f"{each['called']} or " for each in files),
+        "units": "".join(units).replace("[", r"\["),
+        "systems": "".join(f"{each} or " for each in systems),
+    }
 
 
 def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:
@@ -207,3 +226,22 @@ def examples(*shown: tuple[str, str], more: str = "") -> str:
     """Return an epilog with example commands, an explanation of each, and `more`."""
     lines = (f"[cyan]prefcal {line}[/cyan]\n  {words}" for line, words in shown)
     return "\n\n".join(["[bold]Examples[/bold]", *lines, *([more] if more else [])])
+
+
+@cache
+def worlds() -> tuple[Mapping[str, Any], ...]:
+    """Return the rows of `prefcal_env/optional.toml`, which say what the optional worlds are.
+
+    The file alone is read: importing `prefcal_env` takes longer than the help of the program may.
+    """
+    package = find_spec("prefcal_env")
+    assert package is not None
+    assert package.origin is not None
+    table = Path(package.origin).with_name("optional.toml").read_text(encoding="utf-8")
+    return tuple(tomllib.loads(table).get("world", ()))
+
+
+def examples_of_worlds(command: str) -> list[tuple[str, str]]:
+    """Return the examples of a command with optional worlds, for `examples`."""
+    found = (world.get("usage", {}).get(command) for world in worlds())
+    return [(f"{command} {line}", words) for line, words in filter(None, found)]

@@ -117,7 +117,7 @@ class Interview:
                 run_limit=underway.source.limit,
                 simulated=simulated(flow),
                 running=len(underway.going) if flow.at_once > 1 else 0,
-                live=underway.live_now(study.pending),
+                plant=underway.plant_now(study.pending),
             )
 
     def wait(self, version: int, timeout: float) -> Now:

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
-from prefcal_app.session.study.now import GOOD_ENOUGH, UNSAFE, LiveNow, Recovery
+from prefcal_app.session.study.now import GOOD_ENOUGH, UNSAFE, PlantNow, Recovery
 from prefcal_app.session.study.study import ENOUGH
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
@@ -142,7 +142,7 @@ class _Conversation:
             on = mark not in getattr(now.question, side).marks
             self.interview.steps.mark(now.question.id, side, mark, on)
             self._say(f"{side.capitalize()}: {mark}" + ("." if on else ", no longer."))
-        elif said in RESTORE and now.live is not None:
+        elif said in RESTORE and now.plant is not None:
             self._restore()
         else:
             self._other(said, now)
@@ -216,11 +216,11 @@ class _Conversation:
 
     def _confirm(self, now: Now) -> bool:
         """Let the person confirm what is written to the live plant."""
-        while now.live is not None and now.live.changes is None and not now.live.problem:
+        while now.plant is not None and now.plant.changes is None and not now.plant.problem:
             if now.phase is not Phase.CONFIRM:
                 break
             now = self.interview.wait(now.version, _LOOK)
-        if now.phase is not Phase.CONFIRM or now.pending is None or now.live is None:
+        if now.phase is not Phase.CONFIRM or now.pending is None or now.plant is None:
             return True
         show_changes(self.interview, now, self.console)
         choices = "again (read the plant again), failed, undo, stop"
@@ -234,11 +234,11 @@ class _Conversation:
 
     def _unrestored(self, now: Now) -> None:
         """Say once beside each question or failed run that the plant lacks its old values."""
-        if now.live is None or not _lacks_old_values(now.live):
+        if now.plant is None or not _lacks_old_values(now.plant):
             return
-        here = (now.phase, now.question, now.live.problem)
+        here = (now.phase, now.question, now.plant.problem)
         if self.missing != here:
-            self._say(f"The plant does not have its old values yet: {now.live.problem}.")
+            self._say(f"The plant does not have its old values yet: {now.plant.problem}.")
             self._say("g or again tries to restore them.")
             self.missing = here
 
@@ -248,9 +248,9 @@ class _Conversation:
         self.missing, now = None, self.interview.now()
         words = "restoring the old values on the plant; Enter goes on meanwhile"
         with self.console.status(words):
-            while _is_restoring(now.live) and self.typed() is None:
+            while _is_restoring(now.plant) and self.typed() is None:
                 now = self.interview.wait(now.version, _LOOK)
-        if now.live is not None and now.live.recovery is Recovery.DONE:
+        if now.plant is not None and now.plant.recovery is Recovery.DONE:
             self._say("The old values are restored.")
 
     def _file(self, said: str, pending: Suggested) -> None:
@@ -299,7 +299,7 @@ class _Conversation:
         said = self._said()
         if said in STOP:
             return False
-        if said in RESTORE and _lacks_old_values(now.live):
+        if said in RESTORE and _lacks_old_values(now.plant):
             self._restore()
         elif said == "t":
             self.interview.steps.retry()
@@ -324,25 +324,25 @@ def _waiting(now: Now) -> str:
     words = f"running experiment {now.pending.index + 1}"
     if now.running > 1:
         return f"running {now.running} experiments"
-    if now.live is not None:
-        return f"{words}{_live_words(now.live)}"
+    if now.plant is not None:
+        return f"{words}{_words_of_run(now.plant)}"
     if now.run_limit is None:
         return words
     limit = f"at most {in_time(now.run_limit)}; " if isfinite(now.run_limit) else ""
     return f"{words} ({limit}k and Enter stops it)"
 
 
-def _lacks_old_values(live: LiveNow | None) -> bool:
-    return live is not None and live.recovery is Recovery.FAILED
+def _lacks_old_values(plant: PlantNow | None) -> bool:
+    return plant is not None and plant.recovery is Recovery.FAILED
 
 
-def _is_restoring(live: LiveNow | None) -> bool:
-    return live is not None and live.recovery in (Recovery.DUE, Recovery.RUNNING)
+def _is_restoring(plant: PlantNow | None) -> bool:
+    return plant is not None and plant.recovery in (Recovery.DUE, Recovery.RUNNING)
 
 
-def _live_words(live: LiveNow) -> str:
+def _words_of_run(plant: PlantNow) -> str:
     """Return how far a run on a live plant is."""
-    progress = live.progress
+    progress = plant.progress
     if progress is None:
         return ""
     left = max(progress.duration - progress.elapsed, 0.0)

@@ -231,11 +231,11 @@ def show_next(interview: Interview, now: Now, console: Console) -> None:
 
 def show_changes(interview: Interview, now: Now, console: Console) -> None:
     """Print what would be written to a live plant: the old and the new value of each knob."""
-    source, sample, live = interview.scenario.source, now.pending, now.live
+    source, sample, plant = interview.scenario.source, now.pending, now.plant
     assert sample is not None
-    assert live is not None
+    assert plant is not None
     console.rule(f"Experiment {sample.index + 1}: confirm what is written to the plant")
-    for change in live.changes or ():
+    for change in plant.changes or ():
         rate = "" if isinf(change.rate) else f", at most {change.rate:g} per second"
         limits = f"limits {change.quantity.low:g} to {change.quantity.high:g}{rate}"
         new = with_unit(f"{change.new:.6g}", change.unit)
@@ -245,5 +245,5 @@ def show_changes(interview: Interview, now: Now, console: Console) -> None:
     say(
         console,
         f"{recorded}Afterward {source.afterward}{'; k and Enter stops the run' if source.stops else ''}.",
-        *filter(None, (source.instructions, interview.known.promise, live.problem)),
+        *filter(None, (source.instructions, interview.known.promise, plant.problem)),
     )

@@ -14,7 +14,7 @@ from prefcal_scenarios.presentation.wording import INTERRUPTED, knob_number, wit
 from prefcal_scenarios.scenario import Scenario
 
 from .end import over_view
-from .preview import live_view
+from .preview import plant_view
 from .seen import Seen
 from .sides import numbers_view, question_view, theta_view
 from .simulated import screening_view
@@ -57,7 +57,7 @@ def now_view(
         "preparing": None if now.preparing is None else asdict(now.preparing),
         "draft": now.draft,
         "rig": _rig(scenario, now.state),
-        "live": live_view(scenario, now.live),
+        "live": plant_view(scenario, now.plant),
         "pending": _pending(interview, now, blind=blind),
         "good_enough": _good_enough(now, blind=blind),
         "screening": screening_view(interview, now, blind=blind),

@@ -5,7 +5,7 @@ from math import isfinite, isinf, isnan
 from typing import Any
 
 from prefcal_app.session import Given, Interview, Preview, Side
-from prefcal_app.session.study.now import LiveNow, Recovery
+from prefcal_app.session.study.now import PlantNow, Recovery
 from prefcal_env.sources import Change, Stage
 from prefcal_scenarios.presentation.wording import quantity
 from prefcal_scenarios.scenario import Scenario, panels_of
@@ -50,20 +50,20 @@ def warnings(seen: Preview) -> Iterator[str]:
         yield f"{what} about the record that it replaces will no longer count."
 
 
-def live_view(scenario: Scenario, live: LiveNow | None) -> dict[str, Any] | None:
+def plant_view(scenario: Scenario, plant: PlantNow | None) -> dict[str, Any] | None:
     """Return what the page shows of a live plant; None if the scenario has none."""
     source = scenario.source
-    if live is None:
+    if plant is None:
         return None
     return {
-        "changes": None if live.changes is None else [_change(each) for each in live.changes],
-        "problem": live.problem,
-        "unrestored": live.recovery is Recovery.FAILED and live.progress is None,
+        "changes": None if plant.changes is None else [_change(each) for each in plant.changes],
+        "problem": plant.problem,
+        "unrestored": plant.recovery is Recovery.FAILED and plant.progress is None,
         "instructions": source.instructions,
         "duration": _plain(source.duration),
         "afterward": source.afterward,
         "stops": source.stops,
-        "running": _running(live),
+        "running": _running(plant),
     }
 
 
@@ -79,20 +79,20 @@ def _change(change: Change) -> dict[str, str]:
     }
 
 
-def _running(live: LiveNow) -> dict[str, Any] | None:
+def _running(plant: PlantNow) -> dict[str, Any] | None:
     """Return how far the plant's run is; None if none is in progress."""
-    progress = live.progress
+    progress = plant.progress
     if progress is None:
         return None
     return {
         "stage": progress.stage.value,
-        "recovers": live.recovery is not Recovery.DONE,
+        "recovers": plant.recovery is not Recovery.DONE,
         "restores": progress.stage in (Stage.RESTORING, Stage.LOST),
         "records": progress.stage is Stage.RECORDING,
         "elapsed": progress.elapsed,
         "problem": progress.problem,
-        "stopping": live.stopping,
-        "times": list(live.times),
+        "stopping": plant.stopping,
+        "times": list(plant.times),
         "outputs": [
             {
                 "name": curve.channel.name,
@@ -100,7 +100,7 @@ def _running(live: LiveNow) -> dict[str, Any] | None:
                 "values": [_plain(value) for value in curve.values],
                 "reference": [_plain(value) for value in curve.reference],
             }
-            for curve in live.curves
+            for curve in plant.curves
         ],
     }
 

@@ -1,7 +1,4 @@
-"""Models made with other libraries: linear systems of python-control and SciPy, CasADi functions.
-
-None of these libraries is imported: their objects are recognized by what they have.
-"""
+"""Linear systems as plants: of SciPy, plain arrays, or an optional world, none of which is imported."""
 
 from .linear import LinearPlant as LinearPlant
 from .matrices import LinearSystem as LinearSystem

@@ -1,6 +1,5 @@
-"""A, B, C and D of any linear system: python-control, SciPy or plain arrays."""
+"""A, B, C and D of any linear system: of SciPy, plain arrays, or an optional world."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,13 +9,14 @@ from jaxtyping import Bool, Complex, Float
 
 from prefcal_env.arrays import numbers
 from prefcal_env.errors import PlantError
+from prefcal_env.optional import WORLDS, world_of
 
+LIBRARIES = " or ".join([*(world.system for world in WORLDS if world.system), "scipy.signal"])
+"""What makes linear systems, for messages."""
 _FORMS = (
-    "a StateSpace or TransferFunction of python-control or scipy.signal, arrays (A, B, C, D) or "
+    f"a StateSpace or TransferFunction of {LIBRARIES}, arrays (A, B, C, D) or "
     "(A, B, C, D, dt), polynomials (num, den), a gain, or a list of rows of these"
 )
-_DEFAULT_LABEL = re.compile(r"[uyx]\[\d+\]")
-"""Names that python-control gives to signals without a name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,25 +161,35 @@ def system_of(system: Any) -> LinearSystem:
     inner = getattr(system, "system", None)
     if isinstance(inner, LinearSystem):  # a plant made of one
         return inner
+    world = world_of(system)
+    if world is not None and world.system:
+        made: LinearSystem = world.inside("prefcal_env").linear_system(system)
+        return made
     if hasattr(system, "A") and hasattr(system, "D"):
-        return _of_arrays([system.A, system.B, system.C, system.D], _time_of(system), system)
-    if hasattr(system, "num") and hasattr(system, "den"):
-        return _of_fractions(*_fractions(system), system)
+        return of_arrays([system.A, system.B, system.C, system.D], _time_of(system))
+    if hasattr(system, "num") and hasattr(system, "den") and not any(map(_is_row, system.den)):
+        rows = np.atleast_2d(system.num)  # of scipy: one denominator for all outputs of one input
+        return of_fractions([[row] for row in rows], [[system.den]] * len(rows), _time_of(system))
     if hasattr(system, "to_ss"):  # zeros, poles and gain of scipy
         return system_of(system.to_ss())
     if isinstance(system, Sequence) and not isinstance(system, str):
         if _grid(system):
             return _of_grid(system)
         if len(system) == 2:
-            return _of_fractions([[system[0]]], [[system[1]]], None)
+            return of_fractions([[system[0]]], [[system[1]]])
         if len(system) in (4, 5):
-            return _of_arrays(system[:4], _sample_time(system[4]) if system[4:] else 0.0)
+            return of_arrays(system[:4], sample_time(system[4]) if system[4:] else 0.0)
     if isinstance(system, int | float | np.ndarray | np.number) and not isinstance(system, bool):
-        return _of_arrays([[], [], [], _matrix("a gain", system)], 0.0)
+        return of_arrays([[], [], [], _matrix("a gain", system)], 0.0)
     raise PlantError(f"a linear system must be {_FORMS}, got {type(system).__name__} {system!r:.80}")
 
 
-def _of_arrays(arrays: Sequence[Any], dt: float, source: Any = None) -> LinearSystem:
+def of_arrays(arrays: Sequence[Any], dt: float) -> LinearSystem:
+    """Return the system of A, B, C and D, some of which may be vectors; 0 as `dt` is continuous.
+
+    Raises:
+        PlantError: If shapes do not fit, or a number is not finite.
+    """
     A, B, C, D = (_matrix(name, value) for name, value in zip("ABCD", arrays, strict=True))
     if A.size == 0:
         D = np.atleast_2d(D)
@@ -191,27 +201,18 @@ def _of_arrays(arrays: Sequence[Any], dt: float, source: Any = None) -> LinearSy
         D = np.full((len(C), B.shape[1]), 0.0) if zero else np.atleast_2d(D)
     if A.ndim != 2 or B.ndim != 2 or C.ndim != 2 or D.ndim != 2:
         raise PlantError(f"A, B, C and D must be matrices, got {[np.shape(v) for v in arrays]}")
-    return LinearSystem(A, B, C, D, dt, *_labels(source))
+    return LinearSystem(A, B, C, D, dt)
 
 
-def _fractions(system: Any) -> tuple[list[list[Any]], list[list[Any]]]:
-    """Return numerators and denominators of a transfer function as rows of polynomials."""
-    num, den = system.num, system.den
-    if hasattr(system, "num_list"):
-        num, den = system.num_list, system.den_list
-    nested = isinstance(num, list) and isinstance(num[0], list | np.ndarray)
-    if nested and np.ndim(num[0][0]) == 1:
-        return num, den
-    array = np.atleast_2d(num)  # scipy: one denominator for all outputs of one input
-    return [[row] for row in array], [[den]] * len(array)
+def of_fractions(num: list[list[Any]], den: list[list[Any]], dt: float = 0.0) -> LinearSystem:
+    """Realize each entry in controllable canonical form, one after the other.
 
-
-def _of_fractions(num: list[list[Any]], den: list[list[Any]], source: Any) -> LinearSystem:
-    """Realize each entry in controllable canonical form, one after the other."""
+    Raises:
+        PlantError: If one is improper, or a denominator is 0.
+    """
     rows = zip(num, den, strict=True)
     grid = [[_canonical(*entry) for entry in zip(*row, strict=True)] for row in rows]
-    inputs, outputs, _ = _labels(source)
-    return _assembled(grid, _time_of(source), inputs, outputs)
+    return _assembled(grid, dt)
 
 
 def _grid(system: Sequence[Any]) -> bool:
@@ -238,12 +239,7 @@ def _of_grid(rows: Sequence[Sequence[Any]]) -> LinearSystem:
     return _assembled(grid, max(steps, default=0.0))
 
 
-def _assembled(
-    grid: Sequence[Sequence[LinearSystem]],
-    dt: float,
-    inputs: tuple[str, ...] = (),
-    outputs: tuple[str, ...] = (),
-) -> LinearSystem:
+def _assembled(grid: Sequence[Sequence[LinearSystem]], dt: float) -> LinearSystem:
     """Return the matrix of systems of one input and one output, one after the other."""
     n_x = sum(len(entry.A) for row in grid for entry in row)
     n_y, n_u = len(grid), len(grid[0])
@@ -255,7 +251,7 @@ def _assembled(
             A[own, own], B[own, j], C[i, own] = entry.A, entry.B[:, 0], entry.C[0]
             D[i, j] = entry.D[0, 0]
             first += len(entry.A)
-    return LinearSystem(A, B, C, D, dt, inputs, outputs)
+    return LinearSystem(A, B, C, D, dt)
 
 
 def _canonical(num: Any, den: Any) -> LinearSystem:
@@ -277,11 +273,20 @@ def _canonical(num: Any, den: Any) -> LinearSystem:
     return LinearSystem(A, np.eye(n, 1), (b[1:] - b[0] * a[1:])[None], b[:1, None])
 
 
+def _is_row(value: Any) -> bool:
+    return isinstance(value, list | np.ndarray)
+
+
 def _time_of(source: Any) -> float:
-    return _sample_time(getattr(source, "dt", None))
+    return sample_time(getattr(source, "dt", None))
 
 
-def _sample_time(dt: Any) -> float:
+def sample_time(dt: Any) -> float:
+    """Return a sample time as a number; 0 for None, which is continuous.
+
+    Raises:
+        PlantError: If it is True, which is discrete without a stated time.
+    """
     if dt is None:
         return 0.0
     if isinstance(dt, bool) or not isinstance(dt, int | float | np.number):
@@ -289,16 +294,6 @@ def _sample_time(dt: Any) -> float:
             f"a discrete system must state its sample time dt in the unit of time, got dt={dt!r}"
         )
     return float(dt)
-
-
-def _labels(source: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return names of inputs, outputs and states, () where they are only numbered."""
-
-    def named(kind: str) -> tuple[str, ...]:
-        labels = getattr(source, f"{kind}_labels", None) or ()
-        return () if any(map(_DEFAULT_LABEL.fullmatch, labels)) else tuple(labels)
-
-    return named("input"), named("output"), named("state")
 
 
 def _matrix(name: str, value: Any) -> np.ndarray:

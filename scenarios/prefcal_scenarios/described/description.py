@@ -7,15 +7,18 @@ from typing import Any, Literal
 
 import msgspec
 
-from prefcal_env.described import Keys, checked, entries
+from prefcal_env.described import Keys, entries
 from prefcal_env.errors import ScenarioError
+from prefcal_env.optional import WORLDS, World
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS, either
 
 _MERGED = ("knobs", "reference", "kpis", "panels", "starts")
 """Tables to which options add entries; they replace any other value of a file."""
-_SUBJECTS = ("fmu", "controller", "rig", "opcua")
-"""Keys of which a description has exactly one."""
+_WORLDS = {world.key: world for world in WORLDS if world.key}
+_TYPES: Mapping[str, Any] = {"text": str | None, "table": dict[str, Any] | None}
+_KEYS: Keys = {key: (_TYPES[world.type], False) for key, world in _WORLDS.items()}
+"""Keys of optional worlds, which a description may have instead of `controller` and `rig`."""
 _CONTROLLER = "controller = " + either(f'"{word}"' for word in CONTROLLERS)
 """What names a standard controller, for messages."""
 
@@ -23,18 +26,19 @@ _CONTROLLER = "controller = " + either(f'"{word}"' for word in CONTROLLERS)
 class Description(msgspec.Struct, frozen=True, kw_only=True):
     """A scenario as plain data.
 
-    Exactly one of `fmu`, `controller`, `rig` and `opcua` says what is calibrated.
+    Exactly one of `controller`, `rig` and the key of an optional world says what is calibrated.
+    `world` is that world, and `of` the value of its key.
     """
 
     name: str = ""
     title: str = ""
     brief: str = ""
     simulated: bool | None = None
-    fmu: str | None = None
     controller: str | None = None
     plant: str | dict[str, Any] | None = None
     rig: dict[str, Any] | None = None
-    opcua: dict[str, Any] | None = None
+    world: World | None = None
+    of: Any = None
     knobs: dict[str, str | dict[str, Any]] = {}
     show: list[str] = []
     reference: dict[str, float] = {}
@@ -49,7 +53,8 @@ def description_of(name: str, config: Mapping[str, Any]) -> Description:
     """Return the description of the scenario called `name`, with paths as seen from here.
 
     Args:
-        name: Path of a TOML file or an FMU, or the name of a standard controller.
+        name: Path of a TOML file or of a file of an optional world, or the name of a standard
+            controller.
         config: Keys that are added to the file's, or replace them.
 
     Raises:
@@ -59,17 +64,18 @@ def description_of(name: str, config: Mapping[str, Any]) -> Description:
     values: dict[str, Any] = {}
     if path.suffix == ".toml":
         values = _with_paths(_read(path), path.parent)
-    elif path.suffix == ".fmu":
-        values = {"fmu": name}
     else:
-        values = {"controller": name}
+        key = next((world.key for world in WORLDS if world.ending == path.suffix != ""), "controller")
+        values = {key: name}
     for key, value in config.items():
         both = key in _MERGED and isinstance(value, Mapping)
         merges = both and isinstance(values.get(key), Mapping)
         values[key] = {**values[key], **value} if merges else value
-    description = checked(values, Description, name, ScenarioError, did_you_mean)
-    _check_subject(description, name)
-    return description
+    found = stated(values, name, _KEYS, Description, known=("world", "of"))
+    _check_subject(found, name)
+    there = next((key for key in _KEYS if found.get(key) is not None), "")
+    of = {key: found.pop(key, None) for key in _KEYS}.get(there)
+    return Description(**found, world=_WORLDS.get(there), of=of)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -87,23 +93,24 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _with_paths(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return `values` with the paths that a file in `folder` states, as seen from here."""
-    for key in ("fmu", "plant"):
+    for key in (*(key for key, world in _WORLDS.items() if world.ending), "plant"):
         if isinstance(values.get(key), str):
             values[key] = str(folder / values[key])
-    plant = values.get("opcua")
-    if isinstance(plant, dict) and isinstance(plant.get("journal"), str) and plant["journal"]:
-        values["opcua"] = {**plant, "journal": str(folder / Path(plant["journal"]).expanduser())}
+    for key, world in _WORLDS.items():
+        for name in world.paths:
+            table = values.get(key)
+            if isinstance(table, dict) and isinstance(table.get(name), str) and table[name]:
+                values[key] = {**table, name: str(folder / Path(table[name]).expanduser())}
     return values
 
 
-def _check_subject(description: Description, where: str) -> None:
-    there = [key for key in _SUBJECTS if getattr(description, key) is not None]
+def _check_subject(found: Mapping[str, Any], where: str) -> None:
+    there = [key for key in ("controller", "rig", *_KEYS) if found.get(key) is not None]
     if len(there) != 1:
         got = " and ".join(there) or "none"
-        raise ScenarioError(
-            f'{where}: expected one of fmu = "loop.fmu", {_CONTROLLER}, [rig] and [opcua], got {got}'
-        )
-    if description.plant is not None and description.controller is None:
+        ways = [*(world.example for world in _WORLDS.values()), _CONTROLLER]
+        raise ScenarioError(f"{where}: expected one of {', '.join(ways)} and [rig], got {got}")
+    if found.get("plant") is not None and found.get("controller") is None:
         raise ScenarioError(f"{where}: a plant needs {_CONTROLLER} to be calibrated, or leave it out")
 
 

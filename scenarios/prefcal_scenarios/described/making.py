@@ -12,16 +12,16 @@ import numpy as np
 from prefcal_env.controllers.margins import MarginKPIs, margin_kpis
 from prefcal_env.controllers.stored import KINDS, from_data
 from prefcal_env.envs.closed_loop import ClosedLoop
-from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
+from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.panels import Panel, plots_of
-from prefcal_env.experiments.tracking import every_tracking_kpi, found_kpis
+from prefcal_env.experiments.tracking import every_tracking_kpi
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.live import live_rig
+from prefcal_env.optional import ENDINGS, WORLDS
 from prefcal_env.sources.function import function_of
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.names import CONTROLLERS
+from prefcal_scenarios.names import CONTROLLERS, either
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .description import Description, description_of, stated
@@ -33,7 +33,8 @@ def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
     """Return the scenario that plain data describe.
 
     Args:
-        name: Path of a TOML file or an FMU, or the name of a standard controller such as "pid".
+        name: Path of a TOML file or of a file of an optional world, or the name of a standard
+            controller such as "pid".
         config: Keys of the description, in addition to those of the file.
 
     Raises:
@@ -41,29 +42,23 @@ def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
             names the file, the table and the key.
     """
     description = description_of(name, {} if config is None else config)
-    if description.timeout is not None and description.fmu is None:
-        if description.opcua is not None:
-            raise ScenarioError(f"{name}: timeout above all tables is for an FMU: write it below [opcua]")
-        raise ScenarioError(f"{name}: timeout is for an FMU; --run-timeout limits other runs")
+    if description.timeout is not None:
+        _check_timeout(description, name)
     knobs = [_knob(key, value, name) for key, value in description.knobs.items()]
-    subject = next(key for key in _MAKERS if getattr(description, key) is not None)
-    return _dressed(_MAKERS[subject](description, knobs, name), description, name)
+    make = _of_rig if description.controller is None else _of_controller
+    if description.world is not None:
+        make = description.world.inside("prefcal_scenarios").described
+    return _dressed(make(description, knobs, name), description, name)
 
 
-def _of_fmu(d: Description, knobs: list[Knob], where: str) -> Scenario:
-    from prefcal_scenarios.described.fmu_scenario import fmu_scenario
-
-    assert d.fmu is not None
-    return fmu_scenario(
-        d.fmu,
-        knobs=knobs,
-        show=d.show,
-        reference=d.reference or None,
-        stop_time=d.stop_time,
-        title=d.title,
-        brief=d.brief,
-        timeout=60.0 if d.timeout is None else d.timeout,
-    )
+def _check_timeout(d: Description, where: str) -> None:
+    for_files = either([world.called for world in WORLDS if world.ending] or ["nothing here"])
+    if d.world is None:
+        raise ScenarioError(f"{where}: timeout is for {for_files}; --run-timeout limits other runs")
+    if not d.world.ending:
+        raise ScenarioError(
+            f"{where}: timeout above all tables is for {for_files}: write it below {d.world.example}"
+        )
 
 
 def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
@@ -120,31 +115,6 @@ def _of_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
     return Scenario(name, f"Rig {name}", KnobSpace(knobs), rig)
 
 
-def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
-    assert d.opcua is not None
-    knob = '[opcua.knobs] with K_p = { node = "...", low = 1, high = 5, rate = 1 }'
-    for key, given, instead in (
-        ("[knobs]", knobs, knob),
-        ("[reference]", d.reference, "[opcua.references], since it is read from the plant"),
-        ("stop_time", d.stop_time is not None, "duration in [opcua]"),
-    ):
-        if given:
-            raise ScenarioError(f"{where}: a live plant takes no {key}: write {instead}")
-    try:
-        rig = live_rig(d.opcua)
-    except (KnobError, LiveError, SettingsError) as error:
-        raise ScenarioError(f"{where}, [opcua]: {error}") from error
-    kpis = found_kpis(rig.channels, every_tracking_kpi(rig.channels))
-    name = Path(where).stem
-    return Scenario(name, f"Live plant {name}", rig.space, rig, kpis=kpis)
-
-
-_MAKERS: dict[str, Callable[[Description, list[Knob], str], Scenario]] = {
-    "fmu": _of_fmu,
-    "controller": _of_controller,
-    "rig": _of_rig,
-    "opcua": _of_live_rig,
-}
 _ENTRY = 'K_p = "0.1:100:log %/m"'
 
 
@@ -171,7 +141,8 @@ def _dressed(made: Scenario, d: Description, where: str) -> Scenario:
     if d.kpis is not None:
         changes["kpis"] = () if isinstance(d.kpis, str) else _kpis(d.kpis, made, where)
         changes |= _with_margins(made, changes["kpis"])
-    if d.panels or (d.show and d.fmu is None):
+    takes_show = d.world is not None and "show" in d.world.unit
+    if d.panels or (d.show and not takes_show):
         changes["panels"] = _panels(d, made, where)
     starts = {name: _start(name, theta, made.space, where) for name, theta in d.starts.items()}
     return replace(made, **changes, references={**made.references, **starts})
@@ -182,7 +153,7 @@ def _name(where: str, d: Description) -> str:
 
     A plant that is only called "plant" is named as its file is.
     """
-    if where.endswith((".toml", ".fmu")):
+    if where.endswith((".toml", *ENDINGS)):
         return Path(where).stem
     file, _, plant = d.plant.rpartition(":") if isinstance(d.plant, str) else ("", "", "")
     name = re.sub(r"[^\w-]+", "-", Path(file).stem) if plant == "plant" else plant

@@ -5,14 +5,14 @@ from typing import Any
 
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.knobs.knob import is_number
+from prefcal_env.plants.systems.matrices import LIBRARIES
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 
 _PARTS = ("f", "g", "hold", "jacobians", "states", "inputs", "outputs")
 """What every plant has."""
 _KINDS = (
-    "a prefcal plant (FunctionPlant, Plant.of), a system of python-control or scipy.signal, or "
-    "a tuple of matrices (A, B, C, D)"
+    f"a prefcal plant (FunctionPlant, Plant.of), a system of {LIBRARIES}, or a tuple of matrices (A, B, C, D)"
 )
 
 
@@ -30,7 +30,7 @@ def plant_at(source: str) -> Any:
     if name not in there:
         raise ScenarioError(f"nothing in {path!r} is called {name!r}.{did_you_mean(name, there)}")
     found = getattr(module, name)
-    if is_number(found):  # a mere gain to python-control, here most likely the wrong name
+    if is_number(found):  # a mere gain of a linear system, here most likely the wrong name
         raise ScenarioError(f"{source!r} must be {_KINDS}, got the number {found!r}")
     return found if is_plant(found) else _converted(found, source)
 

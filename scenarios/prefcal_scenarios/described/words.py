@@ -6,6 +6,7 @@ from math import isfinite
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.knobs.knob import Knob, Scale
+from prefcal_env.optional import WORLDS
 
 KNOB_EXAMPLE = '"K_p=0.1:100:log %/m"'
 """A knob as typed on the command line, for help and messages."""
@@ -86,9 +87,9 @@ def named_numbers(texts: Iterable[str], flag: str) -> dict[str, float]:
         except ValueError:
             value = float("nan")
         if not (equals and name and isfinite(value)):
+            others = [f", or, for {w.called}, {flag} {w.unit['reference']}" for w in WORLDS if w.unit]
             raise ScenarioError(
-                f"{flag} must be NAME=NUMBER, for example {flag} level=2, or, for an FMU, "
-                f'{flag} "T [degC]=80"; got {part!r}'
+                f"{flag} must be NAME=NUMBER, for example {flag} level=2{''.join(others)}; got {part!r}"
             )
         if name in found:
             raise ScenarioError(f"{flag} gives {name!r} twice: {found[name]:g} and {value:g}")

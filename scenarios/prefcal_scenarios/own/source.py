@@ -14,6 +14,7 @@ from typing import Any
 import prefcal_env
 import prefcal_scenarios
 from prefcal_env.errors import ScenarioError
+from prefcal_env.optional import ENDINGS
 from prefcal_env.own_line import ours
 
 _QUOTED = re.compile(rb"""["']([^"'\r\n\0]{1,200})["']""")
@@ -57,10 +58,10 @@ def fingerprint(source: str) -> str:
 
 
 def file_in(text: str) -> tuple[Path | None, str]:
-    """Return the file that "own.py:name", "tank.toml" or "loop.fmu" names, and the rest."""
+    """Return the file that "own.py:name" or "tank.toml" names, and the rest."""
     before, _, after = text.rpartition(":")
     for path, rest in ((text, Path(text).suffix), (before, after)):
-        if Path(path).suffix in (".py", ".toml", ".fmu") and Path(path).is_file():
+        if Path(path).suffix in (".py", ".toml", *ENDINGS) and Path(path).is_file():
             return Path(path), rest
     return None, text
 
@@ -69,7 +70,8 @@ def _named_in(path: Path) -> list[Path]:
     """Return the files that a TOML file names; others name none."""
     if path.suffix != ".toml":
         return []
-    words = re.findall(r"[\w./-]+\.(?:py|fmu)\b", path.read_text(encoding="utf-8"))
+    endings = "|".join(map(re.escape, (".py", *ENDINGS)))
+    words = re.findall(rf"[\w./-]+(?:{endings})\b", path.read_text(encoding="utf-8"))
     return [file for file in (path.parent / word for word in words) if file.is_file()]
 
 

@@ -1,4 +1,4 @@
-"""Find what of a source can vary: its loop, the arguments of its run, or the parameters of its FMU."""
+"""Find what of a source can vary: its loop, the arguments of its run, or what an optional world says."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -12,17 +12,15 @@ from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.cstr import cstr_env
 from prefcal_env.envs.overtake import OvertakeOptions
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.fmu import FMULoop
-from prefcal_env.knobs.knob import Knob, is_number
+from prefcal_env.knobs.knob import is_number
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.optional import world_of
 from prefcal_env.sources.function import Function, function_of
 from prefcal_env.sources.maneuvers import Maneuvers
 from prefcal_env.sources.source import Source, WithKPIs
 from prefcal_scenarios.cases.cstr.controller import controller
 from prefcal_scenarios.cases.cstr.kpis import compute_kpis
 from prefcal_scenarios.cases.loops.loop import Loop
-from prefcal_scenarios.described.fmu_scenario import FMURun
 
 from .compiled import of_loop
 from .factor import Factor, Values, within
@@ -48,13 +46,15 @@ def subject_of(source: Source, space: KnobSpace) -> Subject:
         raise ScenarioError(RIG)
     function = function_of(source)
     bare = function.func if isinstance(function, partial) else function
-    loop = bare.loop if isinstance(bare, FMURun) else getattr(bare, "__self__", bare)
+    loop = getattr(bare, "__self__", bare)
     if isinstance(loop, Loop):
         return of_loop(loop, space)
     if isinstance(loop, ClosedLoop):
         return of_closed_loop(loop)
-    if isinstance(loop, FMULoop):
-        return of_fmu(loop)
+    world = world_of(loop)
+    if world is not None:
+        varied: Subject = world.inside("prefcal_scenarios").subject_of(loop)
+        return varied
     return _CASES.get(getattr(bare, "__module__", ""), of_function)(function)
 
 
@@ -83,32 +83,6 @@ def of_function(function: Any) -> Subject:
 
 def _with_arguments(function: Any, values: Values) -> Source:
     return Function(partial(function, **values))
-
-
-def of_fmu(loop: FMULoop) -> Subject:
-    """Return the real parameters of an FMU that are no knobs, within its limits."""
-    free = [v for v in loop.model.parameters if v.name not in loop.parameters and not v.whole]
-    varied = [(v, Factor.around(v.name, "parameter", CHANGE, v.start, v.unit)) for v in free if v.start]
-    factors = tuple(
-        replace(f, low=max(f.low, v.low), high=min(f.high, v.high), possible=(v.low, v.high))
-        for v, f in varied
-    )
-    if not factors:
-        raise ScenarioError("its FMU has no other real parameters with a value: export those of the plant")
-    wider = loop.with_knobs([Knob(f.name, f.low, f.high, f.unit) for f in factors])
-    fixed = ", ".join(v.name for v in free if not v.start)
-    said = ["only parameters of the FMU are varied: sensors, actuators and the task are in it"]
-    said += [f"parameters of the FMU without a value, or with 0, are not varied: {fixed}"] if fixed else []
-    return Subject(factors, tuple(said), partial(_with_parameters, wider, factors))
-
-
-def _with_parameters(wider: FMULoop, factors: tuple[Factor, ...], values: Values) -> Source:
-    return Function(partial(_attempt, wider, [values.get(f.name, f.nominal) for f in factors]))
-
-
-def _attempt(wider: FMULoop, more: list[float], theta: Any, seed: int = 0) -> Experiment:
-    """Return the experiment of θ, shape (n,), in an FMU that has more values behind it."""
-    return replace(wider.attempt(np.array([*theta, *more])), theta=theta)
 
 
 def _reactor(function: Any) -> Subject:

@@ -16,7 +16,6 @@ from prefcal_env.sources.source import WithKPIs
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import OwnSource, isolation
 from support.device import Device
-from support.live import Memory, memory_rig, simulate_time
 from support.short_runs import short_run
 from support.tank import pi_of, tank_env
 
@@ -53,13 +52,6 @@ def test_source(clause, source, theta):
 def test_source_in_another_process(clause):
     with isolation(OWN) as isolated:
         clause(isolated(load(OWN)).source, TOY)
-
-
-@source_contract
-def test_live_plant(clause, tmp_path, monkeypatch):
-    plant = Memory()
-    simulate_time(plant, monkeypatch)
-    clause(memory_rig(plant, tmp_path), np.array([2.0, 20.0]))
 
 
 def test_a_run_that_was_stopped_before_it_began_says_so():

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from prefcal_app.cli.parameters import examples
+from prefcal_app.cli.parameters import examples, examples_of_worlds, worlds
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,8 @@ class Starter:
 
     Args:
         about: What it is for, in a few words.
-        template: Name of the file in the folder `starters`.
+        template: Name of the file in the folder `starters`, or, of an optional world, of its
+            folder and file.
         source: Name of the scenario on the command line, with FILE for the path; an option may
             follow.
         first: What must be there before the starter runs; empty if it runs as it is.
@@ -36,7 +37,8 @@ class Starter:
 
     def text(self, path: Path) -> str:
         """Return the starter for the file at `path`, whose scenario is called as the file is."""
-        template = files("prefcal_app.cli.starters") / self.template
+        folder = "prefcal_env.worlds" if "/" in self.template else "prefcal_app.cli.starters"
+        template = files(folder) / self.template
         name = re.sub(r"[^\w-]+", "-", path.stem)
         return template.read_text(encoding="utf-8").replace("NAME", name)
 
@@ -51,24 +53,17 @@ KINDS = {
     "pid": Starter("a plant; its PID is tuned", "pid.py.txt", ("pid", "--plant", "FILE:plant")),
     "controller": Starter("a plant and a controller of your own", "controller.py.txt"),
     "mpc": Starter("a plant and the MPC of prefcal", "mpc.py.txt"),
-    "fmu": Starter(
-        "a closed loop in an FMU",
-        "fmu.toml",
-        ("FILE",),
-        "Put the path of your FMU and the names of its parameters into it.",
-    ),
     "rig": Starter("a plant that only you can run", "rig.toml", ("FILE",)),
-    "opcua": Starter(
-        "a live plant behind OPC UA",
-        "opcua.toml",
-        ("FILE",),
-        "Put the address of your server and its nodes into it.",
-    ),
+    **{
+        world["key"]: Starter(world["about"], f"{world['name']}/starter.toml", ("FILE",), world["starter"])
+        for world in worlds()
+        if "starter" in world
+    },
 }
 """Kinds by name, in the order of the help."""
 EPILOG = examples(
     ("new controller tank.py", "A tank and its PI controller, to replace by your own."),
-    ("new fmu", "fmu.toml: an FMU, its knobs and references."),
+    *examples_of_worlds("new"),
     more="\n\n".join(
         ["[bold]Kinds[/bold]", *(f"[cyan]{name:<11}[/cyan]{kind.about}" for name, kind in KINDS.items())]
     ),

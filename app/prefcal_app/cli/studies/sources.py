@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from prefcal_env.errors import SettingsError, StudyError
+from prefcal_env.optional import WORLDS
 from prefcal_env.study import study_path
 from prefcal_scenarios.described.options import FLAGS, resumed_source, words_to_resume
 from prefcal_scenarios.described.words import knob_of, listed, named_numbers
@@ -55,8 +56,9 @@ def _with_words(source: str, words: Mapping[str, Any]) -> str:
         wanted = {**(config or {}), **words}
         return joined_source(name, wanted) if wanted else name
     if words:
+        files = [f"{world.called}, " for world in WORLDS if world.ending]
         raise SettingsError(
-            f"{FLAGS[next(iter(words))]} describes an FMU, a TOML file or a standard controller "
+            f"{FLAGS[next(iter(words))]} describes {''.join(files)}a TOML file or a standard controller "
             f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
         )
     return source

@@ -8,7 +8,7 @@ from prefcal_env.compiling import Compiling
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Mark, Outcomes, Preference
 from prefcal_env.preferences.loop import completed, counts_as_unsafe
-from prefcal_env.sources.run import Change, LiveCurve, Progress
+from prefcal_env.sources.run import Change, Progress, RunCurve
 from prefcal_env.study import State, Suggested
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
@@ -137,7 +137,7 @@ class Recovery(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class LiveNow:
+class PlantNow:
     """What a front end shows of a plant on which each run must be confirmed.
 
     Args:
@@ -155,7 +155,7 @@ class LiveNow:
     problem: str
     progress: Progress | None
     times: tuple[float, ...]
-    curves: tuple[LiveCurve, ...]
+    curves: tuple[RunCurve, ...]
     stopping: bool
     recovery: Recovery = Recovery.DONE
 
@@ -177,7 +177,7 @@ class Now:
         preparing: Part that is being compiled before the first experiment; None when done.
         run_limit: Time limit of a run in seconds; None if it has none.
         simulated: Numbers of what was simulated unseen; None if the agent simulates nothing.
-        live: What is known of the live plant; None if the scenario has none.
+        plant: What is known of a plant whose runs a person confirms; None if the scenario has none.
         running: Number of experiments that are running, if several can; 0 if one runs at a time.
     """
 
@@ -193,5 +193,5 @@ class Now:
     preparing: Compiling | None = None
     run_limit: float | None = None
     simulated: Simulated | None = None
-    live: LiveNow | None = None
+    plant: PlantNow | None = None
     running: int = 0

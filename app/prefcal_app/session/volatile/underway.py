@@ -11,7 +11,7 @@ from prefcal_env.knobs.key import theta_key
 from prefcal_env.sources import Run, Source
 from prefcal_env.study import Suggested
 
-from ..study.now import LiveNow, Recovery
+from ..study.now import PlantNow, Recovery
 
 Attempt = Callable[[], Callable[[], None]]
 """Long-running function, called without the lock; it returns a function to call with the lock."""
@@ -63,11 +63,11 @@ class PlantCare:
 
         return restore
 
-    def now(self, run: Run | None) -> LiveNow:
+    def now(self, run: Run | None) -> PlantNow:
         """Return what a front end shows of a live plant, given the run of the pending sample."""
         shown = self.run or run
         times, curves = ((), ()) if shown is None else shown.recorded
-        return LiveNow(
+        return PlantNow(
             changes=None if run is None else run.changes,
             problem=self.problem or ("" if run is None else run.problem),
             progress=None if shown is None else shown.progress,
@@ -118,7 +118,7 @@ class UnderWay:
         """Return whether a run changes a plant, or is about to; it takes no lock."""
         return any(run.moves_plant for run in self.every)
 
-    def live_now(self, sample: Suggested | None) -> LiveNow | None:
+    def plant_now(self, sample: Suggested | None) -> PlantNow | None:
         """Return what a front end shows of a plant on which each run is confirmed; None without one."""
         return self.plant.now(self.of(sample)) if self.source.asks == "confirm" else None
 

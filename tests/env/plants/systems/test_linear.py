@@ -1,7 +1,5 @@
 """Plants of linear systems against python-control, SciPy and answers by hand."""
 
-import pickle
-
 import numpy as np
 import pytest
 from scipy import signal
@@ -39,17 +37,6 @@ def test_a_mimo_plant_steps_as_scipy_says(system):
     there = np.isin(np.round(run.t, 6), np.round(t, 6))
     assert at.sum() > 400
     assert run.y[there] == pytest.approx(y[at], abs=1e-9)
-
-
-@pytest.mark.libraries
-def test_transfer_functions_step_as_python_control_says():
-    control = pytest.importorskip("control")
-    entry = [[[2.0], [1.0, 3.0]], [[1.0], [4.0]]], [[[3.0, 1.0], [1.0, 2.0, 5.0]], [[1, 1], [1, 2]]]
-    plant = Plant.of(control.tf(*entry))
-    run = driven(plant, Held([1.0, 1.0], 0.4))
-    for i in range(2):
-        y = sum(control.step_response(control.tf(entry[0][i][j], entry[1][i][j]), run.t)[1] for j in range(2))
-        assert run.y[:, i] == pytest.approx(y, abs=1e-9)
 
 
 def test_each_input_has_its_own_dead_time_even_if_it_changes_every_step():
@@ -178,16 +165,6 @@ def test_the_mpc_of_a_discrete_plant_sees_a_continuous_one_with_the_same_samples
         shifted.jacobians(x, u, none)
 
 
-@pytest.mark.libraries
-def test_names_come_from_python_control_and_a_plant_survives_pickling():
-    control = pytest.importorskip("control")
-    named = control.ss(A, B, C, D, inputs=["a", "b"], outputs=["c", "d"], states=["e", "f"])
-    plant = pickle.loads(pickle.dumps(Plant.of(named)))
-    found = [[c.name for c in cs] for cs in (plant.inputs, plant.outputs, plant.states)]
-    assert found == [["a", "b"], ["c", "d"], ["e", "f"]]
-    assert [c.name for c in Plant.of(control.ss(A, B, C, D)).inputs] == ["u1", "u2"]
-
-
 @pytest.mark.parametrize(
     ("system", "how", "reason"),
     [
@@ -249,16 +226,6 @@ def test_a_loop_starts_at_the_state_and_input_of_a_function_plant():
 def test_a_start_that_does_not_fit_the_plant_is_refused(start):
     with pytest.raises(PlantError, match="must be a finite number or 1 of them"):
         FunctionPlant(lambda x, u, d: -x, states=[Channel("x")], inputs=[Channel("u")], **start)
-
-
-@pytest.mark.libraries
-def test_a_discrete_loop_is_that_of_python_control():
-    control = pytest.importorskip("control")
-    plant, law = control.tf([0.2], [1, -0.8], 0.1), control.tf([1.0, -0.7], [1, -1], 0.1)
-    run = LTILoop(plant, lambda theta: theta[0] * law, horizon=5.0)([1.5])
-    t, y = control.step_response(control.feedback(1.5 * law * plant), np.arange(50) * 0.1)
-    at = np.searchsorted(run.t, t - 1e-9)
-    assert run.y[at, 0] == pytest.approx(y, abs=1e-9)
 
 
 def test_two_degrees_of_freedom_get_references_then_outputs():

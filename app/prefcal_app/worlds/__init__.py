@@ -1,0 +1,1 @@
+"""Screens in optional worlds, each in a module of its own."""

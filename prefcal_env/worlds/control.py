@@ -1,0 +1,32 @@
+"""Linear systems of python-control, which is not imported: who has one has loaded it."""
+
+import re
+from dataclasses import replace
+from typing import Any
+
+from prefcal_env.plants.systems.matrices import LinearSystem, of_arrays, of_fractions, sample_time
+
+_DEFAULT_LABEL = re.compile(r"[uyx]\[\d+\]")
+"""Names that python-control gives to signals without a name."""
+
+
+def linear_system(system: Any) -> LinearSystem:
+    """Return a StateSpace or TransferFunction as matrices, with the names of its signals.
+
+    Raises:
+        PlantError: If its sample time is not stated, or a transfer function is improper.
+    """
+    dt = sample_time(system.dt)
+    named = {"inputs": _names(system, "input"), "outputs": _names(system, "output")}
+    if hasattr(system, "A"):
+        made = of_arrays([system.A, system.B, system.C, system.D], dt)
+        return replace(made, **named, states=_names(system, "state"))
+    listed = hasattr(system, "num_list")  # since 0.10.1
+    num, den = (system.num_list, system.den_list) if listed else (system.num, system.den)
+    return replace(of_fractions(num, den, dt), **named)
+
+
+def _names(system: Any, kind: str) -> tuple[str, ...]:
+    """Return names of signals, () where they are only numbered."""
+    labels = getattr(system, f"{kind}_labels", None) or ()
+    return () if any(map(_DEFAULT_LABEL.fullmatch, labels)) else tuple(labels)

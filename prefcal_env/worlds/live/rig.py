@@ -1,0 +1,294 @@
+"""A live plant that prefcal drives itself, after a person confirmed what is written."""
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import ConnectionLostError, LiveError, RunError
+from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.sources.run import Change, Progress, Run, RunCurve, Stage, Table
+from prefcal_env.sources.source import KPIsOf, Source, formula_problems, with_own
+
+from .drive import Drive, Hands
+from .journal import Journal
+from .plan import LivePlan
+from .progress import Confirm, Driven, Tell
+
+
+@dataclass(frozen=True)
+class LiveRig(LivePlan, Source):
+    """The `run` of a scenario whose experiments prefcal does on a live plant.
+
+    A run writes θ at limited rates and reads it back, waits for the start condition, writes the
+    start values, records, and restores the old values: after a completed run, when it is stopped or
+    crosses an abort limit, and after a lost connection as soon as it is regained. The old values
+    are on the disk before the first write, so that a later start restores them after a crash.
+
+    Args:
+        plant: Connection to the plant.
+        knobs: Knobs, in the order of θ.
+        tags: Nodes that are recorded; at least one output.
+        duration: Longest recorded time, in seconds.
+        period: Sampling period in seconds.
+        start: Values that start a run, for example a set-point; they are always taken back.
+        ready: Maps outputs or inputs to limits in which they must be before the start.
+        ready_within: Longest wait for that, in seconds.
+        done: Maps outputs or inputs to limits in which the run ends early; by default, it never
+            does.
+        hold: Time, in seconds, for which the conditions must hold.
+        blind: Longest time, in seconds, for which a value with an abort limit may have bad quality.
+        after: "restore" to take θ back after a completed run, "keep" to leave it on the plant.
+        journal: File for the old values; by default, one per plant in the user's data folder.
+        instructions: What a person must check before they confirm.
+        kpis: Function that returns the KPIs of an experiment by name.
+
+    Raises:
+        SettingsError: If names or nodes repeat, there is no output, or a number is not valid.
+    """
+
+    asks = "confirm"
+    stops = recovers = True
+
+    def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Run:
+        """Return a run of θ, physical, shape (n,), that asks for a confirmation before it writes."""
+        return LiveRun(self, theta)
+
+    def recovery(self) -> Run:
+        """Return the run that restores what an interrupted one left."""
+        return RestoringRun(self)
+
+    def close(self) -> None:
+        """Close the connection to the plant."""
+        self.plant.close()
+
+    def look(
+        self, theta: Float[np.ndarray, " n"], *, clock: Callable[[], float] = time.monotonic
+    ) -> tuple[Change, ...]:
+        """Return what a run of θ, physical, shape (n,), would write; nothing is written.
+
+        Raises:
+            KnobError: If θ is outside the knobs' ranges.
+            LiveError: If the plant cannot be reached, or has a value outside the limits.
+        """
+        return self._drive(theta, Hands(clock, lambda seconds: None)).look()
+
+    def drive(
+        self,
+        theta: Float[np.ndarray, " n"],
+        confirm: Confirm,
+        *,
+        stop: Callable[[], bool] = lambda: False,
+        closing: Callable[[], bool] = lambda: False,
+        tell: Tell = lambda progress: None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> Driven:
+        """Run θ on the plant and return what was recorded.
+
+        Args:
+            theta: Physical θ, shape (n,).
+            confirm: Function that shows a person the changes and returns whether they confirm
+                them. Without their consent, nothing is written.
+            stop: Function that returns whether to stop the run and restore the old values.
+            closing: Function that returns whether the process has been told to end. Then a lost
+                plant is waited for only briefly; its old values are restored at the next start.
+            tell: Function that is called after every sample.
+            clock: Function that returns the time in seconds.
+            sleep: Function that waits for a number of seconds.
+
+        Raises:
+            KnobError: If θ is outside the knobs' ranges.
+            LiveError: If another process runs on the plant, or an earlier run's values cannot be
+                restored. What happens during the run is data: see `Driven.why`.
+        """
+        hands = Hands(clock, sleep, confirm, stop, closing, tell)
+        drive = self._drive(theta, hands)
+        with self._kept.alone():
+            self._recover(drive)
+            return drive.run()
+
+    def measured(self, kpis_of: KPIsOf) -> "LiveRig":
+        """Return the same rig, whose experiments have more KPIs than their own."""
+        return replace(self, kpis=with_own(self.kpis, kpis_of(self.channels)))
+
+    def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
+        """Yield which formulas of KPIs name what is not recorded, before a run is spent on it."""
+        outputs = tuple(tag for tag in self.tags if tag.role == "output")
+        yield from formula_problems(kpis, replace(self.channels, x=outputs), ())
+
+    @property
+    def left(self) -> dict[str, float] | None:
+        """Old values, by name, that an interrupted run left to be restored; None if none are.
+
+        Raises:
+            LiveError: If their file is damaged.
+        """
+        return self._kept.load()
+
+    def recover(
+        self,
+        *,
+        closing: Callable[[], bool] = lambda: False,
+        tell: Tell = lambda progress: None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> bool:
+        """Restore what an interrupted run left; return whether there was anything.
+
+        Raises:
+            LiveError: If another process runs on the plant, or it refuses its old values.
+        """
+        middle = self.space.decode(np.full(len(self.knobs), 0.5))
+        hands = Hands(clock, sleep, closing=closing, tell=tell)
+        with self._kept.alone():
+            return self._recover(self._drive(middle, hands))
+
+    def _recover(self, drive: Drive) -> bool:
+        old = self._kept.load()
+        if old is None:
+            return False
+        strangers = sorted(set(old) - set(drive.written))
+        if strangers:
+            values = ", ".join(f"{name} = {old[name]:g}" for name in strangers)
+            raise LiveError(
+                f"an interrupted run changed {values}, which this rig does not write: restore it "
+                f"by hand, then remove {self._kept.path}"
+            )
+        if not drive.restore(old):
+            raise LiveError(f"the values from before an interrupted run are not restored: {drive.problem}")
+        return True
+
+    @property
+    def _kept(self) -> Journal:
+        return self.journal or Journal.of(self.plant.address)
+
+    def _drive(self, theta: Float[np.ndarray, " n"], hands: Hands) -> Drive:
+        values = dict(zip(self.space.names, self.space.check(theta).tolist(), strict=True))
+        return Drive(self, values, self._kept, hands)
+
+
+_DRAWN = 400
+"""Largest number of samples that a live curve shows."""
+
+
+class _Followed(Run):
+    """A run that can be followed while another thread drives the plant."""
+
+    def __init__(self, rig: LiveRig) -> None:
+        self._rig = rig
+        self._stop, self._closing = threading.Event(), threading.Event()
+        self._lock = threading.Lock()
+        self._rows: list[Progress] = []
+
+    @property
+    def recorded(self) -> tuple[tuple[float, ...], tuple[RunCurve, ...]]:
+        with self._lock:
+            rows = self._rows[:: max(1, -(-len(self._rows) // _DRAWN))]
+        tags = self._rig.tags
+        referenced = {tag.name for tag in tags if tag.role == "reference"}
+        curves = tuple(
+            RunCurve(
+                tag,
+                tuple(row.values[tag.key] for row in rows),
+                tuple(row.values[f"reference {tag.name}"] for row in rows if tag.name in referenced),
+            )
+            for tag in tags
+            if tag.role == "output"
+        )
+        return tuple(row.elapsed for row in rows), curves
+
+    def stop(self, why: str, within: float = 0.0) -> None:
+        """Stop: the old values are restored, if the process ends, at the next start."""
+        self.stopping = self.stopping or why == "stopped"
+        (self._stop if why == "stopped" else self._closing).set()
+
+    def _tell(self, progress: Progress) -> None:
+        self.progress = progress
+        if progress.stage is Stage.RECORDING:
+            with self._lock:
+                self._rows.append(progress)
+        self.changed()
+
+
+class LiveRun(_Followed):
+    """A run of θ: it looks at the plant, waits until a person confirms the changes, and drives.
+
+    Args:
+        rig: Live rig.
+        theta: Physical θ, shape (n,).
+    """
+
+    def __init__(self, rig: LiveRig, theta: Float[np.ndarray, " n"]) -> None:
+        super().__init__(rig)
+        self._theta = theta
+        self._agreed: tuple[Change, ...] | None = None
+
+    def supply(self, given: Table | tuple[Change, ...]) -> None:
+        """Let the run start with the changes that a person confirmed."""
+        if not given or not isinstance(given, tuple):
+            raise LiveError(self.problem or "nothing was confirmed")
+        self._agreed, self.problem = given, ""
+        self.waits, self.moves_plant = False, True
+        self.progress = Progress(Stage.CONNECTING, 0.0, 0.0)
+
+    def advance(self) -> Experiment | None:
+        """Look at the plant or, once the changes are confirmed, run θ and return what it recorded.
+
+        Raises:
+            RunError: If the run failed; `partial` holds what was recorded until then.
+            LiveError: If another process runs on the plant, or it lacks its old values.
+        """
+        if self._agreed is None:
+            self._look()
+            return None
+        agreed = self._agreed
+        try:
+            driven = self._rig.drive(
+                self._theta,
+                lambda changes: changes == agreed,
+                stop=self._stop.is_set,
+                closing=self._closing.is_set,
+                tell=self._tell,
+            )
+        finally:
+            self.progress = None
+        made = driven.experiment
+        self.partial = made if len(made.t) else None
+        if not (driven.restored or driven.kept):
+            self.problem = (
+                f"the plant does not have its old values yet: {driven.problem}. They are restored first"
+            )
+        if not driven.why or made.end is not End.FAILED:
+            return made
+        restored = "The old values are restored" if driven.restored else self.problem
+        raise RunError(f"{driven.why}. {restored}.", "stopped" if driven.stopped else "raised")
+
+    def _look(self) -> None:
+        try:
+            self.changes = self._rig.look(self._theta) or None
+        except ConnectionLostError as error:
+            self.problem = f"the server is not reachable: {error}"
+        except LiveError as error:
+            self.problem = str(error)
+        self.waits = True
+
+
+class RestoringRun(_Followed):
+    """Restores what an interrupted run left on the plant; it has no experiment."""
+
+    def advance(self) -> None:
+        """Restore the old values.
+
+        Raises:
+            LiveError: If another process runs on the plant, or it refuses its old values.
+        """
+        try:
+            self._rig.recover(closing=self._closing.is_set, tell=self._tell)
+        finally:
+            self.progress = None

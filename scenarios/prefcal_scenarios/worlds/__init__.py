@@ -1,0 +1,1 @@
+"""Scenarios of optional worlds, each in a module of its own."""

@@ -1,0 +1,54 @@
+"""Linear systems of python-control are plants and controllers."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from prefcal_env import LTILoop, Move, Plant, PlantEnv, Task, rollout
+
+control = pytest.importorskip("control")
+A, B = np.array([[-1.0, 0.5], [0.2, -2.0]]), np.array([[1.0, 0.0], [0.3, 2.0]])
+C, D = np.array([[1.0, 0.0], [0.5, 1.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
+
+
+class Held:
+    """A controller that applies one input for ever, and keeps what it measures."""
+
+    def __init__(self, u, T_s):
+        self.u, self.T_s, self.seen = np.atleast_1d(np.asarray(u, float)), T_s, []
+
+    def move(self, m):
+        self.seen.append((m.t, m.y.copy()))
+        return Move(self.u)
+
+
+def driven(plant, controller, **task):
+    n_y = len(plant.outputs)
+    how = {"y_ref": np.zeros(n_y), "horizon": 4.0} | task
+    return rollout(PlantEnv(plant, Task(x0=plant.x0, u0=plant.u0, **how)), controller, np.ones(1))
+
+
+def test_transfer_functions_step_as_python_control_says():
+    entry = [[[2.0], [1.0, 3.0]], [[1.0], [4.0]]], [[[3.0, 1.0], [1.0, 2.0, 5.0]], [[1, 1], [1, 2]]]
+    plant = Plant.of(control.tf(*entry))
+    run = driven(plant, Held([1.0, 1.0], 0.4))
+    for i in range(2):
+        y = sum(control.step_response(control.tf(entry[0][i][j], entry[1][i][j]), run.t)[1] for j in range(2))
+        assert run.y[:, i] == pytest.approx(y, abs=1e-9)
+
+
+def test_names_come_from_python_control_and_a_plant_survives_pickling():
+    named = control.ss(A, B, C, D, inputs=["a", "b"], outputs=["c", "d"], states=["e", "f"])
+    plant = pickle.loads(pickle.dumps(Plant.of(named)))
+    found = [[c.name for c in cs] for cs in (plant.inputs, plant.outputs, plant.states)]
+    assert found == [["a", "b"], ["c", "d"], ["e", "f"]]
+    assert [c.name for c in Plant.of(control.ss(A, B, C, D)).inputs] == ["u1", "u2"]
+
+
+def test_a_discrete_loop_is_that_of_python_control():
+    plant, law = control.tf([0.2], [1, -0.8], 0.1), control.tf([1.0, -0.7], [1, -1], 0.1)
+    run = LTILoop(plant, lambda theta: theta[0] * law, horizon=5.0)([1.5])
+    t, y = control.step_response(control.feedback(1.5 * law * plant), np.arange(50) * 0.1)
+    at = np.searchsorted(run.t, t - 1e-9)
+    assert run.y[at, 0] == pytest.approx(y, abs=1e-9)

@@ -1,0 +1,271 @@
+"""An interview about a live plant asks before each run, saves it, and loses no answer."""
+
+import numpy as np
+import pytest
+
+from prefcal_app.session import Choice, Phase
+from prefcal_app.session.study.now import Recovery
+from prefcal_env import End
+from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.worlds.live import Journal, LiveRig
+from prefcal_scenarios.scenario import KPI, Scenario
+from support.interviews import begin, reopened
+from worlds.live.memory import Memory, memory_rig, simulate_time
+
+
+@pytest.fixture
+def plant():
+    return Memory()
+
+
+@pytest.fixture
+def scenario(plant, tmp_path, monkeypatch):
+    simulate_time(plant, monkeypatch)
+    rig = memory_rig(plant, tmp_path)
+    kpi = KPI("overshoot of level", "overshoot", "m", better="lower")
+    return Scenario("tank", "A tank", rig.space, rig, kpis=(kpi,))
+
+
+def waited_for(interview):
+    """Work until a person must do something: what is waited for."""
+    while True:
+        now = interview.now()
+        known = now.plant.changes is not None or now.plant.problem
+        if now.phase not in (Phase.RUNNING, Phase.CONFIRM) or (now.phase is Phase.CONFIRM and known):
+            return now
+        assert interview.work()
+
+
+def test_each_run_is_confirmed_saved_and_compared(scenario, plant, tmp_path):
+    path = tmp_path / "mine.prefcal"
+    interview, confirmed, answered = begin(scenario, n_max=4, path=path), 0, 0
+    while (now := waited_for(interview)).phase is not Phase.OVER:
+        if now.phase is Phase.CONFIRM:
+            before = len(plant.writes)
+            assert [change.old for change in now.plant.changes] == pytest.approx([1.0, 10.0, 1.0])
+            assert len(plant.writes) == before
+            interview.steps.write_and_start(now.pending.index)
+            confirmed += 1
+        else:
+            assert len(now.state.finished) == confirmed
+            interview.steps.answer(now.question.id, Choice.LEFT)
+            answered += 1
+    assert confirmed == 4
+    interview.file.close()
+    state = reopened(scenario, path).now().state
+    assert len(state.answers) == answered
+    assert len(state.finished) == 4
+    assert plant.values["kp"] == pytest.approx(1.0)
+
+
+def test_front_ends_are_told_when_the_values_to_confirm_are_known(scenario):
+    interview = begin(scenario)
+    while interview.now().phase is not Phase.CONFIRM:
+        assert interview.work()
+    while (asked := interview.now()).plant.changes is None:
+        assert "write_and_start" not in asked.can
+        assert interview.work()  # it restores what an earlier run left, and reads the plant
+        assert interview.now().version > asked.version
+    assert "write_and_start" in asked.can
+
+
+def test_nothing_is_written_before_the_confirmation(scenario, plant):
+    interview = begin(scenario)
+    with pytest.raises(StaleError, match="not known yet"):
+        interview.steps.write_and_start(0)
+    waited_for(interview)
+    with pytest.raises(StaleError, match="nothing was written"):
+        interview.steps.write_and_start(1)
+    assert not interview.work()
+    assert plant.writes == []
+
+
+def test_a_plant_that_changed_since_the_confirmation_is_not_touched(scenario, plant):
+    interview = begin(scenario)
+    waited_for(interview)
+    interview.steps.write_and_start(0)
+    plant.values["kp"] = 1.2
+    now = waited_for(interview)
+    assert now.phase is Phase.FAILED
+    assert plant.writes == []
+    interview.steps.retry()
+    assert waited_for(interview).plant.changes[0].old == pytest.approx(1.2)
+
+
+def test_a_stopped_run_can_be_tried_again_or_counted_as_failed(scenario, plant):
+    interview = begin(scenario)
+    waited_for(interview)
+    plant.at = lambda p: interview.steps.stop_run(0) if 11.9 < p.now < 12.3 else None
+    interview.steps.write_and_start(0)
+    with pytest.raises(StaleError, match="stop it first"):
+        interview.steps.finish()
+    now = waited_for(interview)
+    assert now.phase is Phase.FAILED
+    assert "The old values are restored" in now.problem
+    assert plant.values["kp"] == pytest.approx(1.0)
+    interview.steps.fail(0, now.problem)
+    assert interview.past.experiment(0).end is End.FAILED
+    assert len(interview.past.experiment(0).t)
+
+
+def test_a_kept_theta_does_not_hide_that_the_set_point_is_not_taken_back(scenario, plant, tmp_path):
+    rig = memory_rig(plant, tmp_path, after="keep")
+    interview = begin(Scenario("tank", "A tank", rig.space, rig, kpis=scenario.kpis))
+    waited_for(interview)
+    plant.at = lambda p: setattr(p, "refuses", "sp" if plant.values["sp"] == 2.0 else "")
+    interview.steps.write_and_start(0)
+    assert interview.work()
+    assert "set-point: the server memory refuses" in interview.now().plant.problem
+    plant.at, plant.refuses = lambda p: None, ""
+    assert interview.work()
+    assert plant.values["sp"] == pytest.approx(1.0)
+
+
+def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario, plant):
+    plant.up = False
+    interview = begin(scenario)
+    now = waited_for(interview)
+    assert "no connection to memory" in now.plant.problem
+    plant.up = True
+    interview.steps.retry()
+    assert waited_for(interview).plant.changes
+
+
+def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeeds(scenario, plant, tmp_path):
+    Journal(tmp_path / "old.json").save({"K_p": 1.5, "T_i": 10.0, "set-point": 1.0})
+    plant.refuses = "kp"
+    interview = begin(scenario)
+    now = waited_for(interview)
+    for _ in range(3):
+        assert now.phase is Phase.CONFIRM
+        assert now.plant.recovery is Recovery.FAILED
+        assert "K_p: the server memory refuses" in now.plant.problem
+        assert now.plant.changes is None
+        with pytest.raises(StaleError, match="does not have its old values yet"):
+            interview.steps.write_and_start(now.pending.index)
+        assert not interview.work()
+        interview.steps.retry()
+        now = waited_for(interview)
+    assert "kp" not in {node for _, node, _ in plant.writes}
+    plant.refuses = ""
+    interview.steps.retry()
+    now = waited_for(interview)
+    assert now.plant.problem == ""
+    assert now.plant.recovery is Recovery.DONE
+    assert now.plant.changes[0].old == pytest.approx(1.5)
+    interview.steps.write_and_start(now.pending.index)
+    assert interview.work()
+    assert len(interview.now().state.finished) == 1
+
+
+def test_a_recovery_in_progress_is_not_called_failed(scenario, plant, tmp_path):
+    Journal(tmp_path / "old.json").save({"K_p": 5.0, "T_i": 10.0, "set-point": 1.0})
+    interview, seen = begin(scenario), set()
+    plant.at = lambda p: seen.add(interview.now().plant.recovery)
+    waited_for(interview)
+    assert seen == {Recovery.RUNNING}
+    assert plant.values["kp"] == pytest.approx(5.0)
+
+
+def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(scenario, plant, tmp_path):
+    rig = memory_rig(plant, tmp_path, after="keep")
+    interview = begin(Scenario("tank", "A tank", rig.space, rig, kpis=scenario.kpis))
+    for _ in range(2):
+        now = waited_for(interview)
+        plant.at = lambda p: setattr(p, "refuses", "sp" if p.values["sp"] == 2.0 else "")
+        plant.at = plant.at if now.pending.index else lambda p: None
+        interview.steps.write_and_start(now.pending.index)
+        assert interview.work()
+    while interview.work():
+        pass
+    now = interview.now()
+    assert now.phase is Phase.QUESTION
+    assert now.plant.recovery is Recovery.FAILED
+    assert "set-point" in now.plant.problem
+    plant.at, plant.refuses = lambda p: None, ""
+    interview.steps.retry()
+    assert interview.work()
+    assert interview.now().plant.recovery is Recovery.DONE
+    assert plant.values["sp"] == pytest.approx(1.0)
+    assert interview.now().phase is Phase.QUESTION
+
+
+def test_a_run_that_raised_has_its_old_values_restored_before_anything_else(scenario, plant, monkeypatch):
+    real = LiveRig.drive
+
+    def broken(self, *args, **rest):
+        real(self, *args, **rest)
+        plant.values["kp"] = 5.0
+        self.journal.save({"K_p": 1.0, "T_i": 10.0, "set-point": 1.0})
+        raise OSError("no space left on the device")
+
+    interview = begin(scenario)
+    now = waited_for(interview)
+    assert now.plant.recovery is Recovery.DONE
+    monkeypatch.setattr(LiveRig, "drive", broken)
+    interview.steps.write_and_start(now.pending.index)
+    assert interview.work()
+    assert interview.now().phase is Phase.FAILED
+    assert interview.now().plant.recovery is Recovery.DUE
+    assert interview.work()
+    assert interview.now().plant.recovery is Recovery.DONE
+    assert plant.values["kp"] == pytest.approx(1.0)
+
+
+def test_an_experiment_that_could_not_be_saved_is_saved_later_without_another_run(
+    scenario, plant, monkeypatch
+):
+    interview = begin(scenario)
+    waited_for(interview)
+
+    def full(*events):
+        raise StudyError("the disk is full")
+
+    interview.steps.write_and_start(0)
+    with monkeypatch.context() as changed:
+        changed.setattr(interview.file, "append", full)
+        assert interview.work()
+    assert interview.now().phase is Phase.FAILED
+    assert not interview.now().state.finished
+    before = len(plant.writes)
+    interview.steps.retry()
+    while not interview.now().state.finished:
+        assert interview.work()
+    assert len(plant.writes) == before
+    assert len(interview.past.experiment(0).t)
+
+
+class KilledError(BaseException):
+    """The process ends at once; nothing after it runs."""
+
+
+def test_no_answer_and_no_experiment_is_lost_by_kills_at_random_instants(scenario, plant, tmp_path):
+    rng, path = np.random.default_rng(7), tmp_path / "mine.prefcal"
+    interview = begin(scenario, n_max=5, path=path)
+    answered, ran, kills = 0, 0, 0
+    while (now := waited_for(interview)).phase is not Phase.OVER:
+        if now.phase is Phase.QUESTION:
+            answered += 1
+            interview.steps.answer(now.question.id, Choice.LEFT)
+            continue
+        until = plant.now + rng.uniform(0.0, 90.0)
+
+        def kill(plant, until=until):
+            if until <= plant.now:
+                raise KilledError
+
+        plant.at = kill
+        interview.steps.write_and_start(now.pending.index)
+        try:
+            interview.work()
+            ran += 1
+        except KilledError:
+            kills += 1
+            interview.file.close()
+            interview = reopened(scenario, path)
+        plant.at = lambda plant: None
+        state = interview.now().state
+        assert (len(state.answers), len(state.finished)) == (answered, ran)
+    assert kills
+    assert ran == 5
+    assert [plant.values[node] for node in ("kp", "ti", "sp")] == pytest.approx([1.0, 10.0, 1.0])
