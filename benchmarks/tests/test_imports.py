@@ -19,7 +19,7 @@ BENCHMARKS = Path(__file__).parents[1]
 PACKAGE, TESTS = BENCHMARKS / "prefcal_bench", BENCHMARKS / "tests"
 BELOW = ("prefcal_env", "prefcal_agents", "prefcal_scenarios", "prefcal_app")
 LAYERS = (
-    {"extras", "global_random", "loops", "peers", "people", "reproduce", "rl"},
+    {"extras", "global_random", "loops", "peers", "people", "replay", "reproduce", "rl"},
     {"problems"},
     {"cells"},
     {"results"},

@@ -1,6 +1,6 @@
 import pytest
 
-from prefcal_agents.protocol.replay import Replay
+from prefcal_bench.replay import Replay
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
 from support.histories import in_cube
