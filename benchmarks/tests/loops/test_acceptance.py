@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from prefcal_bench.loops import family, loop
 from prefcal_bench.loops.family import are_worth_comparing, is_worth_tuning
-
 from prefcal_env.envs.step_signal import StepSignal
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel

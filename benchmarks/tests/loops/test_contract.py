@@ -1,9 +1,9 @@
 """Random closed loops keep the contract of the named ones."""
 
 import pytest
-from prefcal_bench.loops import family
 
 from contracts.loops import *  # noqa: F403
+from prefcal_bench.loops import family
 
 SEEDS = (1, 2, 8, 13, 21)
 """Random loops, an MPC and an LQR among them."""

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from prefcal_bench.loops import loop, rough_model
 
+from prefcal_bench.loops import loop, rough_model
 from prefcal_env.errors import ScenarioError
 
 

@@ -4,8 +4,8 @@ import pickle
 
 import numpy as np
 import pytest
-from prefcal_bench.loops import loop, rough, rough_loop
 
+from prefcal_bench.loops import loop, rough, rough_loop
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.catalog import load
