@@ -59,7 +59,7 @@ LAYERS = {
         {"view"},
         {"report", "terminal", "web"},
         {"looking"},
-        {"cli"},
+        {"__main__", "cli"},
     ),
 }
 """Parts of each package, lowest first. A part may import itself and whatever is below it."""
