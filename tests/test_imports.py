@@ -26,7 +26,7 @@ FOLDERS = {
     "prefcal_app": ROOT / "app" / "prefcal_app",
 }
 MAY_IMPORT = {name: list(FOLDERS)[:number] for number, name in enumerate(FOLDERS)}
-AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain", "on_first_use", "arrays")
+AGENTS_MAY_USE = ("errors", "extensions", "knobs", "preferences", "qp", "plain", "on_first_use", "arrays")
 
 LAYERS = {
     "prefcal_env": (
@@ -58,7 +58,7 @@ LAYERS = {
         {"view"},
         {"report", "terminal", "web"},
         {"looking"},
-        {"cli", "worlds"},
+        {"__main__", "cli", "worlds"},
     ),
 }
 """Parts of each package, lowest first. A part may import itself and whatever is below it."""
