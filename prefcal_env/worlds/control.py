@@ -16,7 +16,7 @@ def linear_system(system: Any) -> LinearSystem:
     Raises:
         PlantError: If its sample time is not stated, or a transfer function is improper.
     """
-    dt = sample_time(system.dt)
+    dt = sample_time(getattr(system, "dt", None))
     named = {"inputs": _names(system, "input"), "outputs": _names(system, "output")}
     if hasattr(system, "A"):
         made = of_arrays([system.A, system.B, system.C, system.D], dt)

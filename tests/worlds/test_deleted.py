@@ -62,8 +62,9 @@ try:
     prefcal_env.optional.world(NAME)
 except prefcal_env.PrefcalError as error:
     asked = str(error)
-lines = ("--help", "scenarios", "new --help", "calibrate --help", "check loop.fmu", "check tank.toml",
-         "calibrate servo --calibrator hidden --agent random --n-max 2 --simulate 0 --out made")
+lines = ("--help", "scenarios", "new --help", "calibrate --help", "calibrate loop.fmu --calibrator synthetic",
+         "calibrate tank.toml --calibrator synthetic",
+         "calibrate servo --calibrator synthetic --cost overshoot --agent random --n-max 2 --simulate 0 --out made")
 told = {line.partition(" --c")[0]: prefcal(line) for line in lines}
 print(json.dumps([asked, dir(prefcal_env) + dir(prefcal_app), told]))
 """
@@ -115,8 +116,8 @@ def test_all_else_is_imported_keeps_its_contract_and_runs_a_study(left):
 
 
 ASKED = {
-    "fmu": ("check loop.fmu", "no scenario is called 'loop.fmu'"),
-    "live": ("check tank.toml", "there is no key 'opcua'"),
+    "fmu": ("calibrate loop.fmu", "no scenario is called 'loop.fmu'"),
+    "live": ("calibrate tank.toml", "there is no key 'opcua'"),
 }
 PUBLIC = {"fmu": "FMULoop", "do_mpc": "DoMPC", "notebook": "ask"}
 

@@ -167,7 +167,7 @@ def system_of(system: Any) -> LinearSystem:
         return made
     if hasattr(system, "A") and hasattr(system, "D"):
         return of_arrays([system.A, system.B, system.C, system.D], _time_of(system))
-    if hasattr(system, "num") and hasattr(system, "den") and not any(map(_is_row, system.den)):
+    if hasattr(system, "num") and hasattr(system, "den") and not _is_nested(system.den):
         rows = np.atleast_2d(system.num)  # of scipy: one denominator for all outputs of one input
         return of_fractions([[row] for row in rows], [[system.den]] * len(rows), _time_of(system))
     if hasattr(system, "to_ss"):  # zeros, poles and gain of scipy
@@ -273,8 +273,9 @@ def _canonical(num: Any, den: Any) -> LinearSystem:
     return LinearSystem(A, np.eye(n, 1), (b[1:] - b[0] * a[1:])[None], b[:1, None])
 
 
-def _is_row(value: Any) -> bool:
-    return isinstance(value, list | np.ndarray)
+def _is_nested(den: Any) -> bool:
+    """Return whether a denominator is a list of several, which nothing of SciPy has."""
+    return isinstance(den, list) and any(isinstance(each, list | np.ndarray) for each in den)
 
 
 def _time_of(source: Any) -> float:

@@ -52,7 +52,7 @@ def subject_of(source: Source, space: KnobSpace) -> Subject:
     if isinstance(loop, ClosedLoop):
         return of_closed_loop(loop)
     world = world_of(loop)
-    if world is not None:
+    if world is not None and world.varies:
         varied: Subject = world.inside("prefcal_scenarios").subject_of(loop)
         return varied
     return _CASES.get(getattr(bare, "__module__", ""), of_function)(function)
