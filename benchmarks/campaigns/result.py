@@ -115,7 +115,7 @@ class ToldStudy:
                 stakes = agent.stakes if query.challenger.index > _ASKED - _LAST else None
             self._answer_next(agent)
             if stakes is not None and query.incumbent is not None:
-                yield stakes.chance, agent.best_index != query.incumbent.index
+                yield stakes, agent.best_index != query.incumbent.index
 
     def _answer_next(self, agent: Screening) -> None:
         query, old, verdict = agent.ask(), None, None

@@ -95,11 +95,6 @@ class Worker:
         """Return whether there is a process that has loaded the work."""
         return self._process is not None and self._process.loaded
 
-    @property
-    def is_idle(self) -> bool:
-        """Return whether nothing is announced or running."""
-        return self._name is None
-
     def busy_with(self, name: Hashable) -> bool | None:
         """Return whether what is running has this name; None if nothing is running."""
         running = self._name

@@ -9,6 +9,5 @@ from prefcal_env.on_first_use import public_names
 
 if TYPE_CHECKING:
     from .record import StudyRecord as StudyRecord
-    from .record import Trial as Trial
 
 __getattr__, __dir__, __all__ = public_names(__name__)

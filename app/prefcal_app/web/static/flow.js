@@ -1,7 +1,7 @@
 // Keep the server's latest state and send the person's actions. This module knows no view.
 
 import { Refusal, news, post } from "./api.js";
-import { $, ask, el, keep, kept, say } from "./dom.js";
+import { $, ask, el, keep, kept } from "./dom.js";
 
 export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false,
   saved: "", unsure: null }; // the last answer that was saved, and one that was sent without a reply

@@ -1,7 +1,7 @@
 // Show what was simulated unseen: a picture of it, and each point to look at or to ask for.
 
 import { fetched, get } from "./api.js";
-import { $, button, el, fill, symbol, table, values, withUnit } from "./dom.js";
+import { $, button, el, fill, symbol, table, values } from "./dom.js";
 import { can, current, open } from "./flow.js";
 import { draw, drawn, step } from "./map.js";
 import { showAgain } from "./maneuvers.js";
