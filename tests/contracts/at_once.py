@@ -13,7 +13,7 @@ from prefcal_env.errors import ProtocolError, SettingsError
 from support.agents import woken
 
 
-def reply_at_once(agent, query):
+def reply(agent, query):
     """The answer or the score of someone who knows `latent`."""
     new, old = query.challenger, query.incumbent
     if agent.by_value:
@@ -25,7 +25,7 @@ def close(agent, n, choice):
     """Answer number `choice` of the open queries, as if its experiment were ready first."""
     queries = agent.ask(n)
     query = queries[choice % len(queries)]
-    agent.tell(query, reply_at_once(agent, query))
+    agent.tell(query, reply(agent, query))
     return query
 
 
@@ -73,7 +73,7 @@ def test_a_query_that_was_answered_is_refused_though_others_are_open(make_agent)
     agent = make_agent(MIXED, n_init=3, n_max=9)
     query = close(agent, 3, 1)
     with pytest.raises(ProtocolError, match="the open query is"):
-        agent.tell(query, reply_at_once(agent, query))
+        agent.tell(query, reply(agent, query))
 
 
 def test_an_undo_keeps_what_was_pending_before_and_drops_what_was_proposed_since(make_agent):

@@ -12,20 +12,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from contracts.agents import MIXED, latent
+from contracts.agents import MIXED
 from contracts.at_once import *  # noqa: F403
+from contracts.at_once import reply
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_env.errors import ProtocolError
 from prefcal_env.preferences.answer import Answer
 from support.agents import woken
-
-
-def reply(agent, query):
-    """The answer or the score of someone who knows `latent`."""
-    new, old = query.challenger, query.incumbent
-    if agent.by_value:
-        return latent(new.theta)
-    return None if old is None else int(np.sign(latent(new.theta) - latent(old.theta)))
 
 
 def told(agent):

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.optimize.search import Tried
-from prefcal_bench.replay import Replay
 from prefcal_bench.extras import load
 from prefcal_bench.global_random import seeded
+from prefcal_bench.replay import Replay
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 

@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.protocol.agent import Agent
-from prefcal_bench.replay import Replay
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_bench.extras import load
 from prefcal_bench.global_random import seeded
+from prefcal_bench.replay import Replay
 from prefcal_env.preferences.history import History
 
 PPO_STEPS = 5

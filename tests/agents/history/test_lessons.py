@@ -39,12 +39,6 @@ def test_a_later_answer_keeps_its_rival_when_an_earlier_one_is_retracted():
     assert taught.second.tolist() == [1]
 
 
-def test_the_first_answer_teaches_nothing():
-    taught = Preferences.of(told(-1))
-    assert len(taught) == 0
-    assert taught.samples.shape == (1, 2)
-
-
 def test_a_score_teaches_no_preference_even_if_a_study_file_holds_one():
     history = told(Answer(None, value=2.0), Answer(-1, value=1.0))
     assert len(Preferences.of(history)) == 0
@@ -89,13 +83,6 @@ def taught(history):
     """(challenger, incumbent, preference) of all answers."""
     p = Preferences.of(history)
     return list(zip(p.first.tolist(), p.second.tolist(), p.b.tolist(), strict=True))
-
-
-def test_a_study_up_to_the_bound_is_remembered_as_it_is():
-    history = long_history(MOST)
-    memory = Memory.of(history)
-    assert memory.history is history
-    assert memory.kept.tolist() == list(range(MOST))
 
 
 def test_of_a_long_study_the_oldest_and_the_latest_answers_are_remembered():

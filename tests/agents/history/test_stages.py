@@ -6,7 +6,6 @@ import pytest
 
 from prefcal_agents.history.stages import Remembered, Stages
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.history import History
 from support.histories import in_cube, studied
 
 
@@ -42,13 +41,6 @@ def test_a_step_is_an_experiment_with_its_answer_or_all_follow_ups_after_it():
     assert Counting().stages.after(longer) == ((1, 0), (2, 0), (3, 0), (3, 2), (4, 2))
 
 
-def test_nothing_answered_is_what_is_known_at_first():
-    counting = Counting()
-    assert counting.stages.after(History()) == ()
-    assert counting.stages.after(History().with_pending(in_cube([0.5]))) == ()
-    assert counting.begun == 1
-
-
 def test_what_is_known_is_not_worked_out_twice():
     counting, record = Counting(), line(5)
     counting.stages.after(record.until(3))
@@ -74,14 +66,6 @@ def test_it_depends_on_the_record_alone_not_on_what_was_asked_before(change):
     used.stages.after(record)
     used.stages.after(record.with_follow_up(Answer(-1), 3, 0))
     assert used.stages.after(change(record)) == Counting().stages.after(change(record))
-
-
-def test_only_what_follows_a_retracted_answer_is_worked_out_again():
-    counting, record = Counting(), line(6)
-    counting.stages.after(record)
-    counting.steps.clear()
-    counting.stages.after(record.retracted(3))
-    assert counting.steps == [(4, 0), (5, 0), (6, 0)]
 
 
 def test_a_long_study_takes_one_step_for_each_answer_though_early_ones_are_forgotten():

@@ -56,11 +56,6 @@ def test_with_the_answer_that_crowned_the_best_turned_the_one_before_is_the_resu
     assert (only.answer, only.reversed) == (1, 0)
 
 
-def test_a_tie_has_no_other_way_round():
-    history = record((GOOD, None), (SAME, 0))
-    assert influences(pool_of(history), history) == ()
-
-
 def test_turning_an_answer_twice_changes_nothing():
     history = record((POOR, None), (GOOD, -1), (9, 1))
     once = turned(history, 1)

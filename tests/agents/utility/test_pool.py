@@ -54,12 +54,6 @@ def better(costs, weights):
     return np.einsum("s,sij->ij", weights, costs[:, :, None] < costs[:, None] - 1.0)
 
 
-def test_weights_are_probabilities(pool, record):
-    weights = pool.weights(record)
-    assert weights.min() >= 0
-    assert weights.sum() == pytest.approx(1.0)
-
-
 def test_without_answers_it_weighs_as_people_are_before_any(pool):
     weights = pool.weights(History())
     assert weights @ (pool.utilities.ordered > 0) == pytest.approx(0.5, abs=0.05)

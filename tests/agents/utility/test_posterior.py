@@ -9,7 +9,6 @@ from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
-from support.histories import in_cube
 from support.simulated import bank_of, of_pairs, random_bank
 
 BANK = random_bank()
@@ -73,14 +72,6 @@ def test_draws_order_what_was_shown_as_answered_and_more_besides():
     assert agreement(after, unseen) > 0.85 > agreement(prior(), unseen)
     assert first(after)[0] > 0.6
     assert first(prior()) == pytest.approx(np.full(3, 1 / 3), abs=0.05)
-
-
-def test_an_answer_at_a_time_teaches_what_all_at_once_teach():
-    pairs = pairs_of(8)
-    records = [of_pairs(BANK, pairs[:k], sure(pairs[:k])) for k in range(1, 9)]
-    step, once = learned(*records), learned(records[-1])
-    assert first(step) == pytest.approx(first(once), abs=0.1)
-    assert np.mean(step.ordered > 0) == pytest.approx(np.mean(once.ordered > 0), abs=0.15)
 
 
 def test_ties_teach_what_cannot_be_told_apart():
@@ -177,12 +168,6 @@ def test_wrong_answers_raise_the_error_rate_of_the_draws():
     assert mistaken > 2 * expected
 
 
-def test_mistakes_do_not_hide_what_is_wanted():
-    pairs = pairs_of(24)
-    wrong = [-a if k % 10 == 3 else a for k, a in enumerate(sure(pairs))]
-    assert agreement(learned(of_pairs(BANK, pairs, wrong)), pairs_of(30, start=48)) > 0.8
-
-
 def test_without_lessons_the_distribution_stays():
     before, after = prior(), learned(History())
     quantiles = [0.1, 0.5, 0.9]
@@ -191,13 +176,6 @@ def test_without_lessons_the_distribution_stays():
         assert now == pytest.approx(was, abs=0.2, rel=0.07)
     assert not np.array_equal(before.normals, after.normals)  # or it was not tried
     assert after.errors.mean() == pytest.approx(before.errors.mean(), abs=0.01)
-
-
-def test_the_same_seed_gives_the_same_draws():
-    record = of_pairs(BANK, pairs_of(3), sure(pairs_of(3)))
-    one, same, other = (learned(record, seed=seed).normals for seed in (1, 1, 2))
-    assert np.array_equal(one, same)
-    assert not np.array_equal(one, other)
 
 
 def test_a_mistake_is_each_of_the_three_answers_alike():
@@ -215,15 +193,3 @@ def test_equal_experiments_are_called_alike_but_for_mistakes():
         record = of_pairs(same, [(0, 1), (3, 4)], [answer, None])
         found = lessons(record, same).log_probabilities(utilities)
         assert np.exp(found) == pytest.approx(chance, rel=0.05)
-
-
-def test_the_probabilities_of_the_three_answers_add_up_to_1():
-    chances = [np.exp(lessons(of_pairs(BANK, [(3, 5)], [a])).log_probabilities(prior())) for a in (-1, 0, 1)]
-    assert np.sum(chances, axis=0) == pytest.approx(1.0)
-
-
-def test_an_experiment_that_nobody_looked_at_is_not_called_better_than_an_unsafe_one():
-    unsafe = of_pairs(BANK, [(1, 0), (2, 3)], [Answer(-1, marks=(Mark.CHALLENGER_UNSAFE,)), 0])
-    pending = unsafe.with_pending(in_cube(BANK.thetas[5])).with_answer(Answer(None), None)
-    assert pending.answered == unsafe.answered + 1
-    assert len(lessons(pending)) == len(lessons(unsafe))

@@ -73,21 +73,6 @@ def test_an_infinite_kpi_loses_all_of_its_weight_in_a_trade_off():
     assert costs[:, 2] * utilities.noticed == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("k", [1, 2, 7])
-def test_weights_of_a_trade_off_are_positive_and_add_up_to_what_can_be_told_apart(k):
-    utilities = drawn(scale_of(random_bank(k=k)), ordered=False)
-    weights = utilities.weights[:, :k]
-    assert np.all(weights > 0)
-    assert weights.sum(axis=1) * utilities.noticed == pytest.approx(1.0)
-
-
-def test_weights_range_from_all_alike_to_one_before_all_others():
-    utilities = drawn(scale_of(random_bank(k=4)), 2000, ordered=False)
-    largest = utilities.weights[:, :4].max(axis=1) * utilities.noticed
-    assert np.quantile(largest, 0.05) < 0.4
-    assert np.quantile(largest, 0.95) > 0.95
-
-
 def test_half_of_the_weight_is_lost_at_the_scale():
     utilities = by_hand(scales=np.log([2.0]), exponents=[2.0], noticed=0.5)
     logs = np.log([[1.0], [2.0], [4.0]])
@@ -175,11 +160,6 @@ def test_a_kpi_is_measured_from_0_or_from_its_best_value_below():
     assert np.exp(logs[:, 1]) == pytest.approx([0.002 * 4.5, 1.0, 8.0])  # the median of 1 and 8
 
 
-def test_the_best_value_below_0_counts_even_if_it_was_found_later():
-    bank = bank_of([[1.0], [2.0], [-3.0]])
-    assert Scale.of(bank, np.arange(2)).good.tolist() == [-3.0]
-
-
 def test_constant_and_infinite_kpis_are_left_out():
     bank = bank_of([[1.0, 3.0, np.inf, 7.0], [1.0, 5.0, np.inf, np.inf], [1.0, 4.0, np.inf, 7.0]])
     scale = scale_of(bank, {"a": 2.0, "b": 4.5})
@@ -192,19 +172,6 @@ def test_constant_and_infinite_kpis_are_left_out():
 def test_a_kpi_that_is_nearly_always_the_same_has_a_range():
     bank = bank_of([[1.0]] * 99 + [[3.0]])
     assert scale_of(bank).ranges.tolist() == [2.0]
-
-
-def test_without_a_kpi_that_differs_all_costs_are_0():
-    bank = bank_of([[1.0], [1.0], [1.0]])
-    scale = scale_of(bank)
-    assert scale.names == ()
-    assert np.all(drawn(scale).costs(scale(bank)) == 0.0)
-
-
-def test_the_log_distances_of_some_rows_are_those_of_all():
-    bank = random_bank()
-    scale = scale_of(bank)
-    assert np.array_equal(scale(bank, [5, 2]), scale(bank)[[5, 2]])
 
 
 def test_scales_lie_within_the_values_of_their_kpi_but_not_among_the_worst():
@@ -222,12 +189,6 @@ def test_the_distance_of_a_share_of_random_theta_lies_between_those_around_it():
     assert np.exp(scale.at(np.array([[0.0], [0.25], [0.5]]))[:, 0]) == pytest.approx(
         [1.0, np.sqrt(2.0), 2.0], rel=1e-3
     )
-
-
-def test_half_of_the_kpis_of_an_order_have_no_limit():
-    orders = drawn(scale_of(random_bank()), 2000, ordered=True)
-    assert np.mean(np.isneginf(orders.scales)) == pytest.approx(0.5, abs=0.03)
-    assert not np.isneginf(drawn(scale_of(random_bank()), ordered=False).scales).any()
 
 
 def test_many_mutations_without_lessons_keep_the_distribution():

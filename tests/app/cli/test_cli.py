@@ -71,12 +71,3 @@ def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
     assert json.loads(out)["best"] == json.loads(whole)["best"]
     assert json.loads(out)["experiments"] == 9
     assert prefcal("studies", "verify", "./g.prefcal")[0] == 0
-
-
-def test_the_papers_algorithm_is_an_agent_of_its_own(prefcal):
-    words = ["calibrate", TOY, *SYNTHETIC, "--agent", "glisp-paper", "--n-max", "6", "--json"]
-    code, out, _ = prefcal(*words, "--study", "published")
-    result = json.loads(out)
-    assert (code, result["agent"], result["questions"]) == (0, "glisp-paper", 5)
-    page = Path(result["report"]).read_text("utf-8")
-    assert '<th scope="row">GLISp process</th><td class="words">False</td>' in page

@@ -46,26 +46,11 @@ def test_a_folder_of_another_study_is_refused_before_anything_runs(prefcal, tmp_
     assert "--out here holds the report of study 'first'" in err
 
 
-def test_a_folder_with_files_of_somebody_else_may_be_used(prefcal, tmp_path):
-    (tmp_path / "here").mkdir()
-    (tmp_path / "here" / "notes.txt").write_text("mine")
-    assert prefcal(*QUICK, "--out", "here")[0] == 0
-    assert (tmp_path / "here" / "notes.txt").read_text() == "mine"
-    assert (tmp_path / "here" / "report.html").is_file()
-
-
 def test_a_report_whose_study_is_not_known_is_not_replaced(tmp_path):
     (tmp_path / "report.html").write_text("of an older version, or of another program")
     with pytest.raises(SettingsError, match="holds a report whose study is not known"):
         claim_given(tmp_path, MINE)
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
-
-
-def test_of_two_studies_that_come_at_once_one_gets_the_folder(tmp_path):
-    first = claim_default(tmp_path / "here", MINE)
-    second = claim_default(tmp_path / "here", OTHERS)
-    assert (first.folder.name, second.folder.name) == ("here", "here-2")
-    assert claim_default(tmp_path / "here", OTHERS).folder.name == "here-2"
 
 
 def test_a_folder_without_a_report_is_given_back(tmp_path):

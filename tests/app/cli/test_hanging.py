@@ -62,15 +62,6 @@ def test_check_says_that_the_run_takes_too_long(endless):
     assert "the run took longer than 1 s and was ended" in " ".join(out.split())
 
 
-def test_a_study_that_nobody_watches_ends_with_the_reason(endless):
-    words = ["calibrate", "own.py:plant", "--calibrator", "synthetic", "--run-timeout", "0.3"]
-    code, _, err = finished(endless, *words)
-    assert code == 1
-    assert "Experiment 1 failed: the run took longer than 0.3 s" in err
-    assert "prefcal: the run took longer than 0.3 s and was ended" in err
-    assert "Traceback" not in err
-
-
 @pytest.mark.parametrize("command", [("calibrate", "--no-browser"), ("check",)])
 def test_a_file_that_never_ends_loading_is_told_and_ctrl_c_ends_it_at_once(tmp_path, command):
     path = tmp_path / "own.py"

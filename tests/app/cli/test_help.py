@@ -29,9 +29,3 @@ def test_no_help_has_words_that_stumble(prefcal, command):
     out = " ".join(prefcal(*command, "--help")[1].replace("│", " ").split())
     for word in (" dear", " his ", " her ", " hers", "taken up", "begun", "whoever", "foretold"):
         assert word not in out.lower()
-
-
-def test_a_flag_takes_no_value_in_its_help(prefcal):
-    out = prefcal("calibrate", "--help")[1]
-    (line,) = (line for line in out.splitlines() if "--terminal " in line and "--" in line[:6])
-    assert "<bool>" not in line

@@ -55,12 +55,6 @@ def test_a_study_stays_from_its_first_answer_on(prefcal, monkeypatch, ours, type
     assert f"SHA-256 of the study file: {digest_of(study_path('toy-1'))}" in sheet
 
 
-def test_a_resumed_study_stays_whatever_happens(prefcal, monkeypatch, ours):
-    start(prefcal, monkeypatch, "l\n", "--study", "mine")
-    start(prefcal, monkeypatch, "", "--study", "mine")
-    assert names(prefcal) == ["mine"]
-
-
 def test_experiments_of_somebody_s_own_plant_are_never_lost(prefcal, monkeypatch):
     start(prefcal, monkeypatch, "")
     assert len(state_of("toy-1").finished) == 2

@@ -42,12 +42,6 @@ def test_without_outcomes_the_agent_learns_from_theta_alone_and_the_line_that_re
     assert thetas_of(again) == off
 
 
-def test_a_cost_that_is_no_number_is_named(refused, tmp_path):
-    (tmp_path / "mine.py").write_text("lost = lambda e: float('nan')\n")
-    words = ["--agent", "glis", "--cost", "mine.py:lost", "--n-max", "3"]
-    assert "a finite number, got nan" in refused("calibrate", TOY, *words)
-
-
 def test_a_study_never_chooses_which_cost_is_run(prefcal, refused, tmp_path):
     (tmp_path / "mine.py").write_text("cost = lambda e: e.theta[0]\n")
     (tmp_path / "moved.py").write_text("cost = lambda e: e.theta[0]\n")

@@ -44,21 +44,6 @@ def test_an_own_scenario_is_calibrated(done, own, tmp_path, case):
     assert (tmp_path / "res" / "report.html").exists()
 
 
-@pytest.mark.parametrize("n_max", ["2", "3"])
-def test_the_shortest_studies_run(done, own, n_max):
-    out = done("calibrate", own("own = t.toy"), *SYNTHETIC, "--n-max", n_max, "--json")
-    assert json.loads(out)["experiments"] == int(n_max)
-
-
-def test_a_reference_outside_the_box_is_refused_before_anything_runs(prefcal, own, tmp_path):
-    text = "own = replace(t.toy, references={'far': np.array([9.0, 26, 0.5])})"
-    code, _, err = prefcal("calibrate", own(text), *QUICK)
-    assert code == 2
-    assert "reference 'far'" in err
-    assert "T_s" in err
-    assert not (tmp_path / "res").exists()
-
-
 def test_escape_characters_in_names_do_not_reach_the_terminal(prefcal, own):
     text = r"""
 knobs = [replace(k, name=f"\x1b[31m{k.name}") for k in t.toy.space]

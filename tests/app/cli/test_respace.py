@@ -90,15 +90,6 @@ def test_the_scenario_has_got_a_knob(done, refused, study, tmp_path):
     assert len({row.count(",") for row in rows}) == 1
 
 
-def test_a_widened_range_is_searched(done, study):
-    done("studies", "respace", study, "--scenario", TOY, "--knob", "gain=0.001:100", "--knob", "T_s=0.3:0.5")
-    assert thetas()[0] == pytest.approx([1.2, 10, 2])
-    with StudyFile.open(study_path(study), clock=lambda: "now") as file:
-        space = Interview(toy_scenario(), file, asks=False).scenario.space
-    assert [k.low for k in space] == [0.25, 4, 0.001]
-    assert space.within[0] == (0.3, 0.5)
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

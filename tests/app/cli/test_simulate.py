@@ -65,34 +65,12 @@ def test_an_unattended_study_says_how_many_it_simulated(prefcal, tmp_path):
     assert (again["best"], again["simulated"]) == (result["best"], result["simulated"])
 
 
-@pytest.fixture
-def study(prefcal):
-    """The name of a finished study that simulated unseen."""
-    words = [*UNATTENDED, "--simulate", "40", "--n-max", "4", "--study", "mine"]
-    assert prefcal("calibrate", UNSEEN, *words)[0] == 0
-    return "mine"
-
-
-def test_its_study_goes_on_with_more_experiments(done, refused, study):
-    words = ["calibrate", UNSEEN, "--study", study, "--json", "--out", "out", "--n-max", "6"]
-    out = done(*words)
-    assert json.loads(out)["experiments"] == 6
-    assert "started with --simulate 40, got --simulate 50" in refused(*words, "--simulate", "50")
-
-
 def test_a_finished_study_goes_on_without_simulating_anything_twice(prefcal, done, monkeypatch):
     words = ["calibrate", UNSEEN, "--simulate", "40", "--study", "mine", *UNATTENDED]
     assert prefcal(*words, "--n-max", "12")[0] == 0
     monkeypatch.setattr("prefcal_env.workers.Pool.start", None)  # it would be called
     out = done(*words, "--n-max", "14")
     assert json.loads(out)["experiments"] == 14
-
-
-def test_a_study_from_before_goes_on_as_it_was(prefcal, done):
-    words = ["calibrate", UNSEEN, *UNATTENDED, "--study", "old"]
-    assert prefcal(*words, "--agent", "glisp", "--n-max", "4")[0] == 0
-    out = done(*words, "--n-max", "5")
-    assert (json.loads(out)["agent"], json.loads(out)["simulated"]) == ("glisp", 0)
 
 
 def children(pid):

@@ -1,7 +1,6 @@
 """`prefcal calibrate --start`: the current tuning, or the best of another study, runs first."""
 
 import json
-import shlex
 
 import pytest
 
@@ -101,12 +100,3 @@ def test_an_experiment_that_cannot_begin_is_refused_before_anything_runs(
     StudyFile.create(study_path("empty"), state_of("mine").configuration, clock=lambda: "now").close()
     assert said in refused("calibrate", scenario, *SYNTHETIC, "--start", start, "--study", "hers")
     assert not study_path("hers").exists()
-
-
-def test_the_line_of_the_report_repeats_it_as_it_is_said_today(done, mine, tmp_path):
-    stored = dict(state_of("mine").configuration)
-    options = {**stored["options"], "start": [PRESENT], "earlier": "hers"}
-    StudyFile.create(study_path("old"), stored | {"options": options}, clock=lambda: "now").close()
-    done("calibrate", TOY, "--study", "old", "--out", "a")
-    page = (tmp_path / "a" / "report.html").read_text().replace("&#39;", "'")
-    assert f"--start {shlex.quote(PRESENT)} --start hers:best" in page

@@ -83,16 +83,6 @@ def test_a_study_is_exported_and_imported_unchanged(prefcal, study, tmp_path):
     assert len((tmp_path / "mine" / "comparisons.csv").read_text().splitlines()) == 5
 
 
-def test_a_comment_of_somebody_else_does_not_steer_the_terminal(prefcal, done, tmp_path):
-    interview = begin(toy_scenario(), n_max=3, path=tmp_path / "other.prefcal")
-    asked = proceed(interview).question
-    interview.steps.answer(asked.id, Choice.LEFT, comment="a\x1b]0;title\x07[b]c")
-    interview.file.close()
-    out = done("studies", "show", "./other.prefcal")
-    assert "[b]c" in out
-    assert "\x1b" not in out
-
-
 def test_an_export_never_overwrites_its_study(prefcal, refused, study, tmp_path):
     (path,) = (tmp_path / "data").rglob("mine.prefcal")
     before = path.read_bytes()

@@ -116,17 +116,6 @@ def test_of_a_rig_only_its_limits_are_said(prefcal, best, tmp_path, kind):
     assert Verified.read(tmp_path).share is None
 
 
-def test_a_function_of_theta_alone_is_told_what_to_add_in_one_sentence(prefcal, best, tmp_path):
-    run = 'def run(theta, seed=0):\n    return recorded(theta, [0.0, 1.0], {"y": [0.0, theta[0]]})\n'
-    (tmp_path / "own.py").write_text(
-        "from prefcal_env import Knob, KnobSpace, recorded\nfrom prefcal_scenarios import Scenario\n"
-        f'{run}own = Scenario("own", "Own", KnobSpace([Knob("K", 0, 5)]), run)\n'
-    )
-    code, _, err = prefcal("verify", best(scenario="own.py:own", theta={"K": 2.0}))
-    assert code != 0
-    assert "only a function of θ: give the parameters of its plant as arguments" in " ".join(err.split())
-
-
 @pytest.mark.parametrize(
     ("changes", "words", "says"),
     [

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents import GLIS, GLISp, RandomSearch
+from prefcal_agents import GLISp, RandomSearch
 from prefcal_app.session import Choice, Phase, runs
 from prefcal_env.errors import KnobError, ProtocolError, StaleError, StudyError
 from prefcal_env.study import Requested, verify
@@ -143,12 +143,3 @@ def test_what_cannot_be_tried_is_refused():
     interview.steps.go_on()
     proceed(interview)
     assert interview.steps.ask_for(WANTED).state.requested == {2}
-
-
-def test_an_agent_of_scores_takes_it_too():
-    interview = begin(toy, agent=GLIS, n_max=5)
-    while interview.now().state.history.answered < 2:
-        interview.work()
-    interview.steps.ask_for(WANTED)
-    proceed(interview)
-    assert interview.file.state.history.samples[2].theta == tuple(WANTED)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents import GLIS, RandomSearch
+from prefcal_agents import RandomSearch
 from prefcal_app.session import Background, Choice, Phase, runs, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import SettingsError
@@ -90,19 +90,6 @@ def test_the_first_question_comes_as_soon_as_two_of_four_experiments_are_ready(p
         assert plant.most == 4
         plant.end_all()
         until(interview, lambda now: len(now.state.finished) == 5 or plant.end_all())
-
-
-def test_a_theta_that_is_asked_for_replaces_the_pending_one_that_is_due_and_no_other(plant):
-    interview = begin(plant.scenario, n_max=8, at_once=3)
-    with Background(interview):
-        until(interview, lambda now: now.running == 3)
-        _, *others = waiting(interview)
-        wish = plant.scenario.space.decode(np.full(len(plant.scenario.space), 0.37))
-        interview.steps.ask_for(wish)
-        first, *rest = waiting(interview)
-        assert first == pytest.approx(wish)
-        assert rest == others
-        plant.end_all()
 
 
 def test_what_ends_while_a_question_is_open_is_saved_and_asked_about_next(plant):
@@ -214,18 +201,6 @@ def test_a_known_failure_is_taken_by_one_thread_though_another_looks_for_work_at
         work()()
     assert tried.count(tried[2]) == 1
     assert interview.now().phase is Phase.FAILED
-
-
-@pytest.mark.parametrize("agent", [RandomSearch, GLIS])
-def test_an_unattended_study_runs_at_once_to_its_end(agent):
-    interview = begin(toy_scenario(), n_max=8, at_once=3, agent=agent)
-    calibrator = None if agent is GLIS else toy_scenario().calibrators["synthetic"](0)
-    comparisons = list(unattended(interview, calibrator))
-    assert len(comparisons) == 8
-    assert interview.now().phase is Phase.OVER
-    cost = interview.scenario.cost
-    best = interview.past.experiment(interview.now().incumbent)
-    assert cost(best) == min(cost(c.challenger) for c in comparisons)
 
 
 def test_the_experiments_of_a_killed_worker_run_again():

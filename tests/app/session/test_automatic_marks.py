@@ -6,20 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from prefcal_agents.history.lessons import Marks
 from prefcal_app.report import StudyRecord
 from prefcal_app.report.html import page
 from prefcal_app.report.tables import comparisons_as_csv
-from prefcal_app.session import Choice, Phase, flow
-from prefcal_app.session.study import now as moment
-from prefcal_app.terminal.showing import show_history, show_question
-from prefcal_app.view import history_view, now_view, status_view
+from prefcal_app.session import Choice, Phase
 from prefcal_env.experiments.end import End
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.study import export_csv
-from support.interviews import begin, proceed, reopened
+from support.interviews import begin, proceed
 from toy_study import toy_scenario
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
@@ -49,25 +45,6 @@ def studied(answers=6, **more):
     return interview
 
 
-def sides(closed):
-    return (NEW, closed.challenger), (OLD, closed.incumbent)
-
-
-def test_every_answer_says_which_of_its_runs_became_unsafe():
-    interview = studied()
-    closed = interview.now().state.history.comparisons
-    assert interview.past.experiment(0).end is End.UNSAFE  # the first one is told of, too
-    assert closed[0].answer.automatic == (NEW,)
-    ends = set()
-    for one in closed[1:]:
-        for mark, index in sides(one):
-            end = interview.past.experiment(index).end
-            assert (mark in one.answer.automatic) == (end is End.UNSAFE)
-            ends.add(end)
-        assert one.answer.marks == one.answer.automatic
-    assert {End.UNSAFE, End.FAILED} <= ends
-
-
 def test_the_agent_learns_them_and_a_retraction_takes_them_along():
     interview = studied()
     unsafe = [i for i in range(7) if interview.past.experiment(i).end is End.UNSAFE]
@@ -93,52 +70,6 @@ def test_running_ahead_foresees_them(mark):
         now = interview.steps.answer(interview.now().question.id, Choice.SAME)
         assert now.phase is not Phase.RUNNING  # nothing was left to compute
     assert any(c.answer.automatic for c in now.state.history.comparisons)
-
-
-def test_a_study_from_before_resumes_as_it_was(tmp_path, monkeypatch):
-    """Its answers stay without marks; the next ones have them."""
-    path = tmp_path / "old.prefcal"
-    with monkeypatch.context() as then:
-        for module in (flow, moment):
-            then.setattr(module, "completed", lambda a, new, old, kpis: replace(a, outcomes=kpis))
-        old = studied(path=path)
-    asked, answers = old.now().question, [c.answer for c in old.now().state.history.comparisons]
-    assert not any(given.marks for given in answers)
-    old.file.close()
-    resumed = reopened(touchy, path)
-    again = resumed.now().question
-    assert (again.left.experiment, again.right.experiment) == (asked.left.experiment, asked.right.experiment)
-    assert [c.answer for c in resumed.now().state.history.comparisons] == answers
-    assert not resumed.now().state.history.unsafe(automatic=True)
-    assert resumed._flow.agent.state == old._flow.agent.state
-    answer(resumed)
-    counted = {side.index for side in (again.left, again.right) if side.counts_as_unsafe}
-    assert counted
-    assert resumed.now().state.history.unsafe(automatic=True) == counted
-
-
-def test_every_view_says_so_and_why():
-    interview = studied()
-    state = interview.now().state
-    rows = history_view(interview)["answers"]
-    assert [f"first: {WORDS}" in row["marks"] for row in rows] == [
-        NEW in c.answer.automatic for c in state.answers
-    ]
-    tried = status_view(interview)["tried"]["experiments"]
-    shown = {e["number"] - 1 for e in tried if WORDS in e["marks"]}
-    assert shown == state.history.unsafe(automatic=True) != set()
-    question = interview.now().question
-    view = now_view(interview, blind=True)["question"]
-    for name in ("left", "right"):
-        assert view[name]["counts_as_unsafe"] == getattr(question, name).counts_as_unsafe
-    console = Console(file=io.StringIO(), width=200, record=True)
-    show_history(history_view(interview)["answers"], console)
-    show_question(now_view(interview), console)
-    out = console.export_text()
-    assert f"first: {WORDS}" in out
-    assert out.split("History")[1].count(f"· {WORDS}") == sum(
-        side.counts_as_unsafe for side in (question.left, question.right)
-    )
 
 
 def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):

@@ -2,15 +2,13 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from prefcal_app.cli.opening import open_study
-from prefcal_app.session import Choice, Interview
+from prefcal_app.session import Interview
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs.constraints import Constraint, LinearConstraint
 from prefcal_env.knobs.space import KnobSpace
-from support.interviews import proceed
 from toy_study import toy_scenario
 
 GIVEN = {"scenario": "toy", "calibrator": "human", "n_init": 3, "n_max": 6}
@@ -32,29 +30,9 @@ def begin(scenario, path):
     return Interview(scenario, opened.file, ahead=False)
 
 
-def test_a_resumed_study_asks_the_same_and_stays_inside(tmp_path):
-    scenario, path = constrained("slow", "short"), tmp_path / "mine.prefcal"
-    interview = begin(scenario, path)
-    assert interview.file.state.configuration["constraints"] == ["slow", "short"]
-    for _ in range(3):
-        question = proceed(interview).question
-        interview.steps.answer(question.id, Choice.LEFT)
-    asked = proceed(interview).question
-    interview.file.close()
-    resumed = begin(scenario, path)
-    assert proceed(resumed).question == asked
-    for sample in resumed.file.state.history.samples:
-        assert scenario.space.allows(np.array(sample.theta))
-
-
 @pytest.mark.parametrize("now", [(), ("slow",), ("slow", "short")])
 def test_a_study_keeps_the_constraints_that_it_was_begun_with(tmp_path, now):
     path = tmp_path / "mine.prefcal"
     begin(constrained("short"), path).file.close()
     with pytest.raises(StudyError, match=r"expected \['short'\], got \["):
         begin(constrained(*now), path)
-
-
-def test_a_study_without_constraints_does_not_mention_them(tmp_path):
-    interview = begin(constrained(), tmp_path / "mine.prefcal")
-    assert "constraints" not in interview.file.state.configuration

@@ -67,15 +67,6 @@ def test_only_the_last_trajectories_stay_and_what_is_held_is_not_read_twice(read
     assert len(read) == 14
 
 
-def test_what_the_agent_may_learn_is_computed_once(reading, monkeypatch):
-    interview, read = reading
-    monkeypatch.setattr(experiments, "_KEPT", 1)
-    kept = interview._flow.store
-    first = [kept.outcomes(index, None) for index in range(13)]
-    assert [kept.outcomes(index, None) for index in range(13)] == first
-    assert len(read) == 13
-
-
 def test_axes_take_in_a_long_study_bit_by_bit_the_latest_first(reading, monkeypatch):
     interview, read = reading
     monkeypatch.setattr(seen_module, "_AT_ONCE", 5)

@@ -83,32 +83,6 @@ def test_a_change_before_a_crash_leaves_no_question_that_is_not_asked(toy, tmp_p
     assert not proceed(resumed).question.further
 
 
-def test_running_ahead_foresees_no_longer_what_was(toy):
-    def answers(ahead):
-        interview = begin(toy, n_max=8, agent=THREE, ahead=ahead)
-        for _ in range(30):
-            now = proceed(interview)
-            if now.question is None:
-                break
-            while ahead and interview.work():
-                pass
-            now = interview.steps.pace((3, 1, 4)[len(now.state.answers) % 3])
-            if now.question is None:  # a further one that is one too many
-                continue
-            answer(interview)
-        return [(c.challenger, c.incumbent) for c in interview.now().state.answers]
-
-    assert answers(ahead=True) == answers(ahead=False)
-
-
-def test_the_same_number_again_is_no_event(toy):
-    interview = begin(toy, n_max=8, agent=THREE)
-    proceed(interview)
-    before = sum(1 for _ in interview.file.events())
-    interview.steps.pace(3)
-    assert sum(1 for _ in interview.file.events()) == before
-
-
 @pytest.mark.parametrize("agent", [RandomSearch, GLIS])
 def test_an_agent_that_asks_one_refuses(toy, agent):
     interview = begin(toy, agent=agent)
@@ -116,18 +90,6 @@ def test_an_agent_that_asks_one_refuses(toy, agent):
     assert interview.known.questions is None
     with pytest.raises(SettingsError, match="only the agent glisp"):
         interview.steps.pace(2)
-
-
-def test_an_undo_goes_back_behind_a_change(toy):
-    interview = begin(toy, n_max=8, agent=THREE)
-    until_further(interview)
-    now = answer(interview)
-    assert len(now.state.history.follow_ups) == 1
-    interview.steps.pace(1)
-    interview.steps.undo(interview.now().version)
-    now = proceed(interview)
-    assert not now.state.history.follow_ups
-    assert not now.question.further
 
 
 def test_while_something_has_failed_it_has_to_wait(toy):

@@ -127,17 +127,6 @@ def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(
         interview.steps.record(Given(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
 
 
-def test_a_simulated_plant_and_a_study_that_is_over_take_no_record(interview):
-    simulated = begin(TOY)
-    while simulated.now().phase is Phase.RUNNING:
-        simulated.work()
-    with pytest.raises(StaleError):
-        simulated.steps.record(Given(0, csv(9.0)))
-    interview.steps.finish()
-    with pytest.raises(StaleError):
-        interview.steps.record(Given(0, csv(9.0)))
-
-
 def answered(interview, count):
     """Record experiments and answer until so many answers are given; the next record is waited for."""
     while True:

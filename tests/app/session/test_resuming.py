@@ -17,19 +17,3 @@ def test_a_retraction_that_was_cut_off_asks_about_the_incumbent_that_stands(tmp_
 
     question = (now := reopened(toy_scenario(), path).now()).question
     assert (question.challenger.index, question.incumbent.index) == (2, now.incumbent) == (2, 0)
-
-
-def test_with_mistakes_the_best_is_still_what_the_record_says(tmp_path):
-    path = tmp_path / "mine.prefcal"
-    interview = begin(toy_scenario(), path=path, n_max=26)
-    cost = interview.scenario.cost
-    while (question := proceed(interview).question) is not None:
-        now = interview.now()
-        assert now.incumbent == now.state.history.incumbent
-        assert now.incumbent in (question.incumbent.index, question.challenger.index)
-        better = cost(question.left.experiment) < cost(question.right.experiment)
-        mistaken = question.number % 3 == 1 and not question.further
-        interview.steps.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
-    best = interview.now().incumbent
-    interview.file.close()
-    assert reopened(toy_scenario(), path).now().incumbent == best

@@ -1,6 +1,5 @@
 """An interview whose agent simulates unseen: nothing waits for it, and a restart asks the same."""
 
-import json
 import threading
 import time
 from dataclasses import replace
@@ -9,14 +8,11 @@ from functools import partial
 import pytest
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.cli.options import Options
-from prefcal_app.cli.report import as_json, record_of
-from prefcal_app.session import Background, Choice, Interview, Phase, unattended
+from prefcal_app.session import Background, Choice, Interview, Phase
 from prefcal_app.session.volatile.thoughts import LIKELIEST
 from prefcal_app.simulating import Simulator
 from prefcal_app.summary.outlook import others_unbeaten
 from prefcal_app.view.simulated import why_view
-from prefcal_env.calibrators import LatentCost
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import StudyFile
@@ -132,39 +128,6 @@ def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_pat
     assert again.incumbent == now.incumbent
 
 
-def test_an_answer_after_a_restart_need_not_wait_for_the_simulations(tmp_path):
-    path = tmp_path / "mine.prefcal"
-    straight = started()
-    interview = started(path)
-    for one in (straight, interview):
-        now = proceed(one)
-        one.steps.answer(now.question.id, judge(now.question, cost))
-        proceed(one)
-    interview.file.close()
-    again = reopened(unseen, path)
-    for one in (straight, again):
-        one.steps.answer(one.now().question.id, judge(one.now().question, cost))
-    assert again.now().phase is Phase.RUNNING
-    assert asked(proceed(again))[1:] == asked(proceed(straight))[1:]
-
-
-def test_undo_and_retract_and_marks_need_no_simulation():
-    interview = started()
-    now = proceed(interview)
-    first = asked(now)
-    interview.steps.answer(now.question.id, Choice.LEFT)
-    proceed(interview)
-    count = interview._flow.thoughts.simulator.count
-    now = interview.steps.undo(interview.now().version)
-    assert asked(now)[1:] == first[1:]
-    now = interview.steps.mark(now.question.id, "left", "unsafe", True)
-    assert now.phase is Phase.QUESTION
-    interview.steps.answer(now.question.id, Choice.RIGHT)
-    now = proceed(interview)
-    assert interview.steps.retract(1).phase is Phase.QUESTION
-    assert interview._flow.thoughts.simulator.count >= count
-
-
 def judged_often(interview, answers=5):
     """Enough answers for the agent to hold another one than the winner for the best."""
     for _ in range(answers):
@@ -209,18 +172,6 @@ def test_an_answer_is_not_retracted_while_the_next_experiment_is_chosen():
     interview.steps.answer(now.question.id, Choice.LEFT)
     with pytest.raises(StaleError, match="being chosen"):
         interview.steps.retract(1)
-
-
-def test_an_answer_of_a_finished_study_is_retracted_after_a_restart(tmp_path):
-    path = tmp_path / "mine.prefcal"
-    interview = started(path, n_max=3)
-    answer_all(interview, lambda number: None)
-    interview.file.close()
-    again = reopened(unseen, path)
-    assert again.now().phase is Phase.OVER
-    again.steps.retract(1)
-    assert again.now().state.history.comparisons[1].retracted
-    assert again._flow.thoughts.simulator.count == 0
 
 
 class Slow:
@@ -352,16 +303,6 @@ def test_it_ends_when_the_agent_has_enough_and_goes_on_with_the_same_questions(e
     assert shown(early) == shown(whole)
 
 
-def test_the_report_of_a_study_that_ended_so_is_whole(enough):
-    interview = started(n_max=7, stops=True)
-    answer_all(interview, lambda number: None)
-    options = Options.of({"scenario": "cstr"}, 3, simulated=True)
-    record = record_of(interview, options, {})
-    assert len(record.trials) < record.n_max
-    assert not record.stopped
-    assert json.loads(as_json(record, options, None, None))["stopped"] is False
-
-
 def test_an_undo_after_such_an_end_opens_its_last_question_again(enough, tmp_path):
     interview = started(tmp_path / "a.prefcal", n_max=7, stops=True)
     answer_all(interview, lambda number: None)
@@ -403,15 +344,6 @@ def test_a_person_who_asks_for_something_gets_it_though_the_agent_has_enough(mon
     assert now.phase is Phase.QUESTION
     if asked != "again":
         assert tuple(now.question.challenger.experiment.theta) == (0.31, 0.47)
-
-
-def test_it_runs_unattended():
-    interview = started()
-    comparisons = list(unattended(interview, LatentCost(cost, seed=0)))
-    assert len(comparisons) == 5
-    now = interview.now()
-    assert now.phase is Phase.OVER
-    assert now.simulated.shown == 5
 
 
 def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkeypatch):

@@ -13,14 +13,13 @@ import pytest
 from prefcal_agents import RandomSearch
 from prefcal_app.session import Background, Choice, Phase, unattended
 from prefcal_app.view import now_view
-from prefcal_env.errors import RunError, ScenarioError, StaleError
+from prefcal_env.errors import RunError, StaleError
 from prefcal_env.experiments.end import End
 from prefcal_env.knobs.key import theta_key
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from support.interviews import begin, proceed, until
 from support.wild_runs import GAIN
-from toy_study import toy_scenario
 
 BAD = np.array([0.31, 26, 50.0])
 HANGS = str(Path(__file__).parents[2] / "support" / "wild_runs.py") + ":hangs"
@@ -68,15 +67,6 @@ def test_a_run_that_hangs_is_stopped_counted_as_failed_and_the_study_goes_on(ahe
         assert now.phase is Phase.QUESTION
 
 
-def test_a_run_that_was_stopped_can_be_tried_again():
-    with hanging(n_max=8, seed=9) as interview, Background(interview):
-        now = answer_until_it_hangs(interview)
-        for _ in range(2):
-            interview.steps.stop_run(now.pending.index)
-            assert until(interview, settled).phase is Phase.FAILED
-            assert interview.steps.retry().phase is Phase.RUNNING
-
-
 def on_suspicion(interview):
     """Have the interview run ahead what hangs, when all else is run ahead."""
     proceed(interview)
@@ -112,25 +102,6 @@ def test_closing_ends_a_run_that_hangs_at_once_and_records_no_failure():
             answer_until_it_hangs(interview)
         # Had closing waited for the run, the time limit would have made it a failure.
         assert interview.now().state.failures == {}
-
-
-def test_experiments_of_a_built_in_scenario_cannot_be_stopped():
-    interview = begin(toy_scenario())
-    interview.work()
-    assert interview.now().run_limit is None
-    with pytest.raises(ScenarioError, match="wait for this one"):
-        interview.steps.stop_run(interview.now().pending.index)
-
-
-def test_the_same_seed_gives_the_same_study_in_either_process():
-    def studied(scenario):
-        interview = begin(scenario, n_max=6, agent=RandomSearch)
-        calibrator = scenario.calibrators["synthetic"](0)
-        return [c.challenger for c in unattended(interview, calibrator)]
-
-    toy = HANGS.replace(":hangs", ":plant")
-    with isolation(toy) as isolated:
-        assert studied(isolated(load(toy))) == studied(load(toy))
 
 
 def test_an_unattended_study_counts_runs_that_hang_as_failed_and_ends():

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from prefcal_app.session import Choice, Interview, Phase
 from prefcal_app.simulating import Simulator, twin_of
 from prefcal_env.errors import StudyError
 from prefcal_env.preferences.reading import as_read
-from prefcal_env.study import StudyFile
-from support.interviews import answer_all, clock, proceed
+from support.interviews import answer_all, proceed
 from support.twins import model, plant, twinned
 
 
@@ -62,34 +60,6 @@ def test_a_look_at_a_simulated_theta_shows_the_model_and_runs_nothing_on_the_pla
     interview.steps.ask_for(theta)
     now = proceed(interview)
     assert now.question.challenger.experiment.kpis["rough"] == pytest.approx(theta[0] ** 2)
-
-
-def test_what_is_chosen_on_the_twin_is_only_asked_for_on_the_plant():
-    interview = twinned(simulator())
-    now = proceed(interview)
-    interview.steps.answer(now.question.id, Choice.LEFT)
-    proceed(interview)
-    best = interview.steps.finish().incumbent
-    bank, shown = interview.known.screened(current=False).bank, interview.now().state.history.samples
-    theta = next(
-        t
-        for t, k in zip(bank.thetas, bank.kpis, strict=True)
-        if np.isfinite(k).all() and tuple(t) not in {s.theta for s in shown}
-    )
-    interview.look_at(theta)
-    assert interview.steps.choose(theta, best).phase is Phase.RUNNING
-    assert proceed(interview).question.challenger.experiment.theta.tolist() == theta.tolist()
-
-
-def test_a_restart_asks_the_same_question(tmp_path):
-    path = tmp_path / "study.db"
-    interview = twinned(simulator(), path=path)
-    now = proceed(interview)
-    asked = now.question.challenger.experiment.theta.tolist()
-    interview.file.close()
-    file = StudyFile.open(path, clock=clock())
-    again = Interview(plant, file, ahead=False, simulator=simulator())
-    assert proceed(again).question.challenger.experiment.theta.tolist() == asked
 
 
 def test_without_its_twin_a_study_does_not_simulate_on_the_plant():

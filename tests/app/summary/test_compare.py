@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.session import Choice
 from prefcal_app.view import Seen, question_view
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked, toy
@@ -98,12 +97,3 @@ def test_what_reads_the_same_does_not_differ():
 def test_a_kpi_that_one_side_lacks_is_told_all_the_same():
     (row,) = rows({"peak": 1.0}, {})
     assert (row["left"]["text"], row["right"]["text"], row["better"]) == ("1", "–", None)
-
-
-def test_the_spread_is_that_of_the_study():
-    interview, _ = asked(*[Choice.LEFT] * 4)
-    seen = Seen().look(interview)
-    values = [interview.past.experiment(i).kpis["final"] for i in interview.now().state.finished]
-    low, high = np.percentile(values, [25, 75])
-    assert seen.spread("final", 1.0, 2.0) == pytest.approx(high - low)
-    assert Seen().spread("largest", 1.0, -2.0) == 2.0

@@ -38,12 +38,6 @@ def said(theta, promise=PROMISE, place="/tmp/mine.prefcal", scenario="cstr", mis
     return outlook(promise, np.array(theta), SPACE, place, state, missed=missed, helps=helps)
 
 
-def test_inside_the_ranges_there_is_one_sentence_and_no_more():
-    found = said(MIDDLE)
-    assert (found.lines, found.ends, found.command) == ((PROMISE,), "", "")
-    assert said(MIDDLE, "").sentences == ()  # nothing is simulated unseen
-
-
 def test_knobs_at_their_ends_are_named_with_the_command():
     found = said([0.25, 4, 1.0, 3.0])
     assert found.ends.startswith("T_s, N_p and offset of the best θ are near the end of their ranges")

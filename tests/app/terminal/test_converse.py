@@ -8,12 +8,10 @@ from pathlib import Path
 import pytest
 
 from prefcal_agents import GLISp
-from prefcal_agents.glisp.foresight import Foresight
 from prefcal_app.session import Background, Phase
 from prefcal_app.terminal.converse import _Conversation, _waiting
 from prefcal_app.terminal.lines import END
 from prefcal_app.terminal.showing import KEYS
-from prefcal_app.view import now_view
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channels
@@ -83,16 +81,6 @@ def test_keys_mean_what_they_mean_on_the_page():
         assert words in on_page[key] or (key, on_page[key]) == ("z", "undo the last answer")
 
 
-def test_t_shows_all_kpis_once_more_those_that_differ_most_first(interview):
-    out = talk(interview, "tx")
-    assert out.count("right − left") == 2
-    table = out[out.rindex("right − left") :]
-    assert "settling time t_f" in table
-    rows = now_view(interview)["question"]["comparison"]
-    places = [table.index(row["title"]) for row in rows]
-    assert places == sorted(places)
-
-
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
@@ -111,12 +99,6 @@ def test_an_empty_line_is_no_answer(interview):
     out = talk(interview, ["", "x"])
     assert "undo the last answer" not in out
     assert out.count("Question 1 of 4") == 1
-
-
-def test_it_stops_and_loses_nothing(interview):
-    talk(interview, "lx")
-    assert interview.now().phase is Phase.QUESTION
-    assert interview.now().state.history.answered == 2
 
 
 def test_undo_marks_comment_and_blind(interview):
@@ -212,14 +194,6 @@ def test_a_rigs_records_are_asked_for(tmp_path):
     assert isinstance(CHANNELS, Channels)
 
 
-def test_a_rigs_record_is_asked_for_with_what_it_can_bring(monkeypatch):
-    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,)), kpis=()), n_max=3)
-    monkeypatch.setattr(GLISp, "foresight", Foresight(0.4, 2))
-    monkeypatch.setattr(GLISp, "foresees", True)
-    out = talk(interview, "", ["stop"])
-    assert f"experiment 1 is noticeably better than the best is {100 * Foresight(0.4, 2).chance:.0f} %" in out
-
-
 def test_what_cannot_be_read_is_asked_for_again(tmp_path):
     large = tmp_path / "large.csv"
     large.write_bytes(b"0" * (20 * 2**20 + 1))
@@ -228,15 +202,6 @@ def test_what_cannot_be_read_is_asked_for_again(tmp_path):
     assert out.count("cannot read") == 3
     assert "is larger than 20 MiB" in out
     assert interview.now().phase is Phase.RECORD
-
-
-def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
-    file = tmp_path / "a.csv"
-    file.write_text(record_of_toy(), encoding="utf-8")
-    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,)), kpis=()), n_max=4)
-    talk(interview, "lx", [str(file), str(file), "yes", "z"])
-    assert interview.now().phase is Phase.QUESTION
-    assert interview.now().state.history.answered == 1
 
 
 def test_a_run_that_hangs_is_stopped_by_a_key():

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_app import figure, look
+from prefcal_app import figure
 from prefcal_app.cli.checkup import Checkup
 from prefcal_app.report.trajectories import alone
-from prefcal_app.terminal.showing import show_kpis
 from prefcal_app.view.maneuvers import largest_difference
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.maneuvers import maneuvers_of
@@ -22,7 +21,7 @@ from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.scenario import panels_of
 from support.interviews import begin, proceed
-from support.talking import console_of, talk
+from support.talking import talk
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -77,13 +76,6 @@ def test_two_runs_side_by_side_have_rows_for_every_maneuver(tank, pair):
             40,
             70,
         ]
-
-
-def test_two_runs_in_a_terminal_show_every_maneuver(tank, pair):
-    console = console_of()
-    show_kpis(look(*pair).kpis(), console, {"left": "a", "right": "b"})
-    lines = console.export_text().splitlines()
-    assert [line.strip() for line in lines if line.strip() in GROUPS] == GROUPS
 
 
 def test_one_side_that_left_no_record_has_no_curves_in_any_maneuver(tank, pair):

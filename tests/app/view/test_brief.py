@@ -1,13 +1,9 @@
 """The briefing says what everything is, and an own scenario without a word of it works too."""
 
-from dataclasses import replace
-
 import pytest
 
-from prefcal_app.session.study.memory import check_space
 from prefcal_app.view import brief_view
 from prefcal_env.errors import KnobError, ScenarioError
-from prefcal_env.study import knobs_as_dicts
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import BUILT_IN
 from prefcal_scenarios.scenario import KPI, described
@@ -32,15 +28,6 @@ def test_the_reactor_says_what_was_asked_about_it():
     assert about["unsolved QPs"]["wanted"] == "≤ 0"
     assert about["peak reactor T"]["wanted"] == "lower is better"
     assert view["knobs"][0]["range"] == "0.25 to 1.5"
-
-
-def test_words_change_no_knob_and_no_study():
-    worded = toy.space.described({"N_p": "How far it looks ahead."})
-    assert worded.knobs == toy.space.knobs
-    assert worded.knobs[1].about == "How far it looks ahead."
-    assert knobs_as_dicts(worded) == knobs_as_dicts(toy.space)
-    check_space({"knobs": knobs_as_dicts(toy.space)}, worded)
-    assert replace(toy, space=worded).space.names == toy.space.names
 
 
 def test_words_about_nothing_are_refused():

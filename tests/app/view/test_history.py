@@ -53,16 +53,6 @@ def test_questions_have_one_count_with_the_follow_ups_among_them():
     assert {seen[side]["role"] for side in ("left", "right")} == {""}
 
 
-def test_marks_read_as_the_columns_do():
-    interview, now = asked()
-    interview.steps.mark(now.question.id, "left", "unsafe", True)
-    question = interview.now().question
-    interview.steps.answer(question.id, Choice.RIGHT)
-    proceed(interview)
-    (answer,) = history_view(interview)["answers"]
-    assert answer["marks"] == ["first: unsafe" if question.left.challenger else "second: unsafe"]
-
-
 def test_remarks_are_kept_with_their_time():
     interview, _ = asked()
     interview.file.append(Noted("the pump was noisy"))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_app.view.panels import curve, curves_view, panel_view
-from prefcal_env.experiments.experiment import Channel, Channels
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.experiments.panels import Panel, Plot
 from prefcal_scenarios.scenario import panels_of
 from support.looks import LEVEL, THETA, VALVE, plain, run, toy
@@ -55,12 +55,6 @@ def test_numbers_have_six_digits_and_no_minus_zero():
     assert str(drawn["y"][0]) == "0.0"
 
 
-def test_every_variant_of_an_experiment_is_a_curve():
-    one = run(THETA)
-    assert len(curves_view(one, [LEVEL])["curves"][0]) == 1
-    assert len(curves_view(replace(one, runs=(one, one, one)), [LEVEL])["curves"][0]) == 3
-
-
 def test_a_reference_that_changes_in_time_has_the_scale_of_its_panel():
     one = run(THETA)
     ordered = np.where(one.t < 10, 1.0, 2.0)
@@ -90,13 +84,3 @@ def test_a_curve_that_never_crosses_its_band_says_so(level, words):
     one = run(THETA)
     flat = replace(one, x=np.full_like(one.x, level))
     assert words in curves_view(flat, [LEVEL])["stories"][0]
-
-
-def test_channels_of_an_experiment_name_the_panels_of_a_plain_scenario():
-    one = run(THETA)
-    channels = Channels(x=(Channel("a"), Channel("b")), u=(Channel("c"),), y=(one.channels.y))
-    made = replace(one, x=np.stack([one.t, -one.t], axis=1), channels=channels, y=one.x)
-    panels = panels_of(plain, made)
-    assert [p.channel.name for p in panels] == ["a", "b", "c", "level <h>"]
-    drawn = [p.values(made) for p in panels]
-    np.testing.assert_array_equal(drawn, [one.t, -one.t, one.u[:, 0], one.x[:, 0]])

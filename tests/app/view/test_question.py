@@ -74,13 +74,6 @@ def test_kpis_with_an_objective_come_first_with_their_verdict_in_words():
     assert (unsafe["ended"], unsafe["interrupted"], unsafe["empty"]) == ("unsafe", True, False)
 
 
-def test_marks_are_on_the_side_that_bears_them():
-    interview, now = asked()
-    interview.steps.mark(now.question.id, "right", "unsafe", True)
-    view = now_view(interview)["question"]
-    assert (view["left"]["marks"], view["right"]["marks"]) == ([], ["unsafe"])
-
-
 def test_the_overtaking_draws_the_reference_and_the_limit_that_held():
     scenario = load("overtake")
     experiment = scenario.run(scenario.references["paper, preferences"])
@@ -107,11 +100,3 @@ def test_a_closed_question_is_shown_as_it_was_with_its_verdict():
     assert first["comment"] == "said left"
     assert {first["question"][s]["number"] for s in ("left", "right")} == {1, 2}
     assert asked_view(interview, 1, blind=True)["question"]["left"]["number"] is None
-
-
-def test_a_question_asked_again_names_neither_side_the_best():
-    interview, _ = asked(Choice.LEFT, Choice.RIGHT)
-    view = question_view(interview.steps.repeat().question, toy, blind=False)
-    assert view["repeat"]
-    assert view["left"]["role"] == view["right"]["role"] == ""
-    assert view["left"]["number"] != view["right"]["number"]

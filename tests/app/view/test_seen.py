@@ -4,7 +4,7 @@ from itertools import pairwise
 import numpy as np
 
 from prefcal_app.session import Choice
-from prefcal_app.view import Seen, asked_view, now_view
+from prefcal_app.view import Seen, now_view
 from prefcal_scenarios.scenario import panels_of
 from support.looks import LEVEL, THETA, VALVE, answer, asked, run
 
@@ -27,11 +27,6 @@ def test_axes_cover_every_experiment_so_far_and_only_grow():
         for old, new in zip(before["y"], after["y"], strict=True):
             assert new[0] <= old[0]
             assert new[1] >= old[1]
-
-
-def test_history_is_drawn_on_the_axes_of_the_open_question():
-    interview, _ = asked(Choice.LEFT, Choice.RIGHT)
-    assert asked_view(interview, 1)["question"]["axes"] == now_view(interview)["question"]["axes"]
 
 
 def test_every_experiment_is_looked_at_once(monkeypatch):

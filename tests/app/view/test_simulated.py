@@ -61,27 +61,6 @@ def test_without_a_reason_there_is_no_sentence_but_a_request_is_said(monkeypatch
     )
 
 
-def test_kpis_are_called_better_as_the_table_of_the_same_question_does(says):
-    interview = explained(screening(n_max=9))
-    while (question := interview.now().question) is not None:
-        why = told(interview)["why"].split(", but ")[0]
-        new = "left" if question.left.challenger else "right"
-        for row in now_view(interview)["question"]["comparison"]:
-            for words in (f"lower {row['title']}", f"{row['title']} nearer to its target"):
-                assert words not in why or row["better"] == new
-        interview.steps.answer(question.id, Choice.LEFT)
-        explained(interview)
-
-
-def test_a_repeated_question_has_no_reason_and_no_offer(says):
-    interview = explained(screening())
-    interview.steps.answer(interview.now().question.id, Choice.LEFT)
-    explained(interview)
-    assert told(interview)["offer"].endswith("Stop here, or go on?")
-    interview.steps.repeat()
-    assert told(interview) == {"why": "", "offer": ""}
-
-
 def test_a_follow_up_is_about_two_that_were_seen(says):
     interview = explained(screening())
     now = interview.now()
@@ -189,19 +168,6 @@ def test_a_look_stands_beside_the_best_and_has_no_number():
     assert question["right"]["theta"][0]["text"] == "0.5"
     assert view["time_unit"] == "h"
     assert len(question["right"]["curves"]) == 2
-
-
-def test_addresses_and_bodies_are_checked():
-    room = make_room(explained(screening()))
-    page = room.page()
-    for query in ("", "?theta=", "?theta=1,2", "?theta=nan,1,1", "?theta=a,b,c", "?theta=1e9,1,1"):
-        assert page.get(f"/api/look{query}").status_code in (400, 422)
-    for theta in (None, 1, [], ["1", 2, 3], [True, 2, 3], [1, 2], [0.5, 21.5, 1], [10**400, 1, 1]):
-        assert room.post("ask_for", theta=theta).status_code in (400, 422)
-    for theta in ("[NaN,1,1]", "[Infinity,1,1]"):
-        sent = {"content": f'{{"theta":{theta}}}', "headers": {"content-type": "application/json"}}
-        assert page.post("/api/ask_for", **sent).status_code == 400
-    assert room.interview.file.state.requested == set()
 
 
 def test_the_picture_is_made_once_per_version(monkeypatch):

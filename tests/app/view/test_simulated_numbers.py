@@ -6,7 +6,6 @@ from functools import partial
 import pytest
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.session import Simulated
 from prefcal_app.terminal.converse import _waiting
 from prefcal_app.view import now_view, status_view
 from support.interviews import begin, proceed
@@ -17,18 +16,6 @@ from support.unseen import unseen
 @pytest.fixture
 def interview():
     return begin(unseen, n_max=4, agent=partial(Screening, n_simulated=40))
-
-
-@pytest.mark.parametrize(
-    ("numbers", "line"),
-    [
-        ((412, 1000, 0, 6), "412 simulated, 6 shown"),
-        ((412, 1000, 1, 6), "412 simulated, 6 shown, 1 simulation failed"),
-        ((412, 1000, 2, 6), "412 simulated, 6 shown, 2 simulations failed"),
-    ],
-)
-def test_the_numbers_are_one_line(numbers, line):
-    assert Simulated(*numbers).line == line
 
 
 def test_the_page_is_told_before_and_during_a_question(interview):

@@ -53,16 +53,6 @@ def test_the_samples_of_a_slice_lie_at_their_own_learned_cost():
     assert min(map(min, drawn)) == 0
 
 
-def test_the_best_is_set_off_once_and_was_best_before_that():
-    interview, now = asked(*[Choice.LEFT] * 4)
-    view = status_view(interview)
-    assert view["consistency"]["can_repeat"] is True
-    tried = view["tried"]["experiments"]
-    assert [e["number"] for e in tried if e["best"]] == [now.incumbent + 1]
-    assert tried[0]["was_best"]
-    assert all(e["was_best"] for e in tried if e["best"])
-
-
 @pytest.mark.parametrize(
     ("consistency", "words"),
     [
@@ -112,14 +102,6 @@ def test_with_nothing_to_say_there_is_no_outlook(monkeypatch):
     interview._helps = lambda knob, upper: False
     monkeypatch.setattr(GLISp, "foresight", None)
     assert status_view(interview)["outlook"] is None
-
-
-def test_what_one_more_experiment_can_bring_is_said_at_the_end():
-    interview, now = asked(*[Choice.LEFT] * 5)
-    assert now.state.ended
-    chance = interview.known.foresight().chance
-    [said] = [s for s in status_view(interview)["outlook"]["sentences"] if "the next run" in s]
-    assert f"better than the best is {100 * chance:.0f} %" in said
 
 
 def test_nothing_is_said_of_an_experiment_that_the_person_asked_for():

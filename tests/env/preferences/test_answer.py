@@ -18,11 +18,6 @@ def test_bare_numbers_are_answers_and_none_abstains(value):
     assert Answer.of(value).preference == value
 
 
-def test_an_answer_is_itself():
-    answer = Answer(Preference.INCUMBENT, strength=2.0)
-    assert Answer.of(answer) is answer
-
-
 @pytest.mark.parametrize("value", [2, -2, 0.5, True, np.inf, "left", np.nan, [1]])
 def test_anything_else_is_refused_with_what_was_expected(value):
     with pytest.raises(PreferenceError, match=r"must be -1 .*None"):
@@ -39,12 +34,6 @@ def test_strength_is_positive_and_finite(strength):
 def test_a_stronger_tie_means_nothing(preference):
     answer = Answer(preference, strength=3)
     assert answer == Answer(preference)
-
-
-def test_a_strength_survives_json():
-    answer = Answer(-1, strength=3)
-    read = Answer.from_dict(json.loads(json.dumps(answer.to_dict())))
-    assert (read, read.strength) == (answer, 3.0)
 
 
 def test_marks_are_marks():

@@ -69,7 +69,3 @@ def test_stored_data_that_is_no_outcome_is_refused(data):
 def test_outcomes_other_than_a_pair_are_refused(outcomes):
     with pytest.raises(PreferenceError, match="outcomes"):
         Answer(0, outcomes=outcomes)
-
-
-def test_an_outcome_alone_is_the_challenger_s():
-    assert Answer(None, outcomes={"a": 1.0}).outcomes == ({"a": 1.0}, None)

@@ -11,7 +11,6 @@ from prefcal_agents import GLIS, GLISp, GLISpSettings, RandomSearch
 from prefcal_env.errors import RunError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.loop import ask_and_tell
 
 SPACE = KnobSpace([Knob("gain", 0.0, 1.0)])
@@ -50,13 +49,6 @@ def test_every_experiment_runs_once_even_if_it_is_asked_about_again():
     settings = GLISpSettings(questions_per_experiment=3)
     agent = GLISp(SPACE, n_init=3, n_max=6, seed=0, settings=settings)
     assert len(list(ask_and_tell(agent, run, better))) > len(ran) == 6
-
-
-def test_the_loop_stops_between_two_answers():
-    agent = RandomSearch(SPACE, n_init=2, n_max=6, seed=0)
-    told = ask_and_tell(agent, cost, lambda new, old: Answer(better(new, old)))
-    next(told), next(told)
-    assert agent.state.history.answered == 2
 
 
 class Bench:
@@ -128,15 +120,6 @@ def test_results_out_of_order_are_asked_about_as_they_come():
     assert sorted(asked) == sorted(float(theta[0]) for theta, _ in bench.given)
     assert len(asked) == 12
     assert cost(agent.best) == min(map(cost, agent.samples))
-
-
-def test_the_order_of_completion_alone_decides_a_study():
-    def studied():
-        agent = GLISp(SPACE, n_init=3, n_max=10, seed=1)
-        list(ask_and_tell(agent, cost, better, at_once=3, executor=Mortal(None, 0)))
-        return agent.state
-
-    assert studied() == studied()
 
 
 def test_an_experiment_whose_worker_died_runs_again():

@@ -47,14 +47,6 @@ def test_each_side_has_the_mark_of_its_own_run(pair, marks):
     assert answer == Answer(1, marks=marks, automatic=marks)
 
 
-def test_what_was_said_is_kept_and_told_apart():
-    said = Answer(-1, 3.0, (OLD,))
-    answer = completed(said, UNSAFE, UNSAFE)
-    assert answer.marks == (*said.marks, NEW)
-    assert answer.automatic == (NEW,)
-    assert (answer.preference, answer.strength) == (said.preference, said.strength)
-
-
 @given(
     st.lists(st.sampled_from(Mark), unique=True),
     st.sampled_from([SAFE, UNSAFE]),

@@ -32,24 +32,6 @@ def test_an_impossible_name_is_refused(tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
-DAMAGE = {
-    "the first is gone": "DELETE FROM event WHERE seq = 1",
-    "one in between is gone": "DELETE FROM event WHERE seq = 8",
-    "all events are gone": "DELETE FROM event",
-}
-
-
-@pytest.mark.parametrize("script", DAMAGE.values(), ids=DAMAGE)
-def test_a_damaged_study_is_refused_before_anything_is_appended(tmp_path, script):
-    path = tmp_path / "a.prefcal"
-    small_study(path).close()
-    tamper(path, script)
-    before = path.read_bytes()
-    with pytest.raises(StudyError, match=r"a\.prefcal.*damaged"):
-        StudyFile.open(path, clock=clock())
-    assert path.read_bytes() == before
-
-
 def test_a_damaged_experiment_is_told_by_its_file_and_event(tmp_path):
     path = tmp_path / "a.prefcal"
     small_study(path).close()

@@ -9,7 +9,6 @@ from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.study import Finished, StudyFile, Suggested, export_csv, export_parquet
 from prefcal_env.study.exports import dictionary_file
-from prefcal_env.study.tables import trajectory_of
 from support.studies import experiment, small_study
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: pip install pyarrow")
@@ -34,19 +33,6 @@ def same(text, value):
     if isinstance(value, float):
         return float(text) == value
     return text in (str(value), f"'{value}")
-
-
-def test_both_formats_have_the_same_values(exported):
-    folder, columnar, study = exported
-    for name in ("comparisons", "experiments"):
-        rows, table = read(folder / f"{name}.csv"), pq.read_table(columnar / f"{name}.parquet")
-        assert len(rows) == table.num_rows > 2
-        for k, heading in enumerate(rows[0]):
-            for row, value in zip(rows, table.column(k).to_pylist(), strict=True):
-                assert same(row[heading], value), heading
-    thetas = pq.read_table(columnar / "experiments.parquet").column("gain").to_pylist()
-    samples = study.state.history.samples
-    assert thetas == [s.theta[0] for s in samples[: len(thetas)]]
 
 
 def test_all_curves_are_one_table_with_the_number_of_the_experiment(exported):
@@ -133,11 +119,6 @@ def test_references_that_change_are_columns_with_units(tmp_path):
     assert mine["Reference of level"].tolist() == [2.0, 2.0, 3.0, 3.0]
 
 
-def test_an_output_without_a_reference_has_no_column_for_it():
-    table = trajectory_of(experiment(0.5, y_ref=np.full((4, 1), np.nan)))
-    assert [column.heading for column in table] == ["time [s]", "level [m]", "valve [%]"]
-
-
 def test_a_second_export_leaves_the_other_format_and_nothing_of_a_longer_study(tmp_path):
     with small_study(":memory:", answers=3) as study:
         export_csv(study, tmp_path)
@@ -151,15 +132,6 @@ def test_a_second_export_leaves_the_other_format_and_nothing_of_a_longer_study(t
     assert (tmp_path / dictionary_file("csv")).read_text("utf-8") == told
     files = {row["file"] for row in read(tmp_path / dictionary_file("parquet"))}
     assert files == {f"{n}.parquet" for n in ("comparisons", "experiments", "trajectories")}
-
-
-def test_a_kpi_that_one_experiment_lacks_is_empty(tmp_path):
-    with small_study(":memory:", answers=0) as study:
-        study.append(Suggested(1, (0.5,), (0.5,)), (Finished(1), experiment(0.5, kpis={"new": 7})))
-        export_parquet(study, tmp_path)
-    table = pq.read_table(tmp_path / "experiments.parquet")
-    assert table.column("new").to_pylist() == [None, 7.0]
-    assert table.column("late").to_pylist()[1] is None
 
 
 def test_a_study_without_experiments_has_tables_without_rows(tmp_path):
@@ -176,18 +148,3 @@ def test_a_folder_that_cannot_be_written_is_named(export, tmp_path):
     (tmp_path / "file").write_text("")
     with small_study(":memory:") as study, pytest.raises(StudyError, match="file"):
         export(study, tmp_path / "file")
-
-
-def test_a_run_without_steps_has_no_reference():
-    none = np.zeros(0)
-    run = experiment(
-        0.5,
-        t_control=none,
-        u_control=np.zeros((0, 1)),
-        y_ref=np.zeros((0, 1)),
-        iterations=np.zeros(0, int),
-        solve_time=none,
-        solved=np.zeros(0, bool),
-    )
-    assert np.isnan(run.reference(0)).all()
-    assert "Reference of level [m]" not in [column.heading for column in trajectory_of(run)]

@@ -185,11 +185,6 @@ def test_a_disk_that_takes_no_more_bytes_is_told(tmp_path):
         assert file.state.history.answered >= 4 + len(safe)
 
 
-def test_a_folder_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(StudyError, match=r"cannot (begin|open)"):
-        StudyFile.create(tmp_path / "no" / "a.prefcal", CONFIGURATION, clock=clock())
-
-
 @pytest.mark.parametrize("content", [b"", b"no database", b"SQLite format 3\x00" + bytes(100)])
 def test_another_file_is_refused(tmp_path, content):
     path = tmp_path / "a.prefcal"

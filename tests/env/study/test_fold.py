@@ -126,6 +126,27 @@ def test_a_repeat_teaches_nothing_and_closes_nothing():
     assert state.history.repeats[0].answer.preference is Preference.INCUMBENT
 
 
+@pytest.mark.parametrize(("number", "retracted"), [(2, ([2], [])), (-1, ([], [0]))])
+def test_answers_are_retracted_by_their_numbers_and_follow_ups_by_negative_ones(number, retracted):
+    with small_study(":memory:", answers=3) as file:
+        (shown,) = file.append(Shown(3, 0, True))
+        file.append(Answered(shown, 3, 0, Answer(1)), Retracted(number))
+        history = file.state.history
+    answers, further = history.comparisons, history.follow_ups
+    assert [k for k, c in enumerate(answers) if c.retracted] == retracted[0]
+    assert [k for k, c in enumerate(further) if c.retracted] == retracted[1]
+
+
+def test_an_end_is_taken_back_by_reopening_or_by_undoing_the_last_answer():
+    with small_study(":memory:", answers=2) as file:
+        file.append(Ended("stopped"))
+        assert file.state.ended == "stopped"
+        file.append(Reopened())
+        assert (file.state.ended, file.state.reopened) == (None, True)
+        file.append(Ended("good enough"), Undone())
+        assert (file.state.ended, file.state.history.answered) == (None, 2)
+
+
 def test_a_failed_run_is_forgotten_once_it_has_run():
     with small_study(":memory:", answers=1) as file:
         file.append(Suggested(2, (0.9,), (0.9,)), Failed(2, "pump"))

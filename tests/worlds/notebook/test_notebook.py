@@ -1,6 +1,5 @@
 """A study beside a notebook: asked on the page, in a frame, and answered there."""
 
-import json
 import os
 import threading
 import time
@@ -133,20 +132,6 @@ def test_a_study_that_goes_on_is_not_over_and_gets_a_new_report_at_its_new_end()
         assert len(reported(asking, "comparisons.csv").splitlines()) == 1 + 5
 
 
-def test_an_answer_taken_back_at_the_end_reopens_the_study():
-    with ask(toy_scenario(), study="./mine.prefcal", **QUICK) as asking, page_of(asking) as client:
-        while answer(client, "left"):
-            pass
-        assert asking.wait(30)
-        before = asking.best
-        asking._interview.steps.undo(asking._interview.now().version)
-        assert not asking.wait(0.1)
-        assert answer(client, "right")
-        assert asking.wait(30)
-        assert asking.best != before
-        assert json.loads(reported(asking, "best.json"))["theta"] == pytest.approx(asking.best)
-
-
 def test_a_person_need_not_answer_everything_but_a_calibrator_does(monkeypatch):
     monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) >= 1)
     options = {"agent": "screening", "n_max": 4, "simulate": 40}
@@ -165,15 +150,6 @@ def test_a_person_need_not_answer_everything_but_a_calibrator_does(monkeypatch):
         assert len(asking.to_frame(answers=True)) == 3
 
 
-def test_a_calibrator_goes_on_by_itself():
-    options = {**QUICK, "calibrator": "synthetic"}
-    with ask(toy_scenario(), study="./mine.prefcal", **options) as asking:
-        assert asking.wait(30)
-        asking._interview.steps.go_on(2)
-        assert asking.wait(30)
-        assert len(asking.to_frame()) == 6
-
-
 def test_close_wakes_whoever_waits_for_a_person():
     asking = ask(toy_scenario(), study="./mine.prefcal", **QUICK)
     found = []
@@ -184,13 +160,6 @@ def test_close_wakes_whoever_waits_for_a_person():
     waiting.join(10)
     assert found == [False]
     assert asking.wait() is False
-
-
-def test_a_finished_study_is_still_over_once_it_is_closed():
-    with ask(toy_scenario(), calibrator="synthetic", **QUICK) as asking:
-        assert asking.wait(30)
-    assert asking.over
-    assert asking.wait()
 
 
 def test_a_run_that_outlives_close_is_no_problem(monkeypatch):

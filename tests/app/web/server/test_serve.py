@@ -74,13 +74,6 @@ def test_no_two_links_are_alike(interview):
             assert second.get("/api/now", headers=crossed).status_code == 401
 
 
-def test_a_taken_port_is_refused_by_name(interview):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(SettingsError, match=f"port {port} on 127.0.0.1 is taken"):
-            Window(interview, port=port)
-
-
 @pytest.mark.parametrize("port", [-1, 65536, 10**30])
 def test_an_impossible_port_is_refused(interview, port):
     with pytest.raises(SettingsError, match="port must be in"):
