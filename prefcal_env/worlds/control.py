@@ -17,13 +17,15 @@ def linear_system(system: Any) -> LinearSystem:
         PlantError: If its sample time is not stated, or a transfer function is improper.
     """
     dt = sample_time(getattr(system, "dt", None))
-    named = {"inputs": _names(system, "input"), "outputs": _names(system, "output")}
+    states: tuple[str, ...] = ()
     if hasattr(system, "A"):
         made = of_arrays([system.A, system.B, system.C, system.D], dt)
-        return replace(made, **named, states=_names(system, "state"))
-    listed = hasattr(system, "num_list")  # since 0.10.1
-    num, den = (system.num_list, system.den_list) if listed else (system.num, system.den)
-    return replace(of_fractions(num, den, dt), **named)
+        states = _names(system, "state")
+    else:
+        listed = hasattr(system, "num_list")  # since 0.10.1
+        num, den = (system.num_list, system.den_list) if listed else (system.num, system.den)
+        made = of_fractions(num, den, dt)
+    return replace(made, inputs=_names(system, "input"), outputs=_names(system, "output"), states=states)
 
 
 def _names(system: Any, kind: str) -> tuple[str, ...]:

@@ -64,7 +64,8 @@ except prefcal_env.PrefcalError as error:
     asked = str(error)
 lines = ("--help", "scenarios", "new --help", "calibrate --help", "calibrate loop.fmu --calibrator synthetic",
          "calibrate tank.toml --calibrator synthetic",
-         "calibrate servo --calibrator synthetic --cost overshoot --agent random --n-max 2 --simulate 0 --out made")
+         "calibrate servo --calibrator synthetic --cost overshoot --agent random --n-max 2 --simulate 0"
+         " --out made")
 told = {line.partition(" --c")[0]: prefcal(line) for line in lines}
 print(json.dumps([asked, dir(prefcal_env) + dir(prefcal_app), told]))
 """
