@@ -33,9 +33,9 @@ from unittest import mock
 import numpy as np
 
 from prefcal_agents import GLIS, GLISp, GLISpSettings, RandomSearch, restore
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube
-from prefcal_agents.history.agent_state import AgentState
-from prefcal_agents.respacing import respaced
+from prefcal_agents.agent import AgentState
+from prefcal_agents.baselines import LatinHypercube
+from prefcal_agents.transfer import respaced
 from prefcal_app.cli import main as run_prefcal
 from prefcal_env import Answer, Knob, KnobSpace, Mark
 from prefcal_env.preferences.answer import Query

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from prefcal_agents.protocol.agent import Agent
+from prefcal_agents.agent import Agent
 
 
 class StepSearch(Agent):

@@ -14,7 +14,7 @@ from .on_first_use import public_names
 if TYPE_CHECKING:
     from .calibrators import HumanCalibrator as HumanCalibrator
     from .calibrators import LatentCost as LatentCost
-    from .controllers.lqg import LQG as LQG
+    from .controllers.lqr import LQG as LQG
     from .controllers.lqr import LQR as LQR
     from .controllers.pid import PID as PID
     from .controllers.pid import Decentralized as Decentralized
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from .envs import PlantEnv as PlantEnv
     from .envs import Task as Task
     from .envs.closed_loop import ClosedLoop as ClosedLoop
+    from .envs.closed_loop import rollout as rollout
     from .errors import PrefcalError as PrefcalError
-    from .experiments.control import Measurement as Measurement
-    from .experiments.control import Move as Move
     from .experiments.experiment import Channel as Channel
     from .experiments.experiment import Channels as Channels
     from .experiments.experiment import End as End
     from .experiments.experiment import Experiment as Experiment
+    from .experiments.experiment import Measurement as Measurement
+    from .experiments.experiment import Move as Move
+    from .experiments.kpis import tracking_kpis as tracking_kpis
     from .experiments.panels import Panel as Panel
-    from .experiments.rollout import rollout as rollout
-    from .experiments.tracking import tracking_kpis as tracking_kpis
-    from .knobs.constraints import Constraint as Constraint
-    from .knobs.constraints import LinearConstraint as LinearConstraint
-    from .knobs.knob import Knob as Knob
-    from .knobs.space import KnobSpace as KnobSpace
+    from .knobs import Constraint as Constraint
+    from .knobs import Knob as Knob
+    from .knobs import KnobSpace as KnobSpace
+    from .knobs import LinearConstraint as LinearConstraint
     from .mpc import LinearMPC as LinearMPC
     from .mpc import MPCSettings as MPCSettings
     from .plants import FunctionPlant as FunctionPlant
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from .preferences.answer import Mark as Mark
     from .preferences.answer import Preference as Preference
     from .preferences.answer import Query as Query
-    from .preferences.loop import calibrate as calibrate
+    from .preferences.answer import calibrate as calibrate
     from .sources import Maneuvers as Maneuvers
     from .sources import Rig as Rig
     from .sources import Run as Run

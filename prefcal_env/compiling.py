@@ -103,18 +103,15 @@ def kernels() -> Iterator[Kernel]:
 
 def _of_the_solver() -> Iterator[Kernel]:
     """Yield what PIQP needs; other controllers need them only if a step is not solved."""
-    from prefcal_env.qp import _kernels
+    from .qp import _active_set
 
     arguments = "matrix, vector, matrix, vector, vector, vector, vector"
-    yield _kernel("check of the solution", _kernels.residuals, arguments)
+    yield _kernel("check of the solution", _active_set.residuals, arguments)
 
 
 def _of_the_mpc() -> Iterator[Kernel]:
-    from prefcal_env.mpc.kernels.hold import discretize
-    from prefcal_env.mpc.kernels.riccati import triangularize
-    from prefcal_env.mpc.kernels.rows import inputs
-    from prefcal_env.mpc.kernels.step import decide
-    from prefcal_env.qp import _active_set
+    from .mpc.kernels import decide, discretize, inputs, triangularize
+    from .qp import _active_set
 
     yield _kernel("discrete model", discretize, "matrix, matrix, vector, f8")
     yield _kernel("triangular factors", triangularize, "matrix, i8, i8, i8")
@@ -131,7 +128,7 @@ def _of_the_mpc() -> Iterator[Kernel]:
 
 def of_the_filter() -> Iterator[Kernel]:
     """Yield what an MPC with an estimator calls besides."""
-    from prefcal_env.mpc.kernels import filter as _filter
+    from .mpc import filter as _filter
 
     point = "equations, vector, vector, vector"
     yield _kernel("linearized plant", _filter.linearize, f"{point}, i8")
@@ -142,7 +139,7 @@ def of_the_filter() -> Iterator[Kernel]:
 
 
 def _of_the_reactor() -> Iterator[Kernel]:
-    from prefcal_env.plants import CSTR, _dop853
+    from .plants import CSTR, _dop853
 
     CSTR().equations  # noqa: B018  # asking for the equations compiles them
     hold = "i8, vector, vector, vector, vector, vector, f8, b1"
@@ -150,16 +147,17 @@ def _of_the_reactor() -> Iterator[Kernel]:
 
 
 def _of_the_road() -> Iterator[Kernel]:
-    from prefcal_env.envs.overtake import geometry
     from prefcal_env.plants.bicycle import compiled_hold
+
+    from .envs.overtake import scene
 
     yield from _of_the_solver()
     yield _kernel("car", compiled_hold(), "f8, f8, f8, f8, f8, f8, vector")
-    yield _kernel("edge of the road", geometry.kept, "matrix, UniTuple(f8, 2), f8")
-    yield _kernel("contacts", geometry.surely_apart, "matrix, cube")
-    yield _kernel("separation", geometry.separations, "matrix, matrix")
-    yield _kernel("distance", geometry.distances, "matrix, matrix")
-    yield _kernel("distance off the road", geometry.outsides, "matrix, UniTuple(f8, 2)")
+    yield _kernel("edge of the road", scene.kept, "matrix, UniTuple(f8, 2), f8")
+    yield _kernel("contacts", scene.surely_apart, "matrix, cube")
+    yield _kernel("separation", scene.separations, "matrix, matrix")
+    yield _kernel("distance", scene.distances, "matrix, matrix")
+    yield _kernel("distance off the road", scene.outsides, "matrix, UniTuple(f8, 2)")
 
 
 _KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {

@@ -1,18 +1,44 @@
-"""The optional worlds: what prefcal can do with other software, each in a module of its own.
-
-`optional.toml` declares them. Others ask here, and import a world when it is used.
-"""
+"""Optional worlds, which `optional.toml` declares, and what other distributions add to prefcal."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from prefcal_env.errors import MissingExtraError, SettingsError
-from prefcal_env.wording import did_you_mean
+from .errors import MissingExtraError, SettingsError
+from .wording import did_you_mean
+
+# ----------------------------------------------------------------------------------------------------
+# Find what other distributions add to prefcal: agents, people who answer, scenarios and commands.
+#
+# They are listed as entry points of installed distributions. Looking for them takes some 20 ms, so this
+# happens only when something unknown is asked for.
+
+BENCHMARK = "pip install prefcal-bench (in a clone: pip install ./benchmarks)"
+"""How to install the benchmark, which has most of what is missing without it."""
+
+
+@cache
+def load_extensions() -> None:
+    """Import the modules of the group `prefcal.extensions`, which register what they add; once."""
+    for found in entry_points(group="prefcal.extensions"):
+        found.load()
+
+
+def command(name: str) -> EntryPoint | None:
+    """Return the command called `name` of the group `prefcal.commands`; None if there is none."""
+    return next(iter(entry_points(group="prefcal.commands", name=name)), None)
+
+
+# ----------------------------------------------------------------------------------------------------
+# The optional worlds: what prefcal can do with other software, each in a module of its own.
+#
+# `optional.toml` declares them. Others ask here, and import a world when it is used.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -67,11 +67,11 @@ APART = {frozenset({"mpc", "envs"})}
 FLOORS = 6
 """Largest number of layers of a package."""
 LONG = {
-    "prefcal_env/mpc/kernels/riccati.py": "compiled: one recursion, whose steps share its arrays",
-    "prefcal_env/qp/_kernels.py": "compiled: one pass over P and G, which gives six sums",
+    "prefcal_env/mpc/kernels.py": "compiled: one recursion, whose steps share its arrays",
+    "prefcal_env/qp/_active_set.py": "compiled: one pass over P and G, which gives six sums",
 }
 """Files that may hold longer functions, and why."""
-ALONE = {"piqp": "prefcal_env.qp", "pyarrow": "prefcal_env.parquet"}
+ALONE = {"piqp": "prefcal_env.qp", "pyarrow": "prefcal_env.tables.sheet"}
 """Foreign packages that one place alone may import."""
 BENCHMARK = "_".join(("prefcal", "bench"))
 """A distribution of its own: what is here neither imports nor names it."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from prefcal_agents import GLISp, RandomSearch
 from prefcal_app.report import StudyRecord
-from prefcal_env.preferences.loop import calibrate
+from prefcal_env.preferences.answer import calibrate
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import Scenario
 

@@ -6,11 +6,11 @@ The names below are imported on first use. `registry.py` lists all agents.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .baselines.glis import GLIS as GLIS
-    from .baselines.latin_hypercube import LatinHypercube as LatinHypercube
-    from .baselines.random_search import RandomSearch as RandomSearch
+    from .baselines import GLIS as GLIS
+    from .baselines import LatinHypercube as LatinHypercube
+    from .baselines import RandomSearch as RandomSearch
     from .glisp.agent import GLISp as GLISp
-    from .glisp.settings import GLISpSettings as GLISpSettings
+    from .glisp.fits import GLISpSettings as GLISpSettings
     from .minimize import minimize_by_preference as minimize_by_preference
     from .registry import restore as restore
     from .screening.agent import Screening as Screening

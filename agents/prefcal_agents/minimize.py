@@ -11,15 +11,14 @@ from jaxtyping import Float
 
 from prefcal_agents.glisp.agent import GLISp
 from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.simulations import Simulate
-from prefcal_agents.space.start import Start
-from prefcal_agents.utility.bank import Bank
 from prefcal_env.arrays import integer
 from prefcal_env.errors import SettingsError, SimulationError
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Agent, Answer, Preference
-from prefcal_env.preferences.loop import ask_and_tell
-from prefcal_env.preferences.runs import Executor
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preferences.answer import Agent, Answer, Executor, Preference, ask_and_tell
+
+from .agent import Start
+from .people import Bank
+from .screening.bank import Simulate
 
 Theta = Float[np.ndarray, " n"]
 Prefer = Callable[[Any, Any], Answer | Preference | int | None]
@@ -113,7 +112,7 @@ def minimize_by_preference(
         executor: Executor that runs them, see `ask_and_tell`; threads if None.
         simulate: Function of one θ that returns KPIs by name, lower is better; None, an exception,
             or only NaN for a simulation that failed. An attribute `many` runs several at once; see
-            `prefcal_agents.screening.simulations`.
+            `prefcal_agents.screening.bank`.
         twin: The same for a rough model of what `prefer` compares.
         n_simulated: Number of θ to simulate, used only with `simulate` or `twin`.
         agent: Class of the agent; `Screening` with one of these, else `GLISp`, if None.

@@ -11,10 +11,10 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from prefcal_agents.history.agent_state import AgentState
-    from prefcal_agents.protocol.agent import Agent
-    from prefcal_agents.screening.simulations import Simulate
-    from prefcal_env.knobs.space import KnobSpace
+    from prefcal_env.knobs import KnobSpace
+
+    from .agent import Agent, AgentState
+    from .screening.bank import Simulate
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ def agent_class(name: str) -> Any:
     """
     if name not in CLASSES:
         from prefcal_env.errors import SettingsError  # these load numpy
-        from prefcal_env.extensions import BENCHMARK, load_extensions
+        from prefcal_env.optional import BENCHMARK, load_extensions
 
         load_extensions()
         if name not in CLASSES:

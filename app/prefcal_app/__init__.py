@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .looking.look import look as look
     from .report.export import load_controller as load_controller
-    from .report.trajectories import figure as figure
+    from .report.pictures import figure as figure
     from .worlds.notebook import ask as ask
 
 

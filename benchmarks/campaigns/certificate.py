@@ -43,9 +43,9 @@ from scipy.stats import binomtest
 from screening import GROUPS
 
 from prefcal_agents import GLISp, Screening
-from prefcal_agents.glisp.foresight import Foresight
-from prefcal_agents.protocol.agent import one_thread
-from prefcal_agents.screening.certificate import MOST, PROBABILITY, Certificate, Evidence
+from prefcal_agents.agent import one_thread
+from prefcal_agents.glisp.agent import Foresight
+from prefcal_agents.screening.agent import MOST, PROBABILITY, Certificate, Evidence
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import each
 from prefcal_bench.cells.simulation import Simulation
@@ -53,8 +53,7 @@ from prefcal_bench.people import runs_of
 from prefcal_bench.problems import Outcome, Person, Problem, prefer, problem
 from prefcal_bench.results.words import markdown
 from prefcal_env.errors import BenchmarkError, RunError
-from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.loop import ask_and_tell
+from prefcal_env.preferences.answer import Answer, ask_and_tell
 
 TRADING = ("weights", "limits", "narrow", "rising", "trade")
 FAMILIES = (*TRADING, "priorities", "order", "ideal", "majority", "ranks", "curves")

@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Choice, Interview, Now, Phase, Question
-from prefcal_app.session.study.memory import agent_as_dict, knobs_as_dicts
+from prefcal_app.session.study import agent_as_dict, knobs_as_dicts
 from prefcal_app.simulating import Simulator
 from prefcal_app.view import now_view
 from prefcal_env import Channel
@@ -31,7 +31,7 @@ from prefcal_env.plants.plant import Plant
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.pid_scenario import pid_scenario
-from prefcal_scenarios.kpis import reading
+from prefcal_scenarios.runs import reading
 from prefcal_scenarios.scenario import Scenario
 
 LOOPS = ("cstr", "servo", "pid")

@@ -35,10 +35,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import one_thread
+from prefcal_agents.agent import Start, one_thread
+from prefcal_agents.result import decisive, turned
 from prefcal_agents.screening.agent import Screening
-from prefcal_agents.space.start import Start
-from prefcal_agents.utility.influence import decisive, turned
 from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.people import USUAL, Runs, Taste, runs_of, sample, taste
 from prefcal_bench.people.sample import thetas

@@ -34,7 +34,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents import GLISp, RandomSearch, Screening
-from prefcal_agents.protocol.agent import Agent, one_thread
+from prefcal_agents.agent import Agent, one_thread
 from prefcal_bench import Processes
 from prefcal_bench.cells.engine import each
 from prefcal_bench.cells.run import CellStudy
@@ -43,7 +43,7 @@ from prefcal_bench.problems import Person, Problem, problem
 from prefcal_bench.results.statistics import mean_of, ratio_of
 from prefcal_bench.results.words import interval, markdown
 from prefcal_env.errors import BenchmarkError, RunError
-from prefcal_env.preferences.kpis import Outcome as Kpis
+from prefcal_env.preferences.answer import Outcome as Kpis
 from prefcal_scenarios import load, simulator
 from prefcal_scenarios.scenario import Scenario
 

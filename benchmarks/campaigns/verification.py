@@ -36,7 +36,7 @@ from prefcal_bench.cells.store import Store
 from prefcal_bench.cells.suite import Suite
 from prefcal_bench.cli.display import BenchDisplay
 from prefcal_bench.results.words import markdown
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios import load
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification import verify

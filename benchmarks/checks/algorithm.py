@@ -10,8 +10,8 @@ from prefcal_agents import GLISp, Screening
 from prefcal_bench.people import USUAL, sample, taste
 from prefcal_env import Knob, KnobSpace, calibrate
 from prefcal_scenarios import load, outcome
-from prefcal_scenarios.kpis import screened
-from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, OTHERS, canvas, png, style
+from prefcal_scenarios.runs import screened
+from prefcal_scenarios.style import BEST, FAINT, FIRST, OTHERS, canvas, png, style
 
 GAIN = KnobSpace([Knob("gain", 0.0, 10.0)])
 MOMENTS = (4, 7, 10)

@@ -192,7 +192,7 @@ def offset_table() -> Numbers:
 
 def z_weaker() -> float:
     """Return how much weaker z is in [0, 1] than in [-1, 1], where it is small."""
-    from prefcal_agents.acquisition.exploration import exploration
+    from prefcal_agents.search import exploration
 
     d = np.full((1, 40), 0.01)
     return float((exploration(4 * d) / exploration(d))[0])

@@ -38,7 +38,7 @@ from prefcal_bench.published.plan import read_published
 from prefcal_bench.results import campaign_of
 from prefcal_bench.results.pictures import Material, draw_loops, draw_overview
 from prefcal_scenarios import load
-from prefcal_scenarios.presentation.style import png, style
+from prefcal_scenarios.style import png, style
 
 ROOT = Path(__file__).parents[2]
 FIGURES, TABLE = ROOT / "docs" / "figures", Path(__file__).parent / "reactor_index.csv"

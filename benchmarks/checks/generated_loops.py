@@ -21,7 +21,7 @@ from rich.progress import track
 from prefcal_bench.people import USUAL, random_search_worth, sample, taste
 from prefcal_bench.people.draw import decided
 from prefcal_bench.people.judgements import Order
-from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import End
 from prefcal_scenarios import Scenario, load
 
 TASTES = ("weights", "priorities")

@@ -13,15 +13,15 @@ from dataclasses import replace
 import numpy as np
 
 from prefcal_bench.results.words import markdown
+from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.envs.cstr import cstr_task
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import never
-from prefcal_env.experiments.control import Controller, Measurement
-from prefcal_env.experiments.rollout import rollout
+from prefcal_env.experiments.experiment import Controller, Measurement
 from prefcal_env.mpc import EstimatingMPC
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.cstr import FEED, CSTRParams
-from prefcal_scenarios.cases.cstr import controller as reactor
+from prefcal_scenarios.cases import cstr as reactor
 
 THETA = np.array([0.31, 26.0, -1.79])
 NOISE = np.array([0.3, 0.03])

@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from prefcal_app.report.trajectories import panel_title
+from prefcal_app.report.pictures import panel_title
 from prefcal_env.envs.cstr import BAND, TARGET
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Plot
-from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, GOOD, INK, LIMIT, OTHERS, canvas
-from prefcal_scenarios.presentation.wording import mathtext, number
 from prefcal_scenarios.scenario import Scenario, panels_of
+from prefcal_scenarios.style import BEST, FAINT, FIRST, GOOD, INK, LIMIT, OTHERS, canvas
+from prefcal_scenarios.wording import mathtext, number
 
 PALE = "#c3cad1"
 TOLD = ("settling_time", "final_concentration", "mean_square_move", "index")

@@ -7,22 +7,20 @@ from unittest import mock
 import numpy as np
 
 from prefcal_env.envs import cstr as reactor
+from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.envs.overtake import Course
-from prefcal_env.envs.overtake.rules import Phase
-from prefcal_env.experiments.control import Controller, Measurement, Move
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.rollout import rollout
-from prefcal_env.mpc import LinearMPC, MPCSettings
-from prefcal_env.mpc.kernels import step
+from prefcal_env.envs.overtake.scene import Phase
+from prefcal_env.experiments.experiment import Controller, Experiment, Measurement, Move
+from prefcal_env.mpc import LinearMPC, MPCSettings, kernels
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.cstr import FEED
 from prefcal_env.qp import QP, PIQPSolver
-from prefcal_scenarios.cases.cstr import controller as cstr_tuning
-from prefcal_scenarios.cases.cstr.kpis import compute_kpis as cstr_kpis
-from prefcal_scenarios.cases.cstr.kpis import performance_index
+from prefcal_scenarios.cases import cstr as cstr_tuning
+from prefcal_scenarios.cases.cstr import compute_kpis as cstr_kpis
+from prefcal_scenarios.cases.cstr import performance_index
 from prefcal_scenarios.cases.overtake import controller as car_tuning
+from prefcal_scenarios.cases.overtake.controller import Supervisor
 from prefcal_scenarios.cases.overtake.kpis import compute_kpis as car_kpis
-from prefcal_scenarios.cases.overtake.supervisor import Supervisor
 
 AUTOMATED, PREFERRED = (0.25, 26.0, -0.91), (0.31, 26.0, -1.79)
 CAR = (0.085, 0.31, 16.0, 0.261, 0.918)
@@ -79,7 +77,7 @@ def first_unlimited(mpc: LinearMPC, m: Measurement) -> Move:
     In place of `LinearMPC.move`.
     """
     n_u = len(m.u)
-    _, _, _, U, G, low, high = step.decide(*mpc._data(m), *mpc._problem, mpc._solver)
+    _, _, _, U, G, low, high = kernels.decide(*mpc._data(m), *mpc._problem, mpc._solver)
     low[:n_u], high[:n_u] = -np.inf, np.inf
     n = G.shape[1]
     solution = PIQPSolver(mpc.settings.tolerances).solve(QP(np.eye(n), np.zeros(n), G, low, high))
@@ -104,6 +102,6 @@ def starts() -> list[float]:
     task = replace(reactor.cstr_task(), x0=x0, u0=u0)
     with mock.patch.object(reactor, "cstr_task", return_value=task):
         runs = [react(theta) for theta in (AUTOMATED, PREFERRED)]
-    with mock.patch("prefcal_scenarios.cases.cstr.kpis._T_C_START", u0):
+    with mock.patch("prefcal_scenarios.cases.cstr._T_C_START", u0):
         moved = [performance_index(run) for run in runs]
     return [index(AUTOMATED), index(PREFERRED), *moved]

@@ -8,9 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from prefcal_app.looking.table import run_from
-from prefcal_app.looking.window import LookWindow
-from prefcal_app.session.study.study import challenger_left
+from prefcal_app.looking.look import LookWindow, run_from
+from prefcal_app.session.study import challenger_left
 from prefcal_env.tables import TableColumns
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
-from prefcal_env.mpc.settings import BACKENDS
+from prefcal_env.mpc.controller import BACKENDS
 from prefcal_env.plants.cstr import CSTR, FEED
 
 STDERR = Console(stderr=True)

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 
 from prefcal_agents import GLISp
-from prefcal_agents.protocol.agent import one_thread
+from prefcal_agents.agent import one_thread
 from prefcal_bench.results.words import markdown
 from prefcal_env import Answer
 from prefcal_scenarios.cases.functions import FUNCTIONS

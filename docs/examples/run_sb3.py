@@ -15,7 +15,7 @@ from stable_baselines3 import PPO, SAC
 
 from prefcal_bench.rl import PPOBandit, SACBandit
 from prefcal_env import rollout
-from prefcal_env.experiments.control import Move
+from prefcal_env.experiments.experiment import Move
 from prefcal_scenarios.cases.cstr import performance_index
 
 

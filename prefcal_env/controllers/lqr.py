@@ -1,23 +1,117 @@
-"""State feedback by a linear quadratic regulator, sampled, with integral action if wanted."""
+"""State feedback by a linear quadratic regulator, with measured or estimated states."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_discrete_are
 
-from prefcal_env.arrays import weights
+from prefcal_env.arrays import vector, weights
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.control import Measurement, Move
-from prefcal_env.knobs.knob import is_number
+from prefcal_env.experiments.experiment import Measurement, Move
+from prefcal_env.knobs import is_number
 from prefcal_env.plants.plant import Plant
-from prefcal_env.plants.systems.matrices import held
+from prefcal_env.plants.systems import held
 
-from .linearized import Linearized, linearized
-from .measured import index_of, reference_of
-from .stored import finite, infinite, storable
+from .stored import as_data, finite, index_of, infinite, reference_of, storable
+
+# ----------------------------------------------------------------------------------------------------
+# A plant linearized at a steady state, as plain numbers: the model of LQR and LQG.
+
+_RESTS = 1e-6
+"""Largest movement in one sampling period, relative to the size of the state, that is rest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearized:
+    """A model ẋ = A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0), with input limits.
+
+    Args:
+        A: Dynamics, per unit of time, shape (n_x, n_x).
+        B: Effect of the inputs, shape (n_x, n_u).
+        C: Outputs from states, shape (n_y, n_x).
+        D: Outputs from inputs, shape (n_y, n_u).
+        x0: State at rest, shape (n_x,).
+        u0: Input at rest, shape (n_u,).
+        y0: Output at rest, shape (n_y,).
+        low: Lower limits of the inputs, shape (n_u,).
+        high: Upper limits of the inputs, shape (n_u,).
+
+    Raises:
+        SettingsError: If the shapes do not fit each other, or a number but a limit is not finite.
+    """
+
+    A: Float[np.ndarray, "n_x n_x"]
+    B: Float[np.ndarray, "n_x n_u"]
+    C: Float[np.ndarray, "n_y n_x"]
+    D: Float[np.ndarray, "n_y n_u"]
+    x0: Float[np.ndarray, " n_x"]
+    u0: Float[np.ndarray, " n_u"]
+    y0: Float[np.ndarray, " n_y"]
+    low: Float[np.ndarray, " n_u"]
+    high: Float[np.ndarray, " n_u"]
+
+    def __post_init__(self) -> None:
+        n_x, n_u, n_y = np.size(self.x0), np.size(self.u0), np.size(self.y0)
+        shapes = {
+            "A": (n_x, n_x),
+            "B": (n_x, n_u),
+            "C": (n_y, n_x),
+            "D": (n_y, n_u),
+            "x0": (n_x,),
+            "u0": (n_u,),
+            "y0": (n_y,),
+            "low": (n_u,),
+            "high": (n_u,),
+        }
+        for field in fields(self):
+            name = field.name
+            array = np.array(getattr(self, name), dtype=float)
+            if array.shape != shapes[name]:
+                raise SettingsError(f"{name} must have shape {shapes[name]}, got {array.shape}")
+            limit = name in ("low", "high")
+            if np.isnan(array).any() or (not limit and np.isinf(array).any()):
+                raise SettingsError(f"{name} must be finite, got {array.tolist()}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+
+def linearized(plant: Plant, x0: Any, u0: Any, d0: Any, T_s: float) -> Linearized:
+    """Return the model of `plant` at a steady state; None means zeros.
+
+    Args:
+        plant: Plant; its dead time is left out.
+        x0: State at rest, shape (n_x,).
+        u0: Input at rest, shape (n_u,).
+        d0: Measured disturbances at rest, shape (n_d,).
+        T_s: Time within which the plant must hardly move, in its unit of time.
+
+    Raises:
+        SettingsError: If the plant does not rest there.
+    """
+    x, u, d = (
+        vector(name, np.zeros(len(channels)) if value is None else value, len(channels), "finite")
+        for name, value, channels in (
+            ("x0", x0, plant.states),
+            ("u0", u0, plant.inputs),
+            ("d0", d0, plant.disturbances),
+        )
+    )
+    rate = np.asarray(plant.f(x, u, d), dtype=float)
+    if not np.abs(rate).max(initial=0.0) * T_s <= _RESTS * (1 + np.abs(x).max(initial=0.0)):
+        raise SettingsError(
+            f"plant {plant.name!r} does not rest at x0={x.tolist()}, u0={u.tolist()}: its state "
+            f"changes by {rate.tolist()} per {plant.time_unit}; give a steady state"
+        )
+    J = plant.jacobians(x, u, d)
+    low, high = (np.array([getattr(c, k) for c in plant.inputs]) for k in ("low", "high"))
+    return Linearized(J.A, J.B, J.C, J.D, x, u, np.asarray(plant.g(x, u, d)), low, high)
+
+
+# ----------------------------------------------------------------------------------------------------
+# State feedback by a linear quadratic regulator, sampled, with integral action if wanted.
 
 
 @storable
@@ -175,3 +269,85 @@ def _unstable(integral: tuple[int, ...]) -> SettingsError:
         "no state feedback with these weights stabilizes the linearized plant: weight every state "
         f"that does not decay by itself with Q above 0{more}"
     )
+
+
+# ----------------------------------------------------------------------------------------------------
+# A linear quadratic regulator that estimates the state from measured outputs.
+
+
+@storable
+class LQG:
+    """An `LQR` with a Kalman filter: it reads measured outputs, and never the plant's state.
+
+    The filter starts at the steady state with the covariance that it has in the long run, so its
+    gain is constant. A constant load shifts the estimates: let the LQR have integral action.
+
+    Source: Åström, Wittenmark (1997), Computer-Controlled Systems.
+
+    Args:
+        lqr: State feedback, which also holds the model.
+        noise: Standard deviation of the measured outputs, in their units, above 0, shape (n_y,).
+        process: Error of the model over one unit of time, in the states' units, shape (n_x,). It
+            grows with the square root of time.
+
+    Raises:
+        SettingsError: If a deviation is not valid, or the outputs do not tell the state.
+    """
+
+    def __init__(self, lqr: LQR, noise: Sequence[float], process: Sequence[float]) -> None:
+        # Here, since the filter loads a compiler.
+        from prefcal_env.mpc.estimator import ExtendedKalmanFilter, StateEstimate
+
+        self.lqr, m = lqr, lqr.model
+        self.noise = vector("noise", noise, len(m.y0), "above 0")
+        self.process = vector("process", process, len(m.x0), "at least 0")
+        Q, R = np.diag(self.process**2) * lqr.T_s, np.diag(self.noise**2)
+        plant = Plant.of((m.A, m.B, m.C, m.D))  # deviations from the steady state
+        self._filter = ExtendedKalmanFilter(plant, lqr.T_s, Q=Q, R=R)
+        self._start = StateEstimate(np.zeros(len(m.x0)), _lasting(m, lqr.T_s, Q, R))
+        self._estimate: StateEstimate | None = None
+
+    @property
+    def T_s(self) -> float:
+        """Sampling time, in the plant's unit of time."""
+        return self.lqr.T_s
+
+    @property
+    def estimate(self) -> Float[np.ndarray, " n_x"] | None:
+        """State as estimated at the last measurement, shape (n_x,); None before the first."""
+        return None if self._estimate is None else self.lqr.model.x0 + self._estimate.mean
+
+    def as_data(self) -> dict[str, Any]:
+        """Return regulator and deviations as JSON-able data."""
+        deviations = {"noise": self.noise.tolist(), "process": self.process.tolist()}
+        return {"lqr": as_data(self.lqr), **deviations}
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any]) -> Self:
+        """Return the LQG that `as_data` describes. Raises SettingsError or KeyError for other data."""
+        return cls(LQR.of_data(data["lqr"]), data["noise"], data["process"])
+
+    def move(self, measurement: Measurement) -> Move:
+        """Estimate the state from the measured outputs, then decide the inputs."""
+        m, none = self.lqr.model, np.zeros(0)
+        u = np.asarray(measurement.u, dtype=float) - m.u0
+        predicted = self._start
+        if self._estimate is not None:
+            predicted = self._filter.predict(self._estimate, u, none)
+            predicted = predicted if predicted.finite else self._start
+        y = output(m, measurement) - m.y0
+        self._estimate = self._filter.update(predicted, y, u, none)
+        return self.lqr.decide(measurement, m.x0 + self._estimate.mean)
+
+
+def _lasting(m: Linearized, T_s: float, Q: np.ndarray, R: np.ndarray) -> Float[np.ndarray, "n n"]:
+    """Return the covariance of the predicted state in the long run."""
+    A = held(m.A, m.B, T_s)[0]
+    try:
+        P = np.asarray(solve_discrete_are(A.T, m.C.T, Q, R))
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise SettingsError(
+            "the outputs do not tell the plant's state: measure more of them, or give every state "
+            "that does not decay by itself a process deviation above 0"
+        ) from error
+    return np.asarray((P + P.T) / 2)

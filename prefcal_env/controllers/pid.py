@@ -1,18 +1,141 @@
-"""A PID controller of the standard form, as it runs in industry, and several side by side."""
+"""PID controllers: the sampled law, the controller that runs, and tuning rules."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.control import Measurement, Move
-from prefcal_env.knobs.knob import is_number
+from prefcal_env.experiments.experiment import Measurement, Move
+from prefcal_env.knobs import is_number
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems import LinearSystem
 
-from .measured import index_of, outputs_of, reference_of
-from .pid_law import PIDLaw
-from .stored import as_data, finite, from_data, infinite, storable
+from .stored import as_data, finite, from_data, index_of, infinite, outputs_of, reference_of, storable
+
+# ----------------------------------------------------------------------------------------------------
+# The law of the sampled PID, written once: for the controller that runs and for linear loops.
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Parameters of a PID: gain with its sign, and integral and derivative time."""
+
+    K_p: float
+    T_i: float
+    T_d: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PIDLaw:
+    """Coefficients of the sampled PID, each a number, or an array for several PIDs.
+
+    u_k = K_p (b r_k - y_k) + I_k + D_k with I_{k+1} = I_k + integral (r_k - y_k) and
+    D_k = pole (D_{k-1} + rise (e_k - e_{k-1})), where e = c r - y.
+    """
+
+    K_p: Any
+    integral: Any
+    pole: Any
+    rise: Any
+
+    @classmethod
+    def of(cls, K_p: Any, T_i: Any, T_d: Any, *, N: float, T_s: float) -> "PIDLaw":
+        """Return the law for the parameters of `PID`."""
+        return cls(K_p, K_p * T_s / T_i, T_d / (T_d + N * T_s), K_p * N)
+
+    @property
+    def of_output(self) -> tuple[Any, Any]:
+        """Gains of y in a form with the states I_k and s_k: the one on u, and the one on s.
+
+        u_k = direct y_k + I_k + s_k and s_{k+1} = pole s_k + slope y_k, for r = 0.
+        """
+        lead = self.pole * self.rise
+        return -self.K_p - lead, lead * (1 - self.pole)
+
+    def at(self, z: Any) -> Any:
+        """Return C(z), from the error to the input (c = 1), at points of the z plane."""
+        direct, slope = self.of_output
+        return -direct + self.integral / (z - 1) - slope / (z - self.pole)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearPIDs:
+    """Sets of PIDs to check together: m sets, each with p PIDs side by side.
+
+    PID i of a set goes from output i to input i of a square plant.
+
+    Args:
+        K_p: Gains, shape (m, p).
+        T_i: Integral times, shape (m, p).
+        T_d: Derivative times, shape (m, p).
+        N: Filter of the derivatives, as in `PID`.
+    """
+
+    K_p: Float[np.ndarray, "m p"]
+    T_i: Float[np.ndarray, "m p"]
+    T_d: Float[np.ndarray, "m p"]
+    N: float
+
+    @classmethod
+    def of(cls, tunings: Sequence[Tuning], N: float) -> "LinearPIDs":
+        """Return one set of PIDs."""
+        K_p, T_i, T_d = np.array([(t.K_p, t.T_i, t.T_d) for t in tunings]).T[:, None]
+        return cls(K_p, T_i, T_d, N)
+
+    def loops(self, plant: LinearSystem) -> Float[np.ndarray, "m n n"]:
+        """Return the closed loops, x⁺ = M x; x holds the plant's states, then I, then s."""
+        law, p, n = self._law(plant.dt), self.K_p.shape[1], len(plant.A)
+        direct, slope = law.of_output
+        M = np.zeros((len(self.K_p), n + 2 * p, n + 2 * p))
+        M[:, :n, :n] = plant.A + (plant.B * direct[:, None, :]) @ plant.C
+        M[:, :n, n : n + p] = M[:, :n, n + p :] = plant.B
+        M[:, n : n + p, :n] = -law.integral[:, :, None] * plant.C
+        M[:, n + p :, :n] = slope[:, :, None] * plant.C
+        k = np.arange(p)
+        M[:, n + k, n + k], M[:, n + p + k, n + p + k] = 1.0, law.pole
+        return M
+
+    def drive(self, plant: LinearSystem) -> Float[np.ndarray, "n 2"]:
+        """Return what a unit step of reference (b = 1) and of load add to x of the first loop.
+
+        For one PID.
+        """
+        law, n = self._law(plant.dt), len(plant.A)
+        drive = np.zeros((n + 2, 2))
+        drive[:n] = np.column_stack([plant.B[:, 0] * law.K_p[0, 0], plant.B[:, 0]])
+        drive[n, 0] = law.integral[0, 0]
+        return drive
+
+    def stable(self, plant: LinearSystem) -> np.ndarray:
+        """Return whether all poles of each closed loop are within the unit circle, shape (m,)."""
+        return np.asarray(np.abs(np.linalg.eigvals(self.loops(plant))).max(axis=1) < 1 - 1e-9)
+
+    def sensitivity(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
+        """Return max σ((1 + G C)^-1) over `omega`, infinite for unstable loops, shape (m,).
+
+        Source: Skogestad, Postlethwaite, Multivariable Feedback Control.
+        """
+        z = np.exp(1j * omega * plant.dt)[:, None]
+        C = self._law(plant.dt, each=True).at(z)  # (m, k, p)
+        difference = np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[:, :, None, :]
+        if difference.shape[-1] == 1:
+            least = np.abs(difference[..., 0, 0]).min(axis=1)
+        else:
+            least = np.linalg.svd(difference, compute_uv=False)[..., -1].min(axis=1)
+        with np.errstate(divide="ignore"):
+            return np.where(self.stable(plant), 1 / least, np.inf)
+
+    def _law(self, T_s: float, *, each: bool = False) -> PIDLaw:
+        """Return the law of each PID, shape (m, p); with `each` for every frequency, (m, 1, p)."""
+        parameters = (v[:, None] if each else v for v in (self.K_p, self.T_i, self.T_d))
+        return PIDLaw.of(*parameters, N=self.N, T_s=T_s)
+
+
+# ----------------------------------------------------------------------------------------------------
+# A PID controller of the standard form, as it runs in industry, and several side by side.
 
 
 @storable
@@ -211,3 +334,139 @@ def _checked(p: dict[str, Any]) -> dict[str, Any]:
     if not p["low"] < p["high"]:
         raise SettingsError(f"PID: low must be below high, got [{p['low']}, {p['high']}]")
     return {name: value if value is None else float(value) for name, value in p.items()}
+
+
+# ----------------------------------------------------------------------------------------------------
+# Tunings of a PID for a linear plant: by rules of the field, and by its robustness.
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessModel:
+    """What the rules need to know of a process of one input and one output.
+
+    Args:
+        gain: Lim s^n G(s) for s to 0, n the number of integrators.
+        integrators: Number of integrators.
+        lags: Time constants 1/|p| of the other poles, decreasing.
+        inverse: Time constants 1/z of the zeros in the right half plane.
+        delay: Dead time, with half of the sampling time.
+        unstable: Whether a pole is in the right half plane.
+        damping: Smallest damping of a pair of poles; 1 if there is none.
+    """
+
+    gain: float
+    integrators: int
+    lags: tuple[float, ...]
+    inverse: tuple[float, ...]
+    delay: float
+    unstable: bool = False
+    damping: float = 1.0
+
+
+def simc(process: ProcessModel, *, derivative: bool = True) -> Tuning | None:
+    """Return Skogestad's tuning with τ_c = θ; None where the rule does not apply.
+
+    Source: Skogestad (2003), Simple analytic rules for model reduction and PID controller tuning,
+    J. Process Control 13(4), 291-309: half rule, settings, and series to standard form.
+    Deviation: zeros in the left half plane are left out.
+
+    Args:
+        process: Process model; not unstable, with a damping of at least 0.5.
+        derivative: Whether the controller has a derivative part.
+    """
+    if process.unstable or process.integrators > 2 or process.damping < 0.5 or not process.gain:
+        return None
+    lags = [np.inf] * process.integrators + list(process.lags) + [0.0] * 4
+    kept = 2 if derivative else 1
+    theta = process.delay + sum(process.inverse) + lags[kept] / 2 + sum(lags[kept + 1 :])
+    if not 0 < theta < np.inf:
+        return None
+    tau = [*lags[: kept - 1], lags[kept - 1] + lags[kept] / 2]
+    if process.integrators == 2:
+        K, T_i, T_d = 1 / (process.gain * 16 * theta**2), 8 * theta, 8 * theta
+    else:
+        rate = 1 / process.gain if process.integrators else tau[0] / process.gain
+        K, T_i = rate / (2 * theta), min(tau[0], 8 * theta)
+        T_d = tau[1] if derivative else 0.0
+    if not T_i > 0:
+        return None
+    factor = 1 + T_d / T_i
+    return Tuning(K * factor, T_i * factor, T_d / factor)
+
+
+def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: float) -> Tuning | None:
+    """Return the tuning by the ultimate gain K_u and period T_u; None if there is none.
+
+    K_p = 0.6 K_u, T_i = T_u / 2, T_d = T_u / 8.
+
+    Source: Ziegler, Nichols (1942), Optimum settings for automatic controllers, Trans. ASME 64,
+    759-768.
+
+    Args:
+        plant: LinearSystem plant of one input and one output, stable or integrating.
+        omega: Increasing angular frequencies to search, shape (m,).
+        sign: Sign of the controller's gain.
+    """
+    G = sign * plant.at(1j * omega)[:, 0, 0]
+    crossing = np.flatnonzero((G.imag[:-1] < 0) & (G.imag[1:] >= 0) & (G.real[1:] < 0))
+    if not len(crossing):
+        return None
+    k = int(crossing[0])
+    share = -G.imag[k] / (G.imag[k + 1] - G.imag[k])
+    size = abs(G.real[k] + share * (G.real[k + 1] - G.real[k]))
+    T_u = 2 * np.pi / (omega[k] + share * (omega[k + 1] - omega[k]))
+    return Tuning(sign * 0.6 / size, T_u / 2, T_u / 8)
+
+
+ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
+"""Largest sensitivities, from the recommended range to what difficult plants allow."""
+
+_INTEGRAL_TIMES = (0.18, 0.35, 0.7, 1.4, 2.8, 5.6, 11.0, 22.0)
+"""Integral times to try, times the crossover frequency; plants that are all dead time need the
+short ones."""
+_DERIVATIVE_TIMES = (0.05, 0.15, 0.4, 1.0, 2.0)
+"""Derivative times to try, likewise."""
+
+
+def robust(
+    plant: LinearSystem,
+    omega: Float[np.ndarray, " m"],
+    crossover: Float[np.ndarray, " k"],
+    *,
+    largest: float = np.inf,
+    N: float = 10.0,
+) -> tuple[Tuning, float] | None:
+    """Return a robust tuning and its crossover frequency; None if no PID stabilizes the plant.
+
+    It maximizes the integral gain K_p / T_i at a sensitivity of at most 1.6 (more only if
+    necessary), over both signs and a grid of crossover frequencies and times.
+
+    Source: Åström, Hägglund (2006), Advanced PID Control (MIGO).
+    Deviation: on a grid, for the sampled loop, so any linear plant will do.
+
+    Args:
+        plant: LinearSystem plant of one input and one output.
+        omega: Angular frequencies at which the sensitivity is evaluated, shape (m,).
+        crossover: Crossover frequencies to try, shape (k,).
+        largest: Largest |K_p|, by the input's range; ignored if nothing else is stable.
+        N: Filter of the derivative, as in `PID`.
+    """
+    T_s = plant.dt
+    shapes = [(i, d) for i in _INTEGRAL_TIMES for d in _DERIVATIVE_TIMES]
+    w = np.repeat(crossover, len(shapes))
+    T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
+    unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)
+    size = np.abs(plant.at(1j * w)[:, 0, 0] * unit.at(np.exp(1j * w * T_s)))
+    w, T_i, T_d, size = (v[size > 0] for v in (w, T_i, T_d, size))
+    K = np.concatenate([1 / size, -1 / size])  # either sign
+    w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))
+    peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).sensitivity(plant, omega)
+    drive, within = np.abs(K) / T_i, np.abs(K) <= largest
+    for bound, allowed in [(b, within) for b in ROBUST] + [(np.inf, np.ones_like(within))]:
+        fine = np.isfinite(peak) & (peak <= bound) & allowed
+        if fine.any():
+            # Among unbounded ones the most robust, else the strongest integral action.
+            score = drive if np.isfinite(bound) else 1 / peak
+            best = int(np.argmax(np.where(fine, score, -np.inf)))
+            return Tuning(float(K[best]), float(T_i[best]), float(T_d[best])), float(w[best])
+    return None

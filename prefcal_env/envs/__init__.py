@@ -1,6 +1,6 @@
 """Plants as Gymnasium environments."""
 
-from prefcal_env.experiments.trajectory import Record as Record
+from prefcal_env.experiments.experiment import Record as Record
 
 from .lti_loop import LTILoop as LTILoop
 from .plant_env import PlantEnv as PlantEnv

@@ -1,16 +1,146 @@
-"""A plant and a controller as a function from θ to an experiment."""
+"""Run closed-loop experiments: a controller drives an environment, as a function of θ."""
 
+import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.control import Controller
-from prefcal_env.experiments.experiment import Channels, Experiment, KPIs
-from prefcal_env.experiments.rollout import rollout
+from prefcal_env.errors import ExperimentError, SettingsError
+from prefcal_env.experiments.experiment import (
+    Channels,
+    Controller,
+    End,
+    Experiment,
+    KPIs,
+    Measurement,
+    Move,
+    Record,
+)
+from prefcal_env.wording import brief, place_in_code
+
+# ----------------------------------------------------------------------------------------------------
+# Run one closed-loop experiment: let a controller drive an environment, and record it.
+
+
+class ClosedLoopEnv(Protocol):
+    """The interface that `rollout` needs from an unwrapped environment, such as `PlantEnv`."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Start an episode; the option `T_s` is the controller's sampling time."""
+
+    def measurement(self) -> Measurement:
+        """Return what a controller knows at this sampling instant."""
+
+    def apply(self, u: Float[np.ndarray, " n_u"]) -> Any:
+        """Hold the input `u`, in the plant's units, for one sampling period."""
+
+    @property
+    def end(self) -> End | None:
+        """Why the episode is over; None while it goes on."""
+
+    def record(self) -> Record:
+        """Return the episode so far, with its additional signals."""
+
+
+def rollout(
+    env: gym.Env[Any, Any] | ClosedLoopEnv,
+    controller: Controller,
+    theta: Float[np.ndarray, " n"],
+    *,
+    clock: Callable[[], float] = time.perf_counter,
+    seed: int = 0,
+    kpis: KPIs | None = None,
+) -> Experiment:
+    """Let `controller` drive `env` until the episode ends, and return the experiment.
+
+    If the controller cannot solve a step, or its input is NaN, the last input is held;
+    `Experiment.solved` marks such steps.
+
+    Args:
+        env: A `ClosedLoopEnv`, or an environment that is one when unwrapped.
+        controller: Controller made from `theta`. Make a new one for each run: it may have a memory.
+        theta: Controller parameters, physical, shape (n,), for the record.
+        clock: Returns the time in seconds; used only for `Experiment.solve_time`.
+        seed: Seed of the episode.
+        kpis: Function that returns the key performance indicators of an experiment by name.
+
+    Returns:
+        The experiment, even if the run was stopped.
+
+    Raises:
+        ExperimentError: If `env` is not a `ClosedLoopEnv`, or `kpis` does not return a mapping.
+        SettingsError: If the environment rejects the controller's sampling time, the controller
+            has none, or its `move` does not return a `Move`.
+        PlantError: If an input has the wrong shape.
+    """
+    loop: Any = getattr(env, "unwrapped", env)
+    missing = [n for n in ("measurement", "apply", "end", "record") if not hasattr(loop, n)]
+    if missing:
+        raise ExperimentError(f"a rollout needs an environment with {missing}, got {loop!r}")
+    env.reset(seed=seed, options={"T_s": _sampling_time(controller)})
+    steps = _driven(loop, controller, clock)
+    experiment = _experiment(loop.record(), theta, steps)
+    return experiment if kpis is None else experiment.with_kpis(kpis)
+
+
+def _driven(
+    loop: ClosedLoopEnv, controller: Controller, clock: Callable[[], float]
+) -> list[tuple[int, float, bool]]:
+    """Drive `loop` to its end; return iterations, seconds and success of each step."""
+    steps: list[tuple[int, float, bool]] = []
+    while loop.end is None:
+        measurement = loop.measurement()
+        start = clock()
+        move = controller.move(measurement)
+        took = clock() - start
+        if not isinstance(move, Move):
+            raise SettingsError(
+                f"move of controller {type(controller).__name__}{place_in_code(controller.move)} must "
+                f"return a prefcal_env.Move, got {brief(move)}: write return Move(u), with u an "
+                "array of shape (n_u,)"
+            )
+        usable = move.solved and not np.count_nonzero(np.isnan(move.u))
+        loop.apply(move.u if usable else measurement.u)
+        steps.append((move.iterations, took, usable))
+    return steps
+
+
+def _sampling_time(controller: Controller) -> object:
+    T_s: object = getattr(controller, "T_s", None)
+    if T_s is None or not callable(getattr(controller, "move", None)):
+        raise SettingsError(
+            "a controller needs T_s, its sampling time in the plant's unit of time, and "
+            f"move(measurement); got {brief(controller)}"
+        )
+    return T_s
+
+
+def _experiment(record: Record, theta: object, steps: list[tuple[int, float, bool]]) -> Experiment:
+    assert record.end is not None
+    iterations, solve_time, solved = zip(*steps, strict=True)
+    return Experiment(
+        theta=np.array(theta, dtype=float),
+        t=record.t,
+        x=record.x,
+        u=record.u,
+        t_control=record.t_control,
+        u_control=record.u_control,
+        y_ref=record.y_ref,
+        iterations=np.array(iterations),
+        solve_time=np.array(solve_time),
+        solved=solved,
+        channels=record.channels,
+        end=record.end,
+        signals=record.signals,
+        y=record.y,
+    )
+
+
+# ----------------------------------------------------------------------------------------------------
+# A plant and a controller as a function from θ to an experiment.
 
 EnvSource = gym.Env[Any, Any] | str | Callable[[], gym.Env[Any, Any]]
 ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]

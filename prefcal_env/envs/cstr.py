@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import plant_vector
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.cstr import CSTR, FEED
 
 from .canvas import makes
-from .checks import vector
 from .plant_env import PlantEnv
 from .task import Period, Task
 
@@ -130,7 +130,7 @@ def cstr_env(
     if T_s is not None:
         task = replace(task, T_s=T_s)
     if x0 is not None:
-        task = replace(task, x0=vector(x0, 2, "initial state x0"))
+        task = replace(task, x0=plant_vector(x0, 2, "initial state x0"))
     if max_move is not None:
         task = replace(task, max_move=np.array([max_move]))
     return PlantEnv(plant, task, render_mode, outputs_are_states=type(plant).g is CSTR.g)

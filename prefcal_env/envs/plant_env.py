@@ -1,24 +1,282 @@
 """A plant and a task as a Gymnasium environment: one step is one sampling period."""
 
+from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
+from math import isfinite
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import known_options, plant_vector
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
-from prefcal_env.experiments.control import Measurement
-from prefcal_env.experiments.experiment import End
-from prefcal_env.experiments.trajectory import Record, Trajectory, instants
+from prefcal_env.experiments.experiment import (
+    Channel,
+    Channels,
+    End,
+    Measurement,
+    Record,
+    Trajectory,
+    instants,
+)
+from prefcal_env.plants.jacobians import D, U, X
 from prefcal_env.plants.plant import Plant
 
 from .canvas import Canvas, DrawnCurve, check_render_mode
-from .checks import known_options, vector
-from .dead_time import DeadTime, dead_times, delays_of
-from .fit import channels_of, check_fit, check_limits, check_rate, observed_of, tracked_of
 from .task import Period, Task
+
+# ----------------------------------------------------------------------------------------------------
+# Check that a plant fits a task, and derive the properties of the combination.
+
+_PARTS = ("f", "g", "hold", "states", "inputs", "outputs", "disturbances")
+"""What an environment needs of a plant."""
+
+
+def channels_of(plant: Plant, task: Task) -> Channels:
+    """Return the plant's channels; a constant reference becomes the target of its output."""
+    outputs = list(plant.outputs)
+    if not callable(task.y_ref):
+        for i in tracked_of(task):
+            band = (task.bands or {}).get(i)
+            outputs[i] = replace(outputs[i], target=float(task.reference(0.0)[i]), band=band)
+    return Channels(plant.states, plant.inputs, tuple(outputs), plant.time_unit)
+
+
+def tracked_of(task: Task) -> tuple[int, ...]:
+    """Return the indices of tracked outputs: by default, all outputs with a reference."""
+    if task.tracked is not None:
+        return task.tracked
+    return tuple(map(int, np.flatnonzero(np.isfinite(task.reference(0.0)))))
+
+
+def observed_of(plant: Plant, task: Task) -> Float[np.ndarray, "n 2"]:
+    """Return the lowest and highest value of each observed quantity, shape (n, 2), as in `Task`.
+
+    A channel without a limit extends ten times the distance between its start and its reference,
+    or its start and 0; ten units if these are all 0.
+    """
+    if task.observed is not None:
+        return task.observed
+    reference, d = task.reference(0.0), task.disturbance(0.0)
+    aims = {
+        (channel.name, channel.unit): reference[i]
+        for i, channel in enumerate(plant.outputs)
+        if i in tracked_of(task)
+    }
+    rows = [
+        _reach(channel, start, aims.get((channel.name, channel.unit), start))
+        for channel, start in zip(plant.states, task.x0, strict=True)
+    ]
+    rows += [_reach(c, start, start) for c, start in zip(plant.inputs, task.u0, strict=True)]
+    rows += [_reach(plant.outputs[i], reference[i], 0.0) for i in tracked_of(task)]
+    rows += [_reach(c, start, start) for c, start in zip(plant.disturbances, d, strict=True)]
+    return np.array(rows, dtype=float)
+
+
+def _reach(channel: Channel, start: float, aim: float) -> tuple[float, float]:
+    """Return the limits of a channel, with a guess for each missing one."""
+    reach = 10 * max(abs(start), abs(aim - start)) or 10.0
+    low = channel.low if np.isfinite(channel.low) else min(start, channel.high) - reach
+    high = channel.high if np.isfinite(channel.high) else max(start, channel.low) + reach
+    return low, high
+
+
+def check_fit(plant: Plant, task: Task) -> None:
+    """Raise SettingsError if shapes, ranges or limits of plant and task do not fit."""
+    if not isinstance(task, Task) or not all(hasattr(plant, part) for part in _PARTS):
+        raise SettingsError(f"needs a plant and a Task, got {plant!r:.60} and {task!r:.60}")
+    n_x, n_u, n_y, n_d = map(len, (plant.states, plant.inputs, plant.outputs, plant.disturbances))
+    tracked = tracked_of(task)
+    n_o = n_x + n_u + len(tracked) + n_d
+    values: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {
+        "x0": (task.x0, (n_x,)),
+        "u0": (task.u0, (n_u,)),
+        "y_ref": (task.reference(0.0), (n_y,)),
+        "d": (task.disturbance(0.0), (n_d,)),
+    }
+    if task.observed is not None:
+        values["observed"] = (task.observed, (n_o, 2))
+    for name, (value, shape) in values.items():
+        if value.shape != shape:
+            raise SettingsError(
+                f"task: {name} must have shape {shape} for plant {plant.name!r}, got {value.shape}"
+            )
+    if task.noise is not None and (task.noise.shape != (n_y,) or np.any(task.noise < 0)):
+        raise SettingsError(f"task: noise must be {n_y} standard deviations of 0 or more, got {task.noise}")
+    if np.shape(task.measurement_delay) not in ((), (n_y,)):
+        raise SettingsError(
+            f"task: measurement_delay must be one number or {n_y}, got {task.measurement_delay}"
+        )
+    if any(not 0 <= i < n_y or np.isnan(task.reference(0.0)[i]) for i in tracked):
+        raise SettingsError(
+            f"task: tracked must be outputs 0 to {n_y - 1} that have a reference, got {tracked}"
+        )
+    if task.max_move is not None and (task.max_move.shape != (n_u,) or np.any(task.max_move <= 0)):
+        raise SettingsError(f"task: max_move must be {n_u} positive numbers, got {task.max_move}")
+
+
+def check_limits(plant: Plant) -> None:
+    """Raise SettingsError if an input has no limits, which actions are scaled by."""
+    for i, channel in enumerate(plant.inputs):
+        if not np.isfinite([channel.low, channel.high]).all():
+            raise SettingsError(
+                f"input {i} ({channel.name!r}) needs finite limits to scale actions by, "
+                f"got [{channel.low}, {channel.high}] {channel.unit}".rstrip()
+            )
+
+
+def check_rate(plant: Plant, x: X, u: U, d: Float[np.ndarray, "*n_d"]) -> None:
+    """Raise PlantError if f is NaN at the start of an experiment, which no θ can mend.
+
+    Anything else that is not finite is data: an unstable run that blows up.
+    """
+    now = d if d.ndim == 1 else d[0]
+    with np.errstate(all="ignore"):
+        rate = plant.f(x, u, now)
+    if not np.isnan(rate).any() or not np.isfinite([*x, *u, *now]).all():
+        return
+    which = [channel.name for channel, v in zip(plant.states, rate, strict=True) if np.isnan(v)]
+    at = "".join(f", {name} = {v.tolist()}" for name, v in (("u", u), ("d", now)) if len(v))
+    raise PlantError(
+        f"plant {plant.name!r}: f must be finite at the start of an experiment, got NaN for "
+        f"{which} at x = {x.tolist()}{at}"
+    )
+
+
+# ----------------------------------------------------------------------------------------------------
+# Dead time of inputs, outputs and measurements, exact for any length and sampling time.
+
+_SAME_INSTANT = 1e-10
+"""Share of a sampling period below which two instants count as one."""
+
+
+def delays_of(plant: Plant) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the dead times of inputs and outputs in the plant's unit of time; 0 if it has none."""
+    given = getattr(plant, "input_delay", ()), getattr(plant, "output_delay", ())
+    n_u, n_y = len(plant.inputs), len(plant.outputs)
+    return (tuple(given[0]) or (0.0,) * n_u, tuple(given[1]) or (0.0,) * n_y)
+
+
+def dead_times(plant: Plant) -> Float[np.ndarray, "n_y n_u"]:
+    """Return the dead time from each input to each output, in the plant's unit of time."""
+    inputs, outputs = delays_of(plant)
+    entries = getattr(plant, "entry_delay", ()) or 0.0
+    return np.asarray(np.add.outer(outputs, inputs) + np.array(entries))
+
+
+class DeadTime:
+    """The part of an episode that a plant with dead time remembers.
+
+    A sampling period is divided where a delayed input changes, so that dead times need not be
+    multiples of the sampling time. Before the start, the plant is at its initial state and input.
+
+    Args:
+        plant: Plant whose inputs are delayed.
+        x0: State at time 0, shape (n_x,).
+        u0: Input before time 0, shape (n_u,).
+        d0: Measured disturbances at time 0, shape (n_d,).
+    """
+
+    def __init__(self, plant: Plant, x0: X, u0: U, d0: D) -> None:
+        self._plant, self._delays = plant, delays_of(plant)[0]
+        self._distinct = sorted(set(self._delays))
+        self._given_at, self._given = [-np.inf], [u0]  # inputs as they are decided
+        self._since, self._spans = [-np.inf], [(x0, u0, d0)]  # as they reach the plant
+        self._tolerance = 0.0
+        self._end = -np.inf, x0  # the latest state
+        entries = getattr(plant, "entry_delay", ())
+        self._entries = np.pad(entries, ((0, 0), (0, 1))) if entries else None
+
+    def hold(self, x: X, u: U, d: D, t: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M1 n_x"]:
+        """Decide u at `t[0]` and hold it until `t[-1]`; return the states at `t[1:]`."""
+        start, end = float(t[0]), float(t[-1])
+        self._tolerance = _SAME_INSTANT * (end - start)
+        self._given_at.append(start)
+        self._given.append(u)
+        changes = self._changes(start, end)
+        if not changes:
+            return self._held(x, d, start, t[1:])
+        rows: list[np.ndarray] = []
+        for a, b in pairwise([start, *changes, end]):
+            inside = t[(t > a) & (t <= b)]
+            instants = inside if len(inside) and inside[-1] == b else np.append(inside, b)
+            states = self._held(x, d, a, instants)
+            rows.append(states[: len(inside)])
+            x = states[-1]
+        return np.concatenate(rows)
+
+    def _held(self, x: X, d: D, start: float, t: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M n_x"]:
+        """Return the states at `t` after x at `start`; no delayed input changes meanwhile."""
+        reaching = self._reaching(start)
+        self._since.append(start)
+        self._spans.append((x, reaching, d))
+        if all(map(isfinite, x.tolist())):
+            states = self._plant.hold(x, reaching, d, t - start)
+        else:
+            states = np.full((len(t), len(x)), np.nan)
+        self._end = float(t[-1]), states[-1]
+        return states
+
+    def outputs(self, t: float, delays: tuple[float, ...]) -> Float[np.ndarray, " n_y"]:
+        """Return the outputs as seen at `t`, each from as long ago as its delay, shape (n_y,)."""
+        if self._entries is not None:
+            return self._joined(t, self._entries + np.array(delays)[:, None])
+        if len(delays) == 1:
+            return np.array(self._output(t - delays[0]))
+        seen = {delay: self._output(t - delay) for delay in set(delays)}
+        return np.array([seen[delay][i] for i, delay in enumerate(delays)], dtype=float)
+
+    def _joined(self, t: float, ago: Float[np.ndarray, "n_y n"]) -> Float[np.ndarray, " n_y"]:
+        """Return the sums of what each input adds to the outputs, from as long ago as `ago`."""
+        y = np.zeros(len(ago))
+        for delay in np.unique(ago).tolist():
+            entries = self._output(t - delay, self._plant.entries)  # type: ignore[attr-defined]
+            y += np.where(ago == delay, entries, 0.0).sum(axis=1)
+        return y
+
+    def _changes(self, start: float, end: float) -> list[float]:
+        """Return the instants between `start` and `end` at which a delayed input changes."""
+        first, last = start + self._tolerance, end - self._tolerance
+        found: list[float] = []
+        for delay in self._distinct:
+            begin = bisect_right(self._given_at, first - delay)
+            for given in self._given_at[max(begin, 1) :]:
+                if (t := given + delay) >= last:
+                    break
+                if t > first:
+                    found.append(t)
+        merged: list[float] = []
+        for t in sorted(found):
+            if not merged or t - merged[-1] > self._tolerance:
+                merged.append(t)
+        return merged
+
+    def _reaching(self, t: float) -> Float[np.ndarray, " n_u"]:
+        """Return the inputs that act on the plant from `t` on, shape (n_u,)."""
+        chosen = [
+            self._given[bisect_right(self._given_at, t - delay + self._tolerance) - 1][i]
+            for i, delay in enumerate(self._delays)
+        ]
+        return np.array(chosen, dtype=float)
+
+    def _output(self, t: float, g: Callable[..., Any] | None = None) -> np.ndarray:
+        """Return the outputs of the plant at `t`, or what `g` makes of its state."""
+        k = bisect_right(self._since, t + self._tolerance) - 1
+        x, u, d = self._spans[k]
+        ago = t - self._since[k]
+        if k == len(self._since) - 1 and abs(t - self._end[0]) <= self._tolerance:
+            x = self._end[1]
+        elif self._tolerance < ago < np.inf:
+            x = self._plant.hold(x, u, d, np.array([ago]))[0]
+        return np.asarray((g or self._plant.g)(x, u, d), dtype=float)
+
+
+# ----------------------------------------------------------------------------------------------------
+# A plant and a task as a Gymnasium environment: one step is one sampling period.
 
 Array = np.ndarray[Any, Any]
 _RESET_OPTIONS = ("T_s", "x0")
@@ -113,7 +371,7 @@ class PlantEnv(gym.Env[Array, Array]):
         super().reset(seed=seed)
         options = known_options(options, _RESET_OPTIONS)
         T_s = self._sampling_time(options.get("T_s", self.task.T_s))
-        x0 = vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
+        x0 = plant_vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
         if self.task.unsafe(x0):
             raise PlantError(f"the initial state x0 is unsafe: {x0}")
         self._T_s, self._steps, self._end = T_s, 0, None
@@ -148,7 +406,7 @@ class PlantEnv(gym.Env[Array, Array]):
             SettingsError: If an input has no limits.
         """
         check_limits(self.plant)
-        a = vector(action, len(self._low), "action")
+        a = plant_vector(action, len(self._low), "action")
         return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
 
     def apply(self, u: Float[np.ndarray, " n_u"]) -> Period:
@@ -163,7 +421,7 @@ class PlantEnv(gym.Env[Array, Array]):
         """
         if self._episode is None or self._end is not None:
             raise ProtocolError("no episode is running: call reset() first")
-        u = self._saturated(vector(u, len(self._low), "input u", finite=False))
+        u = self._saturated(plant_vector(u, len(self._low), "input u", finite=False))
         y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
         self._steps += 1
         late = self.task.jitter * int(self.np_random.integers(-1, 2)) if self.task.jitter else 0.0

@@ -1,4 +1,4 @@
-"""The task of a plant, as data: where an episode starts, what it aims at and how it ends."""
+"""The task of a plant, as data: where an episode starts, what it aims at, and how it ends."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,45 @@ from jaxtyping import Float, Real
 
 from prefcal_env.arrays import numbers
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import is_number
+from prefcal_env.knobs import is_number
+
+# ----------------------------------------------------------------------------------------------------
+# A reference or a disturbance that steps: what most tasks need, as data.
+
+Values = Sequence[float] | np.ndarray
+"""The n values of a signal."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepSignal:
+    """A signal that is constant between steps; of a time it is a function, as `Task` takes it.
+
+    Args:
+        start: Values until the first step, n numbers.
+        steps: Later times, increasing, each with the n values from then on.
+    """
+
+    start: Values
+    steps: tuple[tuple[float, Values], ...] = ()
+
+    def __call__(self, t: float) -> Float[np.ndarray, " n"]:
+        """Return the values at time `t`, shape (n,)."""
+        now = self.start
+        for time, values in self.steps:
+            if t >= time:
+                now = values
+        return np.asarray(now, dtype=float)
+
+    def over(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n"]:
+        """Return the values at the times `t`, shape (K, n)."""
+        found = np.tile(np.asarray(self.start, dtype=float), (len(t), 1))
+        for time, values in self.steps:
+            found[t >= time] = values
+        return found
+
+
+# ----------------------------------------------------------------------------------------------------
+# The task of a plant, as data: where an episode starts, what it aims at and how it ends.
 
 Vector = Float[np.ndarray, " _"]
 Signal = Vector | Callable[[float], Vector]
@@ -81,7 +119,7 @@ class Task:
             observation: states, last input, tracked references, disturbances; shape (n, 2). They
             are scaled to [-1, 1]; beyond them the observation saturates. None uses the limits of
             the channels, or if there are none, ten times the way from the start to the reference
-            (see `prefcal_env.envs.fit.observed_of`).
+            (see `prefcal_env.envs.plant_env.observed_of`).
         unsafe: Function that returns whether a state, shape (n_x,), ends the episode at once.
         settled: Function that returns whether the episode can end after a step, since nothing
             will change any more.

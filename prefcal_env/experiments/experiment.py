@@ -1,9 +1,14 @@
-"""The record of one closed-loop run of one θ, frozen."""
+"""One closed-loop run of one θ, frozen: its trajectory, what the controller did, and its notebook view."""
 
-from collections.abc import Callable, Mapping
+import base64
+import io
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, NoReturn, Self
+from enum import Enum
+from html import escape
+from math import ceil, floor
+from typing import Any, NoReturn, Protocol, Self
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,7 +16,113 @@ from jaxtyping import Float, Int
 from prefcal_env.errors import ExperimentError, ScenarioError
 from prefcal_env.wording import brief, labeled, place_in_code
 
-from .end import End as End
+# ----------------------------------------------------------------------------------------------------
+# Why an experiment ended. Besides the KPIs, this is all that an agent learns about a run.
+
+
+class End(Enum):
+    """Why an experiment ended; `CUT_SHORT`: it was stopped since it could no longer win."""
+
+    TIME_UP = "time is up"
+    SETTLED = "settled"
+    CUT_SHORT = "cut short"
+    UNSAFE = "unsafe"
+    FAILED = "failed"
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether it was stopped before its natural end."""
+        return self in (End.CUT_SHORT, End.UNSAFE, End.FAILED)
+
+
+BEST_FIRST = (End.SETTLED, End.TIME_UP, End.CUT_SHORT, End.UNSAFE, End.FAILED)
+"""Ends of a run, from the best to the worst."""
+
+
+# ----------------------------------------------------------------------------------------------------
+# Kinds of tracking KPIs: their names, units and meanings, which need no experiment.
+
+Kind = tuple[str, str, str]
+"""Name of a kind of KPI, its unit for a channel with {unit} and for {time}, and its meaning."""
+OF_OUTPUT: tuple[Kind, ...] = (
+    ("integrated error", "{unit} {time}", "Area between the curve and its reference."),
+    ("late error", "{unit} {time}²", "Area between the curve and its reference, weighted with time."),
+    ("settling time", "{time}", "Time of the last entry into the band around the reference."),
+    ("overshoot", "{unit}", "Largest distance beyond the reference, on the other side than the start."),
+    ("final error", "{unit}", "Distance from the reference at the end."),
+)
+"""Kinds of each output with a reference, in the order in which `tracking_kpis` computes them."""
+OF_INPUT: tuple[Kind, ...] = (
+    ("total move", "{unit}", "Sum of all changes of the input: how much the actuator works."),
+    ("largest move", "{unit}", "Largest change of the input from one instant to the next."),
+    ("RMS move", "{unit}", "Root mean square of the changes of the input."),
+)
+"""Kinds of each input, likewise."""
+
+
+def kinds_of(channels: Any) -> Iterator[tuple[str, str, str]]:
+    """Yield name, unit and meaning of each KPI of `Channels`, as if all outputs had references."""
+    for kinds, group in ((OF_OUTPUT, channels.y), (OF_INPUT, channels.u)):
+        for channel in group:
+            for kind, unit, about in kinds:
+                plain = unit.format(unit=channel.unit, time=channels.time_unit)
+                yield f"{kind} of {channel.name}", plain.strip(), about
+
+
+# ----------------------------------------------------------------------------------------------------
+# The data that an environment and a controller exchange once every sampling period.
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Everything that a controller knows at a sampling instant, in the plant's units.
+
+    Args:
+        t: Time since the start.
+        x: State, measured or estimated, shape (n_x,). `PlantEnv` gives the true one.
+        u: Input applied during the last sampling period, shape (n_u,).
+        d: Measured disturbances, shape (n_d,), or their preview, one row for each step, (N, n_d).
+        y_ref: Output references, shape (n_y,), or their preview for y_1 ... y_N, shape (N, n_y).
+        y: Outputs as they are measured, with noise and dead time if the task has them, shape
+            (n_y,); empty if the environment measures none.
+    """
+
+    t: float
+    x: Float[np.ndarray, " n_x"]
+    u: Float[np.ndarray, " n_u"]
+    d: Float[np.ndarray, "*d"]
+    y_ref: Float[np.ndarray, "*y"]
+    y: Float[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """The decision of a controller.
+
+    Args:
+        u: Input to apply, shape (n_u,), in the plant's units.
+        iterations: Number of solver iterations; 0 if there is no solver.
+        solved: Whether the problem was solved; if not, the last input is held.
+    """
+
+    u: Float[np.ndarray, " n_u"]
+    iterations: int = 0
+    solved: bool = True
+
+
+class Controller(Protocol):
+    """A control law with its memory (such as an integrator), made anew for each experiment."""
+
+    @property
+    def T_s(self) -> float:
+        """Sampling time, in the plant's unit of time."""
+
+    def move(self, measurement: Measurement) -> Move:
+        """Decide the input for the next sampling period."""
+
+
+# ----------------------------------------------------------------------------------------------------
+# The record of one closed-loop run of one θ, frozen.
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,13 +361,11 @@ class Experiment:
         Columns are the outputs, states, inputs and signals. `from_frame` reads the
         curves back if you name the inputs.
         """
-        from .notebook import frame_of
 
         return frame_of(self)
 
     def _repr_html_(self) -> str:
         """Return a picture of the curves and the KPIs, for notebooks."""
-        from .notebook import html_of
 
         return html_of(self)
 
@@ -343,3 +452,182 @@ def _same(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return False
     return bool(a == b)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Hand an experiment to a notebook: as a DataFrame, and as HTML with a picture and its KPIs.
+
+_MOST = 2000
+"""Largest number of points of a curve in the picture."""
+
+
+def frame_of(experiment: Experiment) -> Any:
+    """Return the curves as a DataFrame; see `Experiment.to_frame`."""
+    import pandas as pd
+
+    channels = experiment.channels
+    columns = {}
+    for j, channel in enumerate(channels.y):
+        values = experiment.output(j)
+        if values is not None:
+            columns[channel.label] = values
+    groups = ((channels.x, experiment.x), (channels.u, experiment.u))
+    for group, values in groups:
+        columns |= {c.label: values[:, i] for i, c in enumerate(group) if c.label not in columns}
+    columns |= {k: v for k, v in experiment.signals.items() if k not in columns}
+    unit = channels.time_unit
+    index = pd.Index(experiment.t, name=f"time [{unit}]" if unit else "time")
+    return pd.DataFrame(columns, index=index)
+
+
+def html_of(experiment: Experiment) -> str:
+    """Return the end, a picture of the curves and a table of the KPIs as HTML."""
+    theta = ", ".join(f"{value:.4g}" for value in experiment.theta)
+    rows = list(_with_units(experiment))
+    table = table_of(("KPI", "value"), rows) if rows else ""
+    words = (
+        f"Experiment: θ = ({theta}), {experiment.duration:.4g} "
+        f"{escape(experiment.channels.time_unit)}, {escape(experiment.end.value)}"
+    )
+    return f"<div><p>{words}</p>{_picture(experiment)}{table}</div>"
+
+
+def _with_units(experiment: Experiment) -> Iterable[tuple[str, str]]:
+    """Yield the name of each KPI, and its value with its unit if the channels tell that."""
+    units = {name: unit for name, unit, _ in kinds_of(experiment.channels)}
+    for name, value in experiment.kpis.items():
+        # A KPI of one maneuver is called "NAME (MANEUVER)".
+        unit = units.get(name, units.get(name.rpartition(" (")[0], ""))
+        yield name, f"{value:.4g} {unit}".strip()
+
+
+def table_of(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return an HTML table of plain texts; all columns but the first one are numbers."""
+    head = "".join(f"<th>{escape(heading)}</th>" for heading in headings)
+    body = "".join(
+        f"<tr><td>{escape(first)}</td>"
+        + "".join(f"<td style='text-align:right'>{escape(cell)}</td>" for cell in cells)
+        + "</tr>"
+        for first, *cells in rows
+    )
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _picture(experiment: Experiment) -> str:
+    """Return the curves as an image; nothing without a record or without matplotlib."""
+    if not len(experiment.t):
+        return ""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        return ""
+    channels = experiment.channels
+    curves = [
+        *((c, experiment.output(j)) for j, c in enumerate(channels.y)),
+        *((c, experiment.x[:, i]) for i, c in enumerate(channels.x)),
+        *((c, experiment.u[:, i]) for i, c in enumerate(channels.u)),
+    ]
+    shown = {c.label: (c, values) for c, values in reversed(curves) if values is not None}
+    if not shown:
+        return ""
+    references = {c.label: experiment.y_ref[:, j] for j, c in enumerate(channels.y)}
+    rows = np.unique(np.linspace(0, len(experiment.t) - 1, _MOST).astype(int))
+    figure = Figure(figsize=(6.0, 0.5 + 1.3 * len(shown)), layout="constrained")
+    grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (channel, values) in zip(grid, reversed(shown.values()), strict=True):
+        style = "steps-post" if channel in channels.u else "default"
+        axes.plot(experiment.t[rows], values[rows], drawstyle=style, lw=1.2)
+        if channel.target is not None:
+            axes.axhline(channel.target, color="0.5", ls=":", lw=1)
+        elif channel.label in references:
+            reference = references[channel.label]
+            axes.step(experiment.t_control, reference, where="post", color="0.5", ls=":", lw=1)
+        axes.set_title(channel.label, loc="left", fontsize=9)
+    grid[-1].set_xlabel(f"time [{experiment.channels.time_unit}]", fontsize=9)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=80)
+    data = base64.b64encode(content.getvalue()).decode()
+    return f"<img alt='curves of the experiment' src='data:image/png;base64,{data}'>"
+
+
+# ----------------------------------------------------------------------------------------------------
+# The trajectory of a running episode, on a fixed grid and at the sampling instants.
+
+_SAME_INSTANT = 1e-9
+"""Share of the grid's step below which two instants count as one."""
+
+
+def instants(t: float, end: float, dense_step: float) -> Float[np.ndarray, " M"]:
+    """Return the instants to record: `t`, the multiples of `dense_step` in between, and `end`.
+
+    Multiples that coincide with `t` or `end` are left out, so that no instant appears twice.
+    """
+    close = _SAME_INSTANT * dense_step
+    first = floor((t + close) / dense_step) + 1
+    last = ceil((end - close) / dense_step)
+    return np.array([t, *(k * dense_step for k in range(first, last)), end])
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """The record of an episode so far, from which an `Experiment` is made.
+
+    It has K dense instants and N steps, and arrays as in `Experiment`; `end` is None while the
+    episode goes on.
+    """
+
+    t: Float[np.ndarray, " K"]
+    x: Float[np.ndarray, "K n_x"]
+    u: Float[np.ndarray, "K n_u"]
+    t_control: Float[np.ndarray, " N"]
+    u_control: Float[np.ndarray, "N n_u"]
+    y_ref: Float[np.ndarray, "N n_y"]
+    channels: Channels
+    end: End | None
+    signals: Mapping[str, Float[np.ndarray, " K"]] = field(default_factory=dict)
+    y: Float[np.ndarray, "K n_y"] | None = None
+
+
+@dataclass(slots=True)
+class Trajectory:
+    """A collector of the steps of one episode, which starts in `x0` after input `u0`."""
+
+    x0: Float[np.ndarray, " n_x"]
+    u0: Float[np.ndarray, " n_u"]
+    _t: list[Float[np.ndarray, " M"]] = field(default_factory=list)
+    _x: list[Float[np.ndarray, "M n_x"]] = field(default_factory=list)
+    _u: list[Float[np.ndarray, " n_u"]] = field(default_factory=list)
+    _y_ref: list[Float[np.ndarray, " n_y"]] = field(default_factory=list)
+
+    def add(
+        self,
+        t: Float[np.ndarray, " M"],
+        x: Float[np.ndarray, "M n_x"],
+        u: Float[np.ndarray, " n_u"],
+        y_ref: Float[np.ndarray, " n_y"],
+    ) -> None:
+        """Append a period: instants and states after its start, its input and its references."""
+        self._t.append(t)
+        self._x.append(x)
+        self._u.append(u)
+        self._y_ref.append(y_ref)
+
+    def record(self, channels: Channels, end: End | None) -> Record:
+        """Return everything so far; before the first step, one instant and no step."""
+        n_steps, n_u, n_y = len(self._u), len(channels.u), len(channels.y)
+        t = np.concatenate([np.zeros(1), *self._t])
+        lengths = np.array([len(period) for period in self._t], dtype=int)
+        starts = np.concatenate([[0], np.cumsum(lengths)])  # index of every period's start in t
+        u_control = np.concatenate([np.zeros(0), *self._u]).reshape(n_steps, n_u)
+        u = np.repeat(u_control, lengths, axis=0)  # each period's input, until before its end
+        last = self._u[-1] if n_steps else self.u0
+        return Record(
+            t=t,
+            x=np.concatenate([self.x0[None], *self._x]),
+            u=np.concatenate([u, last[None]]),
+            t_control=t[starts[:n_steps]],
+            u_control=u_control,
+            y_ref=np.concatenate([np.zeros(0), *self._y_ref]).reshape(n_steps, n_y),
+            channels=channels,
+            end=end,
+        )

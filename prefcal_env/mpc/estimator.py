@@ -7,15 +7,13 @@ from jaxtyping import Float
 
 from prefcal_env.arrays import vector, weights
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.control import Measurement, Move
-from prefcal_env.plants.disturbed import Disturbed
+from prefcal_env.experiments.experiment import Measurement, Move
 from prefcal_env.plants.jacobians import D, U, Y
-from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.plant import Disturbed, Plant
 
-from .controller import LinearMPC
-from .kernels import filter as kernels
-from .kernels.hold import discretize
-from .settings import MPCSettings
+from . import filter as kernels
+from .controller import LinearMPC, MPCSettings
+from .kernels import discretize
 
 _PIECES = 4
 """Pieces of a sampling period, each linearized in its middle, for strongly nonlinear plants."""

@@ -11,8 +11,8 @@ from numba.core.errors import NumbaError
 from prefcal_env.errors import PlantError
 from prefcal_env.jit import inner
 
-from ._calls import SIGNATURE, call
-from .equations import Equations, compiled
+from ._dop853 import SIGNATURE, call
+from .plant import Equations, compiled
 
 _STEP = 1e-3
 """Step of the differences, as in `derivative`."""

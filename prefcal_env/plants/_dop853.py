@@ -1,27 +1,69 @@
-"""The Runge-Kutta method of order 8 by Dormand and Prince, compiled once for all plants.
-
-Source: Hairer, Nørsett, Wanner, "Solving Ordinary Differential Equations I" (1993), section II.5:
-DOP853 with its errors of order 5 and 3, its dense output of order 7, and its test of stiffness.
-Deviation: the first step is the whole interval, which has to pass the test of the error; periods of
-a controller are often that short, and no derivative has to be estimated.
-
-The coefficients are those of scipy, which takes half a second to import:
-
-    from scipy.integrate import DOP853 as D
-    table = np.zeros((22, 16))
-    table[:12, :12], table[12, :12], table[13:16] = D.A, D.B, D.A_EXTRA
-    table[16, :13], table[17, :13], table[18:] = D.E5, D.E3, D.D
-    np.save("dop853.npy", table)
-"""
+"""How compiled kernels call the equations of a plant, and the Runge-Kutta method that integrates them."""
 
 import math
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core.errors import TypingError
+from numba.extending import intrinsic
 
-from prefcal_env.jit import inlined, inner, kernel
+from prefcal_env.jit import callback, inlined, inner, kernel
 
-from ._calls import call
+# ----------------------------------------------------------------------------------------------------
+# How compiled kernels call the equations of a plant: through the addresses of C functions.
+#
+# So one kernel serves every plant, and is compiled once. `void f(x, u, d, p, out)`, all pointers to
+# doubles, writes ẋ, y, or the matrices A, B, C, D (row by row, one after the other) to `out`.
+
+_POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+_intrinsic: Any = intrinsic
+
+SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, _POINTER, _POINTER)
+"""Type of an equation."""
+
+equation = partial(callback, SIGNATURE)
+"""Decorator, used as `@equation()`, that compiles one equation of a plant."""
+
+
+@_intrinsic  # type: ignore[untyped-decorator]
+def call(typing: Any, address: Any, x: Any, u: Any, d: Any, p: Any, out: Any) -> Any:
+    """Call the equation at `address` with the data of five arrays."""
+    arrays = (x, u, d, p, out)
+    if any(array.layout != "C" for array in arrays):
+        raise TypingError("the arrays of an equation must be contiguous")
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        double = ir.DoubleType().as_pointer()
+        function = ir.FunctionType(ir.VoidType(), [double] * len(arrays)).as_pointer()
+        data = [
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in zip(signature.args[1:], values[1:], strict=True)
+        ]
+        builder.call(builder.inttoptr(values[0], function), data)
+        return context.get_dummy_value()
+
+    return types.void(address, *arrays), generate
+
+
+# ----------------------------------------------------------------------------------------------------
+# The Runge-Kutta method of order 8 by Dormand and Prince, compiled once for all plants.
+#
+# Source: Hairer, Nørsett, Wanner, "Solving Ordinary Differential Equations I" (1993), section II.5:
+# DOP853 with its errors of order 5 and 3, its dense output of order 7, and its test of stiffness.
+# Deviation: the first step is the whole interval, which has to pass the test of the error; periods of a
+# controller are often that short, and no derivative has to be estimated.
+#
+# The coefficients are those of scipy, which takes half a second to import:
+#
+#     from scipy.integrate import DOP853 as D
+#     table = np.zeros((22, 16))
+#     table[:12, :12], table[12, :12], table[13:16] = D.A, D.B, D.A_EXTRA
+#     table[16, :13], table[17, :13], table[18:] = D.E5, D.E3, D.D
+#     np.save("dop853.npy", table)
 
 TABLE = np.load(Path(__file__).with_name("dop853.npy"))
 """Constant for numba, which does not notice if the file changes: change this one, too.

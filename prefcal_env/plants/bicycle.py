@@ -11,8 +11,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
-from .equations import Equations, compiled, matrices_of, rates_of
-from .plant import Jacobians
+from .plant import Equations, Jacobians, compiled, matrices_of, rates_of
 
 X = Float[np.ndarray, " 3"]
 U = Float[np.ndarray, " 2"]

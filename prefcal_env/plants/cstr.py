@@ -11,9 +11,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
-from .equations import Equations, compiled, matrices_of, rates_of
-from .integrate import integrate
-from .plant import Jacobians
+from .plant import Equations, Jacobians, compiled, integrate, matrices_of, rates_of
 
 X = Float[np.ndarray, " 2"]
 D = Float[np.ndarray, " 2"]

@@ -11,11 +11,9 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.optional import world_of
 
-from .derivative import derivative
-from .equations import Equations, equations_of
-from .integrate import integrate
-from .jacobians import D, ExactEquation, Jacobians, States, Times, U, X, Y
-from .systems.linear import Numbers, numbers
+from .jacobians import D, ExactEquation, Jacobians, States, Times, U, X, Y, derivative
+from .plant import Equations, equations_of, integrate
+from .systems import Numbers, plant_numbers
 
 Equation = Callable[[Any, Any, Any], Any]
 """Function of (x, u, d), each an array, that returns an array or a sequence of numbers."""
@@ -83,11 +81,11 @@ class FunctionPlant:
         self.states, self.inputs = tuple(states), tuple(inputs)
         self.outputs = tuple(outputs) if g is not None else self.states
         self.disturbances = tuple(disturbances)
-        self.input_delay = tuple(numbers("delay", delay, len(self.inputs)).tolist())
+        self.input_delay = tuple(plant_numbers("delay", delay, len(self.inputs)).tolist())
         if min(self.input_delay) < 0:
             raise PlantError(f"delay must be 0 {time_unit} or more, got {self.input_delay}")
-        self.x0 = None if x0 is None else numbers("x0", x0, len(self.states))
-        self.u0 = None if u0 is None else numbers("u0", u0, len(self.inputs))
+        self.x0 = None if x0 is None else plant_numbers("x0", x0, len(self.states))
+        self.u0 = None if u0 is None else plant_numbers("u0", u0, len(self.inputs))
         self._f, self._g = self._adapted(f), self._adapted(g)
         self._equations: Equations | None = None
         self._called_back: Equations | None = None

@@ -1,6 +1,6 @@
 """Quadratic programs: their data, a solver, and checked solutions."""
 
-from .piqp_solver import PIQPSolver as PIQPSolver
 from .problem import QP as QP
+from .problem import PIQPSolver as PIQPSolver
 from .problem import Solution as Solution
 from .problem import Tolerances as Tolerances

@@ -4,12 +4,12 @@ A function, a closed loop, a rig that a person runs, a live plant, maneuvers, an
 process stand behind the same calls. Nobody asks a source what it is: it says what it asks of people.
 """
 
-from .maneuvers import Maneuvers as Maneuvers
 from .rig import Rig as Rig
-from .run import Change as Change
-from .run import Progress as Progress
-from .run import Run as Run
-from .run import RunCurve as RunCurve
-from .run import Stage as Stage
-from .run import Table as Table
+from .source import Change as Change
+from .source import Maneuvers as Maneuvers
+from .source import Progress as Progress
+from .source import Run as Run
+from .source import RunCurve as RunCurve
 from .source import Source as Source
+from .source import Stage as Stage
+from .source import Table as Table

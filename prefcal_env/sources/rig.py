@@ -12,14 +12,12 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, computed
-from prefcal_env.tables import timing
-from prefcal_env.tables.sheet import Sheet, Table, sheet_of
-from prefcal_env.tables.units import parts_of, same_unit
+from prefcal_env.tables import frame
+from prefcal_env.tables.sheet import Sheet, Table, parts_of, same_unit, sheet_of
 from prefcal_env.wording import and_more, labeled
 
-from .run import Change, Run
-from .run import Table as Given
-from .source import KPIsOf, Source, with_own
+from .source import Change, KPIsOf, Run, Source, with_own
+from .source import Table as Given
 
 TIME = "time"
 _FILES = (".csv", ".txt", ".parquet")
@@ -61,7 +59,7 @@ class Rig(Source):
     kpis: Callable[[Experiment], Mapping[str, float]] | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     instructions: str = ""
-    max_gap: float = timing.MAX_GAP
+    max_gap: float = frame.MAX_GAP
     max_rows: int = 200_000
     headings: Mapping[str, str] = field(default_factory=dict)
     time_format: str | None = None
@@ -239,7 +237,7 @@ class Rig(Source):
         """Fill `values` with a column; yield its problem, if it has one."""
         try:
             if is_time:
-                found = timing.instants(sheet, place, self.channels.time_unit, self.time_format)
+                found = frame.instants(sheet, place, self.channels.time_unit, self.time_format)
                 stamped = sheet.frame[place].dtype.kind not in "iuf"
                 values[:] = found - found.min() if stamped else found
                 return
@@ -256,13 +254,13 @@ class Rig(Source):
         """Yield what is wrong with the steps of time."""
         if np.any(np.isnan(t)):
             return
-        unit, back = self.channels.time_unit, timing.steps_back(t)
+        unit, back = self.channels.time_unit, frame.steps_back(t)
         if len(back):
             k = int(back[0])
-            yield f"{sheet.place(k + 1)}: {timing.step_back_words(t, k, unit, len(back))}"
+            yield f"{sheet.place(k + 1)}: {frame.step_back_words(t, k, unit, len(back))}"
             return
-        for k in map(int, timing.gaps(t, self.max_gap)):
-            words = timing.gap_words(t, k, unit, 1)
+        for k in map(int, frame.gaps(t, self.max_gap)):
+            words = frame.gap_words(t, k, unit, 1)
             yield f"{sheet.place(k + 1)}: {words}: fill it, or enter the run as failed"
 
     def _outside(

@@ -1,20 +1,179 @@
-"""Whatever turns θ into an experiment, behind the same calls."""
+"""Whatever turns θ into an experiment, one run of it, and the sources that are functions of θ."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import partial
-from math import inf
+from inspect import signature
+from math import inf, nan
 from types import MappingProxyType
 from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Channels, Experiment, KPIs
-from prefcal_env.experiments.formula import formula_of
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.errors import ExperimentError, ScenarioError
+from prefcal_env.experiments.experiment import Channel, Channels, Experiment, KPIs
+from prefcal_env.experiments.kpis import formula_of
+from prefcal_env.experiments.panels import MEAN, check_channels, check_name, combined, named
+from prefcal_env.knobs import Knob, KnobSpace
 
-from .run import Given, Run, Whole
+# ----------------------------------------------------------------------------------------------------
+# A run is one experiment under way: what it asks of a person, and how far it is.
+
+
+class Stage(Enum):
+    """What a run on a plant is doing."""
+
+    CONNECTING = "connecting"
+    WRITING = "writing the new values"
+    WAITING = "waiting for the start condition"
+    RECORDING = "recording"
+    RESTORING = "restoring the old values"
+    LOST = "connection lost: waiting to restore the old values"
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is.
+
+    Args:
+        stage: What it is doing.
+        elapsed: Recorded time so far, in seconds.
+        duration: Longest time that is recorded, in seconds.
+        values: Latest values by "role name", such as "output level"; NaN for bad quality.
+        problem: What went wrong so far, as a sentence; empty if nothing did.
+    """
+
+    stage: Stage
+    elapsed: float
+    duration: float
+    values: Mapping[str, float] = field(default_factory=dict)
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A value that a run is to write to a plant, for a person to confirm.
+
+    Args:
+        quantity: What has the value, with the limits of what may be written: a knob, for example.
+        new: Value to write, in the unit of `quantity`.
+        old: Value on the plant now; NaN if it is not known.
+        rate: Largest rate of change, in the unit of `quantity` per second.
+    """
+
+    quantity: Knob | Channel
+    new: float
+    old: float = nan
+    rate: float = inf
+
+    @property
+    def name(self) -> str:
+        """Name of the quantity."""
+        return self.quantity.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values."""
+        return self.quantity.unit
+
+    @property
+    def seconds(self) -> float:
+        """Shortest duration of the change, in seconds."""
+        return abs(self.new - self.old) / self.rate
+
+
+@dataclass(frozen=True, slots=True)
+class RunCurve:
+    """An output that is recorded, as far as it is known.
+
+    Args:
+        channel: Channel of the output.
+        values: Values at the recorded instants; NaN for bad quality.
+        reference: Values of its reference; empty if it has none.
+    """
+
+    channel: Channel
+    values: tuple[float, ...]
+    reference: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A record that a person supplies.
+
+    Args:
+        content: Content of a file.
+        unsafe: Whether the run became unsafe and was stopped.
+    """
+
+    content: bytes
+    unsafe: bool = False
+
+
+Given = Table | tuple[Change, ...]
+"""What a person supplies: a record, or the changes that they confirm."""
+
+
+class Run:
+    """One experiment under way. One thread advances it; any may look at it, supply it or stop it.
+
+    Attributes:
+        waits: Whether a person must supply something before the run can be advanced.
+        moves_plant: Whether a plant is being changed, so that nothing else may be done meanwhile.
+        stopping: Whether the run was told to stop.
+        progress: How far the run is; None if that is not known.
+        changed: Function that is called, from the thread of the run, when there is news.
+        changes: What would be written to a plant, for a person to confirm; None if that is not
+            known or nothing is.
+        problem: Why the run waits, or what remains to be done after it, as a sentence.
+        partial: What was recorded before the run failed; None if nothing was.
+    """
+
+    waits: bool = False
+    moves_plant: bool = False
+    stopping: bool = False
+    progress: Progress | None = None
+    changed: Callable[[], None] = staticmethod(lambda: None)
+    changes: tuple[Change, ...] | None = None
+    problem: str = ""
+    partial: Experiment | None = None
+
+    @property
+    def recorded(self) -> tuple[tuple[float, ...], tuple[RunCurve, ...]]:
+        """Return instants in seconds, and the curves recorded so far."""
+        return (), ()
+
+    def advance(self) -> Experiment | None:
+        """Do the next part of the run, however long it takes; return its experiment at the end.
+
+        Raises:
+            Exception: If there is no experiment: whatever the user's code raised, or a RunError.
+        """
+        raise NotImplementedError
+
+    def supply(self, given: Given) -> None:
+        """Supply what the run asks for: a record, or the changes that a person confirms."""
+        raise ScenarioError("this run asks for nothing")
+
+    def stop(self, why: str, within: float = 0.0) -> None:
+        """Stop the run in `within` seconds, if it can be: "stopped" by a person, or "given up"."""
+
+
+class Whole(Run):
+    """A run that a single call does from its start to its end."""
+
+    def __init__(self, run: Callable[[], Experiment]) -> None:
+        self._run = run
+
+    def advance(self) -> Experiment:
+        """Return the experiment. Raises whatever the call raises."""
+        return self._run()
+
+
+# ----------------------------------------------------------------------------------------------------
+# Whatever turns θ into an experiment, behind the same calls.
 
 Asks = Literal["", "record", "confirm"]
 """What a run asks of a person: nothing, the record of a run that they did, or a confirmation."""
@@ -228,3 +387,152 @@ def formula_problems(kpis: Iterable[Any], channels: Channels, signals: Collectio
                 find(channels, signals)
             except ScenarioError as error:
                 yield f"formula of KPI {kpi.name!r}: {error}"
+
+
+# ----------------------------------------------------------------------------------------------------
+# A function of θ as a source.
+
+
+class Function(Source):
+    """A function of θ, or a callable object, which may declare what a `Source` does.
+
+    Args:
+        function: Function `run(theta, seed=0)` that returns an experiment.
+    """
+
+    def __init__(self, function: Callable[..., Experiment]) -> None:
+        self.function = function
+        channels = getattr(function, "channels", None)
+        self.channels = channels if isinstance(channels, Channels) else None
+        self.signals = getattr(function, "signals", None)
+        self.computes_kpis = getattr(function, "kpis", ...) is not None
+        self.controller = getattr(function, "controller", None)
+
+    def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Run θ, physical, shape (n,)."""
+        return self.function(theta, seed=seed)
+
+    def within(self, space: KnobSpace) -> Source:
+        """Return the same function for the ranges of `space`, if it takes an argument `space`."""
+        return Function(with_space(self.function, space))
+
+
+def with_space(function: Any, space: KnobSpace) -> Any:
+    """Return a function for the knobs of `space`, if it takes them as an argument `space`."""
+    takes = callable(function) and "space" in signature(function).parameters
+    return partial(function, space=space) if takes else function
+
+
+def source_of(run: Any) -> Source:
+    """Return a source as it is, and a function of θ as a source."""
+    return run if isinstance(run, Source) else Function(run)
+
+
+def function_of(run: Any) -> Any:
+    """Return the function of θ behind a run or its source; None if there is none."""
+    if isinstance(run, WithKPIs):
+        return function_of(run.source)
+    if isinstance(run, Function):
+        return run.function
+    return None if isinstance(run, Source) else run
+
+
+# ----------------------------------------------------------------------------------------------------
+# Let one θ perform several maneuvers.
+
+
+class Maneuvers(Source):
+    """A source that lets the same θ perform several maneuvers, and combines them.
+
+    Args:
+        runs: Maps the name of each maneuver to its run: a function `run(theta, seed=0)` that
+            returns an `Experiment`, such as a `ClosedLoop` with another `Task`.
+        higher_is_better: Names of the KPIs whose smallest value is the worst.
+        targets: Names of the KPIs whose worst value is the one farthest from a target, and that
+            target in the KPI's unit.
+
+    Raises:
+        ExperimentError: If there is no run, a name is empty or "mean", something is not a
+            function, or the runs declare channels with different names.
+    """
+
+    def __init__(
+        self,
+        runs: Mapping[str, Callable[..., Experiment]],
+        *,
+        higher_is_better: Collection[str] = (),
+        targets: Mapping[str, float] | None = None,
+    ) -> None:
+        if not isinstance(runs, Mapping) or not runs:
+            raise ExperimentError(
+                f'maneuvers must map names to runs, such as {{"step": run_1, "load": run_2}}, got {runs!r}'
+            )
+        for name, run in runs.items():
+            check_name(name)
+            if not callable(run):
+                raise ExperimentError(f"maneuver {name!r} must be a function of θ, got {run!r}")
+        if isinstance(higher_is_better, str):
+            raise ExperimentError(f"higher_is_better must hold names of KPIs; write ({higher_is_better!r},)")
+        self.maneuvers = {name: source_of(run) for name, run in runs.items()}
+        self.higher_is_better = tuple(higher_is_better)
+        self.targets = dict(targets or {})
+        parts = list(self.maneuvers.values())
+        check_channels({n: p.channels for n, p in self.maneuvers.items() if p.channels is not None})
+        self.channels = parts[0].channels
+        found = [part.signals for part in parts if part.signals is not None]
+        if len(found) == len(parts):  # those that all of them have
+            self.signals = tuple(key for key in found[0] if all(key in signals for signals in found))
+
+    def _each(self, change: Callable[[Source], Source]) -> "Maneuvers":
+        parts = {name: change(part) for name, part in self.maneuvers.items()}
+        return Maneuvers(parts, higher_is_better=self.higher_is_better, targets=self.targets)
+
+    def within(self, space: KnobSpace) -> "Maneuvers":
+        """Return the same maneuvers for the ranges of `space`."""
+        return self._each(lambda part: part.within(space))
+
+    def measured(self, kpis_of: KPIsOf) -> "Maneuvers":
+        """Return the same maneuvers, each of which has more KPIs than its own."""
+        return self._each(lambda part: part.measured(kpis_of))
+
+    def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Run all maneuvers of a physical θ, shape (n,), each with the same seed.
+
+        Raises:
+            ExperimentError: If a run returns something else than an experiment, or the
+                experiments cannot be combined.
+        """
+        done = [_run(name, part, theta, seed) for name, part in self.maneuvers.items()]
+        return combined(done, higher_is_better=self.higher_is_better, targets=self.targets)
+
+    def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
+        """Yield the KPIs whose worst maneuver would be one of the better ones."""
+        yield from super().problems(kpis)
+        asking = [name for name, part in self.maneuvers.items() if part.asks]
+        if asking:
+            yield f"maneuver {asking[0]!r} must not be a rig, whose experiments a person runs one by one"
+        parts = tuple(named("", part) for part in (*self.maneuvers, MEAN))
+        for kpi in kpis:
+            if kpi.name.endswith(parts):  # of one maneuver alone
+                continue
+            if kpi.goal == "higher" and kpi.name not in self.higher_is_better:
+                yield (
+                    f"KPI {kpi.name!r} is better when higher, so its worst maneuver has the "
+                    f"smallest value: write Maneuvers(..., higher_is_better=({kpi.name!r},))"
+                )
+            if kpi.goal == "target" and kpi.name not in self.targets:
+                middle = (kpi.at_least + kpi.at_most) / 2
+                yield (
+                    f"KPI {kpi.name!r} has a target, from which its worst maneuver is "
+                    f"farthest: write Maneuvers(..., targets={{{kpi.name!r}: {middle:g}}})"
+                )
+
+
+def _run(name: str, part: Source, theta: Float[np.ndarray, " n"], seed: int) -> Experiment:
+    found: object = part.run(theta, seed=seed)
+    if not isinstance(found, Experiment):
+        forgotten = ": is a return missing?" if found is None else ""
+        raise ExperimentError(
+            f"maneuver {name!r} must return an Experiment, got {type(found).__name__}{forgotten}"
+        )
+    return replace(found, maneuver=name)

@@ -1,19 +1,511 @@
-"""Compute the state of a study from its events, one by one, without side effects."""
+"""What a study consists of: experiments as bytes, events, and the state that follows from them."""
 
-from collections.abc import Callable, Mapping, Sequence
+import io
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import prod
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Union
 
+import msgspec
 import numpy as np
 
-from prefcal_env.errors import KnobError, ProtocolError, StudyError
-from prefcal_env.knobs.change import carried
+from prefcal_env.errors import KnobError, PrefcalError, ProtocolError, StudyError
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
+from prefcal_env.knobs import Knob, KnobSpace, carried
+from prefcal_env.plain import UNREADABLE, canonical, to_plain
+from prefcal_env.preferences.answer import Answer, Outcome
 from prefcal_env.preferences.history import Comparison, History, Sample
-from prefcal_env.preferences.kpis import Outcome
 
-from . import events
-from .spaces import space_of
+# ----------------------------------------------------------------------------------------------------
+# Encode experiments as bytes: a JSON header, then little-endian arrays. Nothing is pickled.
+
+MAGIC = b"prefcal1"
+_MOST = 1 << 30
+"""Maximum size of an experiment in bytes: a file from elsewhere may try to fill the memory."""
+LONGEST_HEADER = 1 << 16
+"""Number of bytes that hold the whole header of most experiments."""
+_FLOATS = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "solve_time")
+_DTYPES = {**dict.fromkeys(_FLOATS, "<f8"), "iterations": "<i8", "solved": "|b1"}
+
+Size = Annotated[int, msgspec.Meta(ge=0, le=_MOST)]
+
+
+_Words = tuple[str, str, str]
+"""Name, unit and symbol of a channel; its limits, target and band are in an array."""
+
+
+class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
+    """Everything about an experiment except its arrays, which follow in the order of `layout`.
+
+    Args:
+        shapes: Shape of each array by name.
+        signals: Names of the signals, each as long as the time axis.
+        kpis: Names of the KPIs.
+        end: How the run ended.
+        time_unit: Unit of the time axis.
+        x: Channels of the states.
+        u: Channels of the inputs.
+        y: Channels of the outputs.
+        runs: Headers of the runs that the experiment consists of.
+        y_states: For outputs that are states: the number of each state.
+        y_shape: For other outputs: the shape of their array. Both are None without outputs.
+        maneuver: Name of the run among several maneuvers; "" if there is only one.
+    """
+
+    shapes: dict[str, tuple[Size, ...]]
+    signals: tuple[str, ...]
+    kpis: tuple[str, ...]
+    end: End
+    time_unit: str
+    x: tuple[_Words, ...]
+    u: tuple[_Words, ...]
+    y: tuple[_Words, ...]
+    runs: tuple["_Header", ...] = ()
+    y_states: tuple[Size, ...] | None = None
+    y_shape: tuple[Size, Size] | None = None
+    maneuver: str = ""
+
+    def layout(self) -> dict[str, tuple[Sequence[int], str]]:
+        """Return shape and type of each array in order, without those of the other runs."""
+        found: dict[str, tuple[Sequence[int], str]] = {
+            **{name: (self.shapes[name], dtype) for name, dtype in _DTYPES.items()},
+            "signals": ((len(self.signals), *self.shapes["t"][:1]), "<f8"),
+            "kpis": ((len(self.kpis),), "<f8"),
+            "limits": ((len(self.x + self.u + self.y), 4), "<f8"),
+        }
+        return found if self.y_shape is None else {**found, "y": (self.y_shape, "<f8")}
+
+
+class _Beginning(msgspec.Struct, frozen=True):
+    """Part of a header that is read without the rest."""
+
+    end: End
+
+
+def encode(experiment: Experiment) -> bytes:
+    """Return an experiment as bytes, uncompressed; equal experiments give equal bytes."""
+    found = _header(experiment)
+    header = canonical(to_plain(found)).encode()
+    return b"".join((MAGIC, struct.pack("<I", len(header)), header, *_arrays(found, experiment)))
+
+
+def decode(content: bytes) -> Experiment:
+    """Return the experiment in bytes that `encode` returned.
+
+    Raises:
+        StudyError: If they are anything else.
+    """
+    try:
+        if content[:8] != MAGIC:
+            raise ValueError("it does not begin like one")
+        (size,) = struct.unpack_from("<I", content, 8)
+        header = msgspec.json.decode(content[12 : 12 + size], type=_Header)
+        buffer = io.BytesIO(content[12 + size :])
+        experiment = _experiment(header, buffer)
+        if buffer.read(1):
+            raise ValueError("something follows its arrays")
+    except (*UNREADABLE, KeyError, struct.error, MemoryError, PrefcalError) as error:
+        raise StudyError(f"a stored experiment cannot be read: {error}") from error
+    return experiment
+
+
+def end_of(beginning: bytes) -> End | None:
+    """Return how an experiment ended, from the `beginning` of its packed bytes; None if unknown."""
+    try:
+        content = zlib.decompressobj().decompress(beginning, LONGEST_HEADER)
+        (size,) = struct.unpack_from("<I", content, 8)
+        return msgspec.json.decode(content[12 : 12 + size], type=_Beginning).end
+    except (*UNREADABLE, zlib.error, struct.error):
+        return None
+
+
+def pack(content: bytes) -> bytes:
+    """Compress bytes."""
+    return zlib.compress(content, 6)
+
+
+def unpack(content: bytes) -> bytes:
+    """Decompress bytes up to a limit. Raises StudyError above it, or for invalid bytes."""
+    stream = zlib.decompressobj()
+    try:
+        plain = stream.decompress(content, _MOST)
+    except zlib.error as error:
+        raise StudyError(f"a stored experiment cannot be decompressed: {error}") from error
+    if not stream.eof or stream.unused_data:
+        raise StudyError("a stored experiment is cut off, too large, or followed by something")
+    return plain
+
+
+def _header(experiment: Experiment) -> _Header:
+    channels, y, x = experiment.channels, experiment.y, experiment.x
+    states = [_state_like(curve, x) for curve in ([] if y is None else y.T)]
+    # The outputs of most plants are states, so they take no space.
+    known = tuple(state for state in states if state is not None)
+    apart = y is not None and len(known) < len(states)
+    return _Header(
+        shapes={name: np.shape(getattr(experiment, name)) for name in _DTYPES},
+        signals=tuple(sorted(map(str, experiment.signals))),
+        kpis=tuple(experiment.kpis),
+        end=experiment.end,
+        time_unit=str(channels.time_unit),
+        x=_words(channels.x),
+        u=_words(channels.u),
+        y=_words(channels.y),
+        runs=tuple(map(_header, experiment.runs)),
+        y_states=None if y is None or apart else known,
+        y_shape=(y.shape[0], y.shape[1]) if y is not None and apart else None,
+        maneuver=experiment.maneuver,
+    )
+
+
+def _words(channels: Sequence[Channel]) -> tuple[_Words, ...]:
+    return tuple((str(c.name), str(c.unit), str(c.symbol)) for c in channels)
+
+
+def _state_like(curve: np.ndarray, x: np.ndarray) -> int | None:
+    return next((i for i in range(x.shape[1]) if curve.tobytes() == x[:, i].tobytes()), None)
+
+
+def _arrays(header: _Header, experiment: Experiment) -> Iterator[bytes]:
+    """Yield the bytes of all arrays in the order of `layout`, then those of the other runs."""
+    channels = experiment.channels
+    made: dict[str, Any] = {
+        "signals": [experiment.signals[name] for name in header.signals],
+        "kpis": [experiment.kpis[name] for name in header.kpis],
+        # JSON cannot store limits, target and band, since they may be infinite.
+        "limits": [
+            [c.low, c.high, *(np.nan if v is None else v for v in (c.target, c.band))]
+            for c in (*channels.x, *channels.u, *channels.y)
+        ],
+    }
+    for name, (_, dtype) in header.layout().items():
+        value = made[name] if name in made else getattr(experiment, name)
+        yield np.ascontiguousarray(value, dtype=dtype).tobytes()
+    for run, of_run in zip(experiment.runs, header.runs, strict=True):
+        yield from _arrays(of_run, run)
+
+
+def _experiment(header: _Header, buffer: io.BytesIO) -> Experiment:
+    arrays = {name: _array(buffer, *block) for name, block in header.layout().items()}
+    limits = iter(arrays["limits"].tolist())
+    x, u, y = (
+        tuple(_channel(words, next(limits)) for words in group) for group in (header.x, header.u, header.y)
+    )
+    outputs = arrays.get("y")
+    if header.y_states is not None:
+        if not all(i < arrays["x"].shape[1] for i in header.y_states):
+            raise ValueError(f"outputs cannot be the states {list(header.y_states)}")
+        shape = len(arrays["x"]), len(header.y_states)
+        outputs = arrays["x"][:, list(header.y_states)].reshape(shape)
+    return Experiment(
+        **{name: arrays[name] for name in _DTYPES},
+        channels=Channels(x, u, y, header.time_unit),
+        end=header.end,
+        kpis=dict(zip(header.kpis, arrays["kpis"].tolist(), strict=True)),
+        signals=dict(zip(header.signals, arrays["signals"], strict=True)),
+        y=outputs,
+        runs=tuple(_experiment(run, buffer) for run in header.runs),
+        maneuver=header.maneuver,
+    )
+
+
+def _array(buffer: io.BytesIO, shape: Sequence[int], dtype: str) -> np.ndarray:
+    size = prod(shape) * np.dtype(dtype).itemsize
+    content = buffer.read(size)
+    if len(content) < size:
+        raise ValueError("its arrays are cut off")
+    return np.frombuffer(content, dtype=dtype).reshape(shape)
+
+
+def _channel(words: _Words, numbers: Sequence[float]) -> Channel:
+    name, unit, symbol = words
+    low, high, *optional = numbers
+    target, band = (None if np.isnan(v) else v for v in optional)
+    return Channel(name, unit, low, high, target, band, symbol)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Define the events of a study as frozen data, and convert them to and from JSON.
+#
+# A new event needs a class here and a rule in `fold.py`.
+
+Int64 = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
+"""Whole number that a study file and SQLite can store."""
+
+MARKS = ("unsafe", "good enough")
+"""Marks of an experiment; setting one removes the other."""
+
+
+class Event(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag=str.lower):
+    """Base of all events; the JSON text names the class in lower case as its "kind"."""
+
+
+class Created(Event, frozen=True):
+    """Start the study; `configuration` is nested plain data."""
+
+    configuration: Mapping[str, Any]
+
+
+class Suggested(Event, frozen=True):
+    """Propose sample `index`, from 0: `z` in the unit cube, `theta` physical, each (n,).
+
+    Several can be pending. After an undo, another sample of the same index takes its place.
+    """
+
+    index: Int64
+    z: tuple[float, ...]
+    theta: tuple[float, ...]
+
+
+class Taken(Event, frozen=True):
+    """Compare pending sample `index` next, before those that were proposed earlier.
+
+    It gets the number of the next one, and those before it one more each.
+    """
+
+    index: Int64
+
+
+class Led(Event, frozen=True):
+    """Hold sample `index` for the best until the next answer: single answers can be wrong."""
+
+    index: Int64
+
+
+class Finished(Event, frozen=True):
+    """Add the experiment of sample `index`: the payload of this event, or of event `same_as`."""
+
+    index: Int64
+    same_as: Int64 | None = None
+
+
+class Dialed(Event, frozen=True):
+    """Run sample `index`, the next one to be answered, at another θ than was proposed.
+
+    `z` in the unit cube and `theta` physical, each (n,), are the sample from now on; the proposed
+    values stay in its `Suggested`.
+    """
+
+    index: Int64
+    z: tuple[float, ...]
+    theta: tuple[float, ...]
+
+
+class Requested(Event, frozen=True):
+    """Try a θ that the person asks for as sample `index`, the next one to be answered.
+
+    It replaces the proposed sample, if there is one that is not answered yet: the θ of that is free
+    again, and an open question is withdrawn. `z` in the unit cube, `theta` physical, each (n,).
+    """
+
+    index: Int64
+    z: tuple[float, ...]
+    theta: tuple[float, ...]
+
+
+class Replaced(Event, frozen=True):
+    """Replace the wrong record of sample `index`; a Finished with the right one follows.
+
+    Answers about the wrong record no longer teach anything. `outcome` holds the KPIs of the right
+    record, empty if unknown, and `unsafe` tells whether its run was interrupted as unsafe.
+    """
+
+    index: Int64
+    outcome: Mapping[str, Any]
+    unsafe: bool
+
+
+class Failed(Event, frozen=True):
+    """Note that the run of sample `index` raised an error; it may be tried again."""
+
+    index: Int64
+    error: str
+
+
+class Shown(Event, frozen=True):
+    """Show a question; its id is the number of this event.
+
+    `repeats` is the id of the earlier question that is asked again.
+    """
+
+    challenger: Int64
+    incumbent: Int64
+    challenger_left: bool
+    repeats: Int64 | None = None
+
+
+class Answered(Event, frozen=True):
+    """Close the open question; `question` and `incumbent` are None for the first experiment.
+
+    If a score was given instead of a preference, no question was shown: only `question` is None.
+    """
+
+    question: Int64 | None
+    challenger: Int64
+    incumbent: Int64 | None
+    answer: Answer
+    comment: str = ""
+    blind: bool = False
+
+
+class Marked(Event, frozen=True):
+    """Set `mark` on experiment `index`, or remove it."""
+
+    index: Int64
+    mark: str
+    on: bool
+
+
+class Retracted(Event, frozen=True):
+    """Ignore closed query number `answer` from now on; all samples stay.
+
+    A negative number -k is the k-th answer to a follow-up comparison, of two earlier experiments.
+    """
+
+    answer: Int64
+
+
+class Undone(Event, frozen=True):
+    """Undo the last answer: its query is open again, and samples proposed since are dropped."""
+
+
+class Noted(Event, frozen=True):
+    """Add a remark on the study."""
+
+    text: str
+
+
+class Extended(Event, frozen=True):
+    """Change the total number of experiments to `n_max`."""
+
+    n_max: Int64
+
+
+class Ended(Event, frozen=True):
+    """End the study: all is compared, little is left, the best is good enough, or the person finished it."""
+
+    reason: str
+
+
+class Reopened(Event, frozen=True):
+    """Continue the study after its end."""
+
+
+class Respaced(Event, frozen=True):
+    """Change the knobs or their ranges; all samples so far stay.
+
+    `space` is plain data: "knobs" and "within" as read by `spaces.space_of`, and "scenario_knobs",
+    the knobs of the scenario. `added` has the value of each new knob in earlier experiments.
+    `agent` has the new values of the agent's configuration that depend on the space. A sample that
+    has not run yet is dropped.
+    """
+
+    space: Mapping[str, Any]
+    added: Mapping[str, float]
+    agent: Mapping[str, Any] = {}
+
+
+class Adjusted(Event, frozen=True):
+    """Change settings of the agent; those not in `settings` stay.
+
+    The agent decides which settings can change during a study, and what the change does.
+    """
+
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """Event with its number, from 1, and the time of its recording."""
+
+    seq: int
+    at: str
+    event: Event
+
+
+if TYPE_CHECKING:
+    AnyEvent = Event
+else:
+    AnyEvent = Union[tuple(Event.__subclasses__())]  # noqa: UP007
+"""Union of all event types above; the "kind" tells which one to read."""
+_DECODER: msgspec.json.Decoder[Event] = msgspec.json.Decoder(AnyEvent)
+
+
+def to_text(event: Event) -> str:
+    """Return the JSON text of an event; equal events give equal text.
+
+    Raises:
+        StudyError: If it holds something that `from_text` could not read back.
+    """
+    try:
+        text = canonical(to_plain(event))
+        _DECODER.decode(text)  # a field of another type would make the file unreadable
+    except (*UNREADABLE, TypeError) as error:
+        raise StudyError(f"{type(event).__name__} cannot be recorded: {error}") from error
+    return text
+
+
+def from_text(text: str) -> Event:
+    """Return the event in a text that `to_text` returned.
+
+    Raises:
+        StudyError: If the text is not JSON, or a kind or field is invalid, which the error names.
+    """
+    try:
+        return _DECODER.decode(text)
+    except UNREADABLE as error:
+        raise StudyError(f"an event cannot be read: {error}") from error
+
+
+# ----------------------------------------------------------------------------------------------------
+# Convert the knobs of a study to and from its configuration.
+
+
+class _Stored(msgspec.Struct, frozen=True):
+    """Knobs, and the searched part of each knob by its name."""
+
+    knobs: tuple[Knob, ...]
+    within: dict[str, tuple[float, float]] = {}
+
+
+def knobs_as_dicts(space: KnobSpace) -> list[dict[str, Any]]:
+    """Return the knobs as plain data."""
+    return [
+        {
+            "name": k.name,
+            "low": float(k.low),
+            "high": float(k.high),
+            "unit": k.unit,
+            "scale": k.scale,
+            "integer": bool(k.integer),
+        }
+        for k in space
+    ]
+
+
+def within_as_dict(space: KnobSpace) -> dict[str, list[float]]:
+    """Return the searched part of each knob as plain data."""
+    return {name: list(part) for name, part in zip(space.names, space.within, strict=True)}
+
+
+def space_of(configuration: Mapping[str, Any]) -> KnobSpace:
+    """Return the space of plain data with "knobs", and perhaps "within"; others are ignored.
+
+    Raises:
+        StudyError: If the knobs cannot be read.
+    """
+    try:
+        stored = msgspec.convert(dict(configuration), _Stored)
+        return KnobSpace(stored.knobs, within=stored.within)
+    except (*UNREADABLE, TypeError) as error:
+        raise StudyError(f"the knobs of the study cannot be read: {error}") from error
+
+
+# ----------------------------------------------------------------------------------------------------
+# Compute the state of a study from its events, one by one, without side effects.
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +538,7 @@ class State:
     failures: Mapping[int, str] = field(default_factory=dict)
     marks: Mapping[int, frozenset[str]] = field(default_factory=dict)
     notes: tuple[tuple[str, str], ...] = ()
-    open: tuple[int, events.Shown] | None = None
+    open: tuple[int, Shown] | None = None
     ended: str | None = None
     reopened: bool = False
 
@@ -62,19 +554,19 @@ _KNOWN = ("finished", "failures", "marks", "proposed")
 """Fields of `State` with what is known about samples, by index."""
 
 
-def begin(seq: int, at: str, event: events.Event) -> State:
+def begin(seq: int, at: str, event: Event) -> State:
     """Return the state after the first event.
 
     Raises:
         StudyError: If it is not a Created with an integer `n_max`.
     """
-    n_max = event.configuration.get("n_max") if isinstance(event, events.Created) else None
-    if not isinstance(event, events.Created) or type(n_max) is not int or n_max < 1:
+    n_max = event.configuration.get("n_max") if isinstance(event, Created) else None
+    if not isinstance(event, Created) or type(n_max) is not int or n_max < 1:
         raise StudyError(f"event {seq}: a study begins with its configuration and its n_max")
     return State(MappingProxyType(dict(event.configuration)), at, n_max)
 
 
-def step(state: State, seq: int, at: str, event: events.Event) -> State:
+def step(state: State, seq: int, at: str, event: Event) -> State:
     """Return the state after one more event.
 
     Raises:
@@ -95,7 +587,7 @@ def _sample(state: State, seq: int, index: int) -> None:
     _require(0 <= index < len(state.history.samples), seq, f"sample {index} was never proposed")
 
 
-def _suggested(state: State, seq: int, _at: str, event: events.Suggested) -> State:
+def _suggested(state: State, seq: int, _at: str, event: Suggested) -> State:
     history, is_due = state.history, event.index == len(state.history.samples)
     _require(is_due, seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
@@ -104,7 +596,7 @@ def _suggested(state: State, seq: int, _at: str, event: events.Suggested) -> Sta
     return replace(state, history=history, open=None)
 
 
-def _taken(state: State, seq: int, _at: str, event: events.Taken) -> State:
+def _taken(state: State, seq: int, _at: str, event: Taken) -> State:
     try:
         order = state.history.taken(event.index)
     except ProtocolError as error:
@@ -112,7 +604,7 @@ def _taken(state: State, seq: int, _at: str, event: events.Taken) -> State:
     return replace(_arranged(state, order), open=None)
 
 
-def _led(state: State, seq: int, _at: str, event: events.Led) -> State:
+def _led(state: State, seq: int, _at: str, event: Led) -> State:
     compared = 0 <= event.index < state.history.answered
     _require(compared, seq, f"sample {event.index} was not compared")
     return replace(state, history=state.history.with_best(event.index))
@@ -128,7 +620,7 @@ def _arranged(state: State, order: Sequence[int]) -> State:
     return replace(state, history=state.history.arranged(order), requested=requested, **maps)
 
 
-def _finished(state: State, seq: int, _at: str, event: events.Finished) -> State:
+def _finished(state: State, seq: int, _at: str, event: Finished) -> State:
     _sample(state, seq, event.index)
     earlier = event.same_as is None or 0 < event.same_as < seq
     _require(earlier, seq, f"event {event.same_as} is no earlier one")
@@ -137,12 +629,12 @@ def _finished(state: State, seq: int, _at: str, event: events.Finished) -> State
     return replace(state, finished={**state.finished, event.index: source}, failures=failures)
 
 
-def _failed(state: State, seq: int, _at: str, event: events.Failed) -> State:
+def _failed(state: State, seq: int, _at: str, event: Failed) -> State:
     _sample(state, seq, event.index)
     return replace(state, failures={**state.failures, event.index: event.error})
 
 
-def _dialed(state: State, seq: int, _at: str, event: events.Dialed) -> State:
+def _dialed(state: State, seq: int, _at: str, event: Dialed) -> State:
     due, was = state.history.answered, state.history.pending
     if was is None or event.index != due:
         raise StudyError(f"event {seq} is impossible: sample {event.index} is not open")
@@ -152,7 +644,7 @@ def _dialed(state: State, seq: int, _at: str, event: events.Dialed) -> State:
     return replace(state, history=history, proposed=proposed)
 
 
-def _requested(state: State, seq: int, _at: str, event: events.Requested) -> State:
+def _requested(state: State, seq: int, _at: str, event: Requested) -> State:
     due, known = state.history.answered, state.history.samples[:1]
     _require(event.index == due, seq, f"sample {due} is due, not {event.index}")
     _require(state.ended is None and due < state.n_max, seq, "nothing is left to be tried")
@@ -171,7 +663,7 @@ def _requested(state: State, seq: int, _at: str, event: events.Requested) -> Sta
     )
 
 
-def _replaced(state: State, seq: int, _at: str, event: events.Replaced) -> State:
+def _replaced(state: State, seq: int, _at: str, event: Replaced) -> State:
     _require(event.index in state.finished, seq, f"there is no experiment of sample {event.index}")
     _require(state.ended is None, seq, "the study is over")
     outcome = Outcome.from_dict(event.outcome) if event.outcome else None
@@ -182,7 +674,7 @@ def _replaced(state: State, seq: int, _at: str, event: events.Replaced) -> State
     )
 
 
-def _shown(state: State, seq: int, _at: str, event: events.Shown) -> State:
+def _shown(state: State, seq: int, _at: str, event: Shown) -> State:
     for index in (event.challenger, event.incumbent):
         _require(index in state.finished, seq, f"there is no experiment of sample {index}")
     apart = event.challenger != event.incumbent
@@ -190,16 +682,16 @@ def _shown(state: State, seq: int, _at: str, event: events.Shown) -> State:
     return replace(state, open=(seq, event))
 
 
-def _marked(state: State, seq: int, _at: str, event: events.Marked) -> State:
+def _marked(state: State, seq: int, _at: str, event: Marked) -> State:
     index, mark = event.index, event.mark
     _sample(state, seq, index)
-    _require(mark in events.MARKS, seq, f"a mark must be one of {events.MARKS}, got {mark!r}")
+    _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
     # One mark excludes the other: the last one holds.
     now = frozenset({mark}) if event.on else state.marks.get(index, frozenset()) - {mark}
     return replace(state, marks={**state.marks, index: now})
 
 
-def _answered(state: State, seq: int, at: str, event: events.Answered) -> State:
+def _answered(state: State, seq: int, at: str, event: Answered) -> State:
     scored = event.question is None and event.incumbent is not None
     first = event.question is None and not scored
     shown = None if state.open is None or state.open[0] != event.question else state.open[1]
@@ -235,7 +727,7 @@ def _answered(state: State, seq: int, at: str, event: events.Answered) -> State:
     return replace(state, history=state.history.recorded(answer), open=None)
 
 
-def _retracted(state: State, seq: int, _at: str, event: events.Retracted) -> State:
+def _retracted(state: State, seq: int, _at: str, event: Retracted) -> State:
     answer = event.answer
     try:
         if answer < 0:
@@ -247,35 +739,35 @@ def _retracted(state: State, seq: int, _at: str, event: events.Retracted) -> Sta
     return replace(state, history=history)
 
 
-def _undone(state: State, seq: int, _at: str, _event: events.Undone) -> State:
+def _undone(state: State, seq: int, _at: str, _event: Undone) -> State:
     _require(state.history.answered > 0, seq, "there is no answer to undo")
     kept = _arranged(state, state.history.undoing())
     return replace(kept, history=state.history.undone(), open=None, ended=None)
 
 
-def _noted(state: State, _seq: int, at: str, event: events.Noted) -> State:
+def _noted(state: State, _seq: int, at: str, event: Noted) -> State:
     return replace(state, notes=(*state.notes, (at, event.text)))
 
 
-def _extended(state: State, seq: int, _at: str, event: events.Extended) -> State:
+def _extended(state: State, seq: int, _at: str, event: Extended) -> State:
     answered = state.history.answered
     _require(event.n_max >= answered, seq, f"n_max {event.n_max} is below what is answered")
     return replace(state, n_max=event.n_max)
 
 
-def _ended(state: State, _seq: int, _at: str, event: events.Ended) -> State:
+def _ended(state: State, _seq: int, _at: str, event: Ended) -> State:
     return replace(state, ended=event.reason, open=None)
 
 
-def _reopened(state: State, _seq: int, _at: str, _event: events.Reopened) -> State:
+def _reopened(state: State, _seq: int, _at: str, _event: Reopened) -> State:
     return replace(state, ended=None, reopened=True)
 
 
-def _created(_state: State, seq: int, _at: str, _event: events.Created) -> State:
+def _created(_state: State, seq: int, _at: str, _event: Created) -> State:
     raise StudyError(f"event {seq}: a study is created once")
 
 
-def _adjusted(state: State, seq: int, _at: str, event: events.Adjusted) -> State:
+def _adjusted(state: State, seq: int, _at: str, event: Adjusted) -> State:
     agent: Any = state.configuration.get("agent")
     before = agent.get("settings") if isinstance(agent, Mapping) else None
     if not isinstance(before, Mapping):
@@ -285,7 +777,7 @@ def _adjusted(state: State, seq: int, _at: str, event: events.Adjusted) -> State
     return replace(state, configuration=configuration)
 
 
-def _respaced(state: State, seq: int, _at: str, event: events.Respaced) -> State:
+def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
     due, samples = state.history.answered, range(len(state.history.samples))
     kept = _arranged(state, [i for i in samples if i < due or i in state.finished])
     expected = {"knobs", "within", "scenario_knobs"}
@@ -307,26 +799,26 @@ def _respaced(state: State, seq: int, _at: str, event: events.Respaced) -> State
     return replace(kept, configuration=MappingProxyType(configuration), history=history, proposed=proposed)
 
 
-_RULES: Mapping[type[events.Event], Callable[[State, int, str, Any], State]] = {
-    events.Created: _created,
-    events.Suggested: _suggested,
-    events.Taken: _taken,
-    events.Led: _led,
-    events.Dialed: _dialed,
-    events.Requested: _requested,
-    events.Finished: _finished,
-    events.Replaced: _replaced,
-    events.Failed: _failed,
-    events.Shown: _shown,
-    events.Answered: _answered,
-    events.Marked: _marked,
-    events.Retracted: _retracted,
-    events.Undone: _undone,
-    events.Noted: _noted,
-    events.Extended: _extended,
-    events.Ended: _ended,
-    events.Reopened: _reopened,
-    events.Respaced: _respaced,
-    events.Adjusted: _adjusted,
+_RULES: Mapping[type[Event], Callable[[State, int, str, Any], State]] = {
+    Created: _created,
+    Suggested: _suggested,
+    Taken: _taken,
+    Led: _led,
+    Dialed: _dialed,
+    Requested: _requested,
+    Finished: _finished,
+    Replaced: _replaced,
+    Failed: _failed,
+    Shown: _shown,
+    Answered: _answered,
+    Marked: _marked,
+    Retracted: _retracted,
+    Undone: _undone,
+    Noted: _noted,
+    Extended: _extended,
+    Ended: _ended,
+    Reopened: _reopened,
+    Respaced: _respaced,
+    Adjusted: _adjusted,
 }
 """Rule of each event: state, number, time and event to the next state."""

@@ -10,14 +10,13 @@ import numpy as np
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.maneuvers import by_maneuver
-from prefcal_env.experiments.panels import plots_of
+from prefcal_env.experiments.panels import by_maneuver, plots_of
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.wording import labeled
 
 from .fold import State
 
-StudyFile = Any
+AnyStudy = Any
 """`prefcal_env.study.StudyFile`, which calls these functions."""
 _NUMBER = "Number of the experiment, from 1"
 _AUTOMATIC = "Marks that come from an interrupted run"
@@ -49,7 +48,7 @@ class Column:
         return labeled(self.name, self.unit)
 
 
-def frame_of(study: StudyFile, *, answers: bool = False) -> Any:
+def frame_of(study: AnyStudy, *, answers: bool = False) -> Any:
     """Return the experiments or the answers as a DataFrame; see `StudyFile.to_frame`."""
     import pandas as pd
 
@@ -60,12 +59,12 @@ def frame_of(study: StudyFile, *, answers: bool = False) -> Any:
     return frame.set_index(headings[0])
 
 
-def finished(study: StudyFile) -> dict[int, Experiment]:
+def finished(study: AnyStudy) -> dict[int, Experiment]:
     """Return the completed experiments of a study by index."""
     return {i: study.experiment(seq) for i, seq in sorted(study.state.finished.items())}
 
 
-def html_of(study: StudyFile) -> str:
+def html_of(study: AnyStudy) -> str:
     """Return how far the study is, and its experiments, as HTML."""
     state = study.state
     best = state.history.incumbent

@@ -1,19 +1,357 @@
-"""Make an experiment of recorded curves: whatever a simulator, a logger or a table returned."""
+"""Experiments from recorded curves, with time bases of their own."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import starmap
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
-from prefcal_env.experiments.tracking import tracking_kpis
+from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.wording import did_you_mean
 
-from .curves import Aligned, aligned, numbers
+# ----------------------------------------------------------------------------------------------------
+# Recorded curves with time bases of their own, checked and brought to common instants.
+
+_SAME_INSTANT = 1e-9
+"""Share of the duration below which two instants count as one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A recorded curve up to its last finite value.
+
+    Args:
+        what: What it is and its name, for messages: "output 'level'".
+        t: Instants, shape (M,), increasing.
+        values: Values at `t`, shape (M,).
+        held: Whether a value holds until the next one, as for inputs and references; otherwise
+            the curve is interpolated linearly.
+        own: Whether it has instants of its own.
+        stopped: Whether values that are not finite followed after the last one.
+        gaps: Whether values may be missing, as for signals and references.
+    """
+
+    what: str
+    t: Float[np.ndarray, " M"]
+    values: Float[np.ndarray, " M"]
+    held: bool
+    own: bool = False
+    stopped: bool = False
+    gaps: bool = False
+
+    def at(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
+        """Return the values at other instants, shape (K,), which the curve must cover."""
+        if not self.own:
+            return self.values[: len(t)]
+        if not self.held:
+            outside = np.nan if self.gaps else None
+            return np.asarray(np.interp(t, self.t, self.values, left=outside, right=outside))
+        return np.asarray(self.values[np.maximum(held_rows(self.t, t), 0)])
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """The curves of one run at common instants.
+
+    Args:
+        t: Instants, shape (K,), increasing; none if no output has a finite value.
+        y: Outputs at `t`, shape (K, n_y).
+        u: Inputs at `t`, shape (K, n_u).
+        y_ref: References of the outputs at `t`, shape (K, n_y); NaN where there is none.
+        signals: Additional signals by name, each of shape (K,).
+        decided: Rows at which inputs were decided or references changed, shape (N,).
+        stopped: Whether values that are not finite followed after `t`.
+    """
+
+    t: Float[np.ndarray, " K"]
+    y: Float[np.ndarray, "K n_y"]
+    u: Float[np.ndarray, "K n_u"]
+    y_ref: Float[np.ndarray, "K n_y"]
+    signals: dict[str, Float[np.ndarray, " K"]]
+    decided: Int[np.ndarray, " N"]
+    stopped: bool
+
+
+def aligned(
+    t: Any,
+    outputs: Mapping[str, Any],
+    inputs: Mapping[str, Any],
+    reference: Mapping[str, Any],
+    signals: Mapping[str, Any],
+    unit: str,
+) -> Aligned:
+    """Check the curves of a run, and bring them to common instants.
+
+    Args:
+        t: Instants in `unit`, shape (K,), for curves without own ones; None if there are none.
+        outputs: Maps the name of each output to its curve, as for `recorded`.
+        inputs: Maps the name of each input to its curve.
+        reference: Maps names of outputs to a number or a curve.
+        signals: Maps names of additional signals to their curves, which may have gaps.
+        unit: Unit of time, for messages.
+
+    Raises:
+        ExperimentError: As `recorded` does.
+    """
+    base = None if t is None else instants_of("t", t, unit)
+    curves = _curves_of("output", outputs, base, unit)
+    held = _curves_of("input", inputs, base, unit, held=True)
+    instants = _instants(base, curves, held, unit)
+    y_ref = _table(_references(list(outputs), reference, base, instants, unit), instants)
+    extra = zip(signals, _curves_of("signal", signals, base, unit, gaps=True), strict=True)
+    return Aligned(
+        instants,
+        _table([curve.at(instants) for curve in curves], instants),
+        _table([curve.at(instants) for curve in held], instants),
+        y_ref,
+        {name: curve.at(instants) for name, curve in extra},
+        _decided(held, instants, y_ref),
+        any(curve.stopped for curve in (*curves, *held)),
+    )
+
+
+def held_rows(instants: Float[np.ndarray, " M"], t: Float[np.ndarray, " K"]) -> Int[np.ndarray, " K"]:
+    """Return the index of the last of `instants` at or before each of `t`; -1 if there is none."""
+    tolerance = _SAME_INSTANT * _span(t)
+    return np.asarray(np.searchsorted(instants, t + tolerance, side="right") - 1)
+
+
+def bridged(
+    t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], *, held: bool
+) -> Float[np.ndarray, " K"]:
+    """Return `values` at `t` without gaps: interpolated, or `held` from the latest good value.
+
+    At the ends, the nearest good value is taken. Without any good value, all stay as they are.
+    """
+    good = np.flatnonzero(np.isfinite(values))
+    if not len(good):
+        return values
+    if not held:
+        return np.asarray(np.interp(t, t[good], values[good]))
+    latest = np.searchsorted(good, np.arange(len(values)), side="right") - 1
+    return np.asarray(values[good[np.maximum(latest, 0)]])
+
+
+def instants_of(name: str, t: Any, unit: str) -> Float[np.ndarray, " K"]:
+    """Return anything that NumPy makes an array of as instants in `unit`, shape (K,).
+
+    Raises:
+        ExperimentError: If they are not finite numbers that increase.
+    """
+    found = numbers(name, t)
+    wrong = np.flatnonzero(~np.isfinite(found))
+    if len(wrong):
+        raise ExperimentError(f"{name}[{wrong[0]}] is {found[wrong[0]]}: every instant must be one")
+    back = np.flatnonzero(np.diff(found) <= 0)
+    if len(back):
+        k = int(back[0]) + 1
+        raise ExperimentError(
+            f"{name} must increase, but {name}[{k}] = {found[k]:g} {unit} comes after "
+            f"{found[k - 1]:g} {unit}: sort the rows and drop duplicates, or use "
+            "prefcal_env.from_frame, which can do both"
+        )
+    return found
+
+
+def numbers(name: str, values: Any) -> Float[np.ndarray, " K"]:
+    """Return `values` as an array of numbers, shape (K,).
+
+    Raises:
+        ExperimentError: If they are text, dates or a table.
+    """
+    given = np.asarray(values)
+    if given.dtype.kind in "mM":
+        raise ExperimentError(
+            f"{name} must be numbers, got {given.dtype}: use prefcal_env.from_frame for time "
+            "stamps, or convert them to seconds"
+        )
+    try:
+        found = given.astype(float)
+    except (TypeError, ValueError) as error:
+        raise ExperimentError(f"{name} must be numbers, got {given.dtype}: {error}") from error
+    if found.ndim == 2 and 1 in found.shape:
+        found = found.reshape(-1)  # a column or a row, as most simulators return
+    if found.ndim != 1:
+        raise ExperimentError(f"{name} must have shape (K,), got {found.shape}")
+    return found
+
+
+def _curve_of(
+    what: str,
+    given: Any,
+    t: Float[np.ndarray, " K"] | None,
+    unit: str,
+    *,
+    held: bool = False,
+    gaps: bool = False,
+) -> Curve:
+    """Return the curve of the values `given` at `t`, shape (K,), or of a tuple (times, values).
+
+    If `t` is None, every curve has its own times. Without `gaps`, it ends with its last finite
+    value; `what` it is and the `unit` of time are for messages.
+
+    Raises:
+        ExperimentError: If shapes differ, or a value that is not finite lies between finite ones.
+    """
+    own = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) > 0
+    if own:
+        base, values = instants_of(f"times of {what}", given[0], unit), given[1]
+    elif t is not None:
+        base, values = t, given
+    else:
+        raise ExperimentError(f"{what} needs instants: give t, or a tuple (times, values) for every curve")
+    found = numbers(what, values)
+    if found.shape != base.shape:
+        where = "its times" if own else "t"
+        raise ExperimentError(f"{what} must have shape {base.shape}, as {where}, got {found.shape}")
+    kept = len(found) if gaps else _finite_rows(what, base, found, unit)
+    return Curve(what, base[:kept], found[:kept], held, own, kept < len(found), gaps)
+
+
+def _curves_of(
+    what: str,
+    given: Mapping[str, Any],
+    t: Float[np.ndarray, " K"] | None,
+    unit: str,
+    *,
+    held: bool = False,
+    gaps: bool = False,
+) -> list[Curve]:
+    """Return the curve of each of the curves `given` by name; `what` they are is for messages."""
+    return [_curve_of(f"{what} {n!r}", v, t, unit, held=held, gaps=gaps) for n, v in given.items()]
+
+
+def _table(
+    columns: Sequence[Float[np.ndarray, " K"]], t: Float[np.ndarray, " K"]
+) -> Float[np.ndarray, "K n"]:
+    """Return columns at `t` as one table, which has no column if there are none."""
+    return np.stack(columns, axis=1) if len(columns) else np.zeros((len(t), 0))
+
+
+def _finite_rows(what: str, t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], unit: str) -> int:
+    """Return how many rows come before the values that are not finite at the end."""
+    finite = np.isfinite(values)
+    if finite.all():
+        return len(values)
+    kept = int(np.argmin(finite))
+    later = np.flatnonzero(finite[kept:])
+    if len(later):
+        k = kept + int(later[0])
+        raise ExperimentError(
+            f"{what} is {values[kept]} at index {kept} (t = {t[kept]:g} {unit}), but {values[k]:g} "
+            f"at index {k}: fill the gap, or drop its rows; only the end of a run may be missing"
+        )
+    return kept
+
+
+def _instants(
+    t: Float[np.ndarray, " K"] | None, outputs: Sequence[Curve], inputs: Sequence[Curve], unit: str
+) -> Float[np.ndarray, " M"]:
+    """Return the instants of the experiment; none if no output has a finite value."""
+    if not any(len(curve.t) for curve in outputs):
+        return np.zeros(0)
+    for curve in (*outputs, *inputs):
+        if not len(curve.t):
+            raise ExperimentError(
+                f"{curve.what} begins with a value that is not finite, and others do not: "
+                "leave it out, or fill it"
+            )
+    return _common_instants(t, [*outputs, *inputs], unit)
+
+
+def _common_instants(
+    t: Float[np.ndarray, " K"] | None, curves: Sequence[Curve], unit: str
+) -> Float[np.ndarray, " M"]:
+    """Return the instants at which every curve is known, shape (M,).
+
+    They are those of `t`, or the union of all instants if `t` is None, up to where the first
+    curve stops.
+
+    Raises:
+        ExperimentError: If a curve begins or ends within `t`, or the curves do not overlap.
+    """
+    end = min((c.t[-1] for c in curves if c.stopped), default=np.inf)
+    begin, union = -np.inf, t is None
+    if t is None:
+        begin = max(c.t[0] for c in curves)
+        end = min([end, *(c.t[-1] for c in curves if not c.held)])
+        if begin > end:
+            late, early = (max(curves, key=lambda c: c.t[0]), min(curves, key=lambda c: c.t[-1]))
+            raise ExperimentError(
+                f"{early.what} ends at {early.t[-1]:g} {unit}, before {late.what} begins at "
+                f"{late.t[0]:g} {unit}: bring them to one time axis"
+            )
+        every = np.unique(np.concatenate([c.t for c in curves]))
+        # Of instants that nearly coincide, the first.
+        t = every[np.diff(every, prepend=-np.inf) > _SAME_INSTANT * _span(every)]
+    tolerance = _SAME_INSTANT * _span(t)
+    kept = t[(t >= begin - tolerance) & (t <= end + tolerance)]
+    for curve in () if union else curves:
+        _check_covers(curve, kept, unit)
+    return np.asarray(kept)
+
+
+def _check_covers(curve: Curve, t: Float[np.ndarray, " K"], unit: str) -> None:
+    """Raise ExperimentError if a curve begins after `t` begins, or ends before `t` ends."""
+    if not len(t):
+        return
+    tolerance = _SAME_INSTANT * _span(t)
+    ends_early = not curve.held and not curve.stopped and curve.t[-1] < t[-1] - tolerance
+    if curve.t[0] > t[0] + tolerance or ends_early:
+        raise ExperimentError(
+            f"{curve.what} is recorded from {curve.t[0]:g} to {curve.t[-1]:g} {unit}, but t goes "
+            f"from {t[0]:g} to {t[-1]:g} {unit}: shorten t, or give t=None to use the time that "
+            "every curve covers"
+        )
+
+
+def _span(t: Float[np.ndarray, " K"]) -> float:
+    return float(t[-1] - t[0]) if len(t) else 0.0
+
+
+def _references(
+    names: Sequence[str],
+    given: Mapping[str, Any],
+    t: Float[np.ndarray, " K"] | None,
+    instants: Float[np.ndarray, " M"],
+    unit: str,
+) -> list[Float[np.ndarray, " M"]]:
+    """Return the reference of each output at `instants`; NaN for outputs without one."""
+    found = []
+    for name in names:
+        what, value = f"reference of {name!r}", given.get(name)
+        if value is None or (not isinstance(value, tuple) and np.ndim(value) == 0):
+            level = numbers(what, [np.nan if value is None else value])
+            found.append(np.full(len(instants), level[0]))
+        else:
+            curve = _curve_of(what, value, t, unit, held=True, gaps=True)
+            _check_covers(curve, instants, unit)
+            found.append(curve.at(instants))
+        if np.isinf(found[-1]).any():
+            raise ExperimentError(f"{what} must be finite, or NaN where there is none")
+    return found
+
+
+def _decided(
+    inputs: Sequence[Curve], t: Float[np.ndarray, " K"], y_ref: Float[np.ndarray, "K n_y"]
+) -> Int[np.ndarray, " N"]:
+    """Return the rows at which inputs were decided or references changed."""
+    if not inputs or not all(curve.own for curve in inputs):
+        return np.arange(len(t))
+    # The number of the value that holds at each row: where it changes, a new one was decided.
+    latest = np.stack([held_rows(curve.t, t) for curve in inputs], axis=1)
+    changed = (np.diff(latest, axis=0) != 0).any(axis=1)
+    changed |= (np.diff(np.nan_to_num(y_ref), axis=0) != 0).any(axis=1)
+    return np.flatnonzero(np.concatenate([np.ones(min(len(t), 1), dtype=bool), changed]))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Make an experiment of recorded curves: whatever a simulator, a logger or a table returned.
 
 Limits = tuple[float | None, float | None]
 _Look = tuple[Mapping[str, str], Mapping[str, Limits], Mapping[str, float]]

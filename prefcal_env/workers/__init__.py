@@ -11,8 +11,8 @@ from .inside import failure as failure
 from .pool import Pool as Pool
 from .pool import run_all as run_all
 from .pool import usable_cores as usable_cores
-from .process import GRACE as GRACE
-from .process import Terms as Terms
 from .worker import ATTEMPTS as ATTEMPTS
+from .worker import GRACE as GRACE
+from .worker import Terms as Terms
 from .worker import Worker as Worker
 from .worker import in_time as in_time

@@ -16,7 +16,7 @@ from queue import SimpleQueue
 from typing import IO, Any, final
 
 from prefcal_env.errors import PrefcalError, RunError
-from prefcal_env.own_line import as_exception, in_words, own_line
+from prefcal_env.wording import as_exception, in_words, own_line
 
 _TIDYING = 1.0
 """Seconds for the interpreter to end after prefcal ended."""

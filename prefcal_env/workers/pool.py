@@ -12,8 +12,7 @@ import numpy as np
 
 from prefcal_env.errors import RunError
 
-from .process import Terms
-from .worker import LOOK, Worker
+from .worker import LOOK, Terms, Worker
 
 _KNOWN = 5
 """Number of messages after which the time of a request is known."""

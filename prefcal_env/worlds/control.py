@@ -4,7 +4,7 @@ import re
 from dataclasses import replace
 from typing import Any
 
-from prefcal_env.plants.systems.matrices import LinearSystem, of_arrays, of_fractions, sample_time
+from prefcal_env.plants.systems import LinearSystem, of_arrays, of_fractions, sample_time
 
 _DEFAULT_LABEL = re.compile(r"[uyx]\[\d+\]")
 """Names that python-control gives to signals without a name."""

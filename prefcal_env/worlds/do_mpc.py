@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.control import Measurement, Move
+from prefcal_env.experiments.experiment import Measurement, Move
 
 
 class DoMPC:

@@ -14,11 +14,11 @@ from prefcal_env.on_first_use import public_names
 
 if TYPE_CHECKING:
     from .catalog import load as load
-    from .kpis import outcome as outcome
-    from .kpis import simulator as simulator
-    from .many.results import FailedRun as FailedRun
-    from .many.simulate import simulate_iter as simulate_iter
-    from .many.simulate import simulate_many as simulate_many
+    from .runs import FailedRun as FailedRun
+    from .runs import outcome as outcome
+    from .runs import simulate_iter as simulate_iter
+    from .runs import simulate_many as simulate_many
+    from .runs import simulator as simulator
     from .scenario import KPI as KPI
     from .scenario import Panel as Panel
     from .scenario import Scenario as Scenario

@@ -6,7 +6,7 @@ from types import ModuleType
 
 from prefcal_agents.registry import FAMILIES
 from prefcal_env.errors import ScenarioError
-from prefcal_env.extensions import BENCHMARK, load_extensions
+from prefcal_env.optional import BENCHMARK, load_extensions
 from prefcal_env.wording import did_you_mean
 
 from .names import (
@@ -21,8 +21,7 @@ from .names import (
     is_own,
     is_random_loop,
 )
-from .own.own_file import module_at
-from .own.source import split_source
+from .own import module_at, split_source
 from .scenario import Scenario
 
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, RandomSearch, Screening, minimize_by_preference
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube
+from prefcal_agents.baselines import LatinHypercube
 from prefcal_env.errors import PreferenceError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Preference
 
 SPACE = KnobSpace([Knob("gain", 0.1, 10.0, scale="log10"), Knob("steps", 2, 30, integer=True)])

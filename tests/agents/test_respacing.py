@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 
 from contracts.agents import MIXED, judge, run
 from prefcal_agents import GLISp, RandomSearch
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube
-from prefcal_agents.respacing import respaced
+from prefcal_agents.baselines import LatinHypercube
+from prefcal_agents.transfer import respaced
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from support.agents import agents_without_extra
 
 AGENTS = agents_without_extra()

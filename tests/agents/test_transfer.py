@@ -9,9 +9,7 @@ from contracts.agents import MIXED, latent, run
 from prefcal_agents import GLISp, RandomSearch
 from prefcal_agents.transfer import Earlier
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.constraints import LinearConstraint
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace, LinearConstraint
 
 LINE = KnobSpace([Knob("x", 0.0, 10.0, "m")])
 AREA = KnobSpace([Knob("y", 0.0, 4.0, "s"), Knob("x", 0.0, 10.0, "m")])

@@ -8,12 +8,12 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from prefcal_app.cli.calibrate import as_json, record_of
 from prefcal_app.cli.options import Options
-from prefcal_app.cli.report import as_json, record_of
 from prefcal_app.cli.studies.files import summary
 from prefcal_app.report.export import best_as_json
-from prefcal_app.report.html import page
-from prefcal_app.report.tables import comparisons_as_csv
+from prefcal_app.report.record import comparisons_as_csv
+from prefcal_app.report.write import page
 from prefcal_app.session import Choice
 from prefcal_app.terminal.showing import show_status
 from prefcal_app.view import now_view, status_view

@@ -12,20 +12,18 @@ import numpy as np
 import pytest
 
 from prefcal_app import figure
-from prefcal_app.report.course import course, knobs
-from prefcal_app.report.html import page as page_of
-from prefcal_app.report.pictures import PICTURES, Drawn, Picture
-from prefcal_app.report.tables import comparisons_as_csv
+from prefcal_app.report.pictures import PICTURES, Drawn, Picture, course, knobs
+from prefcal_app.report.record import comparisons_as_csv
+from prefcal_app.report.write import page as page_of
 from prefcal_app.report.write import write_report
-from prefcal_app.summary.outlook import Outlook
-from prefcal_app.view.sides import theta_view
+from prefcal_app.summary import Outlook
+from prefcal_app.view.question import theta_view
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.end import End
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.experiments.experiment import End
+from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios import Panel
-from prefcal_scenarios.presentation.folder import folder_for
-from prefcal_scenarios.presentation.style import canvas
-from prefcal_scenarios.presentation.wording import measured, with_subscripts
+from prefcal_scenarios.style import canvas
+from prefcal_scenarios.wording import folder_for, measured, with_subscripts
 from support.pages import Outline, assert_accessible
 from toy_study import toy_record, toy_scenario
 

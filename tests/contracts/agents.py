@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import KnobError, PreferenceError, ProtocolError, SettingsError
-from prefcal_env.knobs.constraints import Constraint, LinearConstraint
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Constraint, Knob, KnobSpace, LinearConstraint
 from prefcal_env.preferences.answer import Answer, Mark, Preference, Query, Suggestion
 
 MIXED = KnobSpace(

@@ -13,7 +13,7 @@ import pytest
 from contracts.agents import HALF, MIXED, SMALL, run
 from contracts.memory import *  # noqa: F403
 from prefcal_agents import Screening
-from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.agent import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Sample

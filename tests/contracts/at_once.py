@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, TINY, latent
-from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.agent import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from support.agents import woken
 

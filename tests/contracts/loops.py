@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.names import is_built_in
-from prefcal_scenarios.own.checks import check_experiment
-from prefcal_scenarios.scenario import panels_of
+from prefcal_scenarios.runs import outcome
+from prefcal_scenarios.scenario import check_experiment, panels_of
 
 
 def drawn(space, count, seed=0):

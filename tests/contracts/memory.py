@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from contracts.agents import MIXED
 from contracts.at_once import *  # noqa: F403
 from contracts.at_once import reply
-from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.agent import AgentState
 from prefcal_env.errors import ProtocolError
 from prefcal_env.preferences.answer import Answer
 from support.agents import woken

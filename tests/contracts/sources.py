@@ -8,7 +8,7 @@ import pytest
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.tracking import Tracking
+from prefcal_env.experiments.kpis import Tracking
 from prefcal_env.sources import Run, Source, Table
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from contracts.agents import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY, latent
 from contracts.memory import *  # noqa: F403
-from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.agent import AgentState
 from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
 from prefcal_env.preferences.answer import Answer
 

@@ -1,7 +1,7 @@
 """Errors of people's code as text, whatever their classes do."""
 
 from prefcal_env.errors import PlantError
-from prefcal_env.own_line import in_words
+from prefcal_env.wording import in_words
 
 
 class MuteError(Exception):

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube
-from prefcal_agents.models.learned_cost import CostTerm, LearnedCost
-from prefcal_app.session.study.memory import trust_text
+from prefcal_agents.baselines import LatinHypercube
+from prefcal_agents.learned_cost import CostTerm, LearnedCost
+from prefcal_app.session.study import trust_text
 from prefcal_env import End
 from prefcal_env.errors import ScenarioError
 from prefcal_scenarios import KPI, load, outcome, simulate_many, simulator
-from prefcal_scenarios.kpis import INTERRUPTED, screened
-from prefcal_scenarios.many.results import FailedRun
+from prefcal_scenarios.runs import INTERRUPTED, FailedRun, screened
 from support.interviews import answer_all, begin
 from toy_study import toy_scenario
 

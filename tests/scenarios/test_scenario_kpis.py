@@ -8,10 +8,9 @@ import pytest
 
 from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Maneuvers, Move, PlantEnv, Rig, Task
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.tracking import Tracking, found_kpis
+from prefcal_env.experiments.kpis import Tracking, found_kpis
 from prefcal_env.plants import FunctionPlant
-from prefcal_env.sources.function import Function
-from prefcal_env.sources.source import WithKPIs
+from prefcal_env.sources.source import Function, WithKPIs
 from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 from toy_study import toy_scenario
 

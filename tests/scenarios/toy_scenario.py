@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.calibrators import LatentCost
-from prefcal_env.experiments.control import Measurement, Move
-from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, Measurement, Move
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 LEVEL = Channel("level <h>", "m", target=2.0, band=0.06, symbol="h")

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.envs.overtake.traffic import Obstacle, signals_of
+from prefcal_env.envs.overtake.scene import Obstacle, signals_of
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_env.plants.bicycle import KMH, Bicycle
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.plants.equations import Equations
+from prefcal_env.plants.plant import Equations
 
 _EQUATION = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_app.session import Choice, Interview, Now, Phase, Question
-from prefcal_app.session.study.memory import agent_as_dict, knobs_as_dicts
+from prefcal_app.session.study import agent_as_dict, knobs_as_dicts
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.scenario import Scenario
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from prefcal_agents.utility.bank import Bank
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.people import Bank
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History, Sample
 from support.histories import in_cube

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.envs import Period, PlantEnv, Task
-from prefcal_env.experiments.control import Measurement, Move
-from prefcal_env.experiments.experiment import Channel
+from prefcal_env.experiments.experiment import Channel, Measurement, Move
 from prefcal_env.plants import FunctionPlant
 
 LEVEL = Channel("level", "m", symbol="h")

@@ -6,11 +6,10 @@ from typing import Any
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Interview
-from prefcal_app.session.study.memory import agent_as_dict, knobs_as_dicts
+from prefcal_app.session.study import agent_as_dict, knobs_as_dicts
 from prefcal_app.simulating import Simulator
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import clock

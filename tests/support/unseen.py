@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.scenario import KPI, Scenario
 
 LEVEL = Channel("level", "m")

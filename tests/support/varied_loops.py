@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from prefcal_scenarios import load
-from prefcal_scenarios.verification.cases import subject_of
-from prefcal_scenarios.verification.factor import drawn
-from prefcal_scenarios.verification.rest import at_rest
+from prefcal_scenarios.verification.loops import subject_of
+from prefcal_scenarios.verification.plants import at_rest, drawn
 
 
 def found(scenario):

@@ -9,9 +9,8 @@ import httpx
 from starlette.applications import Starlette
 
 from prefcal_app.session import Interview
-from prefcal_app.web.api import Api, Pace
-from prefcal_app.web.pages import Reports
-from prefcal_app.web.server.app import make_app
+from prefcal_app.web.api import Api, Pace, Reports
+from prefcal_app.web.serve import make_app
 
 TOKEN, PORT = "the-token", 8765
 HOST = f"127.0.0.1:{PORT}"

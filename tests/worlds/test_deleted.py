@@ -33,7 +33,7 @@ import numpy as np
 import prefcal_app, prefcal_env, prefcal_scenarios
 from contracts.sources import CONTRACT
 from prefcal_app.cli import main
-from prefcal_env.sources.function import Function
+from prefcal_env.sources.source import Function
 from support.device import Device
 from support.short_runs import short_run
 
@@ -199,7 +199,7 @@ def test_a_module_that_names_it_is_found(tmp_path, name, text):
 def test_a_module_that_imports_it_breaks_without_it(tmp_path):
     folder = without("casadi", tmp_path)
     (folder / "prefcal_env" / "own_line.py").write_text("import prefcal_env.worlds.casadi\n")
-    code, _, err = ran(folder, "import prefcal_env.own_line")
+    code, _, err = ran(folder, "import prefcal_env.wording")
     assert code == 1
     assert "No module named 'prefcal_env.worlds.casadi'" in err
 

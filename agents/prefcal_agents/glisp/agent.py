@@ -1,24 +1,351 @@
 """GLISp: preference-based optimization with radial basis functions and IDW exploration."""
 
-from dataclasses import replace
-from typing import ClassVar, Self, final
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, Self, final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.special import expit, logit
 
-from prefcal_agents.history.lessons import Preferences, judged, kpis_of
-from prefcal_agents.history.stages import Remembered
-from prefcal_agents.models.learned_cost import LearnedCost
-from prefcal_agents.protocol.agent import Agent, Pair, one_thread, rematch
-from prefcal_agents.space.start import Start
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.history import History
+from prefcal_agents.agent import Agent, Pair, Start, one_thread, rematch
+from prefcal_agents.learned_cost import LearnedCost
+from prefcal_agents.lessons import Marks, Preferences, Remembered, cube_of, judged, kpis_of
+from prefcal_agents.search import (
+    POOL,
+    Acquisition,
+    Objective,
+    Penalized,
+    Penalty,
+    Tried,
+    latin_hypercube,
+    new_minimum,
+    random_points,
+    replaced,
+    unsafe_penalty,
+)
+from prefcal_agents.surrogate import PreferenceGP, Surrogate
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.history import History, contradictory, reigns
 
-from .foresight import FROM, Foresight, lost_since
-from .questions import final_question, follow_up
-from .selection import ModelSelection, train
-from .settings import GLISpSettings
-from .strategy import propose, propose_start
+from .fits import (
+    ALMOST_SURE,
+    Dataset,
+    Fit,
+    GLISpSettings,
+    GLISpSetup,
+    ModelSelection,
+    Selection,
+    is_process_turn,
+    most_promising,
+    train,
+    trust,
+)
+
+# ----------------------------------------------------------------------------------------------------
+# Propose GLISp's next sample: the table of what is minimized when, and the search.
+
+
+class StrategyRow(NamedTuple):
+    """One row of the strategy.
+
+    Args:
+        holds: Function that returns whether the row applies to a fit in a study.
+        objective: Function that trains a model, and returns what the next sample minimizes of it.
+    """
+
+    holds: Callable[[GLISpSetup, Fit], bool]
+    objective: Callable[[GLISpSetup, Fit], Objective]
+
+
+def _every_second_time(setup: GLISpSetup, fit: Fit) -> bool:
+    turn = is_process_turn(fit.data.history.answered, setup.n_init)
+    return setup.settings.process and fit.data.is_strict and turn
+
+
+def _mean(setup: GLISpSetup, fit: Fit) -> Objective:
+    """Return the mean of a Gaussian process trained on comparisons only."""
+    # With one comparison per sample, answers cannot contradict each other; with more they can.
+    trusted = ALMOST_SURE if fit.data.history.follow_ups else 0.0
+    error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
+    return Acquisition.of(PreferenceGP.of(fit.data.preferences, error_rate), 0.0)
+
+
+def _exploration(setup: GLISpSetup, fit: Fit) -> Objective:
+    """Return eq. acquisition on Ĵ."""
+    surrogate = train(fit.data, fit.selection, setup.settings)
+    return Acquisition.of(surrogate, setup.settings.delta, cube_of(fit.data.history))
+
+
+STRATEGY = (StrategyRow(_every_second_time, _mean), StrategyRow(lambda setup, fit: True, _exploration))
+"""What the next sample minimizes without KPIs: the first row that holds.
+
+Deviation: the paper has the last row only.
+"""
+
+
+def propose(setup: GLISpSetup, fit: Fit) -> Float[np.ndarray, " n"]:
+    """Return the cube point of the next sample, shape (n,): a minimum of an acquisition.
+
+    Source: eq. xNp1.
+    Deviation: `most_promising` if KPIs explain the answers, otherwise `STRATEGY`; unsafe marks add
+    to the acquisition, see `Penalized`.
+    """
+    history = fit.data.history
+    rng = np.random.default_rng([setup.seed, history.answered])
+    penalty = _penalty(setup, history)
+    if fit.kpis is not None:
+        return most_promising(setup.space, history, fit.kpis, penalty, rng)
+    rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
+    objective = rule.objective(setup, fit)
+    if penalty is not None:
+        objective = Penalized(objective, penalty)
+    return new_minimum(objective, setup.space, history, rng)
+
+
+def propose_start(setup: GLISpSetup, history: History) -> Float[np.ndarray, " n"]:
+    """Return the cube point of a sample of the start, shape (n,), from a Latin hypercube.
+
+    Deviation: another point takes its place if it is likely unsafe according to the marks.
+    """
+    index = history.answered
+    rng = np.random.default_rng([setup.seed, index])
+    plan = latin_hypercube(setup.space, setup.n_init, setup.seed)
+    z = np.asarray(plan[index])
+    penalty = _penalty(setup, history)
+    if penalty is not None:
+        others = np.vstack([cube_of(history), plan[index + 1 :]])
+        z = replaced(z, others, random_points(setup.space, POOL, rng), penalty)
+    return Tried(setup.space, history).fresh(z, rng)
+
+
+def _penalty(setup: GLISpSetup, history: History) -> Penalty | None:
+    if not history.unsafe():
+        return None
+    return unsafe_penalty(history, setup.settings.unsafe_weight, setup.settings.least_safe)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Follow-up questions: which two known samples to compare before the next one is proposed.
+
+_APART = 10
+"""Number of experiments between two questions that are only based on a suspicion."""
+_SURE = 2.0
+"""A difference of at least this many standard deviations is certain enough not to ask."""
+_RIVALS = 9  # samples next to the best, by Ĵ
+FINALS = 3
+"""Maximum number of questions after the last experiment."""
+
+
+def follow_up(history: History, models: ModelSelection, settings: GLISpSettings) -> tuple[int, int] | None:
+    """Return two known samples to compare now, the challenger first; None if there are none.
+
+    If mistakes are suspected, ask whether the best sample really is the best; once that is
+    settled, find the rank of the latest one.
+
+    Source: none.
+    Deviation: the paper asks one comparison for each experiment.
+    """
+    asked, most = len(history.latest), settings.questions_per_experiment
+    if asked >= max(most, 2) or history.answered < 3:
+        return None
+    # As long as no answers contradict each other, additional questions are rare.
+    lately = any((c.after or 0) > history.answered - _APART for c in history.follow_ups)
+    if asked >= most and lately and not contradictory(history.verdicts()):
+        return None
+    # As selected one experiment earlier, so a question does not wait for a model selection.
+    kpis, before = models.kpi_fit(history), history.until(history.answered - 1)
+    if kpis is not None:
+        pair = kpis.doubted(history) if settings.error_rate else None
+    else:
+        data, sure = models.dataset(history), 0.0 if asked >= most else _SURE
+        pair = confirm_best(data, models.after(before), settings.error_rate, sure)
+    if pair is not None or asked >= most:
+        return pair
+    if kpis is not None:
+        return insertion_question(history, kpis.values(history))
+    surrogate = train(models.dataset(history), models.after(before), settings)
+    return insertion_question(history, surrogate(cube_of(history)))
+
+
+def confirm_best(
+    data: Dataset, selection: Selection, error_rate: float, sure: float
+) -> tuple[int, int] | None:
+    """Return the best sample and the one that may be better, if mistakes are suspected; or None.
+
+    The next experiment is compared with the best, so it matters most that it really is the best.
+    Of the other samples with the lowest Ĵ, the rival is the one least certain to be worse. A pair
+    that was asked before is left out, whatever was answered.
+
+    Source: none; the least certain pair, as in uncertainty sampling.
+    Deviation: the paper asks one comparison for each experiment, and takes all answers for right.
+
+    Args:
+        data: Samples and answers.
+        selection: Selected settings of the models.
+        error_rate: Probability that an answer is wrong.
+        sure: A rival that is worse by more than this many standard deviations is not asked about;
+            with 0, only one that is probably better is.
+
+    Returns:
+        The later and the earlier sample of the pair.
+    """
+    history, best = data.history, data.history.incumbent
+    if best is None or selection.noise is None or not selection.noise.suspects:
+        return None
+    candidates, shape = contenders(history), selection.noise.shape
+    posterior = trust(data, selection, error_rate)
+    samples = data.preferences.samples
+    known = shape.basis(samples, samples)
+    features = np.zeros((history.answered, known.shape[1]))
+    values = np.full(history.answered, np.inf)
+    features[data.kept] = known
+    values[data.kept] = Surrogate(samples, posterior.mean, shape)(samples)
+    candidates = candidates[np.isfinite(values[candidates])]
+    rest = [int(k) for k in candidates[np.argsort(values[candidates], kind="stable")] if k != best]
+    rivals = [k for k in rest[:_RIVALS] if not history.asked(best, k)]
+    if not rivals:
+        return None
+    behind = posterior.deviations(features[rivals] - features[best])
+    nearest = int(np.argmin(behind))
+    if behind[nearest] > sure:
+        return None
+    return max(best, rivals[nearest]), min(best, rivals[nearest])
+
+
+def contenders(history: History) -> Int[np.ndarray, " K"]:
+    """Return the samples that were compared and are not marked unsafe; all compared if all are.
+
+    Runs that were cut short are left out.
+    """
+    preferences, marks = Preferences.of(history), Marks.of(history)
+    strict = preferences.b != 0
+    compared = np.unique(np.concatenate([preferences.first[strict], preferences.second[strict]]))
+    samples, unsafe = cube_of(history), marks.samples[marks.unsafe]
+    cut = history.cut_short()
+    compared = np.array([i for i in compared if i not in cut], dtype=np.int64)
+    safe = [i for i in compared if not np.any(np.all(unsafe == samples[i], axis=1))]
+    return np.array(safe or compared, dtype=np.int64)
+
+
+def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tuple[int, int] | None:
+    """Return the latest sample and the one to compare it with; None once its place is known.
+
+    A sample that lost against the best is somewhere below it. Bisection finds where with few
+    answers: in the order of Ĵ, the next rival is the middle one of those that it may lie between.
+    After a win, a tie or an abstention, no further question is needed.
+
+    Source: none.
+    Deviation: the paper asks one comparison for each experiment.
+
+    Args:
+        history: Samples and answers.
+        values: Ĵ at the N samples that are answered, lower is better.
+    """
+    new = history.answered - 1
+    latest = [c for c in history.latest if c.challenger == new]  # others may be about the best
+    if not latest or not all(c.teaches for c in latest):
+        return None
+    asked = {c.incumbent for c in latest}
+    left_out = history.cut_short() - asked  # half a run cannot be compared with a whole one
+    if new in left_out:
+        return None
+    order = [int(i) for i in np.argsort(values, kind="stable") if i not in {new, *left_out}]
+    above, below = -1, len(order)  # positions of the worst better one and of the best worse one
+    for c in latest:
+        assert c.incumbent is not None  # it teaches
+        position = order.index(c.incumbent)
+        if c.answer.preference is Preference.INCUMBENT:
+            above = max(above, position)
+        elif c.answer.preference is Preference.CHALLENGER and c.after is not None:
+            below = min(below, position)
+        else:
+            return None
+    between = order[above + 1 : below]
+    if not between or not asked.isdisjoint(between):
+        return None
+    return new, between[len(between) // 2]
+
+
+def final_question(history: History) -> tuple[int, int] | None:
+    """Return the best sample and a former best for a final comparison; None if none is needed.
+
+    People who call two experiments "about the same" have a threshold, and differences below it add
+    up: each new best may be slightly worse in what matters most. So after the last experiment, the
+    best is compared with up to three former bests, earliest first, that it was not compared with
+    before. People who never said "about the same" and never contradicted themselves are not asked.
+
+    Source: none.
+    Deviation: the paper compares each experiment with the best so far only.
+
+    Returns:
+        The later and the earlier sample of the pair.
+    """
+    verdicts, best = history.verdicts(), history.incumbent
+    asked = sum(c.after == history.answered for c in history.follow_ups)
+    ties = any(v.preference is Preference.TIE for v in verdicts)
+    if best is None or asked >= FINALS or not (ties or contradictory(verdicts)):
+        return None
+    left_out = {best, *history.cut_short()}
+    for former in dict.fromkeys(reigns(verdicts)):
+        if former not in left_out and not history.asked(best, former):
+            return max(best, former), min(best, former)
+    return None
+
+
+# ----------------------------------------------------------------------------------------------------
+# What the next experiment can bring, for people and plants unlike the draws, too.
+#
+# The draws' own chance is too sure. So it enters a formula with how the answers went, which was fitted to
+# simulated people of eleven kinds, and checked on other loops and people (docs/research/certificate.md).
+
+FROM = 5
+"""Number of answers from which on something can be said."""
+_CHANCE = (-0.69, 0.48, -0.25)
+"""Coefficients of the logit of the chance: a constant, then of what `Foresight.terms` returns.
+
+Source: none. A logistic regression of whether the next experiment is noticeably better.
+"""
+_BELIEVED = 0.996
+"""Largest share of the draws that is believed; 1 minus it is the smallest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Foresight:
+    """What draws and answers say of the next experiment, before it runs.
+
+    Args:
+        better: Share of the draws to which it is noticeably better than the best so far; None if
+            KPIs do not explain the answers.
+        lost: Number of answers since a challenger won, see `lost_since`.
+    """
+
+    better: float | None
+    lost: int
+
+    @property
+    def terms(self) -> tuple[float, ...]:
+        """Return the numbers in which the logit of the chance is linear; none if nothing can be said."""
+        if self.better is None:
+            return ()
+        return float(logit(np.clip(self.better, 1.0 - _BELIEVED, _BELIEVED))), float(np.log1p(self.lost))
+
+    @property
+    def chance(self) -> float | None:
+        """Return the chance that it is noticeably better; None if nothing can be said."""
+        constant, *slopes = _CHANCE
+        return float(expit(constant + np.dot(slopes, self.terms))) if self.terms else None
+
+
+def lost_since(history: History) -> int:
+    """Return the number of answers since a challenger won; all of them if none did."""
+    won = [c.answer.preference is Preference.CHALLENGER for c in reversed(history.lessons())]
+    return won.index(True) if True in won else len(won)
+
+
+# ----------------------------------------------------------------------------------------------------
+# GLISp: preference-based optimization with radial basis functions and IDW exploration.
 
 _STREAM = 4
 """Stream of random numbers."""

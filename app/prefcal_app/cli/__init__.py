@@ -36,7 +36,7 @@ def main() -> None:
 
 def _own(error: Exception) -> tuple[str, int] | None:
     """Return the message and exit code for an error of the user's own code; None for others."""
-    from prefcal_env.own_line import in_words, located, own_line
+    from prefcal_env.wording import in_words, located, own_line
 
     return (in_words(located(error)), 1) if own_line(error) else None
 
@@ -52,7 +52,7 @@ class _Said(logging.Handler):
 def _complain(words: str) -> None:
     """Print an error message on standard error."""
     # Imported here to keep --help fast.
-    from prefcal_scenarios.presentation.wording import printable_lines
+    from prefcal_scenarios.wording import printable_lines
 
     print(f"prefcal: {printable_lines(words)}", file=sys.stderr, flush=True)
 

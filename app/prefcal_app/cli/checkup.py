@@ -1,4 +1,4 @@
-"""Check a scenario with one trial run: everything about it that a study relies on."""
+"""Run `prefcal check`, one trial run that shows everything a study relies on, and `prefcal scenarios`."""
 
 import json
 import shlex
@@ -15,39 +15,48 @@ from jaxtyping import Float
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+from typer import echo
 
 from prefcal_app.report.export import jsonable
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment, returned
-from prefcal_env.experiments.maneuvers import by_maneuver
-from prefcal_env.experiments.panels import KINDS
-from prefcal_env.experiments.tracking import every_tracking_kpi
-from prefcal_env.own_line import as_exception, in_words, located
+from prefcal_env.experiments.kpis import every_tracking_kpi
+from prefcal_env.experiments.panels import KINDS, by_maneuver
 from prefcal_env.preferences.answer import Answer, Calibrator
 from prefcal_env.sources import Run, Source
-from prefcal_env.study.codec import decode, encode
+from prefcal_env.study.fold import decode, encode
+from prefcal_env.wording import as_exception, in_words, located
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.options import words_of
+from prefcal_scenarios.described.description import words_of
 from prefcal_scenarios.isolated import isolation
-from prefcal_scenarios.kpis import grouped
-from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
-from prefcal_scenarios.presentation.folder import picture_at, put
-from prefcal_scenarios.presentation.wording import (
+from prefcal_scenarios.names import BUILT_IN, CLOSED_LOOPS
+from prefcal_scenarios.runs import grouped
+from prefcal_scenarios.scenario import (
+    Scenario,
+    check_experiment,
+    kpi_problems,
+    theta_problems,
+    with_found_kpis,
+)
+from prefcal_scenarios.wording import (
     measured,
     number,
+    picture_at,
     printable,
     printable_lines,
+    put,
     quantity,
     theta_text,
     with_unit,
 )
-from prefcal_scenarios.scenario import Scenario, with_found_kpis
 
 from .choices import start_of
 from .options import CheckOptions
-from .studies.files import as_text
-from .studies.sources import completed
+from .studies.files import as_text, completed
+
+# ----------------------------------------------------------------------------------------------------
+# Check a scenario with one trial run: everything about it that a study relies on.
 
 _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
 _FIRST = " (the very first run on a machine compiles for half a minute)"
@@ -303,8 +312,8 @@ def _draw(checkup: Checkup, path: Path) -> Path | None:
     if experiment is None or not len(experiment.t) or checkup.scenario.source.asks:
         return None
     # Imported here: plotting takes half a second to import.
-    from prefcal_app.report.trajectories import alone
-    from prefcal_scenarios.presentation.style import save
+    from prefcal_app.report.pictures import alone
+    from prefcal_scenarios.style import save
 
     buffer = BytesIO()
     try:
@@ -414,3 +423,26 @@ def _same(a: object, b: object) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
     return bool(np.all(a == b))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Run `prefcal scenarios`: the scenarios that have a name, and what one of them is about.
+
+
+def describe(name: str) -> None:
+    """Print the task, the knobs and the KPIs of a scenario. Raises ScenarioError if there is none."""
+    from prefcal_app.terminal.showing import show_scenario  # takes half a second to import
+
+    show_scenario(load(name))
+
+
+def print_all() -> None:
+    """Print the scenarios that `prefcal calibrate` knows by name."""
+    cases = [known for known in BUILT_IN if known not in CLOSED_LOOPS]
+    width = max(map(len, cases)) + 2
+    for known in cases:
+        scenario = load(known)
+        echo(f"{known:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
+    echo(f"Closed loops: {', '.join(CLOSED_LOOPS)} (`prefcal scenarios servo` describes one)")
+    echo("Random closed loops: loop-1, loop-2, ... (any seed)")
+    echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")

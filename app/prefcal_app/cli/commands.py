@@ -96,7 +96,7 @@ def calibrate(**typed: Any) -> None:
     if sys.stderr.isatty():  # the next imports take a second
         name = str(found["scenario"]).partition("{")[0].strip()
         print(f"Loading {name} ...", file=sys.stderr, flush=True)
-    from .calibrate_run import run
+    from .calibrate import run
 
     raise Exit(run(found))
 
@@ -168,9 +168,9 @@ def look(**typed: Any) -> None:
     Runs may have different time bases, lengths and columns: columns of the same name and unit
     share a plot. Ctrl-C ends the page.
     """
-    from .look_run import run
+    from .look_run import look_at
 
-    raise Exit(run(made(LookOptions, typed)))
+    raise Exit(look_at(made(LookOptions, typed)))
 
 
 @app.command(
@@ -186,7 +186,7 @@ def look(**typed: Any) -> None:
 @takes(ReportOptions)
 def report(**typed: Any) -> None:
     """Write the report of a study as it stands, complete or not."""
-    from .calibration import report_of
+    from .calibrate import report_of
 
     report_of(given(ReportOptions, typed))
 
@@ -214,9 +214,9 @@ def verify(**typed: Any) -> None:
     which it draws beside best.json and asks about. All of that is kept there in
     verification.json. Ends with exit code 0 whatever the result is.
     """
-    from .verify_run import run
+    from .look_run import verify
 
-    raise Exit(run(made(VerifyOptions, typed)))
+    raise Exit(verify(made(VerifyOptions, typed)))
 
 
 @app.command()
@@ -226,7 +226,7 @@ def scenarios(
     ] = None,
 ) -> None:
     """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
-    from .scenario_list import describe, print_all
+    from .checkup import describe, print_all
 
     if name is None:
         print_all()
@@ -245,7 +245,7 @@ def _hand_over(context: Context) -> None:
     """Run a command of the benchmark, or say on standard error what to install."""
     from typer.main import get_command
 
-    from prefcal_env.extensions import BENCHMARK, command
+    from prefcal_env.optional import BENCHMARK, command
 
     name = str(context.info_name)
     found = command(name)

@@ -1,34 +1,40 @@
-"""Run `prefcal look`: read the runs, then show the page, a picture or the KPIs."""
+"""Run `prefcal look` and `prefcal verify`."""
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.table import Table
 
 from prefcal_app.looking import SideBySide
+from prefcal_app.looking.look import run_from
 from prefcal_app.looking.pair import NamedRun
-from prefcal_app.looking.table import run_from
-from prefcal_app.terminal.showing import show_kpis
+from prefcal_app.report.write import judge, picture, verify_best
+from prefcal_app.terminal.showing import ask_line, say, show_kpis
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
-from prefcal_scenarios.described.words import listed
-from prefcal_scenarios.presentation.wording import printable
+from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.verification.result import EFFECTS, FILE, Verified
+from prefcal_scenarios.wording import printable
 
-from .interrupt import interruption
-from .options import LookOptions
+from .calibrate import interruption, plain
+from .options import LookOptions, VerifyOptions
 from .studies.files import EXPERIMENT, as_text, existing, numbered, open_described
+
+# ----------------------------------------------------------------------------------------------------
+# Run `prefcal look`: read the runs, then show the page, a picture or the KPIs.
 
 _SQLITE = b"SQLite format 3\0"
 
 
-def run(options: LookOptions) -> int:
+def look_at(options: LookOptions) -> int:
     """Show the runs; return the exit code.
 
     Raises:
@@ -142,7 +148,7 @@ def _as_dict(runs: Sequence[NamedRun], look: SideBySide) -> dict[str, Any]:
 def _serve(runs: Sequence[NamedRun], options: LookOptions) -> None:
     """Serve the page until Ctrl-C."""
     # Imported here: pictures need no web server.
-    from prefcal_app.looking.window import LookWindow
+    from prefcal_app.looking.look import LookWindow
     from prefcal_app.web import open_browser
 
     served = LookWindow(runs, align=options.align or None, host=options.host, port=options.port)
@@ -158,3 +164,91 @@ def _serve(runs: Sequence[NamedRun], options: LookOptions) -> None:
         with suppress(KeyboardInterrupt), ctrl_c.allowed():
             while True:
                 time.sleep(0.5)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Run `prefcal verify`: vary the plant of a tuning, say and keep what came of it, ask about the worst.
+
+_VERDICTS = {"y": True, "n": False}
+
+
+def verify(options: VerifyOptions) -> int:
+    """Verify the tuning; return the exit code.
+
+    Raises:
+        PrefcalError: If the file or an option does not fit, or nothing of the scenario can vary.
+    """
+    best, console = Path(options.best), Console(emoji=False)
+    said = verify_best(
+        best,
+        options.runs,
+        ranges=dict(_range(text) for text in options.range),
+        jobs=options.jobs,
+        timeout=options.run_timeout,
+        progress=True,
+    )
+    show(said, console)
+    for k in range(len(said.worst)):
+        drawn = best.parent / picture(k)
+        where = drawn if drawn.is_file() else "could not be run again to draw it"
+        say(console, f"Worst run {k + 1}, beside the nominal one: {where}")
+    if sys.stdin.isatty():
+        _ask(said, best.parent, console)
+    say(console, f"Kept in {best.parent / FILE}.")
+    return 0
+
+
+def _range(text: str) -> tuple[str, float | list[float]]:
+    """Return name and change of "dead time=0:0.5" or "parameter=0.2"."""
+    name, _, change = (part.strip() for part in text.partition("="))
+    try:
+        ends = [float(end) for end in change.split(":")]
+    except ValueError:
+        ends = []
+    if not name or len(ends) not in (1, 2):
+        raise SettingsError(f'--range must look like parameter=0.2 or "dead time=0:0.5", got {text!r}')
+    return name, ends[0] if len(ends) == 1 else ends
+
+
+def _ask(said: Verified, folder: Path, console: Console) -> None:
+    """Ask a person about the worst runs, and keep each verdict."""
+    for k, each in enumerate(said.worst):
+        told = ask_line(console, f"Worst run {k + 1} ({each.words}): acceptable? (y/n)").lower()
+        if told in _VERDICTS:
+            judge(folder, k, acceptable=_VERDICTS[told])
+
+
+def show(said: Verified, console: Console) -> None:
+    """Print a verification in a terminal."""
+    say(console, said.statement, said.limits_kept)
+    console.print(_table(said.kpi_columns, said.kpis))
+    if said.margins:
+        console.print(_table(said.margin_columns, said.margins))
+    for line in _lines(said):
+        say(console, line)
+
+
+def _lines(said: Verified) -> Iterator[str]:
+    """Yield what hurts most, the worst runs, and what was not varied."""
+    yield _sentence(said.basis)
+    if said.effects:  # they come after all random runs, and an interruption may end before
+        yield "What hurts most, one at a time:"
+    yield from (f"  {text}" for text in said.effects[:EFFECTS])
+    if said.worst:
+        yield "Worst runs:"
+    for each in said.worst:
+        yield f"  {each.words}: {each.text}"
+    if said.varied:
+        yield f"Varied: {', '.join(said.varied)}."
+    yield from map(_sentence, said.left_out)
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    table = Table(*map(plain, columns), box=None, header_style="bold")
+    for row in rows:
+        table.add_row(*map(plain, row))
+    return table

@@ -185,7 +185,10 @@ class Options(Described):
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
         if stored.get("earlier"):  # what --from was before --start took studies
             kept["start"] += (f"{stored['earlier']}:best",)
-        from .studies.resuming import check_programs, check_unchanged  # here, to keep --help fast
+        from .parameters import (
+            check_programs,
+            check_unchanged,  # here, to keep --help fast
+        )
 
         check_programs(kept, given)
         check_unchanged(kept_by(Options), kept, given)
@@ -215,7 +218,7 @@ class Options(Described):
 
     def command(self) -> str:
         """Return a command line that repeats the study, without its folder."""
-        from prefcal_scenarios.described.options import words_of
+        from prefcal_scenarios.described.description import words_of
 
         words = ["prefcal", "calibrate", *words_of(self.scenario)]
         for name, (parameter, kept) in kept_by(Options).items():

@@ -1,25 +1,106 @@
-"""Look at two runs: as plain data, a picture in a notebook, or the page in a browser."""
+"""Look at runs: as a picture, as KPIs, or on a page."""
 
 from base64 import b64encode
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from html import escape
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from prefcal_app.summary.compare import Spread, compared
-from prefcal_env.errors import ExperimentError
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.maneuvers import named
-from prefcal_env.experiments.notebook import table_of
-from prefcal_env.experiments.panels import Plot
-from prefcal_scenarios.presentation.folder import picture_at, put
-from prefcal_scenarios.presentation.wording import printable, with_unit
-from prefcal_scenarios.scenario import KPI
+import numpy as np
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
 
-from .kpis import measured_run
-from .pair import NamedRun, aligned
+from prefcal_app.summary import Spread, compared
+from prefcal_app.web.api import Pages, Reports, as_json, digits, encoded, error_response, read_query, refused
+from prefcal_app.web.security import Assets, Hosts
+from prefcal_app.web.serve import Site, guarded
+from prefcal_env.errors import ExperimentError, RecordError
+from prefcal_env.experiments.experiment import End, Experiment, table_of
+from prefcal_env.experiments.panels import Plot, named
+from prefcal_env.tables.frame import (
+    ALLOWED,
+    TableColumns,
+    gap_words,
+    gaps,
+    instants,
+    time_unit_of,
+    usual_time_columns,
+)
+from prefcal_env.tables.sheet import Sheet, parts_of, sheet_of
+from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.wording import picture_at, printable, put, with_unit
+
+from .pair import NamedRun, aligned, aligned_view, measured_run
+
+# ----------------------------------------------------------------------------------------------------
+# Serve runs on a local page, two at a time.
+
+_KEPT = 8
+"""Number of pairs whose views are kept: each can take megabytes."""
+
+
+class LookWindow(Site):
+    """The page of some runs, served inside `with LookWindow(runs) as window:`.
+
+    Args:
+        runs: At least two runs.
+        align: Whether both runs of a pair start at 0; see `aligned`.
+        host: Name or address to listen on; keep the loopback address unless others need access.
+        port: Port to listen on; 0 takes a free one.
+
+    Raises:
+        SettingsError: If the port is taken or invalid, or the host is not this machine.
+    """
+
+    def __init__(
+        self, runs: Sequence[NamedRun], *, align: bool | None = None, host: str = "127.0.0.1", port: int = 0
+    ) -> None:
+        def make(*, token: str, port: int, hosts: Hosts) -> Starlette:
+            pages = Pages(Assets(), Reports(), token, port, "look.html")
+            return guarded(pages, _routes(runs, align), hosts)
+
+        super().__init__(make, host=host, port=port)
+
+
+def _routes(runs: Sequence[NamedRun], align: bool | None) -> list[Route]:
+    @lru_cache(_KEPT)
+    def pair(left: int, right: int) -> bytes:
+        return encoded(aligned_view(*aligned(runs[left], runs[right], align=align)))
+
+    def listed(query: bytes) -> bytes:
+        return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})
+
+    def chosen(query: bytes) -> bytes:
+        places = read_query(query, {"left": digits, "right": digits})
+        left, right = places.get("left", 0), places.get("right", 1)
+        if max(left, right) >= len(runs):
+            raise HTTPException(404)
+        return pair(left, right)
+
+    return [Route("/api/runs", _endpoint(listed)), Route("/api/pair", _endpoint(chosen))]
+
+
+def _endpoint(view: Callable[[bytes], bytes]) -> Callable[[Request], Awaitable[Response]]:
+    async def answer(request: Request) -> Response:
+        try:
+            return as_json(await run_in_threadpool(view, request.scope["query_string"]))
+        except HTTPException:
+            raise
+        except Exception as error:
+            return error_response(*refused(error))
+
+    return answer
+
+
+# ----------------------------------------------------------------------------------------------------
+# Look at two runs: as plain data, a picture in a notebook, or the page in a browser.
 
 
 def look(
@@ -87,8 +168,8 @@ class SideBySide:
     def png(self) -> bytes:
         """Return the picture of both runs over each other; references are dotted."""
         # Imported here: plotting takes half a second to import.
-        from prefcal_app.report.trajectories import DrawnRun, overlaid
-        from prefcal_scenarios.presentation.style import BEST, OTHERS, save, style
+        from prefcal_app.report.pictures import DrawnRun, overlaid
+        from prefcal_scenarios.style import BEST, OTHERS, save, style
 
         looks = ((BEST, "-"), (OTHERS[0], (0, (5, 1.6))))
         curves = [
@@ -119,8 +200,6 @@ class SideBySide:
         """
         from prefcal_app.web import open_browser
 
-        from .window import LookWindow
-
         with LookWindow((self.left, self.right)) as window:
             print(window.link, flush=True)
             open_browser(window.link)
@@ -144,3 +223,165 @@ class SideBySide:
             f'src="data:image/png;base64,{picture}">'
             f"{table_of(('KPI', left, right, 'difference'), rows)}"
         )
+
+
+# ----------------------------------------------------------------------------------------------------
+# Guess what the columns of a table are, read them as a run, and say what was taken for what.
+
+_MOST = 12
+"""Number of columns shown if none are named: more panels are no longer readable."""
+
+
+def run_from(path: Path, about: TableColumns | None = None) -> NamedRun:
+    """Return the run in a file, with a sentence on what was taken for what.
+
+    Args:
+        path: CSV or Parquet file, with a heading "name" or "name [unit]" for each column.
+        about: What is known of the columns: names, units, references and time. A reference is a
+            number as text, or the heading of a column. The rest is found from the headings.
+
+    Raises:
+        RecordError: If the file is no table, or a column is missing or holds no numbers.
+    """
+    try:
+        return _run_from(path, TableColumns() if about is None else about)
+    except RecordError as error:
+        raise RecordError(f"{path}: {error}") from error
+
+
+def _run_from(path: Path, about: TableColumns) -> NamedRun:
+    sheet, time, mended = _timed_sheet(path, about)
+    names = _names(sheet, about)
+    reference = _references(sheet, about, names)
+    beside = {time, *(names[name] for name in about.inputs)}
+    beside |= {sheet.column(r, "") for r in reference.values() if isinstance(r, str)}
+    outputs, left_out = _outputs(sheet, about, {n: i for n, i in names.items() if i not in beside})
+    for name in about.reference:
+        if name not in outputs:  # it would neither be drawn nor measured
+            there = "an input" if name in about.inputs else "not shown"
+            raise RecordError(
+                f"{name!r} has a reference but is {there}: the outputs are {', '.join(outputs)}; "
+                f"add it with --outputs, or leave --reference {name}=... out"
+            )
+    reference = {name: value for name, value in reference.items() if name in outputs}
+    used = (*outputs, *about.inputs)
+    # The page shows times as they are, and needs every row. Look computes KPIs of its own, and
+    # nobody says that the run was unsafe.
+    columns = replace(
+        about,
+        columns={n: h for n, h in about.columns.items() if n in used},
+        time=sheet.headings[time],
+        outputs=outputs,
+        reference=reference,
+        units={n: u for n, u in about.units.items() if n in used},
+        from_zero=False,
+        allow=ALLOWED,
+        max_rows=None,
+        kpis=None,
+        end=End.TIME_UP,
+    )
+    experiment = columns.read(sheet, [0.0])  # θ is not known
+    heading, unit = parts_of(sheet.headings[time])[0], experiment.channels.time_unit
+    taken = {"outputs": outputs, "inputs": about.inputs, "references of": reference}
+    words = [f"{what} {', '.join(found)}" for what, found in taken.items() if found]
+    bridged = _bridged({name: sheet.numbers(names[name]) for name in used})
+    said = (f"time from {heading!r} in {unit}", *words, *mended, *bridged, *left_out)
+    return run_of(path.name, experiment, "; ".join(said))
+
+
+def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, list[str]]:
+    """Return the rows that have a time, the number of its column, and what reading will mend."""
+    sheet = sheet_of(path, {*about.columns.values(), *about.outputs, *about.inputs})
+    if not len(sheet.frame):
+        raise RecordError("a table needs a line of headings and rows of values, got headings only")
+    named = about.columns.get("time", about.time)
+    time = sheet.column(named, "") if named else (usual_time_columns(sheet) or [0])[0]
+    column, said = sheet.frame[time], []
+    there = np.asarray(column.notna() & (column.astype(str).str.strip() != ""))
+    if not there.any():
+        raise RecordError(
+            f"column {parts_of(sheet.headings[time])[0]!r} should hold the time but is empty: "
+            "name another one with --time"
+        )
+    if not there.all():
+        said.append(f"{(~there).sum()} of {len(there)} rows have no time and are left out")
+        frame = sheet.frame[there].reset_index(drop=True)
+        lines = None if sheet.lines is None else sheet.lines[there]
+        sheet = replace(sheet, frame=frame, lines=lines)
+    unit = time_unit_of(sheet, time, None)
+    t = instants(sheet, time, unit, about.time_format)
+    if (np.diff(t) < 0).any():
+        said.append("rows sorted by time")
+    ordered = np.unique(t)
+    if repeated := len(t) - len(ordered):
+        said.append(f"of rows with the same time only the last one is kept ({repeated} left out)")
+    if len(long := gaps(ordered)):
+        said.append(f"{gap_words(ordered, int(long[0]), unit, len(long))}: bridged")
+    return sheet, time, said
+
+
+def _names(sheet: Sheet, about: TableColumns) -> dict[str, int]:
+    """Return the number of each column by its name; columns without a heading have none."""
+    names = {name: sheet.column(heading, "") for name, heading in about.columns.items()}
+    renamed = {*names.values()}
+    for i, heading in enumerate(sheet.headings):
+        plain = parts_of(heading)[0]
+        if plain and i not in renamed:
+            names.setdefault(plain, i)
+    for name in (*about.outputs, *about.inputs, *about.reference):
+        if name not in names:
+            names[name] = sheet.column(name, "")  # says which there are
+    return names
+
+
+def _references(sheet: Sheet, about: TableColumns, names: Mapping[str, int]) -> dict[str, Any]:
+    """Return the reference of each output: a number, or the heading of a column."""
+    bases = {name: name.removesuffix(" ref") for name in names if name.endswith(" ref")}
+    found: dict[str, Any] = {
+        base: sheet.headings[names[name]] for name, base in bases.items() if base in names
+    }
+    for name, text in about.reference.items():
+        try:
+            found[name] = float(text)
+        except ValueError:
+            found[name] = sheet.headings[names[text] if text in names else sheet.column(text, "")]
+    return found
+
+
+def _outputs(
+    sheet: Sheet, about: TableColumns, there: Mapping[str, int]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the outputs among the columns that are `there`, and what was left out."""
+    import pandas as pd
+
+    if about.outputs:
+        return tuple(about.outputs), []
+    columns = {name: sheet.frame[i] for name, i in there.items()}
+    is_numeric = pd.api.types.is_numeric_dtype
+    numeric = [n for n, values in columns.items() if is_numeric(values) and values.notna().any()]
+    text = [name for name in there if name not in numeric]
+    for name in text:
+        if sheet.is_almost_numeric(there[name]):
+            sheet.numbers(there[name])  # says which cell holds no number
+    if not numeric:
+        headings = ", ".join(parts_of(h)[0] for h in sheet.headings)
+        raise RecordError(f"there is no column of numbers beside the time, only {headings}")
+    said = [f"without numbers and left out: {', '.join(text[:5])}"] if text else []
+    if len(numeric) > _MOST:
+        said.append(f"only the first {_MOST} of {len(numeric)} columns: choose others with --outputs")
+    return tuple(numeric[:_MOST]), said
+
+
+def _bridged(columns: Mapping[str, np.ndarray]) -> Iterable[str]:
+    """Yield which columns have empty cells before and after their last value."""
+    filled, shorter = [], []
+    for name, values in columns.items():
+        there = np.flatnonzero(np.isfinite(values))
+        if len(there) and len(there) <= there[-1]:
+            filled.append(name)
+        if len(there) and there[-1] < len(values) - 1:
+            shorter.append(name)
+    if filled:
+        yield f"empty cells filled from their neighbors in {', '.join(filled)}"
+    if shorter:
+        yield f"no values in the last rows of {', '.join(shorter)}"

@@ -14,13 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_env.experiments.control import Controller
-from prefcal_env.experiments.experiment import End
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.experiments.experiment import Controller, End
+from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
 from prefcal_scenarios.names import is_own
-from prefcal_scenarios.own.source import file_in, joined_source, split_source
+from prefcal_scenarios.own import file_in, joined_source, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
 from .record import StudyRecord

@@ -1,16 +1,515 @@
-"""List and draw the figures of a report, with captions and texts for people who cannot see them."""
+"""Draw the figures of a report: trajectories, the course of the study, and all others."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from io import BytesIO
+from typing import Any
 
-from prefcal_scenarios.presentation.style import save, style
-from prefcal_scenarios.presentation.wording import measured, number, theta_text
-from prefcal_scenarios.scenario import Picture
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullLocator
 
-from .course import INDEX, course, drawn_kpis, knobs
-from .record import StudyRecord
-from .trajectories import best_against, curves_of
+from prefcal_app.view.now import slices_view
+from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.panels import Plot, maneuvers_of
+from prefcal_env.knobs import Knob
+from prefcal_scenarios.scenario import KPI, Picture, Scenario, panels_of
+from prefcal_scenarios.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, canvas, legend, look, save, style
+from prefcal_scenarios.wording import knob_axis, knob_number, labeled, mathtext, measured, number, theta_text
+
+from .record import StudyRecord, foremost_kpis
+
+# ----------------------------------------------------------------------------------------------------
+# Draw closed-loop runs, overlaid or side by side.
+
+_ACROSS = 3
+"""Largest number of maneuvers next to each other; more would be too narrow to read."""
+_LINE = 76
+"""Number of characters of θ that fit above half of a figure."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnRun:
+    """A run to draw."""
+
+    experiment: Experiment
+    label: str
+    color: str
+    width: float = 1.7
+    dashes: Any = "-"
+
+
+_Row = tuple[Plot, bool]
+"""A panel, and whether it is a zoom on the range around its target."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Panels below each other with the same curves, and a heading above them."""
+
+    heading: str
+    rows: Sequence[_Row]
+    curves: Sequence[DrawnRun]
+    own: bool = False
+    """Whether targets and limits are those of the first run, not of the scenario."""
+
+
+def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]:
+    """Return the baseline, the references and the best run, except runs without a record."""
+    assert record.best is not None
+    first, best = record.before, record.best
+    alone = {record.baseline: first.experiment}
+    (name, _), *others = (record.compared_with if references else alone).items()
+    curves = [DrawnRun(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
+    for i, (name, experiment) in enumerate(others):
+        color, dashes = look(i)
+        curves.append(DrawnRun(experiment, name, color, 1.5, dashes))
+    curves.append(DrawnRun(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
+    return [curve for curve in curves if _has_record(curve.experiment)]
+
+
+def best_against(
+    record: StudyRecord, *, references: bool = True, panels: int | None = None, most: float = np.inf
+) -> Figure | None:
+    """Draw the best trajectory with what it is compared with; None without any record.
+
+    Args:
+        record: Record of the study.
+        references: Whether to draw the references, and zooms on targets with a narrow band.
+        panels: Largest number of panels, most important first; None for all.
+        most: Largest height of the figure, in inches.
+    """
+    curves = curves_of(record, references=references)
+    if not curves:
+        return None
+    draws = partial(panels_of, record.scenario)
+    return _together(lambda *runs: draws(*runs)[:panels], curves, zooms=references, most=most)
+
+
+def figure(
+    scenario: Scenario,
+    left: Experiment,
+    right: Experiment,
+    labels: tuple[str, str] = ("1", "2"),
+    *,
+    own: bool = False,
+) -> Figure:
+    """Draw two experiments side by side on equal axes, a row for each panel and maneuver.
+
+    Args:
+        scenario: Scenario of both experiments.
+        left: Left experiment.
+        right: Right experiment.
+        labels: Labels of the left and the right experiment.
+        own: Whether each has targets and limits of its own, as on a varied plant.
+    """
+    pair = (DrawnRun(left, labels[0], BEST, 1.9), DrawnRun(right, labels[1], OTHERS[0], 1.9))
+    parts = maneuvers_of(left, right)
+    blocks = []
+    for part, runs in parts.items():
+        rows = [(panel, False) for panel in panels_of(scenario, *runs)]
+        for curve, run in zip(pair, runs, strict=True):
+            heading = part if curve is pair[0] else ""
+            blocks.append(_Block(heading, rows, [replace(curve, experiment=run)], own))
+    with style():
+        drawn, tops = _drawn(blocks, 2, 0.8 + 1.75 * sum(len(b.rows) for b in blocks) / 2)
+        up = 15 if any(parts) else 0  # above the name of the first maneuver
+        thetas = [_theta_lines(scenario, curve.experiment.theta) for curve in pair]
+        label = 24 + 12 * max(map(len, thetas)) + up
+        for axes, curve, lines in zip(tops[:2], pair, thetas, strict=True):
+            _above(axes, "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
+            _above(axes, curve.label, label, color=curve.color, fontweight="bold")
+    return drawn
+
+
+def alone(scenario: Scenario, experiment: Experiment) -> Figure:
+    """Draw one experiment, a panel per signal, with a zoom on targets that have a narrow band.
+
+    Args:
+        scenario: Scenario of the experiment.
+        experiment: Experiment that left a record.
+    """
+    theta = "\n".join(_theta_lines(scenario, experiment.theta))
+    with style():
+        curve = DrawnRun(experiment, theta, BEST, 1.9)
+        return _together(partial(panels_of, scenario), [curve], zooms=True)
+
+
+def overlaid(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Figure:
+    """Draw experiments over each other, a panel per signal, with the references that change.
+
+    Several maneuvers are drawn next to each other.
+
+    Args:
+        panels: Panels from top to bottom, the same for all experiments.
+        curves: Experiments with their labels and colors.
+    """
+    return _together(lambda *_: tuple(panels), curves)
+
+
+def _together(
+    panels: Callable[..., Sequence[Plot]],
+    curves: Sequence[DrawnRun],
+    *,
+    zooms: bool = False,
+    most: float = np.inf,
+) -> Figure:
+    """Draw runs over each other: a column of panels for each maneuver, with a legend.
+
+    Args:
+        panels: Function that returns the panels of the runs of one maneuver.
+        curves: Runs with their labels and colors; one or more left a record.
+        zooms: Whether a narrow band around a target gets a panel of its own, without maneuvers.
+        most: Largest height of the figure, in inches.
+    """
+    parts = maneuvers_of(*(curve.experiment for curve in curves))
+    blocks = []
+    for part, runs in parts.items():
+        found = [
+            replace(curve, experiment=run)
+            for curve, run in zip(curves, runs, strict=True)
+            if len(run.t) or len(parts) == 1
+        ]
+        if found:
+            drawn = panels(*(c.experiment for c in found))
+            zoomed = zooms and len(parts) == 1
+            rows = list(_zoomed(drawn, found)) if zoomed else [(panel, False) for panel in drawn]
+            blocks.append(_Block(part, rows, found))
+    across = min(len(blocks), _ACROSS)
+    count = max(len(block.rows) for block in blocks) * -(-len(blocks) // across)
+    each = 1.75 if len(parts) == 1 else 1.6
+    height = 0.75 + each * count if np.isinf(most) else min(most, 0.8 + 2.2 * count)
+    figure, tops = _drawn(blocks, across, height, short=len(parts) > 1)
+    fullest = max(range(len(blocks)), key=lambda i: len(blocks[i].curves))
+    legend(figure, tops[fullest], len(curves))
+    return figure
+
+
+def _drawn(
+    blocks: Sequence[_Block], across: int, height: float, *, short: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Draw blocks next to each other; return the figure, and the first axes of each block.
+
+    Blocks of the same rows next to each other share their axes.
+
+    Args:
+        blocks: Blocks from left to right, then from top to bottom.
+        across: Number of blocks next to each other.
+        height: Height of the figure, in inches.
+        short: Whether titles name only the signal and its unit.
+    """
+    count = max(len(block.rows) for block in blocks)
+    figure = canvas(height)
+    grid = figure.subplots(count * -(-len(blocks) // across), across, squeeze=False)
+    for axes in grid.flat:
+        axes.set_visible(False)
+    tops = []
+    for i, block in enumerate(blocks):
+        top, column = i // across * count, i % across
+        places = list(grid[top : top + len(block.rows), column])
+        same = column > 0 and blocks[i - 1].rows is block.rows
+        for axes, left in zip(places, grid[top:, 0], strict=False):
+            axes.set_visible(True)
+            axes.tick_params(labelbottom=axes is places[-1], labelleft=not same)
+            if same:
+                axes.sharey(left)
+            if axes is not grid[top, 0] and (same or axes is not places[0]):
+                axes.sharex(grid[top, 0] if same else places[0])
+        _fill(places, block, short=short)
+        if block.heading:
+            _above(places[0], block.heading, 21, fontweight="bold")
+        tops.append(places[0])
+    return figure, tops
+
+
+def _has_record(experiment: Experiment) -> bool:
+    """Return whether an experiment, or any of its maneuvers, left a record."""
+    return any(len(run.t) for run in experiment.runs or (experiment,))
+
+
+def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str]:
+    """Return θ in lines that fit above half of a figure."""
+    lines, room = [""], 0
+    for knob, value in zip(scenario.space, theta, strict=True):
+        text = knob_number(knob, value)
+        length = len(f"{knob.name} = {text},  ")
+        if length > room:
+            lines, room = [*lines, ""], _LINE
+        lines[-1] += f"{',  ' if lines[-1] else ''}{mathtext(knob.name)} = {text}"
+        room -= length
+    return lines[1:]
+
+
+def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
+    axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
+
+
+def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_Row]:
+    """Yield every panel, followed by a zoom if its accepted band would look like a line."""
+    for panel in panels:
+        yield panel, False
+        every = np.concatenate([panel.values(c.experiment) for c in curves])
+        spread = np.ptp(every[np.isfinite(every)]) if np.isfinite(every).any() else 0.0
+        band = panel.channel.band
+        if panel.channel.target is not None and band is not None and 2 * band < 0.15 * spread:
+            yield panel, True
+
+
+def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
+    """Draw the curves of a block; `short` titles name only the signal and its unit."""
+    for place, (panel, zoomed) in zip(axes, block.rows, strict=True):
+        channel = _own(panel, block.curves[0].experiment) if block.own else panel.channel
+        _limits(place, channel)
+        for curve in block.curves:
+            _reference(place, panel, curve.experiment)
+            _draw(place, panel, curve)
+        named = replace(channel, target=None, band=None, low=-np.inf, high=np.inf)
+        place.set_title(panel_title(named if short else channel, zoomed=zoomed))
+        if zoomed and channel.target is not None and channel.band is not None:
+            place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
+        place.margins(x=0.01)
+    axes[-1].set_xlabel(f"time [{block.curves[0].experiment.channels.time_unit}]")
+
+
+def _own(panel: Plot, experiment: Experiment) -> Channel:
+    """Return the channel of a panel, with the target and the limits of this run where both have them."""
+    found = [c for c in (*experiment.channels.y, *experiment.channels.u) if c.name == panel.name]
+    changes = {}
+    for name in ("target", "low", "high") if found else ():
+        drawn, own = getattr(panel.channel, name), getattr(found[0], name)
+        if drawn is not None and own is not None and np.isfinite([drawn, own]).all():
+            changes[name] = panel.scale * own
+    return replace(panel.channel, **changes)
+
+
+def _reference(axes: Axes, panel: Plot, experiment: Experiment) -> None:
+    """Draw a reference that changes in time, as the runs recorded it."""
+    values = experiment.signals.get(panel.reference)
+    if values is not None and len(experiment.t):
+        axes.plot(
+            experiment.t,
+            panel.scale * np.asarray(values),
+            drawstyle="steps-post",
+            color=GOOD,
+            linewidth=0.9,
+            linestyle=(0, (1, 2)),
+        )
+
+
+def _draw(axes: Axes, panel: Plot, curve: DrawnRun) -> None:
+    t, values = curve.experiment.t, panel.values(curve.experiment)
+    if not np.isfinite(values).any():
+        return
+    axes.plot(
+        t,
+        values,
+        label=curve.label,
+        color=curve.color,
+        linewidth=curve.width,
+        linestyle=curve.dashes,
+        drawstyle="steps-post" if panel.held else "default",
+    )
+    # Runs end at different times: a dot marks a completed run, a cross a stopped one.
+    marker = "X" if curve.experiment.end.interrupted else "o"
+    axes.plot(t[-1], values[-1], marker, color=curve.color, markersize=5, markeredgewidth=0)
+
+
+def _limits(axes: Axes, channel: Channel) -> None:
+    if channel.target is not None:
+        axes.axhline(channel.target, color=GOOD, linewidth=0.9, linestyle=(0, (1, 2)))
+        if channel.band is not None:
+            low, high = channel.target - channel.band, channel.target + channel.band
+            axes.axhspan(low, high, color=GOOD, alpha=0.18, linewidth=0)
+    for limit in (channel.low, channel.high):
+        if np.isfinite(limit):
+            axes.axhline(limit, color=LIMIT, linewidth=1.1, linestyle=(0, (6, 3)))
+
+
+def panel_title(channel: Channel, *, zoomed: bool = False) -> str:
+    """Return the title of a panel: the signal, its unit, and its target or limits."""
+    parts = [channel.name[:1].upper() + channel.name[1:]]
+    if channel.symbol:
+        parts.append(f"${channel.symbol}$")
+    text = " ".join(parts) + (f" [{channel.unit}]" if channel.unit else "")
+    if zoomed:
+        return f"{text} · around the target"
+    if channel.target is not None:
+        text += f" · target {number(channel.target)}"
+        if channel.band is not None:
+            share = channel.band / abs(channel.target) if channel.target else np.inf
+            band = f"{number(100 * share)} %" if share < 1 else number(channel.band)
+            text += f" ± {band}"
+    limits = [number(v) for v in (channel.low, channel.high) if np.isfinite(v)]
+    if not limits:
+        return text
+    return f"{text} · limit{'s' * (len(limits) - 1)} {' to '.join(limits)}"
+
+
+# ----------------------------------------------------------------------------------------------------
+# Draw what was tried: KPIs of every experiment and of the best so far, and costs along each knob.
+
+INDEX = KPI("performance index", "performance index (lower is better)", better="lower")
+"""The score that the answers follow, drawn as a KPI."""
+_ROWS = 4
+"""Maximum number of KPIs to draw."""
+_KNOBS_ACROSS = 3
+"""Number of knobs next to each other."""
+_LEAST = 10
+"""Smallest span of an axis in differences that people can just see: fewer must not look large."""
+_INNER = (0.05, 0.9)
+"""Quantiles of the experiments that are always within the scale."""
+
+
+def course(record: StudyRecord) -> Figure:
+    """Draw each KPI in a row, with a dot per experiment and steps for the best.
+
+    The performance index comes first if the answers follow it.
+    """
+    kpis = drawn_kpis(record)
+    figure = canvas(0.8 + 1.35 * len(kpis))
+    grid = figure.subplots(len(kpis), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, kpi in zip(grid, kpis, strict=True):
+        _kpi(axes, record, kpi)
+    grid[-1].set_xlim(0.3, record.trials[-1].number + 0.7)
+    grid[-1].xaxis.set_major_locator(MaxNLocator(10, integer=True))
+    grid[-1].set_xlabel("experiment")
+    legend(figure, grid[0], 4)
+    return figure
+
+
+def drawn_kpis(record: StudyRecord) -> list[KPI]:
+    """Return the KPIs that tell experiments apart, as many as fit, largest change first."""
+    index = [INDEX] if record.shows_cost else []
+    return index + foremost_kpis(record, _ROWS - len(index))
+
+
+def _values(record: StudyRecord, kpi: KPI) -> Float[np.ndarray, " N"]:
+    """Return the KPI of every trial as read, or its cost; NaN if unknown."""
+    if kpi is INDEX:
+        return np.array([np.nan if t.cost is None else t.cost for t in record.trials])
+    return record.read(kpi)
+
+
+def _held(record: StudyRecord, values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " H"]:
+    """Return the value of the best so far after each comparison."""
+    by_index = dict(zip((t.index for t in record.trials), values, strict=True))
+    return np.array([by_index[t.index] for t in record.incumbents])
+
+
+def _kpi(axes: Axes, record: StudyRecord, kpi: KPI) -> None:
+    numbers = np.array([t.number for t in record.trials])
+    answered = np.array([c.query.challenger.index + 1 for c in record.comparisons])
+    values = _values(record, kpi)
+    low, high = _scale(record, kpi)
+    axes.plot(
+        answered,
+        np.clip(_held(record, values), low, high),
+        color=BEST,
+        linewidth=2.0,
+        drawstyle="steps-post",
+        label="best so far",
+        zorder=3,
+    )
+    dots: dict[str, Any] = {"linestyle": "", "markeredgewidth": 0, "clip_on": False}
+    inside = (values >= low) & (values <= high)
+    dots |= {"color": FAINT, "alpha": 0.6, "markersize": 4.5}
+    axes.plot(numbers[inside], values[inside], "o", **dots, label="one experiment")
+    dots |= {"color": LIMIT, "alpha": 0.75, "markersize": 5, "label": "off the scale or never"}
+    for off, at, marker in ((values > high, high, "^"), (values < low, low, "v")):
+        if off.any():
+            axes.plot(numbers[off], np.full(off.sum(), at), marker, **dots)
+    line: dict[str, Any] = {"color": GOOD, "linewidth": 1.1, "linestyle": (0, (5, 3))}
+    limits = [limit for limit in (kpi.at_least, kpi.at_most) if low <= limit <= high]
+    for i, limit in enumerate(limits):
+        axes.axhline(limit, **line, label="objective" if not i else None)
+    for i, (name, cost) in enumerate(record.reference_costs.items() if kpi is INDEX else ()):
+        color, dashes = look(i)
+        axes.axhline(cost, color=color, linewidth=1.2, linestyle=dashes, label=name)
+    axes.set_ylim(low, high)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.set_title(labeled(mathtext(kpi.title), kpi.unit))
+
+
+def _scale(record: StudyRecord, kpi: KPI) -> tuple[float, float]:
+    """Return axis limits that include most experiments and every best one, but no outliers.
+
+    Costs of the first experiments can be a hundred times the best one: the index has the scale of
+    the references and of the best after half of the initial samples.
+    """
+    values = _values(record, kpi)
+    finite, held = values[np.isfinite(values)], _held(record, values)
+    if not len(finite):
+        return 0.0, 1.0
+    if kpi is INDEX:
+        settled = held[min(record.n_init // 2, len(held) - 1) :]
+        shown = [*settled, *record.reference_costs.values()]
+        shown = [value for value in shown if np.isfinite(value)] or finite.tolist()
+    else:
+        shown = [*held[np.isfinite(held)].tolist(), *np.quantile(finite, _INNER).tolist()]
+    low, high = _widened(min(shown), max(shown), kpi)
+    near = [v for v in (kpi.at_least, kpi.at_most) if low - (high - low) < v < high + (high - low)]
+    low, high = min(low, *near, high), max(high, *near, low)
+    margin = 0.08 * (high - low)
+    bottom = low - margin
+    return (max(bottom, 0.0) if low >= 0 and bottom < 0 else bottom), high + margin
+
+
+def _widened(low: float, high: float, kpi: KPI) -> tuple[float, float]:
+    """Return a span of `_LEAST` visible differences or more; one of positive values stays so."""
+    digits = 10.0 ** min(np.floor(np.log10(max(abs(low), abs(high)) or 1.0)) - 3, 0)  # of four
+    lacking = max(_LEAST * max(kpi.step, digits) - (high - low), 0.0)
+    down = lacking / 2 if low < 0 else min(lacking / 2, low)
+    return low - down, high + lacking - down
+
+
+def knobs(record: StudyRecord) -> Figure:
+    """Draw each experiment along each knob, at its learned cost or else at its number."""
+    assert record.best is not None
+    space, best = record.scenario.space, record.best
+    across = min(len(space), _KNOBS_ACROSS)
+    down = -(-len(space) // across)
+    figure = canvas(0.4 + 2.5 * down)
+    grid = figure.subplots(down, across, squeeze=False)
+    for axes in grid.flat[len(space) :]:
+        axes.set_visible(False)
+    learned = record.surrogate and slices_view(space, best.experiment.theta, record.thetas, record.surrogate)
+    numbers = [trial.number for trial in record.trials]
+    dot: dict[str, Any] = {"marker": "o", "linestyle": "", "clip_on": False}
+    for k, (axes, knob) in enumerate(zip(grid.flat, space, strict=False)):
+        if learned:
+            x, y = learned[k]["x"], learned[k]["y"]
+            axes.plot(x, y, color=BEST, linewidth=2)
+            tried, height = learned[k]["samples"]["y"], np.interp(learned[k]["best"], x, y)
+        else:
+            tried, height = numbers, best.number
+            axes.yaxis.set_major_locator(MaxNLocator(6, integer=True))
+        axes.plot(record.thetas[:, k], tried, **dot, color=FAINT, alpha=0.5, ms=4, mew=0)
+        theta = best.experiment.theta[k]
+        axes.plot(theta, height, **dot, color=BEST, ms=8, mec="white", mew=1.2, zorder=5)
+        axes.set_title(f"best {knob_number(knob, theta)}", color=BEST, fontweight="bold")
+        _along(axes, knob)
+    words = "learned cost, square root\n(0: the lowest shown)" if learned else "experiment"
+    for axes in grid[:, 0]:
+        axes.set_ylabel(words)
+    return figure
+
+
+def _along(axes: Axes, knob: Knob) -> None:
+    """Show the whole range of a knob."""
+    axes.set_xlabel(knob_axis(knob))
+    if knob.scale == "log10":
+        axes.set_xscale("log")
+        axes.xaxis.set_minor_locator(NullLocator())
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=knob.integer))
+    axes.set_xlim(knob.low, knob.high)
+
+
+# ----------------------------------------------------------------------------------------------------
+# List and draw the figures of a report, with captions and texts for people who cannot see them.
 
 
 @dataclass(frozen=True, slots=True)

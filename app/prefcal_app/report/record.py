@@ -1,23 +1,166 @@
-"""Hold the content of a report: a study's comparisons, and what follows from them."""
+"""A study as its report tells it: its record, its tables, and who may write to its folder."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from itertools import count
 from math import inf
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.session.study.now import GOOD_ENOUGH
-from prefcal_app.session.study.study import ENOUGH
-from prefcal_app.summary.counts import VERDICTS as VERDICTS
-from prefcal_app.summary.outlook import Outlook
-from prefcal_app.view.end import FIRST
+from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH
+from prefcal_app.summary import VERDICTS as VERDICTS
+from prefcal_app.summary import Outlook, Spread
+from prefcal_app.view.end import FIRST, gain_view, gained
+from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
+from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.own_line import in_words, located
-from prefcal_env.preferences.loop import Comparison
+from prefcal_env.experiments.panels import named
+from prefcal_env.preferences.answer import Comparison, Preference
+from prefcal_env.wording import in_words, located
+from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.wording import (
+    Parameter,
+    ended_text,
+    folder_for,
+    knob_number,
+    labeled,
+    marks_text,
+    number,
+    objective,
+    pid_forms,
+)
+
+# ----------------------------------------------------------------------------------------------------
+# Reserve a folder for each study, so that a report never replaces another study's.
+
+MARKER = "study.json"
+"""Name of the file in a report's folder that identifies the study."""
+_REPORT = ("report.html", "best.json", "comparisons.csv")
+
+
+@dataclass(frozen=True, slots=True)
+class Owner:
+    """Study that a report belongs to.
+
+    Args:
+        identity: Text that is equal only for the same study.
+        study: Name of the study; None if it is not kept in a file.
+        scenario: Scenario of the study, as on the command line.
+    """
+
+    identity: str
+    study: str | None
+    scenario: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ownership:
+    """Folder that is reserved for a study.
+
+    Args:
+        folder: Folder of the report.
+        owner: Study that owns it.
+        marked: Whether this run wrote the marker file, rather than an earlier one.
+        made: Whether this run created the folder.
+    """
+
+    folder: Path
+    owner: Owner
+    marked: bool
+    made: bool
+
+    def renew(self) -> None:
+        """Write the marker again, in case another run of this study removed it."""
+        _claim(self.folder, self.owner)
+
+    def release(self) -> None:
+        """Remove the marker and the folder if they are new, since there is no report."""
+        if not self.marked or (self.folder / "report.html").exists():
+            return
+        try:
+            (self.folder / MARKER).unlink(missing_ok=True)
+            if self.made:
+                self.folder.rmdir()
+        except OSError:
+            pass  # keep a folder to which other files were added
+
+
+def claim_given(path: Path, owner: Owner) -> Ownership:
+    """Claim the folder that the user named; it may exist.
+
+    Raises:
+        SettingsError: If it is not a folder, cannot be written to, or holds another report.
+    """
+    claim = _claim(path, owner)
+    if claim is None:
+        raise SettingsError(f"--out {path} holds {_holder(path)}: choose another folder, or remove that one")
+    return claim
+
+
+def claim_default(base: Path, owner: Owner) -> Ownership:
+    """Claim the first of `base`, base-2, base-3, ... that is free or belongs to the study.
+
+    Raises:
+        SettingsError: If none can be created or written to.
+    """
+    for copy in count(1):
+        path = base if copy == 1 else base.with_name(f"{base.name}-{copy}")
+        if path.exists() and not path.is_dir():
+            continue
+        claim = _claim(path, owner)
+        if claim is not None:
+            return claim
+    raise AssertionError("never reached: count does not end")
+
+
+def _claim(path: Path, owner: Owner) -> Ownership | None:
+    """Return the claim; None if the folder belongs to another study."""
+    there = path.is_dir()
+    folder = folder_for(path)
+    marker = folder / MARKER
+    if not marker.exists() and any((folder / name).exists() for name in _REPORT):
+        return None
+    try:
+        # Exclusive creation: of two studies that try at the same time, one succeeds.
+        with marker.open("x", encoding="utf-8") as file:
+            json.dump(asdict(owner), file, indent=2, ensure_ascii=False)
+            file.write("\n")
+    except FileExistsError:
+        mine = _read(marker).get("identity") == owner.identity
+        return Ownership(folder, owner, marked=False, made=False) if mine else None
+    except OSError as error:
+        raise SettingsError(f"cannot write into the folder {path}: {error.strerror}") from error
+    return Ownership(folder, owner, marked=True, made=not there)
+
+
+def _holder(folder: Path) -> str:
+    content = _read(folder / MARKER)
+    if not content:
+        return "a report whose study is not known"
+    name = content.get("study")
+    of = f"study {name!r}" if name else f"another study of {content.get('scenario')}"
+    return f"the report of {of}"
+
+
+def _read(marker: Path) -> dict[str, object]:
+    """Return the content of a marker; empty if it cannot be read."""
+    try:
+        content = json.loads(marker.read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+# ----------------------------------------------------------------------------------------------------
+# Hold the content of a report: a study's comparisons, and what follows from them.
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 """Learned latent cost of m physical θ; lower is better, only the order has a meaning."""
@@ -227,3 +370,211 @@ class StudyRecord:
         """Return the number of answers for each verdict, by its text."""
         given = [c.answer.preference for c in self.asked]
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}
+
+
+# ----------------------------------------------------------------------------------------------------
+# List the tables of the report: the result, every experiment, and every comparison, also as CSV.
+
+_T = TypeVar("_T")
+_MOST = 3
+"""Number of KPIs that the table of experiments shows."""
+
+
+def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:
+    """Return what was gained, a row for each KPI, as the page shows it."""
+    assert record.best is not None
+    spread = Spread(trial.experiment.kpis for trial in record.trials)
+    return gained(record.before.experiment, record.best.experiment, record.kpis, spread)
+
+
+def gain_of(record: StudyRecord) -> dict[str, Any]:
+    """Return what was gained over the baseline, as the page shows it."""
+    assert record.best is not None
+    before = theta_view(record.scenario.space, record.before.experiment)
+    return gain_view(record.baseline, record.best.index, gain_rows(record), before)
+
+
+def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -> list[_T]:
+    """Return as many rows as fit; those with an objective are the last ones to be left out."""
+    order = sorted(range(len(ranked)), key=lambda i: (not has_limit(ranked[i]), i))
+    return [ranked[i] for i in sorted(order[:room])]
+
+
+def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
+    """Return the KPIs that tell experiments apart, in the order of what was gained.
+
+    Values that read the same are no difference. A KPI that is the same in all experiments tells
+    something only if it misses its objective.
+    """
+    order = [row["title"] for row in gain_rows(record)]
+    ranked = sorted(record.kpis, key=lambda kpi: order.index(kpi.title))
+    return foremost([k for k in ranked if _tells(record, k)], room, lambda k: bool(objective(k)))
+
+
+def _tells(record: StudyRecord, kpi: KPI) -> bool:
+    values = np.unique(record.read(kpi))
+    known = values[~np.isnan(values)]
+    return len(known) > 1 or any(kpi.met(value) is False for value in known)
+
+
+def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:
+    """Return each parameter of a tuned PID in both forms, with its best value and that before.
+
+    Empty for other controllers.
+    """
+    scenario = record.scenario
+    if scenario.settings is None or record.best is None:
+        return []
+    best, before = (
+        pid_forms(scenario.settings(e.theta), scenario.space, e.channels.time_unit)
+        for e in (record.best.experiment, record.before.experiment)
+    )
+    knobs = {knob.name: knob for knob in scenario.space}
+
+    def text(p: Parameter) -> str:
+        knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
+        return number(p.value) if knob is None else knob_number(knob, p.value)
+
+    return [(new, text(new), text(old)) for new, old in zip(best, before, strict=True)]
+
+
+def pid_table(record: StudyRecord) -> dict[str, Any] | None:
+    """Return the tuned PID in the ISA and the parallel form; None for other controllers."""
+    before = record.baseline
+    rows = [
+        row(p.name, (cell(p.form, kind="words"), cell(new, kind="best"), cell(old)), unit=p.unit)
+        for p, new, old in pid_forms_of(record)
+    ]
+    caption = (
+        "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Parallel form: K_i and "
+        f"K_d in place of K_p/T_i and K_p T_d. To go back, set the values of the {before}."
+    )
+    return table("The PID in both forms", ("", "form", "best", before), rows, caption) if rows else None
+
+
+def result_columns(record: StudyRecord) -> dict[str, Experiment]:
+    """Return the experiments of the result table by heading: best, baseline, references."""
+    assert record.best is not None
+    return {"best": record.best.experiment, **record.compared_with}
+
+
+def result_rows(record: StudyRecord, experiments: Iterable[Experiment]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each knob, the cost, each KPI, and how these experiments ended."""
+    shown = list(experiments)
+    for i, knob in enumerate(record.scenario.space):
+        yield row(knob.name, [cell(knob_number(knob, e.theta[i])) for e in shown], unit=knob.unit)
+    if record.shows_cost:
+        yield row("performance index", [cell(number(record.cost(e))) for e in shown])
+    for part, kpi in _grouped(record.kpis, shown):
+        title = kpi.title if part in ("", WORST) else named(kpi.title, part)
+        yield row(title, [judged(kpi, e) for e in shown], unit=kpi.unit, aim=objective(kpi))
+    yield row("ended", [cell(ended_text(e)) for e in shown])
+
+
+def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple[str, KPI]]:
+    """Return KPIs by group; without maneuvers all of them, even those that no experiment has."""
+    if not any(run.maneuver for e in shown for run in e.runs):
+        return [("", kpi) for kpi in kpis]
+    return grouped(kpis, *shown)
+
+
+def result_table(record: StudyRecord) -> dict[str, Any]:
+    """Return the best experiment beside the baseline and the references."""
+    columns = result_columns(record)
+    rows = list(result_rows(record, columns.values()))
+    for each in rows:
+        each["cells"][0]["kind"] = "best"
+    return table("Result table", ("", *columns), rows, "✓ meets the objective, ✗ does not.")
+
+
+def experiment_table(record: StudyRecord) -> dict[str, Any]:
+    """Return every experiment with θ and the main KPIs, in the order of their numbers."""
+    assert record.best is not None
+    kpis = shown_values(record)
+    rows = []
+    for trial in record.trials:
+        kind = "best" if trial.index == record.best.index else ""
+        theta = theta_texts(record.scenario.space, trial.experiment.theta)
+        cells = [cell(text, kind=kind) for text in theta]
+        cells += [judged(kpi, trial.experiment, kind) for kpi in kpis]
+        cells.append(cell(ended_text(trial.experiment), kind=f"words {kind}".strip()))
+        rows.append(row(str(trial.number), cells, kind=kind))
+    knobs = [column(k.name, k.unit) for k in record.scenario.space]
+    columns: list[dict[str, Any] | str] = [
+        "exp.",
+        *knobs,
+        *(column(k.title, k.unit) for k in kpis),
+        column("ended", kind="words"),
+    ]
+    caption = "The tinted experiment is the best. ✓ meets the objective, ✗ does not."
+    return table("Experiments", columns, rows, caption, "tight")
+
+
+def comparison_table(record: StudyRecord) -> dict[str, Any]:
+    """Return every question with its answer, in the order of the answers."""
+    rows = [row(str(k), list(_answered(comparison))) for k, comparison in enumerate(record.asked, start=1)]
+    words = [column(name, kind="words") for name in ("verdict", "marks")]
+    columns: list[dict[str, Any] | str] = ["no.", *words, "newer experiment", "compared with"]
+    caption = (
+        "The tinted experiment was preferred; its values are under Experiments. All KPIs and full "
+        "precision are in comparisons.csv."
+    )
+    return table("Comparisons", columns, rows, caption, "tight")
+
+
+def _answered(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    query, answer = comparison.query, comparison.answer
+    assert query.incumbent is not None
+    yield cell(VERDICTS[answer.preference], kind="words")
+    yield cell("; ".join(marks_text(answer)), kind="words")
+    for sample, wins in ((query.challenger, Preference.CHALLENGER), (query.incumbent, Preference.INCUMBENT)):
+        yield cell(str(sample.index + 1), kind="best" if answer.preference is wins else "")
+
+
+def shown_values(record: StudyRecord) -> list[KPI]:
+    """Return the KPIs that tell experiments apart, as many as fit into a table."""
+    return foremost_kpis(record, _MOST)
+
+
+def comparisons_as_csv(record: StudyRecord) -> str:
+    """Return the text of comparisons.csv."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_headings(record))
+    for k, comparison in enumerate(record.asked, start=1):
+        writer.writerow([k, *_cells(record, comparison)])
+    return text.getvalue()
+
+
+def _headings(record: StudyRecord) -> Iterator[str]:
+    yield from ("comparison", "verdict", "preference", "strength", "marks", "automatic marks")
+    scenario = record.scenario
+    for side in ("challenger", "incumbent"):
+        yield f"{side} experiment"
+        yield from (f"{side} {labeled(k.name, k.unit)}" for k in scenario.space)
+        yield from (f"{side} {labeled(k.title, k.unit)}" for k in record.kpis)
+        yield from (f"{side} cost", f"{side} ended")
+
+
+def _cells(record: StudyRecord, comparison: Comparison) -> Iterator[object]:
+    answer, query = comparison.answer, comparison.query
+    yield VERDICTS[answer.preference]
+    yield "" if answer.preference is None else int(answer.preference)
+    yield answer.strength
+    yield ", ".join(mark.value for mark in answer.marks)
+    yield ", ".join(mark.value for mark in answer.automatic)
+    assert query.incumbent is not None
+    assert comparison.incumbent is not None
+    yield query.challenger.index + 1
+    yield from _side(record, comparison.challenger)
+    yield query.incumbent.index + 1
+    yield from _side(record, comparison.incumbent)
+
+
+def _side(record: StudyRecord, experiment: Experiment) -> Iterator[object]:
+    scenario = record.scenario
+    yield from scenario.space.named(experiment.theta).values()
+    yield from (experiment.kpis.get(k.name, "") for k in record.kpis)
+    cost = record.cost(experiment)
+    yield "" if cost is None else cost
+    yield ended_text(experiment)

@@ -1,21 +1,580 @@
-"""Write the folder of a report; every file appears whole or not at all."""
+"""Write the report: the page, the sheet to sign, what a verification adds to it, and the folder."""
 
-from collections.abc import Sequence
+import re
+from base64 import b64encode
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import cache, partial
+from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
-from prefcal_env.errors import ScenarioError
-from prefcal_scenarios.presentation.folder import put
-from prefcal_scenarios.scenario import Picture
-from prefcal_scenarios.verification.verified import FILE as VERIFICATION
-from prefcal_scenarios.verification.verified import Verified
+import numpy as np
+from jaxtyping import Bool, Float
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
-from .acceptance import sheet
-from .answers import FILE
-from .export import best_as_json
-from .html import page
-from .pictures import PICTURES, draw
-from .record import StudyRecord
-from .tables import comparisons_as_csv
+from prefcal_app.view.end import FIRST
+from prefcal_app.view.question import cell, row, table, theta_view
+from prefcal_env.disk import digest_of
+from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.experiments.experiment import Channel, End, Experiment
+from prefcal_env.plants.jacobians import U
+from prefcal_env.sources.source import function_of
+from prefcal_scenarios import verification
+from prefcal_scenarios.isolated import DEFAULT_LIMIT
+from prefcal_scenarios.runs import Progress
+from prefcal_scenarios.scenario import Picture, Scenario
+from prefcal_scenarios.style import png, save, style
+from prefcal_scenarios.verification import Verification, verify
+from prefcal_scenarios.verification.plants import Ranges
+from prefcal_scenarios.verification.result import BEST, Verified, VerifiedRun, WorstRun, margins_said
+from prefcal_scenarios.verification.result import FILE as VERIFICATION
+from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
+from prefcal_scenarios.wording import folder_for, knob_number, number, put, with_subscripts, with_unit
+
+from .export import REBUILD, Tuning, best_as_json, tuning_of, versions
+from .pictures import PICTURES, Drawn, best_against, draw, figure
+from .record import (
+    StudyRecord,
+    comparison_table,
+    comparisons_as_csv,
+    experiment_table,
+    foremost,
+    gain_of,
+    gain_rows,
+    pid_forms_of,
+    pid_table,
+    result_table,
+)
+
+# ----------------------------------------------------------------------------------------------------
+# Write report.html, a single self-contained file.
+
+
+@cache
+def environment(*packages: str) -> Environment:
+    """Return the template environment, which escapes all values but `Markup`.
+
+    Args:
+        packages: Packages with further templates.
+    """
+    made = Environment(
+        loader=ChoiceLoader([PackageLoader(each, ".") for each in ("prefcal_app", *packages)]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    made.filters |= {"subscripts": with_subscripts, "listed": listed, "data_uri": data_uri}
+    made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
+    css = files("prefcal_app.report").joinpath("report.css").read_text(encoding="utf-8")
+    made.globals["css"] = Markup(css)
+    return made
+
+
+def page(record: StudyRecord, drawn: Sequence[Drawn]) -> str:
+    """Return the text of report.html."""
+    view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD}
+    if record.best is not None:
+        theta = theta_view(record.scenario.space, record.best.experiment)
+        view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}
+        view |= {"gain": gain_of(record), "result": result_table(record)}
+    if record.asked and not record.scored:
+        view["comparisons"] = comparison_table(record)
+    template = environment().get_template("report/report.html.j2")
+    return template.render(record=record, drawn=drawn, versions=versions(), **view)
+
+
+def data_uri(content: bytes) -> str:
+    """Return a data URI with the PNG `content`."""
+    return f"data:image/png;base64,{b64encode(content).decode('ascii')}"
+
+
+def lead(record: StudyRecord) -> str:
+    """Return what the study consists of, as a sentence without its period."""
+    tried = f"{len(record.trials)} experiments"
+    if record.scored:
+        return f"Calibrated by its score, without comparisons: {tried}"
+    verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
+    return f"Calibrated by preferences: {tried}, {record.questions} comparisons ({verdicts})"
+
+
+def listed(value: object) -> str:
+    """Return a value as text, with a list's items separated by commas."""
+    return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Answer, on the acceptance sheet, what a colleague asks who has to answer for the tuning, too.
+
+FILE = "acceptance.html"
+"""Name of the file of the sheet."""
+_PART = re.compile(r"<!-- verified (\d+) -->.*?<!-- end -->", re.DOTALL)
+"""The part of the sheet that changes when the tuning is verified, with its room and that of curves in mm."""
+_UNKNOWN = "not verified"
+_RUN = (
+    f"{_UNKNOWN}: other gains, dead times, noise, loads and set points than modeled. Run prefcal verify "
+    "best.json, which completes this sheet."
+)
+_WIDE, _MOST = 100, 440
+"""Characters of a line of an answer, and the most of an answer."""
+LINE, MOST_VERIFIED = 3.4, 15
+"""Height of a line of an answer in mm, and the usual number of lines of what was verified."""
+_LOW = 25.0
+"""Smallest height of curves that tell anything, in mm."""
+
+Answers = list[tuple[str, str]]
+"""Questions, in a few words, each with its answer."""
+
+
+def answers(record: StudyRecord) -> Answers:
+    """Return what is asked about the study: who and how, why this tuning, its form, and the way back."""
+    by, digits = (record.origin.get(key) for key in ("answered by", "fingerprint of the scenario"))
+    counts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items() if n)
+    each = f" ({counts}; each one in comparisons.csv)" if record.questions else ""
+    partial = "; the study is not complete" if record.partial else ""
+    digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
+    made = f", fingerprint of the scenario {digits}" if digits else ""
+    promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)
+    found = {
+        "Who answered": f"{len(record.trials)} experiments, {record.questions} comparisons by "
+        f"{by or 'a score'}{each}{partial}.{digest}",
+        "On which model": f"{record.source}{made}, prefcal {versions()['prefcal']}.",
+        "Enough answers": promise
+        or "Not stated: only where candidates are simulated, at the end of a study.",
+        "Why this one": " ".join(told)
+        or "It is the best by the answers, each of which is in comparisons.csv.",
+        "The PID": _pid(record),
+        "The way back": _back(record),
+    }
+    return [(question, _short(answer, "report.html")) for question, answer in found.items() if answer]
+
+
+def _pid(record: StudyRecord) -> str:
+    """Return the form of a tuned PID, and what of it was not tuned; empty for other controllers."""
+    parts = [p for p, *_ in pid_forms_of(record)]
+    if not parts:
+        return ""
+    fixed = [
+        p for p in parts if not p.derived and p.name.partition(" ")[0] not in record.scenario.space.names
+    ]
+    rest = ", ".join(f"{p.name} {with_unit(number(p.value), p.unit)}" for p in fixed)
+    return (
+        "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt), derivative filtered with T_f. "
+        f"Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d.{f' Not tuned: {rest}.' if rest else ''}"
+    )
+
+
+def _back(record: StudyRecord) -> str:
+    assert record.best is not None
+    before, after, name = record.before.number, record.best.number, record.baseline
+    said = f"Before: {name} (experiment {before}). After: experiment {after}."
+    if before == after:
+        said += f" No experiment beat the {name}." if record.questions else " Nothing was compared."
+    if name == FIRST:
+        return f"{said} It was chosen by prefcal: the tuning in use was not given (--start)."
+    return f"{said} To go back, set the parameters of the column “{name}”; best.json has them, too."
+
+
+def unverified(record: StudyRecord, why: str = "") -> Answers:
+    """Return what is asked about margins and other plants before anything is verified, and why."""
+    assert record.best is not None
+    scenario, both = record.scenario, [record.best.experiment, record.before.experiment]
+    try:
+        known = verification.cases.subject_of(scenario.source, scenario.space).margins
+        found = [known(each.theta) for each in both]
+    except ScenarioError:  # such as a file that runs in a process of its own
+        found = ["prefcal verify best.json computes them if the plant is known as equations"]
+    said = margins_said(found, both[0].channels.time_unit)
+    return [("Margins", _margins(*said)), ("Other plants", f"{_RUN} {why}." if why else _RUN)]
+
+
+def verified_answers(verified: Verified) -> Answers:
+    """Return what was verified: margins, other plants, what varied, and what nobody looked at."""
+    found = {
+        "Margins": _margins(verified.margins, verified.basis),
+        "Other plants": f"{verified.statement} {verified.limits_kept}",
+    }
+    for worst in verified.worst[:1]:
+        found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {worst.text}."
+    found["Hurts most"] = next(iter(verified.effects), _UNKNOWN)
+    found["Varied"] = f"{'; '.join(verified.varied) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
+    found["Not verified"] = " ".join(f"{text[:1].upper()}{text[1:]}." for text in verified.left_out) or "–"
+    return [(question, _short(answer, "verification.json")) for question, answer in found.items()]
+
+
+def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
+    """Return margins with those before in brackets, if they are known, and what they hold for."""
+    if not rows:
+        return f"{_UNKNOWN}: {basis}"
+    words = (f"{name} {after}{f' (before {old[0]})' if old else ''}" for name, after, *old in rows)
+    return f"{', '.join(words)}: {basis}."
+
+
+def _short(text: str, rest: str) -> str:
+    """Return a text that fits on the page, and where all of it is."""
+    return text if len(text) <= _MOST else f"{text[: _MOST - 30].rsplit(' ', 1)[0]} … ({rest} has all)"
+
+
+def left(room: float, holds: Answers) -> float:
+    """Return the height that curves may have beside these answers, in mm; 0 if that is too little."""
+    height = room - LINE * sum(1 + len(answer) // _WIDE for _, answer in holds)
+    return height if height >= _LOW else 0.0
+
+
+def section(holds: Answers, room: float) -> str:
+    """Return the part of the sheet that a verification changes, as HTML; it and curves have `room` mm."""
+    template: Any = environment().get_template("report/parts.html.j2").module
+    style = f"<style>figure img {{ max-height: {left(room, holds):.0f}mm; }}</style>"
+    return f"<!-- verified {room:.0f} -->{style}{template.answers(holds)}<!-- end -->"
+
+
+def refresh(folder: Path) -> None:
+    """Write what is verified of the best.json in a folder on the sheet there, if there is one.
+
+    Raises:
+        ScenarioError: If verification.json cannot be read.
+        OSError: If the sheet cannot be written.
+    """
+    path, verified = folder / FILE, Verified.read(folder)
+    if verified is None or not path.is_file():
+        return
+    holds, text = verified_answers(verified), path.read_text(encoding="utf-8")
+    put(path, _PART.sub(lambda part: section(holds, float(part[1])), text, count=1).encode())
+
+
+# ----------------------------------------------------------------------------------------------------
+# Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet.
+
+_VERDICTS = {True: "acceptable", False: "not acceptable"}
+
+
+def verify_best(
+    best: Path,
+    runs: int = RUNS,
+    *,
+    ranges: Ranges | None = None,
+    jobs: int | None = None,
+    timeout: float | None = None,
+    progress: Progress | bool = False,
+) -> Verified:
+    """Return what came of varying the plant of a best.json, written durably beside it.
+
+    Args:
+        best: The file.
+        runs: Number of random runs.
+        ranges: Relative changes, as for `verify`.
+        jobs: Number of processes, as for `verify`.
+        timeout: Time limit of each run in seconds; None for that of a study if the scenario is a person's
+            own, which runs in other processes, and for no limit otherwise.
+        progress: As for `simulate_many`.
+
+    Raises:
+        PrefcalError: If the file or a range does not fit, the folder cannot be written, or nothing of the
+            scenario can vary.
+    """
+    if best.name != BEST:
+        raise ScenarioError(
+            f"what is verified must be called {BEST}, as verification.json counts for that: got {str(best)!r}"
+        )
+    tuning = tuning_of(best)
+    folder_for(best.parent)
+    if tuning.own and timeout is None:
+        timeout = DEFAULT_LIMIT
+    if tuning.scenario.source.asks:
+        found = unvaried(tuning.scenario, tuning.theta, tuning)
+    else:
+        found = verify(
+            tuning.scenario,
+            tuning.theta,
+            runs,
+            start=tuning.before,
+            ranges=ranges,
+            jobs=jobs,
+            timeout=timeout,
+            progress=progress,
+        )
+    return _kept(found, tuning, best, timeout)
+
+
+def _kept(found: Verification, tuning: Tuning, best: Path, timeout: float | None) -> Verified:
+    """Write what a verification says, with earlier verdicts on the same runs, and draw its worst runs."""
+    if found.planned and not found.runs:
+        raise ScenarioError("stopped before a random run was completed, so nothing is written")
+    if not best.is_file() or digest_of(best) != tuning.digest:
+        raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
+    said = Verified.of(found, tuning.scenario, tuning.baseline, versions()["prefcal"], tuning.digest)
+    said = replace(said, worst=_judged(said.worst, best.parent))
+    said.write(best.parent)
+    for stale in best.parent.glob("worst_run_*.png"):
+        stale.unlink(missing_ok=True)
+    with suppress(Exception):  # what cannot run again has no picture
+        for rank, drawn in _drawn(tuning, found.worst(), timeout):
+            put(best.parent / picture(rank), drawn)
+    refresh(best.parent)
+    return said
+
+
+def _judged(worst: Sequence[WorstRun], folder: Path) -> tuple[WorstRun, ...]:
+    """Return runs with the verdicts that the verification in a folder has on the same ones."""
+    try:
+        before = Verified.read(folder)
+    except ScenarioError:  # a damaged file is written anew
+        before = None
+    given = [] if before is None else [(replace(run, verdict=""), run.verdict) for run in before.worst]
+    return tuple(replace(each, verdict=next((v for run, v in given if run == each), "")) for each in worst)
+
+
+def picture(worst: int) -> str:
+    """Return the name of the picture of one of the worst runs, numbered from 0."""
+    return f"worst_run_{worst + 1}.png"
+
+
+def judge(folder: Path, worst: int, *, acceptable: bool) -> Verified:
+    """Keep a person's verdict on one of the worst runs, numbered from 0.
+
+    Raises:
+        StaleError: If there is no such run of the best.json that is there.
+    """
+    said = Verified.read(folder)
+    if said is None or not 0 <= worst < len(said.worst):
+        raise StaleError(f"worst run {worst + 1} is not of the best.json in {str(folder)!r}: verify again")
+    runs = list(said.worst)
+    runs[worst] = replace(runs[worst], verdict=_VERDICTS[acceptable])
+    told = replace(said, worst=tuple(runs))
+    told.write(folder)
+    refresh(folder)
+    return told
+
+
+def _drawn(
+    tuning: Tuning, worst: Sequence[VerifiedRun], timeout: float | None
+) -> Iterator[tuple[int, bytes]]:
+    """Yield number and PNG of the worst runs that did not fail, beside nominal ones of the same seed."""
+    shown = [(rank, run) for rank, run in enumerate(worst) if run.end is not End.FAILED]
+    runs = [each for _, run in shown for each in (replace(run, values={}), run)]
+    made = replays(tuning.scenario, tuning.theta, runs, timeout) if runs else []
+    for (rank, run), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
+        labels = "nominal", f"worst run {rank + 1}: {run.words}"
+        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Fill in the acceptance sheet of a study: one page, before and after, with lines to sign.
+
+_MOST_ROWS, _LEAST, _FEW = 12, 8, 3
+"""Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
+belongs to KPIs, and how many KPIs stay on a page that is too full."""
+_LINE = (46, 20, 16)
+"""Characters of a name, limits and a value that stay on a line of a table."""
+_PAGE, _ROW, _MORE = 203.0, 4.1, 3.4
+"""Height of a page without headings and lines to sign, of a row, and of a further line in it, in mm."""
+_TALL, _INCH = 125.0, 25.4
+"""Largest height of curves with what follows them, and of an inch, in mm."""
+_PANELS = 3
+"""Largest number of panels for which one page has room."""
+_KPI = ("title", "objective", "before", "after", "unit", "met")
+"""What the sheet says of a KPI."""
+_NEAR = 1e-6
+"""Share of its size by which a value may miss a limit and still count as being at it."""
+
+
+def sheet(record: StudyRecord, verified: Verified | str | None = None) -> str:
+    """Return the text of the sheet, a self-contained page that prints on one A4 or Letter page.
+
+    Args:
+        record: Record of the study.
+        verified: What was verified of the result, or why that is not known; None if nothing was.
+
+    Raises:
+        ScenarioError: If a panel of the scenario does not exist in an experiment.
+    """
+    content = sheet_of(record)
+    room = min(content["room"], _TALL)
+    if isinstance(verified, Verified):
+        holds = verified_answers(verified)
+    else:
+        holds = unverified(record, verified or "")
+    height = left(room, holds)
+    picture = _curves(record, height=height / _INCH) if height else b""
+    curves, made = picture and data_uri(picture), Markup(section(holds, room))
+    template = environment().get_template("report/acceptance.html.j2")
+    return template.render(record=record, sheet=content, holds=made, curves=curves)
+
+
+def sheet_of(record: StudyRecord) -> dict[str, Any]:
+    """Return the content of the sheet of a study with a completed experiment.
+
+    Returns:
+        `of`: name and dates of the study, which follow "Acceptance sheet"; `answers`: what is asked;
+        `knobs`: table of the knobs, and of a PID in its parallel form; `kpis`: table of the KPIs,
+        largest change first, of limits kept, and how the runs ended; `more_knobs`, `more_kpis`:
+        numbers of those for which the page has no room; `room`: what is left of it in mm.
+    """
+    assert record.best is not None
+    before, after = record.before, record.best
+    knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gain_rows(record)]
+    kept = limits_kept(before.experiment, after.experiment, resting(record.scenario))
+    limits = list(kept)[: _MOST_ROWS - _LEAST]
+    limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))
+    asked = answers(record)
+    room = left(_PAGE, asked) - _height(knobs[:_MOST_ROWS]) - _height(limits)
+    shown = list(kpis)
+    while len(shown) > _MOST_ROWS - len(limits) or (
+        _height(shown) > room - LINE * MOST_VERIFIED and len(shown) > _FEW
+    ):
+        shown = foremost(kpis, len(shown) - 1, lambda kpi: kpi["cells"][0]["text"] != "–")
+    heads = [record.baseline, f"experiment {after.number}", "unit"]
+    rows, columns = [*shown, *limits], ["KPI", "required", *heads, "met"]
+    when = record.origin.get("when (UTC)")
+    return {
+        "of": f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' if when else ''}",
+        "knobs": table(
+            "Controller parameters", ["parameter", "range", *heads], knobs[:_MOST_ROWS], kind="sheet"
+        ),
+        "kpis": table("Key performance indicators", columns, rows, kind="sheet"),
+        "more_knobs": len(knobs[_MOST_ROWS:]),
+        "more_kpis": len(kpis) - len(shown),
+        "answers": asked,
+        "room": room - _height(shown),
+    }
+
+
+def _height(rows: Sequence[dict[str, Any]]) -> float:
+    """Return the height of rows of a table in mm."""
+    texts = [(row["name"], row["cells"][0]["text"], row["cells"][2]["text"]) for row in rows]
+    more = sum(max(len(text) // most for text, most in zip(row, _LINE, strict=True)) for row in texts)
+    return _ROW * len(rows) + _MORE * more
+
+
+def _row(
+    name: str, limits: str, before: str, after: str, unit: str = "", met: bool | None = None
+) -> dict[str, Any]:
+    """Return a line of the table of KPIs."""
+    verdict, kind = {True: ("yes", "yes"), False: ("NO", "no"), None: ("–", "")}[met]
+    new = cell(after, kind="best")
+    return row(name, [cell(limits or "–"), cell(before), new, cell(unit), cell(verdict, kind=kind)])
+
+
+def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
+    """Yield a line for each knob, then the gains of a PID in its parallel form."""
+    assert record.best is not None
+    before, after = record.before.experiment, record.best.experiment
+    lines = [
+        (
+            knob.name,
+            f"{number(knob.low)} to {number(knob.high)}",
+            *(knob_number(knob, e.theta[i]) for e in (before, after)),
+            knob.unit,
+        )
+        for i, knob in enumerate(record.scenario.space)
+    ]
+    lines += [(p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived]
+    for name, limits, old, new, unit in lines:
+        yield row(name, [cell(limits), cell(old), cell(new, kind="best"), cell(unit)])
+
+
+def resting(scenario: Scenario) -> U | None:
+    """Return the inputs before the first move, shape (n_u,); None if a scenario does not say them."""
+    run = function_of(scenario.source)
+    run = run.func if isinstance(run, partial) else run
+    loop = getattr(run, "__self__", run)
+    return getattr(getattr(getattr(loop, "env", loop), "task", None), "u0", None)
+
+
+def limits_kept(before: Experiment, after: Experiment, u0: U | None = None) -> Iterator[dict[str, Any]]:
+    """Yield a line for each input and output with limits, how long it was there, and for each input's moves.
+
+    An input saturates at a limit. An output is outside beyond one. Both are shares of the time;
+    several runs of an experiment (maneuvers, variants) count together. The first move starts at the
+    inputs `u0`, shape (n_u,); if they are not known, it does not count, and the line says so.
+    """
+    named = [(True, i, c) for i, c in enumerate(after.channels.y)]
+    named = [(False, i, c) for i, c in enumerate(after.channels.u)] + named
+    for output, i, channel in named:
+        if limits := _limits(channel):
+            old, new = (_share(e, i, channel, output=output) for e in (before, after))
+            what = "outside its limits" if output else "saturated"
+            yield _row(f"{channel.name} {what}", limits, old, new)
+    for i, channel in enumerate(after.channels.u):
+        start = [] if u0 is None else [float(u0[i])]
+        said = "" if start else " after the first"
+        old, new = (number(_largest_move(e, i, start)) for e in (before, after))
+        yield _row(f"{channel.name}, largest step between samples{said}", "", old, new, channel.unit)
+
+
+def _largest_move(experiment: Experiment, i: int, start: list[float]) -> float:
+    """Return the largest change of an input from one instant to the next; NaN if it was not recorded.
+
+    It begins with that from `start`, one number, or none to leave that out.
+    """
+    runs = [run for run in experiment.runs or (experiment,) if len(run.t) > 1]
+    moves = [np.abs(np.diff(run.u[:, i], prepend=start)) for run in runs]
+    return max((float(each.max()) for each in moves), default=np.nan)
+
+
+def _limits(channel: Channel) -> str:
+    """Return the limits as text; empty without any."""
+    low, high = np.isfinite(channel.low), np.isfinite(channel.high)
+    if low and high:
+        return with_unit(f"{number(channel.low)} to {number(channel.high)}", channel.unit)
+    if low or high:
+        sign, limit = ("≥", channel.low) if low else ("≤", channel.high)
+        return f"{sign} {with_unit(number(limit), channel.unit)}"
+    return ""
+
+
+def _share(experiment: Experiment, i: int, channel: Channel, *, output: bool) -> str:
+    """Return the share of the time as text; a dash if the signal was not recorded."""
+    there = total = 0.0
+    for run in experiment.runs or (experiment,):
+        values = run.output(i) if output else run.u[:, i] if len(run.t) else None
+        if values is None or len(run.t) < 2:
+            continue
+        steps = np.diff(run.t)  # values are held until the next instant
+        there += float(steps[_is_there(values[:-1], channel, output=output)].sum())
+        total += float(steps.sum())
+    if not total:
+        return "–"
+    if not there:
+        return "never"
+    percent = 100 * there / total
+    return f"{number(round(percent, 1))} % of the time" if percent >= 0.05 else "< 0.1 % of the time"
+
+
+def _is_there(values: Float[np.ndarray, " K"], channel: Channel, *, output: bool) -> Bool[np.ndarray, " K"]:
+    """Return where an input is at a limit, or an output beyond one."""
+    ends = [limit for limit in (channel.low, channel.high) if np.isfinite(limit)]
+    near = _NEAR * max(map(abs, (*ends, 1e-300)))
+    margin = near if output else -near
+    outside: Bool[np.ndarray, " K"] = (values < channel.low - margin) | (values > channel.high + margin)
+    return outside
+
+
+def _curves(record: StudyRecord, *, height: float) -> bytes:
+    """Return a PNG of the curves before and after; empty if neither run has a record.
+
+    Args:
+        record: Record of the study.
+        height: Height of the picture in inches.
+
+    Raises:
+        ScenarioError: If a panel of the scenario does not exist in an experiment.
+    """
+    content = BytesIO()
+    with style():
+        figure = best_against(record, references=False, panels=_PANELS, most=height)
+        if figure is not None:
+            save(figure, content)
+    return content.getvalue()
+
+
+# ----------------------------------------------------------------------------------------------------
+# Write the folder of a report; every file appears whole or not at all.
 
 
 def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = ()) -> Path:

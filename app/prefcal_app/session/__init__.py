@@ -6,17 +6,17 @@ already in the study file.
 
 from prefcal_app.simulating import Basis as Basis
 from prefcal_app.simulating import Simulated as Simulated
-from prefcal_app.summary.consistency import Consistency as Consistency
-from prefcal_app.summary.counts import Counts as Counts
-from prefcal_app.summary.outlook import Outlook as Outlook
+from prefcal_app.summary import Consistency as Consistency
+from prefcal_app.summary import Counts as Counts
+from prefcal_app.summary import Outlook as Outlook
 
-from .background import Background as Background
 from .interview import Interview as Interview
-from .records import Given as Given
-from .records import Preview as Preview
-from .study.now import Choice as Choice
-from .study.now import Now as Now
-from .study.now import Phase as Phase
-from .study.now import Question as Question
-from .study.now import Side as Side
+from .runs import Given as Given
+from .runs import Preview as Preview
+from .study import Choice as Choice
+from .study import Now as Now
+from .study import Phase as Phase
+from .study import Question as Question
+from .study import Side as Side
+from .unattended import Background as Background
 from .unattended import unattended as unattended

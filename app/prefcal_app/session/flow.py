@@ -1,25 +1,336 @@
-"""Advance an interview from an answer to the next question."""
+"""Drive a study: what is under way, what can be done, and each event saved before it counts."""
 
 import threading
-from collections.abc import Iterator
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import Agent
+from prefcal_agents import GLISp
+from prefcal_agents.agent import Agent
+from prefcal_app.simulating import Basis, Simulator, past_of
+from prefcal_env.errors import PrefcalError, RunError, ScenarioError, SettingsError, StaleError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.key import theta_key
-from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.loop import completed
+from prefcal_env.knobs import theta_key
+from prefcal_env.preferences.answer import Answer, Preference, completed
+from prefcal_env.preferences.history import History
+from prefcal_env.sources import Run, Source
 from prefcal_env.study import Answered, Event, Finished, Shown, State, StudyFile, Suggested
+from prefcal_scenarios.scenario import Scenario
 
-from .study.experiments import ExperimentStore
-from .study.now import Phase, Question, Side
-from .study.study import Ask, Over, Settle, Study, Think, Wait, Write
-from .volatile.thoughts import Thoughts
-from .volatile.underway import UnderWay
+from .study import (
+    Ask,
+    ExperimentStore,
+    Over,
+    Phase,
+    PlantNow,
+    Question,
+    Recovery,
+    Settle,
+    Side,
+    Study,
+    Think,
+    Wait,
+    Write,
+    to_repeat,
+)
+
+# ----------------------------------------------------------------------------------------------------
+# Hold what is thought of in advance; it can be lost at any time without changing a result.
+
+LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
+"""Possible answers, the most likely first."""
+LIKELIEST = 3
+"""Number of answers to prepare if each of them takes simulations."""
+_KEPT = 36
+"""Number of experiments in memory: a few questions' worth, so that an undo finds them, too."""
+
+
+@dataclass(slots=True)
+class Prefetch:
+    """What likely answers would lead to, and experiments run in advance.
+
+    Nothing here is saved: it can be lost at any time without changing a result. What the agent
+    would ask next is remembered by the agent itself.
+    """
+
+    _bases: dict[Answer, Basis] = field(default_factory=dict)
+    _tried: set[Answer] = field(default_factory=set)
+    _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
+    _failures: dict[bytes, Exception] = field(default_factory=dict)
+    next: Float[np.ndarray, " n"] | None = None
+    """θ that a copy proposes and that should run next, physical, shape (n,)."""
+    busy: Answer | None = None
+    """Answer that a copy is learning now, in the background."""
+    explained: bool = False
+    """Whether the basis of the open question was looked for."""
+    told: bool = False
+    """Whether what its answer can change was looked for, or what the result rests on."""
+
+    def missing(self, asked: Question, most: int = len(LIKELY)) -> Answer | None:
+        """Return the next of the `most` likeliest answers to `asked`; None if all were tried."""
+        for preference in LIKELY[:most]:
+            answer = asked.completed(Answer(preference, marks=asked.marks))
+            if answer not in self._tried:
+                self._tried.add(answer)
+                return answer
+        return None
+
+    def keep_basis(self, answer: Answer, basis: Basis | None) -> None:
+        """Keep what the question after `answer` would be chosen from."""
+        if basis is not None:
+            self._bases[answer] = basis
+
+    def take(self, answer: Answer) -> Basis | None:
+        """Return what the question after `answer` is chosen from, and drop the others."""
+        basis = self._bases.get(answer)
+        self.forget()
+        return basis
+
+    def forget(self) -> None:
+        """Drop what likely answers lead to, since the question has changed."""
+        self._bases.clear()
+        self._tried.clear()
+        self.next, self.explained, self.told = None, False, False
+
+    def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
+        """Keep the experiment of the requested θ; the plant may report a rounded one."""
+        self._experiments[theta_key(theta)] = experiment
+        while len(self._experiments) > _KEPT:
+            self._experiments.popitem(last=False)
+
+    def keep_failure(self, theta: Float[np.ndarray, " n"], error: Exception) -> None:
+        """Keep the error of a θ that crashed or took too long, to avoid waiting for it twice."""
+        self._failures[theta_key(theta)] = error
+
+    def is_known(self, theta: Float[np.ndarray, " n"]) -> bool:
+        """Return whether θ has run, with or without an experiment."""
+        return theta_key(theta) in self._experiments or theta_key(theta) in self._failures
+
+    def take_failure(self, theta: Float[np.ndarray, " n"]) -> Exception | None:
+        """Return the error of θ and forget it, so that a retry runs θ again."""
+        return self._failures.pop(theta_key(theta), None)
+
+    def experiment(self, theta: Float[np.ndarray, " n"]) -> Experiment | None:
+        """Return the experiment of θ; None if it has not run."""
+        return self._experiments.get(theta_key(theta))
+
+
+@dataclass(slots=True)
+class Thoughts:
+    """What questions are chosen from, and what likely answers would lead to."""
+
+    simulator: Simulator | None = None
+    """What the agent simulates with; None if it simulates nothing."""
+    twin: Scenario | None = None
+    """Model that θ are simulated on; None if that is the scenario itself."""
+    prefetch: Prefetch = field(default_factory=Prefetch)
+    basis: Basis | None = None
+    """What the latest question was chosen from, by simulations."""
+    about: History | None = None
+    """The record whose next query is being chosen in the background."""
+
+    def grounds(self, agent: Agent) -> Basis | None:
+        """Return what the open question of `agent` was chosen from; None while it is not known."""
+        basis = self.basis
+        if basis is None or basis.past != past_of(agent):
+            return None
+        # The person may have asked for another challenger since.
+        return basis if basis.pending == agent.history.pending else None
+
+    def take(self, answer: Answer) -> None:
+        """Go on with what was thought of the case that this answer is given."""
+        if self.simulator is not None and self.prefetch.busy not in (None, answer):
+            self.simulator.abandon()
+        self.basis = self.prefetch.take(answer) or self.basis
+
+    def resume(self) -> None:
+        """Let simulations begin again."""
+        if self.simulator is not None:
+            self.simulator.resume()
+
+    def make_way(self, history: History | None) -> None:
+        """Abandon simulations unless they are for `history`, the record that is waited for."""
+        if self.simulator is not None and self.about not in (None, history):
+            self.about = None
+            self.simulator.abandon()
+
+
+# ----------------------------------------------------------------------------------------------------
+# Hold the runs of an interview: those in progress, and those that wait to begin.
+
+Attempt = Callable[[], Callable[[], None]]
+"""Long-running function, called without the lock; it returns a function to call with the lock."""
+
+
+class PlantCare:
+    """What must be done on a plant before anything else: restore what an interrupted run left.
+
+    Args:
+        source: Source of the scenario.
+
+    Attributes:
+        recovery: Whether that is done. Nothing is read or written for a new run before it is.
+        problem: What remains to be done on the plant, as a sentence; empty if nothing does.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self.recovery = Recovery.DUE if source.recovers else Recovery.DONE
+        self.problem = ""
+        self.run: Run | None = None
+
+    def is_due(self, problem: str = "") -> None:
+        """Let the old values be restored next; `problem` says why they are not."""
+        if self._source.recovers:
+            self.recovery, self.problem = Recovery.DUE, problem
+
+    def recover(self, changed: Callable[[], None]) -> Attempt:
+        """Return the work that restores the old values.
+
+        Args:
+            changed: Function that is called when there is news, from the thread of the work.
+        """
+        self.recovery, self.run = Recovery.RUNNING, self._source.recovery()
+        run, run.changed = self.run, changed
+
+        def restore() -> Callable[[], None]:
+            problem = ""
+            try:
+                run.advance()
+            except Exception as error:  # whatever it is, the old values may be missing
+                problem = str(error) or type(error).__name__
+
+            def done() -> None:
+                self.problem, self.run = problem, None
+                self.recovery = Recovery.FAILED if problem else Recovery.DONE
+
+            return done
+
+        return restore
+
+    def now(self, run: Run | None) -> PlantNow:
+        """Return what a front end shows of a live plant, given the run of the pending sample."""
+        shown = self.run or run
+        times, curves = ((), ()) if shown is None else shown.recorded
+        return PlantNow(
+            changes=None if run is None else run.changes,
+            problem=self.problem or ("" if run is None else run.problem),
+            progress=None if shown is None else shown.progress,
+            times=times,
+            curves=curves,
+            stopping=False if shown is None else shown.stopping,
+            recovery=self.recovery,
+        )
+
+
+class UnderWay:
+    """Runs of a source, by the key of their θ; callers must hold the interview's lock.
+
+    Args:
+        source: What turns θ into experiments.
+        seed: Seed of the study.
+
+    Attributes:
+        plant: What must be done on the plant before anything else.
+        going: Runs in progress.
+        waiting: Runs that have not begun, or that ask a person; they can be stopped already.
+        partial: What runs that failed had recorded until then; dropped when they wait again.
+        checked: Whether an experiment of this process was checked against its scenario.
+        changed: Function that tells front ends, from any thread, that there is news of a run.
+    """
+
+    def __init__(self, source: Source, seed: int) -> None:
+        self.source, self._seed = source, seed
+        self.plant = PlantCare(source)
+        self.going: dict[bytes, Run] = {}
+        self.waiting: dict[bytes, Run] = {}
+        self.partial: dict[bytes, Experiment] = {}
+        self.checked = False
+        self.changed: Callable[[], None] = lambda: None
+
+    def of(self, sample: Suggested | None) -> Run | None:
+        """Return the run of a sample; None unless it waits or is in progress."""
+        key = b"" if sample is None else theta_key(sample.theta)
+        return self.going.get(key) or self.waiting.get(key)
+
+    @property
+    def every(self) -> list[Run]:
+        """Return all runs of θ; it takes no lock."""
+        return [*self.going.values(), *self.waiting.values()]
+
+    @property
+    def moves_plant(self) -> bool:
+        """Return whether a run changes a plant, or is about to; it takes no lock."""
+        return any(run.moves_plant for run in self.every)
+
+    def plant_now(self, sample: Suggested | None) -> PlantNow | None:
+        """Return what a front end shows of a plant on which each run is confirmed; None without one."""
+        return self.plant.now(self.of(sample)) if self.source.asks == "confirm" else None
+
+    def wait_for(self, sample: Suggested, unfinished: Iterable[Suggested], *, anew: bool = False) -> None:
+        """Let the run of a sample wait, so that it can be stopped from now on.
+
+        Args:
+            sample: Sample that is due next.
+            unfinished: All samples without an experiment; other runs no longer wait.
+            anew: Whether to make its run again, for example to read a plant's present values.
+        """
+        key = theta_key(sample.theta)
+        self.forget(unfinished)
+        self.partial.pop(key, None)
+        if key not in self.going and (anew or key not in self.waiting):
+            self.waiting[key] = self._made(np.array(sample.theta))
+
+    def forget(self, unfinished: Iterable[Suggested]) -> None:
+        """Let no run wait but those of `unfinished` samples: a stop is for the run that was due."""
+        due = {theta_key(sample.theta) for sample in unfinished}
+        self.waiting = {key: run for key, run in self.waiting.items() if key in due}
+
+    def begin(self, theta: Float[np.ndarray, " n"]) -> Run:
+        """Return the run of θ, physical, shape (n,), which is in progress from now on."""
+        key = theta_key(theta)
+        # Never in neither: whether a run moves the plant is read without a lock.
+        self.going[key] = self.waiting.get(key) or self._made(theta)
+        self.waiting.pop(key, None)
+        return self.going[key]
+
+    def _made(self, theta: Float[np.ndarray, " n"]) -> Run:
+        run = self.source.begin(theta.copy(), seed=self._seed)
+        run.changed = self.changed
+        return run
+
+    def stop(self, why: str) -> None:
+        """Stop all runs, also the one that restores a plant."""
+        for run in self.every:
+            run.stop(why)
+        if self.plant.run is not None:
+            self.plant.run.stop(why)
+
+    def end(self, theta: Float[np.ndarray, " n"], result: Experiment | Exception | None) -> None:
+        """Take note that the run of θ is over or, without a result, asks something of a person."""
+        key = theta_key(theta)
+        if key not in self.going:  # the result was known before
+            self.waiting.pop(key, None)
+            return
+        run = self.going.pop(key)
+        if result is None:
+            self.waiting[key] = run
+            return
+        if isinstance(result, Exception) and run.partial is not None:
+            self.partial[key] = run.partial
+        # After an error nobody knows how far the run came, but what it left on the disk tells.
+        unknown = isinstance(result, Exception) and not isinstance(result, RunError)
+        if run.moves_plant and (run.problem or unknown):
+            self.plant.is_due(run.problem)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Advance an interview from an answer to the next question.
 
 _COURTESY = 2.0
 """Seconds that a prefetched run may continue while another one is waited for: it may be almost
@@ -239,3 +550,150 @@ class Guarded:
         for key, run in flow.underway.going.items():
             if key not in keys:
                 run.stop("given up", within=_COURTESY)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Say which steps a person can take now, and why not the others; no screen decides it.
+
+CLOSED = "this question is no longer open: it was already answered or undone, and nothing was recorded twice"
+"""What is said of an answer to another question than the open one."""
+
+
+def refusal(flow: Flow, step: str) -> PrefcalError | None:
+    """Return why `step`, a name of `REFUSALS`, cannot be taken now; None if it can."""
+    if step != "stop_run" and flow.underway.moves_plant:
+        return StaleError("a run on the plant is in progress: stop it first")
+    return REFUSALS[step](flow, flow.study)
+
+
+def possible(flow: Flow) -> frozenset[str]:
+    """Return the names of the steps that can be taken now."""
+    steps = ("stop_run",) if flow.underway.moves_plant else REFUSALS
+    study = flow.study
+    return frozenset(step for step in steps if REFUSALS[step](flow, study) is None)
+
+
+def _answer(flow: Flow, study: Study) -> PrefcalError | None:
+    return StaleError(CLOSED) if flow.question is None else None
+
+
+def _undo(flow: Flow, study: Study) -> PrefcalError | None:
+    if flow.question is not None and flow.question.repeats is not None:
+        return None  # a repeated question can always be skipped
+    repeats = study.state.history.repeats
+    last_was_repeat = bool(repeats) and study.state.answers[-1] is repeats[-1]
+    has_one = study.state.history.answered > 1 and not last_was_repeat
+    return None if has_one else StaleError("there is no answer to undo")
+
+
+def _retract(flow: Flow, study: Study) -> PrefcalError | None:
+    if flow.phase is Phase.RUNNING and study.must_think:
+        return StaleError("the next experiment is being chosen: retract the answer once it is shown")
+    if flow.phase is Phase.FAILED and study.must_think:
+        # Choosing the next experiment may fail again, after the retraction is written.
+        return StaleError("the last step failed: try it again first")
+    has_one = study.state.history.answered > 1
+    return None if has_one else StaleError("there is no answer to retract")
+
+
+def _repeat(flow: Flow, study: Study) -> PrefcalError | None:
+    has_one = flow.phase is Phase.QUESTION and to_repeat(study.state, study.seed) is not None
+    return None if has_one else StaleError("there is no earlier question to ask again now")
+
+
+def _pace(flow: Flow, study: Study) -> PrefcalError | None:
+    if not isinstance(flow.agent, GLISp):
+        return SettingsError("only the agent glisp can ask more than one comparison per experiment")
+    # Until the retry, the study file and the agent may differ.
+    failed = flow.phase is Phase.FAILED
+    return StaleError("the last step failed: try it again first") if failed else None
+
+
+def _ask_for(flow: Flow, study: Study) -> PrefcalError | None:
+    over = flow.phase is Phase.OVER
+    return StaleError("the study has ended: continue it first") if over else None
+
+
+def _choose(flow: Flow, study: Study) -> PrefcalError | None:
+    if not study.simulates:
+        return StaleError("nothing is simulated unseen in this study: continue it and ask for a θ")
+    return _go_on(flow, study)
+
+
+def _record(flow: Flow, study: Study) -> PrefcalError | None:
+    if flow.underway.source.asks != "record":
+        return StaleError("the plant is simulated and takes no record")
+    replaces = flow.phase is Phase.QUESTION and bool(study.state.finished)
+    due = flow.phase is Phase.RECORD or replaces
+    return None if due else StaleError("no record is waited for: nothing was changed")
+
+
+def _write_and_start(flow: Flow, study: Study) -> PrefcalError | None:
+    if flow.phase is not Phase.CONFIRM:
+        return StaleError("no run is to be confirmed: nothing was written")
+    underway = flow.underway
+    if underway.plant.recovery is Recovery.FAILED:
+        return StaleError("the plant does not have its old values yet: nothing was written")
+    run = underway.of(study.pending)
+    if run is None or run.changes is None or underway.plant.recovery is not Recovery.DONE:
+        return StaleError("the plant's present values are not known yet: nothing was written")
+    return None
+
+
+def _stop_run(flow: Flow, study: Study) -> PrefcalError | None:
+    source = flow.underway.source
+    running = flow.underway.moves_plant if source.asks else flow.phase is Phase.RUNNING
+    if not running or study.pending is None:
+        return StaleError("this experiment is not running: nothing was changed")
+    if source.stops:
+        return None
+    if source.asks:
+        return ScenarioError("this run cannot be stopped from here")
+    return ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
+
+
+def _fail(flow: Flow, study: Study) -> PrefcalError | None:
+    pending = study.pending if flow.phase in (Phase.RECORD, Phase.CONFIRM, Phase.FAILED) else None
+    if pending is None:
+        return StaleError("no experiment is waited for: nothing was changed")
+    if pending.index in study.state.finished:
+        # A later step failed, for example on a full disk: this experiment must not be replaced.
+        return StaleError(f"experiment {pending.index + 1} is saved, it has not failed: try again")
+    return None
+
+
+def _retry(flow: Flow, study: Study) -> PrefcalError | None:
+    on_the_plant = flow.phase is Phase.CONFIRM or flow.underway.plant.recovery is Recovery.FAILED
+    failed = flow.phase is Phase.FAILED or on_the_plant
+    return None if failed else StaleError("nothing has failed, so there is nothing to try again")
+
+
+def _finish(flow: Flow, study: Study) -> PrefcalError | None:
+    return StaleError("the study has ended already") if flow.phase is Phase.OVER else None
+
+
+def _go_on(flow: Flow, study: Study) -> PrefcalError | None:
+    return None if flow.phase is Phase.OVER else StaleError("the study has not ended")
+
+
+REFUSALS: Mapping[str, Callable[[Flow, Study], PrefcalError | None]] = MappingProxyType(
+    {
+        "answer": _answer,
+        "give": _answer,
+        "mark": _answer,
+        "undo": _undo,
+        "retract": _retract,
+        "repeat": _repeat,
+        "pace": _pace,
+        "ask_for": _ask_for,
+        "choose": _choose,
+        "record": _record,
+        "write_and_start": _write_and_start,
+        "stop_run": _stop_run,
+        "fail": _fail,
+        "retry": _retry,
+        "finish": _finish,
+        "go_on": _go_on,
+    }
+)
+"""Functions that say why a step cannot be taken now, by the name of the step."""

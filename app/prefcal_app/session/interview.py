@@ -1,28 +1,553 @@
-"""Run an interview: an agent, a study file, and the open question."""
+"""An agent's questions and a person's answers: what is known, and the steps that can be taken."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import wraps
+from typing import Concatenate, ParamSpec, cast
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.simulating import Simulator, named_twin
+from prefcal_agents import GLISp
+from prefcal_agents.glisp.agent import Foresight
+from prefcal_agents.learned_cost import LearnedCost
+from prefcal_agents.screening.agent import Screening
+from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin
+from prefcal_app.summary import (
+    Consistency,
+    Counts,
+    Outlook,
+    Planned,
+    answered,
+    falls_outward,
+    foreseen,
+    others_unbeaten,
+    outlook,
+)
 from prefcal_env.compiling import Compiling, compile_missing
-from prefcal_env.errors import SettingsError, StudyError
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.own_line import in_words
-from prefcal_env.study import StudyFile
+from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError, StaleError, StudyError
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.preferences.answer import Comparison as Compared
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.study import (
+    Adjusted,
+    Answered,
+    Ended,
+    Marked,
+    Requested,
+    Retracted,
+    Shown,
+    StudyFile,
+    Undone,
+)
+from prefcal_env.wording import in_words
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
-from . import records, runs
-from .can import possible
-from .flow import Flow, Guarded
-from .known import Known, Past, simulated
-from .person import Steps
-from .records import Given, Preview
-from .study.experiments import ExperimentStore
-from .study.memory import agent_of, as_studied, is_robust, is_simulating
-from .study.now import Now, Phase
-from .volatile.thoughts import Thoughts
+from . import runs
+from .flow import CLOSED, Flow, Guarded, Latest, Thoughts, possible, refusal
+from .runs import Given, Preview
+from .study import (
+    GOOD_ENOUGH,
+    MARKS,
+    QUESTIONS,
+    Choice,
+    ExperimentStore,
+    Now,
+    Phase,
+    Question,
+    agent_of,
+    as_studied,
+    index_of,
+    is_robust,
+    is_simulating,
+    known_outcomes,
+    to_repeat,
+)
+
+# ----------------------------------------------------------------------------------------------------
+# Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect.
+
+
+def open_question(flow: Flow, question: int) -> Question:
+    """Return the open question. Raises StaleError unless its id is `question`."""
+    asked = flow.question
+    if asked is None or asked.id != question:
+        raise StaleError(CLOSED)
+    return asked
+
+
+def answer(flow: Flow, question: int, choice: Choice, *, comment: str = "", blind: bool = False) -> None:
+    """Answer the open question by side.
+
+    Args:
+        flow: Flow of the interview.
+        question: Id of the question.
+        choice: Verdict.
+        comment: Comment on the answer.
+        blind: Whether θ and the roles of the sides were hidden.
+    """
+    asked = open_question(flow, question)
+    _close(flow, asked, asked.answer(choice), comment, blind)
+
+
+def give(flow: Flow, question: int, answer: Answer) -> None:
+    """Answer the open question in terms of challenger and incumbent."""
+    _close(flow, open_question(flow, question), answer)
+
+
+def _close(flow: Flow, asked: Question, given: Answer, comment: str = "", blind: bool = False) -> None:
+    """Record the answer, teach it to the agent, and proceed."""
+    new, old = asked.challenger.index, asked.incumbent.index
+    given = asked.completed(given)
+    flow.append(Answered(asked.id, new, old, given, comment, blind))
+    if asked.repeats is None:
+        _go_on(flow, given)
+    else:
+        flow.proceed()
+    flow.latest = Latest(flow.version)
+
+
+def _go_on(flow: Flow, answer: Answer) -> None:
+    """Go on from an answer that is saved: at once if the agent knows what to ask next."""
+    flow.thoughts.take(answer)
+    if flow.at_once == 1 and flow.agent.knows(flow.agent.history):
+        return flow.proceed()
+    return flow.move(Phase.RUNNING)  # a proposal takes time, so `work` computes it
+
+
+def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
+    """Set or clear a mark of the experiment on `side`; one mark replaces the other.
+
+    Raises:
+        StudyError: If there is no such side or mark.
+        PreferenceError: If a run that was interrupted as unsafe is marked as good enough.
+    """
+    asked = open_question(flow, question)
+    if side not in ("left", "right") or mark not in MARKS:
+        raise StudyError(f"a mark is one of {MARKS} on left or right, got {mark!r} on {side!r}")
+    which = asked.left if side == "left" else asked.right
+    if on and mark == GOOD_ENOUGH and which.counts_as_unsafe:
+        raise PreferenceError(
+            f"experiment {which.index + 1} was interrupted as unsafe: it cannot be good enough"
+        )
+    if on != (mark in which.marks):
+        flow.append(Marked(which.index, mark, on))
+        flow.show()
+
+
+def undo(flow: Flow, version: int) -> None:
+    """Undo the last answer, or skip a repeated question that is open.
+
+    `version` is the one that the person saw.
+    """
+    if version < flow.latest.version:
+        raise StaleError("an answer was given or undone since you looked")
+    draft = flow.latest.draft
+    if flow.question is None or flow.question.repeats is None:
+        draft = flow.state.history.latest[-1].comment
+        flow.append(Undone())
+    flow.proceed()
+    flow.latest = Latest(flow.version, draft)
+
+
+def closed(flow: Flow, answer: int) -> Comparison:
+    """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
+
+    Raises:
+        StaleError: If there is none.
+    """
+    history = flow.state.history
+    answers = history.comparisons if answer >= 0 else (None, *history.follow_ups)
+    if not 1 <= abs(answer) < len(answers):
+        what = "answer" if answer >= 0 else "answer to a follow-up comparison"
+        raise StaleError(f"there is no {what} {abs(answer)}: {max(len(answers) - 1, 0)} are given")
+    found = answers[abs(answer)]
+    assert found is not None
+    return found
+
+
+def retract(flow: Flow, answer: int) -> None:
+    """Forget what an answer taught (see `closed`); all samples stay, including the open one."""
+    if closed(flow, answer).retracted:
+        raise StaleError(f"answer {answer} is retracted already")
+    if flow.phase is Phase.RUNNING and flow.study.pending is None:
+        # Propose the open sample first: it must not depend on this retraction.
+        flow.proceed()
+    flow.append(Retracted(answer))
+    if flow.phase is Phase.QUESTION:
+        flow.proceed()
+    else:
+        flow.version += 1
+
+
+def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> None:
+    """Compare physical `theta`, shape (n,), next, in place of the pending sample.
+
+    The θ of that sample is free again.
+
+    Raises:
+        ProtocolError: If all experiments are answered, or `theta` was tried before.
+        KnobError: If the space does not hold it, or a constraint forbids it.
+    """
+    twin, pending, asked = flow.agent.copy(), flow.study.pending, flow.question
+    twin.replace_pending(np.array(theta))
+    sample = twin.history.pending  # others may be pending behind it
+    assert sample is not None
+    shown = asked is None or asked.challenger.index == flow.state.history.answered
+    if pending is not None and pending.theta == sample.theta and shown:
+        return  # it is the next one already
+    index = flow.state.history.answered
+    flow.append(Requested(index, sample.z, sample.theta), *flow.finished(index, np.array(sample.theta)))
+    flow.proceed()
+
+
+def choose(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...], best: int) -> None:
+    """Choose a simulated `theta`, shape (n,), after the end, instead of experiment `best`.
+
+    It is asked for, and the question about it is answered by the choice, if its run is known from a
+    look at both; then the study is over again, for the same reason. A plant has to run it first: that
+    is all that follows.
+
+    Raises:
+        StaleError: If another experiment is the best by now.
+        ProtocolError: If `theta` was tried before.
+        KnobError: If the space does not hold it, or a constraint forbids it.
+    """
+    if flow.study.best != best:
+        raise StaleError("another experiment is the best by now: look at both again")
+    wanted = flow.agent.space.check_allowed(np.array(theta))
+    if flow.agent.space.close(wanted, flow.agent.samples).any():
+        raise ProtocolError("an experiment was run with this θ: it was compared already")
+    reason = flow.state.ended
+    assert reason is not None
+    runs.go_on(flow, more=int(flow.state.history.answered >= flow.state.n_max))
+    ask_for(flow, wanted)
+    asked, samples = flow.question, flow.state.history.samples
+    if asked is not None and np.array_equal(samples[asked.challenger.index].theta, wanted):
+        _close(flow, asked, Answer(Preference.CHALLENGER, marks=asked.marks))
+        flow.append(Ended(reason))
+        flow.proceed()
+
+
+def pace(flow: Flow, questions: int) -> None:
+    """Ask at most `questions` comparisons per experiment, 1 or more, from now on.
+
+    Raises:
+        SettingsError: If that is not valid.
+    """
+    agent = cast(GLISp, flow.agent)
+    changed = agent.with_questions(questions)
+    if questions == agent.settings.questions_per_experiment:
+        return
+    flow.append(Adjusted({QUESTIONS: questions}))
+    flow.agent = changed
+    if flow.phase is not Phase.QUESTION:
+        flow.version += 1
+    elif flow.study.is_overtaken:
+        flow.proceed()
+    else:
+        flow.show()  # discards what was prefetched for this question
+
+
+def repeat(flow: Flow) -> None:
+    """Show an earlier question again, with its sides swapped; the answer teaches nothing."""
+    again = to_repeat(flow.state, flow.study.seed)
+    assert again is not None
+    assert again.incumbent is not None
+    left = not again.challenger_left
+    flow.show(Shown(again.challenger, again.incumbent, left, again.question))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Offer what a person can do in an interview.
+
+P = ParamSpec("P")
+
+
+def _step(name: str, step: Callable[Concatenate[Flow, P], None]) -> Callable[Concatenate["Steps", P], Now]:
+    """Return a method that takes a step if that is possible now, and returns what is then to be seen."""
+
+    @wraps(step)
+    def take(self: "Steps", /, *args: P.args, **kwargs: P.kwargs) -> Now:
+        with self._guarded.changing() as flow:
+            refused = refusal(flow, name)
+            if refused is not None:
+                raise refused
+            step(flow, *args, **kwargs)
+            return self._now()
+
+    return take
+
+
+class Steps:
+    """Steps of a person. Each is saved before it takes effect, and returns what is then to be seen.
+
+    A step on an outdated page, for example in a second tab, raises StaleError and records nothing.
+    If the file cannot be written, it raises StudyError and changes nothing.
+
+    Args:
+        guarded: Flow of the interview.
+        now: Function that returns what is to be seen.
+    """
+
+    def __init__(self, guarded: Guarded, now: Callable[[], Now]) -> None:
+        self._guarded, self._now = guarded, now
+
+    answer = _step("answer", answer)
+    give = _step("give", give)
+    mark = _step("mark", mark)
+    undo = _step("undo", undo)
+    retract = _step("retract", retract)
+    repeat = _step("repeat", repeat)
+    pace = _step("pace", pace)
+    ask_for = _step("ask_for", ask_for)
+    choose = _step("choose", choose)
+    record = _step("record", runs.record)
+    write_and_start = _step("write_and_start", runs.confirm)
+    stop_run = _step("stop_run", runs.stop)
+    fail = _step("fail", runs.fail)
+    retry = _step("retry", runs.retry)
+    finish = _step("finish", runs.finish)
+    go_on = _step("go_on", runs.go_on)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Say what is known of a study: its experiments and answers, what was learned, whether to continue.
+
+Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
+_LEAST = 5
+"""Smallest number of verdicts for an outlook without simulations."""
+
+
+class Known:
+    """What is known of an interview, readable from any thread.
+
+    Args:
+        guarded: Flow of the interview.
+        scenario: Function that returns its scenario, with KPIs found in its experiments.
+    """
+
+    def __init__(self, guarded: Guarded, scenario: Callable[[], Scenario]) -> None:
+        self._guarded, self._scenario = guarded, scenario
+
+    @property
+    def counts(self) -> Counts:
+        """Return the numbers of experiments and comparisons."""
+        with self._guarded.reading() as flow:
+            return Counts.of(flow.state)
+
+    @property
+    def planned(self) -> Planned:
+        """Return how many questions the study asks."""
+        with self._guarded.reading() as flow:
+            return Planned.of(flow.agent)
+
+    @property
+    def n_max(self) -> int:
+        """Return the planned number of experiments; fewer if the space holds fewer θ."""
+        with self._guarded.reading() as flow:
+            return flow.agent.n_max
+
+    @property
+    def questions(self) -> int | None:
+        """Return the maximum number of comparisons per experiment; None if it is fixed at 1."""
+        with self._guarded.reading() as flow:
+            agent = flow.agent
+        return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
+
+    @property
+    def simulated(self) -> Simulated | None:
+        """Return how many θ were simulated unseen; None if the agent simulates nothing."""
+        with self._guarded.reading() as flow:
+            return simulated(flow)
+
+    @property
+    def surrogate(self) -> Surrogate | None:
+        """Return the learned cost of m physical θ, lower is better; None if nothing is learned."""
+        with self._guarded.reading() as flow:
+            closed = flow.state.history.comparisons
+            learned = any(c.answer.preference is not None and not c.retracted for c in closed)
+            # A copy, since the surrogate must not change while it is shown.
+            return getattr(flow.agent.copy(), "surrogate", None) if learned else None
+
+    @property
+    def _promise(self) -> str | None:
+        """Return what the simulated θ still promise; empty without any, None if too early."""
+        if self.screens:
+            screened = self.screened()
+            prospect = None if screened is None else screened.prospect
+            return None if prospect is None else prospect.text
+        with self._guarded.reading() as flow:
+            closed = flow.state.history.comparisons
+        return self.promise if sum(c.verdict is not None for c in closed) >= _LEAST else None
+
+    @property
+    def promise(self) -> str:
+        """Return what the next experiment can bring; empty if unknown, and if the person chose it."""
+        with self._guarded.reading() as flow:
+            pending, requested = flow.study.pending, flow.state.requested
+        index, found = None if pending is None else pending.index, self.foresight()
+        return "" if found is None or index in requested else foreseen(found.chance, index)
+
+    def foresight(self, *, learn: bool = False) -> Foresight | None:
+        """Return what the next experiment can bring; None if unknown, or not worked out yet.
+
+        With `learn`, or if no threads work in the background, it is worked out here and now.
+        """
+        with self._guarded.reading() as flow:
+            agent, learn = flow.agent.copy(), learn or not self._guarded.has_background
+        if not isinstance(agent, GLISp) or not (learn or agent.foresees):
+            return None
+        return agent.foresight
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """Return whether to continue, and the knobs at the end of their range; None if unknown."""
+        best, promise = self._best(), self._promise
+        if promise is None or best is None:
+            return None
+        with self._guarded.reading() as flow:
+            state, place, by_value = flow.state, flow.file.path, flow.agent.by_value
+        space = self._scenario().space
+        found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
+        screened = self.screened()
+        if screened is not None and state.ended:
+            found = replace(found, result=screened.result(self._scenario()))
+        if not by_value:
+            found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))
+        return found if found.sentences else None
+
+    def _helps(self, knob: int, upper: bool) -> bool:
+        """Return whether the model expects that going beyond an end of a knob's range helps."""
+        if self.screens:
+            screened = self.screened()
+            trend = None if screened is None else screened.basis.trend
+            return trend is not None and bool(trend[knob] > 0) == upper
+        surrogate, best = self.surrogate, self._best()
+        if surrogate is None or best is None:
+            return False
+        return falls_outward(surrogate, self._scenario().space, best.theta, knob, upper)
+
+    def _best(self) -> Experiment | None:
+        with self._guarded.reading() as flow:
+            best = flow.study.best
+            return None if best is None else flow.store.experiment(best)
+
+    @property
+    def missed(self) -> list[str]:
+        """Return the titles of the KPIs whose objectives the best experiment misses."""
+        best = self._best()
+        if best is None:
+            return []
+        return [k.title for k in self._scenario().shown_kpis if k.met_by(best) is False]
+
+    @property
+    def screens(self) -> bool:
+        """Return whether the agent simulates θ that are not shown."""
+        with self._guarded.reading() as flow:
+            return isinstance(flow.agent, Screening)
+
+    def screened(self, *, current: bool = True) -> Screened | None:
+        """Return what a screening agent knows; None for other agents and before it is worked out.
+
+        With `current`, what it knew before the latest answer counts as unknown.
+        """
+        with self._guarded.reading() as flow:
+            basis = flow.thoughts.grounds(flow.agent) if current else flow.thoughts.basis
+            return None if basis is None else Screened(flow.agent.space, basis)
+
+    def wait_for_screened(self, timeout: float) -> Screened | None:
+        """Return what a screening agent knows, as soon as that is known; None after `timeout` s.
+
+        It does not wait if nothing works in the background.
+        """
+        guarded = self._guarded
+        with guarded.changed:
+            comes = self.screens and guarded.has_background
+            guarded.changed.wait_for(lambda: not comes or guarded.closing or self._worked_out(), timeout)
+            return self.screened()
+
+    def _worked_out(self) -> bool:
+        """Return whether it is known what the question was chosen from and, at the end, all else."""
+        screened = self.screened()
+        with self._guarded.reading() as flow:
+            over = flow.phase is Phase.OVER
+        return screened is not None and (not over or screened.told_result)
+
+    @property
+    def index(self) -> LearnedCost | None:
+        """Return the cost learned from answers and KPIs; None while they say nothing about it."""
+        with self._guarded.reading() as flow:
+            history, seed = known_outcomes(flow.state, flow.store), flow.study.seed
+        return index_of(history, seed)
+
+    @property
+    def consistency(self) -> Consistency:
+        """Return how consistent the answers are."""
+        with self._guarded.reading() as flow:
+            return Consistency.of(flow.state)
+
+
+def simulated(flow: Flow) -> Simulated | None:
+    """Return how many θ were simulated unseen; None if the agent simulates nothing."""
+    simulator, basis = flow.thoughts.simulator, flow.thoughts.basis
+    if simulator is None or not isinstance(flow.agent, Screening):
+        return None
+    planned = flow.agent.n_simulated
+    # What was simulated for answers that were not given is not counted.
+    shown = len(flow.state.finished)
+    count, failed = min(simulator.count, planned), simulator.failed
+    if basis is not None:
+        count, failed = len(basis.bank), int(basis.bank.failed.sum())
+    # Equal θ run once: where nothing is simulated any more, fewer than that were.
+    twin, due = flow.thoughts.twin is not None, flow.agent.due if simulator.busy else 0
+    return Simulated(count, planned, failed, shown, twin=twin, due=due)
+
+
+class Past:
+    """Experiments and answers of an interview, readable from any thread."""
+
+    def __init__(self, guarded: Guarded) -> None:
+        self._guarded = guarded
+
+    def experiment(self, index: int) -> Experiment:
+        """Return experiment `index`, from 0. Raises StudyError if there is none."""
+        with self._guarded.reading() as flow:
+            return flow.store.experiment(index)
+
+    def end(self, index: int) -> End:
+        """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
+        with self._guarded.reading() as flow:
+            return flow.store.end(index)
+
+    def asked(self, answer: int) -> Question:
+        """Return answered question `answer` as it was shown. Raises StaleError if there is none."""
+        with self._guarded.reading() as flow:
+            return flow.store.asked(closed(flow, answer))
+
+    def closed(self, answer: int) -> Comparison:
+        """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
+
+        Raises:
+            StaleError: If there is none.
+        """
+        with self._guarded.reading() as flow:
+            return closed(flow, answer)
+
+    def comparisons(self, start: int = 0) -> tuple[Compared, ...]:
+        """Return every closed query from number `start` on, including the first experiment's."""
+        with self._guarded.reading() as flow:
+            return tuple(flow.store.comparison(i) for i in range(start, flow.state.history.answered))
+
+    def answered(self) -> tuple[Compared, ...]:
+        """Return the comparisons whose answers stand, in order, follow-up comparisons included."""
+        with self._guarded.reading() as flow:
+            return tuple(flow.store.compared(closed) for closed in answered(flow.state))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Run an interview: an agent, a study file, and the open question.
 
 
 class Interview:
@@ -146,7 +671,7 @@ class Interview:
     def preview(self, given: Given) -> Preview:
         """Read a rig's record, and save nothing. Raises RecordError if it is refused."""
         with self._guarded.reading() as flow:
-            return records.preview(flow, given)
+            return runs.preview(flow, given)
 
     @property
     def drives(self) -> bool:

@@ -1,26 +1,358 @@
-"""Run the experiments of an interview, handle failed and stopped runs, and end the study."""
+"""Let the agent think and experiments run, while a study waits for them: what is due, done and supplied."""
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.agent import Agent
 from prefcal_agents.screening.agent import Screening
-from prefcal_env.errors import RunError, ScenarioError, StaleError, StudyError
+from prefcal_app.simulating import Abandoned, Basis, Carried
+from prefcal_env.errors import KnobError, RecordError, RunError, ScenarioError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.key import theta_key
-from prefcal_env.own_line import as_exception, in_words
-from prefcal_env.sources import Run
-from prefcal_env.study import Ended, Extended, Failed, Finished, Noted, Reopened, Suggested, Taken
-from prefcal_scenarios.own.checks import check_experiment
-from prefcal_scenarios.scenario import Scenario
+from prefcal_env.knobs import theta_key
+from prefcal_env.preferences.answer import Outcome, counts_as_unsafe
+from prefcal_env.sources import Run, Table
+from prefcal_env.study import (
+    Dialed,
+    Ended,
+    Extended,
+    Failed,
+    Finished,
+    Noted,
+    Reopened,
+    Replaced,
+    Suggested,
+    Taken,
+)
+from prefcal_env.wording import as_exception, in_words
+from prefcal_scenarios.runs import outcome
+from prefcal_scenarios.scenario import Scenario, check_experiment
 
-from . import thinking
-from .flow import Flow
-from .study.memory import agent_of
-from .study.now import GOOD_ENOUGH, Phase, Recovery
-from .volatile.underway import Attempt
+from .flow import LIKELIEST, LIKELY, Attempt, Flow, refusal
+from .study import GOOD_ENOUGH, Phase, Question, Recovery, agent_of
+
+# ----------------------------------------------------------------------------------------------------
+# Let the agent choose queries in the background: it may simulate for seconds, without a lock.
+#
+# Its functions return an `Attempt`, as the work of `runs` is.
+
+
+def think(flow: Flow) -> Attempt:
+    """Choose the next query, then show it or run its experiment.
+
+    A copy of the agent does it, since the person may undo or retract an answer meanwhile.
+    """
+    history, twin = flow.agent.history, flow.agent.copy()
+    flow.thoughts.about = history
+    flow.thoughts.resume()
+
+    def choose() -> Callable[[], None]:
+        try:
+            basis = _basis(flow, twin)
+        except Abandoned:
+            return lambda: None
+
+        def keep() -> None:
+            flow.thoughts.about = None
+            if flow.agent.history == history and flow.phase is Phase.RUNNING:
+                flow.thoughts.basis = basis or flow.thoughts.basis
+                # A question that was already open, before a restart, stays open under its id.
+                flow.resume()
+
+        return keep
+
+    return choose
+
+
+def look_ahead(
+    flow: Flow, asked: Question, is_known: Callable[[Float[np.ndarray, " n"]], bool]
+) -> Attempt | None:
+    """Tell a copy of the agent the next likely answer; None if all were tried.
+
+    Errors are ignored here, since that answer may never be given. If it is, the same work is done
+    again, and an error is shown.
+
+    Args:
+        flow: Flow of the interview.
+        asked: Open question.
+        is_known: Function that tells whether a physical θ, shape (n,), has run.
+    """
+    most = len(LIKELY) if flow.thoughts.simulator is None else LIKELIEST
+    answer = flow.thoughts.prefetch.missing(asked, most)
+    if answer is None:
+        return None
+    query, twin = flow.agent.ask(), flow.agent.copy()
+    flow.thoughts.prefetch.busy = answer
+    flow.thoughts.resume()
+
+    def look() -> Callable[[], None]:
+        try:
+            twin.tell(query, answer)
+            told = twin.history
+            basis = _basis(flow, twin)
+            theta = None if twin.done else twin.ask().challenger.theta
+        except Exception:
+            return lambda: _rest(flow)
+
+        def keep() -> None:
+            _rest(flow)
+            if flow.question is asked:
+                flow.thoughts.prefetch.keep_basis(answer, basis)
+                if theta is not None and not is_known(theta):
+                    flow.thoughts.prefetch.next = theta
+            elif (
+                flow.phase is Phase.RUNNING
+                and flow.agent.history.pending is None
+                and flow.agent.history == told
+            ):
+                # The answer came meanwhile, and it is this one.
+                flow.thoughts.basis = basis or flow.thoughts.basis
+                flow.proceed()
+
+        return keep
+
+    return look
+
+
+def is_unexplained(flow: Flow) -> bool:
+    """Return whether it is not known what the open question was chosen from.
+
+    That is so after a restart, after the last answer, and if the person asked for a θ.
+    """
+    thoughts = flow.thoughts
+    unknown = thoughts.simulator is not None and thoughts.grounds(flow.agent) is None
+    return unknown and not thoughts.prefetch.explained
+
+
+def explain(flow: Flow) -> Attempt:
+    """Find out what the open question was chosen from. Errors are ignored: it can be answered."""
+    flow.thoughts.prefetch.explained = True
+    return _looking(flow, lambda twin: Basis.of(twin))
+
+
+def is_untold(flow: Flow) -> bool:
+    """Return whether it is not worked out what the answer can change or, at the end, what was wanted."""
+    known = flow.thoughts.grounds(flow.agent)
+    if known is None or flow.thoughts.prefetch.told:
+        return False
+    carried, over = known.carried, flow.phase is Phase.OVER
+    return carried is None or not carried.complete or carried.over is not over
+
+
+def tell(flow: Flow) -> Attempt:
+    """Work out what the answer can change or, at the end, what was wanted; nothing after an error."""
+    known, over = flow.thoughts.grounds(flow.agent), flow.phase is Phase.OVER
+    assert known is not None
+    carried = None if known.carried is None or known.carried.over is not over else known.carried
+    flow.thoughts.prefetch.told = not over or carried is not None  # else the smaller change comes next
+
+    def told(twin: Screening) -> Basis:
+        try:
+            return known.completed(twin) if carried else replace(known, carried=Carried.of(twin, over=over))
+        except Exception:
+            failed = carried or Carried(over, None, None, {}, {})
+            return replace(known, carried=replace(failed, complete=True))
+
+    return _looking(flow, told)
+
+
+def _looking(flow: Flow, look: Callable[[Screening], Basis]) -> Attempt:
+    """Look at a copy of the agent; keep what is found if the question is still the same."""
+    asked, twin = flow.question, cast(Screening, flow.agent.copy())
+    flow.thoughts.resume()
+
+    def advance() -> Callable[[], None]:
+        try:
+            basis = look(twin)
+        except Exception:
+            return lambda: None
+
+        def keep() -> None:
+            if flow.question is asked:
+                flow.thoughts.basis = basis
+                flow.version += 1
+
+        return keep
+
+    return advance
+
+
+def _rest(flow: Flow) -> None:
+    flow.thoughts.prefetch.busy = None
+
+
+def _basis(flow: Flow, twin: Agent) -> Basis | None:
+    """Let `twin` choose its next query; return what it was chosen from, if it simulates.
+
+    A question can be answered without its reason, so no error of that is raised; one of the
+    simulations is.
+    """
+    if twin.done:
+        return None
+    twin.ask()
+    if flow.thoughts.simulator is None:
+        return None
+    screening = cast(Screening, twin)
+    _ = screening.bank
+    try:
+        return Basis.of(screening)
+    except Abandoned:
+        raise
+    except Exception:
+        return None
+
+
+# ----------------------------------------------------------------------------------------------------
+# Preview, save and replace the records of a rig.
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """Record as the person provides it.
+
+    Args:
+        index: Index of the experiment, from 0.
+        content: Content of the CSV file.
+        unsafe: Whether the run became unsafe and was stopped.
+        theta: Physical θ that was really set, one number per knob; None for the proposed one.
+        again: Whether to accept the same curves as another experiment's.
+    """
+
+    index: int
+    content: bytes
+    unsafe: bool = False
+    theta: tuple[float, ...] | None = None
+    again: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """Preview of what would be saved.
+
+    Args:
+        experiment: Experiment as read from the record.
+        same: Index of another experiment with identical curves; None if there is none.
+        retracts: Number of answers that would no longer teach anything.
+    """
+
+    experiment: Experiment
+    same: int | None
+    retracts: int
+
+
+def preview(flow: Flow, given: Given) -> Preview:
+    """Read a record, and save nothing.
+
+    Raises:
+        StaleError: If the record is not awaited and cannot replace one.
+        RecordError: If the record or the θ that was set is refused.
+    """
+    _check_due(flow, given.index)
+    theta = _dialed(flow, given)
+    if theta is None:
+        theta = np.array(flow.state.history.samples[given.index].theta)
+    run = flow.underway.source.begin(theta, seed=flow.study.seed)
+    run.supply(Table(given.content, given.unsafe))
+    experiment = run.advance()
+    experiment = check_experiment(flow.store.scenario, theta, experiment)
+    return Preview(experiment, _same(flow, given.index, experiment), len(_about(flow, given.index)))
+
+
+def record(flow: Flow, given: Given) -> None:
+    """Save the record of the pending sample, or replace an earlier experiment's.
+
+    Raises:
+        StaleError: As in `preview`.
+        RecordError: As in `preview`, or if the curves equal another experiment's and `again` is
+            not set.
+        StudyError: If the study file cannot be written.
+    """
+    seen, index = preview(flow, given), given.index
+    if seen.same is not None and not given.again:
+        raise RecordError(
+            f"these are the curves of experiment {seen.same + 1}: is it the file of another run?"
+        )
+    theta = _dialed(flow, given)
+    events: list[Dialed | Replaced] = []
+    if theta is not None:
+        z = flow.store.scenario.space.encode(theta)
+        events.append(Dialed(index, tuple(z.tolist()), tuple(theta.tolist())))
+    replaces = index in flow.state.finished
+    if replaces:
+        known = Outcome(outcome(flow.store.scenario, seen.experiment)).to_dict()
+        events.append(Replaced(index, known, counts_as_unsafe(seen.experiment)))
+    flow.append(*events, (Finished(index), seen.experiment))
+    if not replaces or flow.phase is Phase.QUESTION:
+        flow.proceed()  # a question about the wrong curves is asked again, under another id
+    else:
+        flow.version += 1
+
+
+def _check_due(flow: Flow, index: int) -> None:
+    """Refuse a record that is neither waited for nor can replace one."""
+    refused = refusal(flow, "record")
+    if refused is not None:
+        raise refused
+    pending = flow.study.pending
+    due = flow.phase is Phase.RECORD and pending is not None and pending.index == index
+    if not due and index not in flow.state.finished:
+        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
+
+
+def _dialed(flow: Flow, given: Given) -> Float[np.ndarray, " n"] | None:
+    """Return the θ that was really set, shape (n,); None if it equals the sample's."""
+    if given.theta is None:
+        return None
+    index, space = given.index, flow.store.scenario.space
+    try:
+        theta = space.decode(space.encode(space.check_allowed(np.array(given.theta))))
+    except KnobError as error:
+        raise RecordError(f"what you set cannot be learned from: {error}") from error
+    samples = flow.state.history.samples
+    if np.array_equal(theta, samples[index].theta):
+        return None
+    if index != flow.state.history.answered:
+        raise RecordError(f"experiment {index + 1} was compared already: its θ stays")
+    for i, earlier in enumerate(samples[:index]):
+        if np.array_equal(theta, earlier.theta):
+            raise RecordError(f"experiment {i + 1} was run with exactly the θ that you set")
+    return theta
+
+
+def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
+    """Return another experiment with the same curves, even if its file was saved again."""
+    mine = _curves(experiment)
+    for other in sorted(flow.state.finished):
+        theirs = _curves(flow.store.experiment(other))
+        if other == index or not len(theirs[0]) or len(mine) != len(theirs):
+            continue
+        if all(map(np.array_equal, mine, theirs)):
+            return other
+    return None
+
+
+def _curves(experiment: Experiment) -> list[np.ndarray]:
+    """Return everything that a record holds; outputs only if they are no states."""
+    arrays = [experiment.t, experiment.x, experiment.u]
+    return arrays if experiment.y is None else [*arrays, experiment.y]
+
+
+def _about(flow: Flow, index: int) -> list[int]:
+    """Return the event numbers of the standing answers about experiment `index`."""
+    answers = flow.state.history.counting
+    return [
+        c.seq
+        for c in answers
+        if c.incumbent is not None and not c.retracted and index in (c.challenger, c.incumbent)
+    ]
+
+
+# ----------------------------------------------------------------------------------------------------
+# Run the experiments of an interview, handle failed and stopped runs, and end the study.
 
 UNBIDDEN = ("late", "died")
 """Reasons for a run without an experiment that neither the person nor their code gave."""
@@ -37,24 +369,24 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         return _attended(flow)
     if flow.phase is Phase.RUNNING:
         if study.must_think:
-            return thinking.think(flow)
+            return think(flow)
         pending = study.pending
         if pending is None or pending.index in flow.state.finished or underway.source.asks:
             return lambda: lambda: _go_on_running(flow)
         if flow.at_once > 1:
             return _beside(flow) if flow.proposed else lambda: lambda: _go_on_running(flow)
         return _running(flow, pending)
-    if flow.phase in (Phase.QUESTION, Phase.OVER) and thinking.is_unexplained(flow):
-        return thinking.explain(flow)
-    if flow.phase is Phase.OVER and thinking.is_untold(flow):
-        return thinking.tell(flow)
+    if flow.phase in (Phase.QUESTION, Phase.OVER) and is_unexplained(flow):
+        return explain(flow)
+    if flow.phase is Phase.OVER and is_untold(flow):
+        return tell(flow)
     if flow.at_once > 1:
         return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
     if flow.phase is not Phase.QUESTION:
         return None
     looking = _looking_ahead(flow) if ahead and not underway.source.asks else None
-    if looking is None and thinking.is_untold(flow):
-        return thinking.tell(flow)
+    if looking is None and is_untold(flow):
+        return tell(flow)
     return looking
 
 
@@ -250,7 +582,7 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
         return None
     if flow.thoughts.prefetch.next is not None:
         return _running_ahead(flow, flow.thoughts.prefetch.next)
-    return thinking.look_ahead(flow, asked, lambda theta: _is_known(flow, theta))
+    return look_ahead(flow, asked, lambda theta: _is_known(flow, theta))
 
 
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:

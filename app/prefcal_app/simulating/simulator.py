@@ -1,25 +1,327 @@
-"""Simulate θ for an agent: each one once, in worker processes that leave the page its processor."""
+"""Simulate unseen for an agent, on all cores, with a model or a twin, and keep what was simulated."""
 
+import json
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
 from operator import not_
-from typing import Self, final
+from pathlib import Path
+from typing import Any, BinaryIO, Self, final
+from zlib import crc32
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs.key import theta_key, theta_keys
-from prefcal_env.preferences.kpis import Outcome
+from prefcal_agents.agent import Agent
+from prefcal_agents.people import Bank
+from prefcal_agents.registry import CLASSES
+from prefcal_agents.result import Influence, SmallerChange, decisive
+from prefcal_agents.screening.agent import Certificate, Reason, RobustResult, Screening
+from prefcal_env.disk import whole_file
+from prefcal_env.errors import SettingsError
+from prefcal_env.knobs import KnobSpace, theta_key, theta_keys
+from prefcal_env.preferences.answer import Outcome
+from prefcal_env.preferences.history import History, Sample
+from prefcal_env.study import knobs_as_dicts, within_as_dict
+from prefcal_env.study.file import SIMULATED, is_simulated
+from prefcal_env.wording import labeled
 from prefcal_env.workers import Pool, Terms, usable_cores
 from prefcal_scenarios import verification
-from prefcal_scenarios.kpis import all_screened, has_goals, reading
-from prefcal_scenarios.many.results import FailedRun, Result
-from prefcal_scenarios.many.task import Task
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.own import fingerprint, fingerprint_of_code
+from prefcal_scenarios.runs import FailedRun, Result, Task, all_screened, has_goals, reading
+from prefcal_scenarios.scenario import Scenario, with_ranges
 
-from .kept import Kept
+# ----------------------------------------------------------------------------------------------------
+# Keep the KPIs of simulated θ in a file beside the study: nothing is simulated twice.
+
+
+@final
+class Kept:
+    """The KPIs that a file keeps, and the file that keeps more of them.
+
+    It is a cache: what is damaged, or was simulated by something else, is simulated again, and a
+    file that cannot be written keeps nothing.
+
+    Args:
+        path: File beside the study.
+        key: What the KPIs follow from, see `key_of`.
+    """
+
+    def __init__(self, path: Path, key: str) -> None:
+        self._path, self._head = path, SIMULATED + key.encode() + b"\n"
+        self._file: BinaryIO | None = None
+        self._lines: list[bytes] = []
+        self.known: dict[bytes, Outcome] = {}
+        """KPIs by the key of θ, none where the run raised an error."""
+        self._whole = self._read()
+
+    def add(self, theta: Float[np.ndarray, " n"], kpis: Outcome) -> None:
+        """Keep the KPIs of θ, physical, shape (n,)."""
+        line = _line(theta, kpis)
+        with suppress(OSError, ValueError):  # no space left, read only, or closed
+            if self._file is None:
+                self._file = self._opened()
+            self._file.write(line)
+            self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close()
+
+    def _read(self) -> bool:
+        """Read the file; return whether more can be added at its end."""
+        try:
+            head, *lines = self._path.read_bytes().splitlines(keepends=True)
+        except (OSError, ValueError):  # none, or empty
+            return False
+        if head != self._head:
+            return False
+        for line in lines:
+            with suppress(ValueError, KeyError, TypeError):
+                theta, kpis = _content(line)
+                self.known[theta_key(theta)] = kpis
+                self._lines.append(line)
+        if not any(self.known.values()):  # what is missing on a machine fails all runs
+            self.known, self._lines = {}, []
+        return len(self._lines) == len(lines)
+
+    def _opened(self) -> BinaryIO:
+        """Open the file to add to it, written anew without what is not usable."""
+        if not self._whole:
+            if not is_simulated(self._path):
+                raise ValueError(f"{self._path} is something else")
+            with whole_file(self._path) as part:
+                part.write_bytes(self._head + b"".join(self._lines))
+        return self._path.open("ab")
+
+
+def _line(theta: Float[np.ndarray, " n"], kpis: Outcome) -> bytes:
+    content = json.dumps([np.asarray(theta, dtype=float).tolist(), dict(kpis)]).encode()
+    return b"%08x %s\n" % (crc32(content), content)
+
+
+def _content(line: bytes) -> tuple[list[float], Outcome]:
+    """Return θ and its KPIs. Raises ValueError if the line is damaged."""
+    checksum, _, content = line.removesuffix(b"\n").partition(b" ")
+    if not line.endswith(b"\n") or int(checksum, 16) != crc32(content):
+        raise ValueError("a damaged line")
+    theta, kpis = json.loads(content)
+    return theta, Outcome(kpis)
+
+
+def key_of(
+    scenario: Scenario, source: str, configuration: Mapping[str, Any], versions: Mapping[str, str]
+) -> str:
+    """Return hexadecimal digits that change with everything that simulated KPIs follow from.
+
+    Files that a program reads count only if its code names them.
+
+    Args:
+        scenario: Scenario that simulates, with the knobs of the study.
+        source: Its name, or path/to/own.py:NAME.
+        configuration: Configuration of the study.
+        versions: Versions of the packages that affect results.
+    """
+    content = {
+        "source": fingerprint(source),
+        "code": fingerprint_of_code(),
+        "seed": configuration["seed"],
+        "knobs": knobs_as_dicts(scenario.space),
+        "within": within_as_dict(scenario.space),
+        "kpis": [(k.name, k.goal, k.at_most, k.at_least) for k in scenario.kpis],
+        "versions": dict(versions),
+    }
+    return sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+
+
+# ----------------------------------------------------------------------------------------------------
+# A twin: a rough model of the plant, on which θ are simulated that the plant does not run.
+
+
+def named_twin(configuration: Mapping[str, Any]) -> str | None:
+    """Return the name of the twin that a study was started with; None if it has none."""
+    name = configuration.get("options", {}).get("twin")
+    return None if name is None else str(name)
+
+
+def twin_of(plant: Scenario, model: Scenario) -> Scenario:
+    """Return `model` with the knobs of `plant`, to simulate what the plant does not run.
+
+    Raises:
+        SettingsError: If experiments of `model` are no quick simulations, it has other knobs, or
+            it lacks a KPI of `plant`.
+    """
+    if not model.simulated:
+        raise SettingsError(
+            f"the twin {model.name!r} does not let experiments run unseen: if a run is a quick "
+            "simulation, state Scenario(..., simulated=True)"
+        )
+    ours, theirs = _knobs(plant.space), _knobs(model.space)
+    if ours != theirs:
+        raise SettingsError(
+            f"the twin {model.name!r} must have the knobs of {plant.name!r} in the same order: "
+            f"expected {', '.join(ours)}, got {', '.join(theirs)}"
+        )
+    known = _kpis(model)
+    missing = [name for name in _kpis(plant) if name not in known]
+    has = ", ".join(known) or "none with a direction"
+    if missing:
+        raise SettingsError(
+            f"the twin {model.name!r} must have the KPIs of {plant.name!r}: it lacks "
+            f"{', '.join(missing)}, and has {has}"
+        )
+    if has_goals(model) and not has_goals(plant):
+        raise SettingsError(
+            f"the plant {plant.name!r} must have KPIs with a direction, as its twin {model.name!r} has: {has}"
+        )
+    return with_ranges(model, plant.space)
+
+
+def _knobs(space: KnobSpace) -> list[str]:
+    return [labeled(knob.name, knob.unit) for knob in space]
+
+
+def _kpis(scenario: Scenario) -> list[str]:
+    """Return the names of the KPIs with a direction, by which people and agents judge."""
+    return [kpi.name for kpi in scenario.kpis if kpi.goal is not None]
+
+
+# ----------------------------------------------------------------------------------------------------
+# What the open question was chosen from: the simulated θ, and why this one is shown.
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Carried:
+    """What carries a result, and what is near it. It is worked out while nobody waits.
+
+    Args:
+        over: Whether it is about the result of a study that is over.
+        stakes: Chance that the answer to the open question changes the best; None without one.
+        decisive: The doubtful answer that carries the result; None if none alone does.
+        menu: Rows of the bank that the person might prefer to the result, with the KPIs they gain.
+        wishes: KPIs that the person wanted better by the answers, with how sure that is.
+        robustness: How the result of a robust study holds, and what that costs.
+        smaller: The result with knobs as in the current tuning; None if none can be.
+        complete: Whether `smaller` is worked out, which takes more simulations.
+    """
+
+    over: bool
+    stakes: float | None
+    decisive: Influence | None
+    menu: Mapping[int, Sequence[str]]
+    wishes: Mapping[str, float]
+    robustness: RobustResult | None = None
+    smaller: SmallerChange | None = None
+    complete: bool = True
+
+    @classmethod
+    def of(cls, agent: Screening, *, over: bool) -> "Carried":
+        """Return what is to be said of the open question or, if the study is over, of the result."""
+        if not over:
+            return cls(False, agent.stakes, None, {}, {})
+        best = agent.best_index
+        found = None if best is None else decisive(agent.influences, best)
+        named = found if found and found.doubtful else None
+        told = named, agent.menu, agent.wishes, agent.robustness
+        return cls(True, None, *told, complete=not agent.setup.start)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Basis:
+    """What a question was chosen from.
+
+    Args:
+        past: Record that it follows from: samples and answers before the question.
+        pending: Its challenger; None for a follow-up question and after the last one.
+        bank: Simulated θ with their KPIs.
+        reason: Why its challenger is shown; None without a comparison.
+        chance_of_better: Probability that the person prefers the most promising simulated θ.
+        trend: How expected worth grows along each knob near the best; None if it is not known.
+        certificate: What can be said of the best so far; None while nothing can.
+        carried: What carries the result; None while it is not worked out.
+    """
+
+    past: History
+    pending: Sample | None
+    bank: Bank
+    reason: Reason | None
+    chance_of_better: float
+    trend: Float[np.ndarray, " n"] | None = None
+    certificate: Certificate | None = None
+    carried: Carried | None = None
+
+    def completed(self, agent: Screening) -> "Basis":
+        """Return this with the smaller change that `agent` simulates, which is then in the bank."""
+        assert self.carried is not None
+        smaller = agent.smaller_change
+        bank = self.bank if smaller is None else agent.with_simulated(np.array([smaller.theta]))
+        return replace(self, bank=bank, carried=replace(self.carried, smaller=smaller, complete=True))
+
+    @classmethod
+    def of(cls, agent: Screening) -> "Basis":
+        """Return the basis of the open question of `agent`, which simulates what is missing."""
+        bank, reason = agent.bank, None if agent.done else agent.reason
+        pending = agent.history.pending
+        chance, trend = agent.chance_of_better, agent.trend
+        return cls(past_of(agent), pending, bank, reason, chance, trend, agent.certificate)
+
+
+def past_of(agent: Agent) -> History:
+    """Return the record that the open question follows from, without its own sample."""
+    return agent.history.until(agent.history.answered)
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """Numbers of what a study simulated unseen and what it showed.
+
+    Args:
+        simulated: Number of θ simulated so far, for the open question; 0 if it is not known.
+        planned: Number of θ to simulate in the whole study.
+        failed: Number of simulations that failed.
+        shown: Number of experiments that were shown or are on show.
+        twin: Whether θ are simulated on a twin of the plant that runs what is shown.
+        due: Number of θ to simulate before the next question; 0 if nothing is simulated now.
+    """
+
+    simulated: int
+    planned: int
+    failed: int
+    shown: int
+    twin: bool = False
+    due: int = 0
+
+    @property
+    def going_on(self) -> str:
+        """Return what is simulated for the next question: "120 of 280 simulated"; empty if all."""
+        if self.simulated >= self.due:
+            return ""
+        return f"{self.simulated} of {self.due} simulated{' on the twin' if self.twin else ''}"
+
+    @property
+    def line(self) -> str:
+        """Return the numbers as one line: "412 simulated, 6 shown"."""
+        where = " on the twin" if self.twin else ""
+        words = f"{self.simulated} simulated{where}, {self.shown} shown"
+        if not self.failed:
+            return words
+        return f"{words}, {self.failed} simulation{'' if self.failed == 1 else 's'} failed"
+
+
+def simulates(agent: Agent) -> bool:
+    """Return whether `agent` chooses from simulations that nobody looks at."""
+    row = CLASSES.get(type(agent).__name__)
+    return row is not None and row.simulates
+
+
+# ----------------------------------------------------------------------------------------------------
+# Simulate θ for an agent: each one once, in worker processes that leave the page its processor.
 
 _TELL = 0.5
 """Seconds between two reports of progress."""

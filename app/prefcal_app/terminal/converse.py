@@ -10,17 +10,17 @@ from pathlib import Path
 from rich.console import Console
 
 from prefcal_app.session import Choice, Given, Interview, Now, Phase
-from prefcal_app.session.study.now import GOOD_ENOUGH, UNSAFE, PlantNow, Recovery
-from prefcal_app.session.study.study import ENOUGH
+from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.sources import Stage
 from prefcal_env.study import Suggested
 from prefcal_env.workers import in_time
-from prefcal_scenarios.presentation.wording import theta_text
+from prefcal_scenarios.wording import theta_text
 
-from .lines import END, ask_line, theta_of, typed
 from .showing import (
+    END,
+    ask_line,
     say,
     show_brief,
     show_changes,
@@ -29,6 +29,8 @@ from .showing import (
     show_next,
     show_question,
     show_status,
+    theta_of,
+    typed,
 )
 
 ANSWER = "answer"

@@ -1,23 +1,95 @@
-"""Show the current state: the phase, the open question, the pending run, and the end."""
+"""The whole screen as plain data: what is now, the history, and the status."""
 
-from collections.abc import Iterable, Set
+from collections.abc import Callable, Iterable, Set
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from prefcal_app.session import Interview, Now, Phase
-from prefcal_app.session.study.now import GOOD_ENOUGH
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_app.session import Consistency, Interview, Now, Phase
+from prefcal_app.session.study import GOOD_ENOUGH, trust_text
+from prefcal_app.summary import VERDICTS
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import State
 from prefcal_env.workers import in_time
-from prefcal_scenarios.presentation.wording import INTERRUPTED, knob_number, with_unit
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.wording import INTERRUPTED, knob_number, marks_text, with_unit
 
-from .end import over_view
-from .preview import plant_view
-from .seen import Seen
-from .sides import numbers_view, question_view, theta_view
-from .simulated import screening_view
+from .end import outlook_view, over_view, screening_view
+from .question import Seen, knob_view, numbers_view, plant_view, question_view, theta_texts, theta_view
+
+# ----------------------------------------------------------------------------------------------------
+# List every question and answer.
+
+_WINNERS = {Preference.CHALLENGER: "new", Preference.INCUMBENT: "best", Preference.TIE: "none"}
+
+
+def history_view(interview: Interview) -> dict[str, Any]:
+    """Return all answers in the order given, including repeated questions, and the remarks.
+
+    `number` counts the questions as they were asked, follow-ups among them; `answer` is the number
+    for viewing and retracting.
+    """
+    state = interview.now().state
+    asked = (c for c in state.history.comparisons if c.question is not None)
+    numbers = {c.question: c.challenger for c in asked}
+    numbers |= {c.question: -k for k, c in enumerate(state.history.follow_ups, start=1)}
+    answers = [_answer_view(c, numbers) for c in state.answers]
+    order = {answer: k for k, answer in enumerate(dict.fromkeys(a["answer"] for a in answers), 1)}
+    return {
+        "answers": [{**a, "number": order[a["answer"]]} for a in answers],
+        "notes": [{"at": at, "text": text} for at, text in state.notes],
+    }
+
+
+def _answer_view(closed: Comparison, numbers: dict[int | None, int]) -> dict[str, Any]:
+    again = closed.repeats is not None
+    return {
+        # A repeated question has the number of the original.
+        "answer": numbers.get(closed.repeats if again else closed.question, closed.challenger),
+        "at": closed.at,
+        "challenger": closed.challenger + 1,
+        "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
+        "text": VERDICTS[closed.answer.preference],
+        "winner": _WINNERS.get(closed.answer.preference, "none"),  # type: ignore[arg-type]
+        "comment": closed.comment,
+        "blind": closed.blind,
+        "marks": marks_text(closed.answer),
+        "retracted": closed.retracted,
+        "repeated": again,
+        "further": closed.after is not None,
+    }
+
+
+def asked_view(
+    interview: Interview, answer: int, *, blind: bool = False, seen: Seen | None = None
+) -> dict[str, Any]:
+    """Return answered question number `answer` as it was shown, on the current axes of the study.
+
+    Raises:
+        StaleError: If there is no such question.
+    """
+    question = interview.past.asked(answer)
+    closed = interview.past.closed(answer)
+    return {
+        "answer": answer,
+        "question": question_view(
+            question, interview.scenario, blind=blind, seen=(seen or Seen()).look(interview)
+        ),
+        "verdict": question.choice(closed.answer.preference).value,
+        "retracted": closed.retracted,
+        "comment": closed.comment,
+        "time_unit": question.left.experiment.channels.time_unit,
+    }
+
+
+# ----------------------------------------------------------------------------------------------------
+# Show the current state: the phase, the open question, the pending run, and the end.
 
 
 def now_view(
@@ -166,3 +238,110 @@ def marks_of(state: State, index: int, interrupted: Set[int]) -> list[str]:
     """Return the marks of experiment `index`: the person's, and "unsafe" if it was interrupted."""
     counted = [INTERRUPTED] if index in interrupted else []
     return sorted(state.marks.get(index, ())) + counted
+
+
+# ----------------------------------------------------------------------------------------------------
+# Show the status: the best so far, what was tried and learned, and how consistent answers are.
+
+_POINTS = 81
+"""Number of points of a slice through the surrogate."""
+
+
+def status_view(interview: Interview) -> dict[str, Any]:
+    """Return STATUS for the page."""
+    now = interview.now()
+    consistency = interview.known.consistency
+    return {
+        "best": best_view(interview, now),
+        "tried": _tried(interview, now),
+        "slices": _slices(interview, now),
+        "consistency": {"text": in_words(consistency), "can_repeat": "repeat" in now.can},
+        "outlook": outlook_view(interview.known.outlook),
+        "questions": interview.known.questions,
+        "simulated": simulated_view(now),
+        "trust": "" if (index := interview.known.index) is None else trust_text(index),
+    }
+
+
+def in_words(consistency: Consistency) -> str:
+    """Return repeats and cycles as sentences."""
+    if not consistency.repeated:
+        repeats = "No question has been asked twice yet."
+    else:
+        repeats = f"{consistency.agreed} of {consistency.repeated} repeated questions got the same answer."
+    if not consistency.cycles:
+        return f"{repeats} The answers do not contradict each other."
+    circles = "; ".join(" over ".join(str(i + 1) for i in cycle) for cycle in consistency.cycles)
+    return f"{repeats} Preferred in a circle: {circles}."
+
+
+def _tried(interview: Interview, now: Now) -> dict[str, Any]:
+    state, space = now.state, interview.scenario.space
+    winners = set(state.history.incumbents())
+    interrupted = state.history.unsafe(automatic=True)
+    return {
+        "knobs": [knob_view(knob) for knob in space],
+        "experiments": [
+            {
+                "number": index + 1,
+                "theta": list(state.history.samples[index].theta),
+                "text": theta_texts(space, state.history.samples[index].theta),
+                "best": index == now.incumbent,
+                "was_best": index in winners,
+                "ended": interview.past.end(index).value,
+                "marks": marks_of(state, index, interrupted),
+            }
+            for index in sorted(state.finished)
+        ],
+    }
+
+
+def _slices(interview: Interview, now: Now) -> list[dict[str, Any]] | None:
+    surrogate = interview.known.surrogate
+    if surrogate is None or now.incumbent is None:
+        return None
+    tried = [now.state.history.samples[index].theta for index in sorted(now.state.finished)]
+    best = interview.past.experiment(now.incumbent).theta
+    return slices_view(interview.scenario.space, best, np.array(tried), surrogate)
+
+
+def slices_view(
+    space: KnobSpace,
+    best: Float[np.ndarray, " n"],
+    tried: Float[np.ndarray, "N n"],
+    surrogate: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]],
+) -> list[dict[str, Any]]:
+    """Return the learned cost along each knob through the best θ, for the page and the report.
+
+    Only the order of learned costs has a meaning: they are the square root of the difference to
+    the lowest one shown, which emphasizes low ones.
+
+    Args:
+        space: Knobs.
+        best: Best θ, physical, shape (n,).
+        tried: θ of every experiment, physical, shape (N, n).
+        surrogate: Learned cost of m physical θ.
+    """
+    base = space.encode(best)
+    paths = [_path(space, base, k) for k in range(len(space))]
+    costs = [surrogate(thetas) for thetas in (tried, *paths)]
+    lowest = float(min(cost.min() for cost in costs))
+    seen, *lines = (np.sqrt(np.maximum(cost - lowest, 0.0)).tolist() for cost in costs)
+    return [
+        {
+            "knob": knob_view(knob),
+            "x": paths[k][:, k].tolist(),
+            "y": lines[k],
+            "samples": {"x": tried[:, k].tolist(), "y": seen},
+            "best": float(best[k]),
+        }
+        for k, knob in enumerate(space)
+    ]
+
+
+def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.ndarray, "m n"]:
+    """Return θ over the whole range of knob `k` through the cube point `base`, ascending."""
+    z = np.repeat(base[None], _POINTS, axis=0)
+    z[:, k] = np.linspace(0.0, 1.0, _POINTS)
+    thetas = np.unique(np.array([space.decode(row) for row in z]), axis=0)
+    return np.asarray(thetas[np.argsort(thetas[:, k])])

@@ -1,4 +1,4 @@
 """Serve the query window: a local web page on which a person compares experiments."""
 
-from prefcal_app.web.server.browser import open_browser as open_browser
-from prefcal_app.web.server.serve import Window as Window
+from .serve import Window as Window
+from .serve import open_browser as open_browser

@@ -1,22 +1,32 @@
-"""Handle the requests of the page's script."""
+"""The requests of the page: their bodies, what they do, what they return, and the pages themselves."""
 
+import json
+import logging
+import re
+import sys
 import threading
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from math import isfinite
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
+from urllib.parse import parse_qsl
 
 import anyio
 import anyio.to_thread
-from msgspec import Struct
+import msgspec
+import numpy as np
+from msgspec import Meta, Struct, defstruct
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response
 
-from prefcal_app.session import Given, Interview, Now, Phase
+from prefcal_app import report
+from prefcal_app.session import Choice, Given, Interview, Now, Phase
 from prefcal_app.view import (
     Seen,
     asked_view,
@@ -28,21 +38,423 @@ from prefcal_app.view import (
     preview_view,
     status_view,
 )
-from prefcal_env.errors import StaleError
+from prefcal_app.view.question import cell, row, table
+from prefcal_env.errors import PrefcalError, RecordError, StaleError, StudyError
+from prefcal_scenarios import verification
 
-from .answers import Handler, as_json, encoded, error_response, refused
-from .bodies import (
-    ACTIONS,
-    MalformedError,
-    Nothing,
-    bit,
-    digits,
-    number_of_answer,
-    numbers,
-    read_json,
-    read_query,
+from .security import NO_COOKIE, REPORT_POLICY, Assets, cookie, same
+
+# ----------------------------------------------------------------------------------------------------
+# Say what a page can do, and check strictly what it sends: exact names and types, bounded sizes.
+
+LARGEST_NUMBER = 2**53 - 1
+"""Largest whole number that JavaScript, JSON and SQLite all hold exactly."""
+LONGEST_TEXT = 10_000
+"""Maximum number of characters of a comment or note."""
+
+Whole = Annotated[int, Meta(ge=0, le=LARGEST_NUMBER)]
+Signed = Annotated[int, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Real = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+# Without control characters, and without half a surrogate pair, which UTF-8 does not allow.
+Text = Annotated[
+    str, Meta(max_length=LONGEST_TEXT, pattern=r"^[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]*\Z")
+]
+
+MOST_MORE = 10_000
+"""Maximum number of additional experiments per request."""
+MOST_QUESTIONS = 99
+"""Maximum number of comparisons for each experiment; no ranking needs more."""
+
+_FIELDS: dict[str, dict[str, Any]] = {
+    "answer": {"question": Whole, "choice": Choice, "comment": Text, "blind": bool},
+    "mark": {
+        "question": Whole,
+        "side": Literal["left", "right"],
+        "mark": Literal["unsafe", "good enough"],
+        "on": bool,
+    },
+    "undo": {"version": Whole},
+    "retract": {"answer": Signed},
+    "repeat": {},
+    "pace": {"questions": Annotated[int, Meta(ge=1, le=MOST_QUESTIONS)]},
+    "ask_for": {"theta": tuple[Real, ...]},
+    "choose": {"theta": tuple[Real, ...], "best": Whole},
+    "stop_run": {"index": Whole},
+    "write_and_start": {"index": Whole},
+    "retry": {},
+    "fail": {"index": Whole, "reason": Text},
+    "finish": {},
+    "go_on": {"more": Annotated[int, Meta(ge=0, le=MOST_MORE)]},
+}
+ACTIONS: Mapping[str, type[Struct]] = MappingProxyType(
+    {
+        name: defstruct(name, list(fields.items()), forbid_unknown_fields=True)
+        for name, fields in _FIELDS.items()
+    }
 )
-from .pages import Reports
+"""Bodies of the requests, by the name of the interview's method; every field is required."""
+
+
+class Nothing(Struct, forbid_unknown_fields=True):
+    """Body without fields."""
+
+
+class JudgedRun(Struct, forbid_unknown_fields=True):
+    """A verdict on one of the worst runs of a verification of the tuning with the digest `best`."""
+
+    run: Whole
+    seed: Whole
+    best: Text
+    acceptable: bool
+
+
+Check = Callable[[str, str], Any]
+"""Function of a parameter's name and text that returns its value or raises MalformedError."""
+
+
+class MalformedError(ValueError):
+    """A request that prefcal's page never sends; the text is a sentence for the person."""
+
+
+def read_json(body: bytes, kind: type[Struct]) -> dict[str, Any]:
+    """Return the JSON object in `body`, which must have exactly the fields of `kind`.
+
+    Raises:
+        MalformedError: If it is not JSON in UTF-8, or has other fields or values. Of two fields of
+            the same name, the second counts.
+    """
+    try:
+        return msgspec.structs.asdict(msgspec.json.decode(body, type=kind))
+    except msgspec.ValidationError as error:
+        raise MalformedError(f"The request does not fit: {error}.") from error
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
+        raise MalformedError("The request is not JSON in UTF-8.") from error
+
+
+def read_query(query: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
+    """Return the checked parameters after the "?" of an address; each is optional.
+
+    Raises:
+        MalformedError: If there are other or repeated parameters, or a value fails a check.
+    """
+    try:
+        # Strict parsing refuses an empty query, which is allowed here.
+        strict: Any = {"keep_blank_values": True, "strict_parsing": True, "errors": "strict"}
+        pairs = parse_qsl(query.decode("ascii"), **strict, max_num_fields=8) if query else []
+    except ValueError as error:
+        raise MalformedError("The address has parameters that cannot be read.") from error
+    found = dict(pairs)
+    if len(found) != len(pairs) or any(name not in fields for name in found):
+        raise MalformedError("The request has unknown fields, or one twice.")
+    return {name: fields[name](name, value) for name, value in found.items()}
+
+
+def digits(name: str, value: str) -> int:
+    """Return the whole number, 0 or more, that is written in an address."""
+    if not re.fullmatch("[0-9]{1,15}", value):
+        raise MalformedError(f"{name} must be a whole number, 0 or more.")
+    return int(value)
+
+
+def number_of_answer(name: str, value: str) -> int:
+    """Return the whole number other than 0 that is written in an address."""
+    if not re.fullmatch("-?[1-9][0-9]{0,14}", value):
+        raise MalformedError(f"{name} must be a whole number other than 0.")
+    return int(value)
+
+
+def numbers(name: str, value: str) -> tuple[float, ...]:
+    """Return the finite numbers that are written in an address, separated by commas."""
+    try:
+        found = tuple(float(part) for part in value.split(","))
+    except ValueError as error:
+        raise MalformedError(f"{name} must be numbers separated by commas.") from error
+    if not all(map(isfinite, found)):
+        raise MalformedError(f"{name} must be finite.")
+    return found
+
+
+def bit(name: str, value: str) -> bool:
+    """Return whether the address says 1 rather than 0."""
+    if value not in ("0", "1"):
+        raise MalformedError(f"{name} must be 0 or 1.")
+    return bool(value == "1")
+
+
+# ----------------------------------------------------------------------------------------------------
+# Build the server's responses: JSON, and errors as sentences for the person.
+
+Handler = Callable[[Request], Awaitable[Response]]
+
+_log = logging.getLogger(__name__)
+_KINDS: tuple[tuple[type[Exception], int, str], ...] = (
+    (MalformedError, 400, "refused"),
+    (StaleError, 409, "stale"),
+    (RecordError, 422, "record"),
+    (StudyError, 507, "study"),
+    (PrefcalError, 422, "refused"),
+)
+"""Error, status and kind; the first match counts."""
+_WORDS = {404: "There is nothing at this address.", 405: "This address does not accept that kind of request."}
+
+
+def encoded(view: Any) -> bytes:
+    """Return JSON in UTF-8; NaN and infinite numbers become null."""
+    return msgspec.json.encode(view, enc_hook=_plain)
+
+
+def _plain(number: np.generic) -> Any:
+    return number.item()
+
+
+def as_json(content: bytes, status: int = 200) -> Response:
+    """Return a response with JSON that is already encoded."""
+    return Response(content, status, media_type="application/json")
+
+
+def error_response(status: int, error: str, kind: str, now: bytes = b"null") -> Response:
+    """Return an error: a sentence for the person, its kind and the current state for the script."""
+    head = json.dumps({"error": error, "kind": kind})[:-1].encode()
+    return as_json(head + b', "now": ' + now + b"}", status)
+
+
+def refused(error: Exception) -> tuple[int, str, str]:
+    """Return status, sentence and kind of an error.
+
+    Any error that is not one of prefcal's own is a bug: it is logged and reported to the person.
+    """
+    for type_, status, kind in _KINDS:
+        if isinstance(error, type_):
+            return status, str(error), kind
+    _log.error("a request failed", exc_info=error)
+    words = f"prefcal failed because of a bug in it ({type(error).__name__}: {error})."
+    return 500, words, "refused"
+
+
+async def http_error(request: Request, error: Exception) -> Response:
+    """Return the response to an address or a method that does not exist."""
+    assert isinstance(error, HTTPException)
+    words = _WORDS.get(error.status_code, str(error.detail))
+    if request.scope["path"].startswith("/api/"):
+        return error_response(error.status_code, words, "refused")
+    return PlainTextResponse(words, error.status_code)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Serve the page, its files, and the files of the finished report.
+
+TYPES: Mapping[str, str] = {
+    ".png": "image/png",
+    ".csv": "text/csv; charset=utf-8",
+    ".json": "application/json",
+    ".html": "text/html; charset=utf-8",
+}
+
+
+@dataclass(slots=True)
+class Reports:
+    """The location of the finished report, known only at the end.
+
+    Args:
+        folder: Folder of the report; None until it is written.
+    """
+
+    folder: Path | None = None
+
+    def read(self, name: str) -> tuple[bytes, str] | None:
+        """Return content and type of the report's file `name`, or None if it cannot be shown."""
+        media_type = TYPES.get(Path(name).suffix)
+        if self.folder is None or media_type is None or name.startswith("."):
+            return None
+        try:
+            # Compare with existing names instead of joining paths: no name can leave the folder.
+            for path in self.folder.iterdir():
+                if path.name == name and path.is_file() and not path.is_symlink():
+                    return path.read_bytes(), media_type
+        except OSError:
+            pass
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Pages:
+    """Handlers of everything that a browser loads without a script.
+
+    Args:
+        assets: Files of the page.
+        reports: Finished report.
+        token: Secret of the link.
+        port: Port, part of the cookie's name.
+        page: File of the page that the link opens.
+    """
+
+    assets: Assets
+    reports: Reports
+    token: str
+    port: int
+    page: str = "index.html"
+
+    async def open(self, request: Request) -> Response:
+        """Return the page and set the cookie that all other requests need."""
+        if not same(request.path_params["token"], self.token):
+            return PlainTextResponse(NO_COOKIE.error, NO_COOKIE.status)
+        response = await self.index(request)
+        response.headers["set-cookie"] = cookie(self.token, self.port)
+        return response
+
+    async def index(self, request: Request) -> Response:
+        """Return the page."""
+        return self.assets.response(self.page, request)
+
+    async def static(self, request: Request) -> Response:
+        """Return a file of the page."""
+        return self.assets.response(request.path_params["file"], request)
+
+    async def report(self, request: Request) -> Response:
+        """Return a file of the report; its page has its own scripts and runs in a sandbox."""
+        found = await run_in_threadpool(self.reports.read, request.path_params["file"])
+        if found is None:
+            raise HTTPException(404)
+        content, media_type = found
+        headers = {}
+        if media_type.startswith("text/html"):
+            headers["content-security-policy"] = REPORT_POLICY
+        return Response(content, headers=headers, media_type=media_type)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Verify the result on varied plants while the page of its end is open.
+
+_PATIENCE = 10.0
+"""Seconds that closing waits for the runs in progress, whose result is then kept."""
+
+
+class Verifying:
+    """The verification of the finished report's tuning, in a thread of its own.
+
+    Args:
+        reports: Location of the report.
+    """
+
+    def __init__(self, reports: Reports) -> None:
+        self._reports, self._lock = reports, threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._stopped = False
+        self._done, self._planned, self._problem = 0, 0, ""
+
+    def start(self) -> None:
+        """Start, unless it runs or there is no report."""
+        folder = self._reports.folder
+        with self._lock:
+            if self.running or folder is None:
+                return
+            self._done, self._planned, self._problem, self._stopped = 0, 0, "", False
+            self._thread = threading.Thread(target=self._verify, args=(folder,), name="verify", daemon=True)
+            self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        """Whether the plant is being varied."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def stop(self) -> None:
+        """End the runs; those that are done count."""
+        self._stopped = True
+
+    def close(self) -> None:
+        """End the runs, and wait until what they say is kept."""
+        self.stop()
+        if self._thread is not None:
+            self._thread.join(_PATIENCE)
+
+    def judge(self, run: int, seed: int, best: str, acceptable: bool) -> None:
+        """Keep a person's verdict on one of the worst runs.
+
+        Args:
+            run: Its number, from 0.
+            seed: Its seed.
+            best: Digest of the tuning that was verified.
+            acceptable: The verdict.
+
+        Raises:
+            StaleError: If another tuning was verified, or the same one again.
+        """
+        with self._lock:
+            folder, said = self._reports.folder, self._said()
+            known = [] if said is None else [(each.seed, said.best) for each in said.worst]
+            if folder is None or known[run : run + 1] != [(seed, best)]:
+                raise StaleError("the result was verified again since you looked")
+            report.verifying.judge(folder, run, acceptable=acceptable)
+
+    def view(self) -> dict[str, Any]:
+        """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
+        folder = self._reports.folder
+        said = None if folder is None or self.running else self._said()
+        return {
+            "running": self.running,
+            "runs": verification.varied_runs.RUNS,
+            "done": self._done,
+            "planned": self._planned,
+            "problem": self._problem,
+            "said": None if folder is None or said is None else _view(said, folder),
+        }
+
+    def _said(self) -> "verification.verified.Verified | None":
+        folder = self._reports.folder
+        return None if folder is None else verification.verified.Verified.read(folder)
+
+    def _verify(self, folder: Path) -> None:
+        try:
+            report.verifying.verify_best(folder / verification.verified.BEST, progress=self._progress)
+        except Exception as error:
+            _, self._problem, _ = refused(error)
+        except SystemExit as error:
+            self._problem = f"the code of the scenario called exit: {error}"
+
+    def _progress(self, done: int, planned: int | None) -> None:
+        self._done, self._planned = done, planned or 0
+        if self._stopped:
+            raise KeyboardInterrupt  # which a verification takes as its early end
+
+
+def _view(said: "verification.verified.Verified", folder: Path) -> dict[str, Any]:
+    """Return what a verification says, for the page; pictures are in a folder."""
+    return {
+        "best": said.best,
+        "statement": said.statement,
+        "limits": said.limits_kept,
+        "basis": said.basis,
+        "tables": [
+            table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])
+            for label, heads, rows in (
+                ("Stability margins", said.margin_columns, said.margins),
+                ("KPIs of the varied plants", said.kpi_columns, said.kpis),
+            )
+            if rows
+        ],
+        "effects": list(said.effects[: verification.verified.EFFECTS]),
+        "worst": [
+            {
+                "words": each.words,
+                "values": each.text,
+                "seed": each.seed,
+                "verdict": each.verdict,
+                "picture": _picture(folder, report.verifying.picture(k)),
+            }
+            for k, each in enumerate(said.worst)
+        ],
+        "varied": list(said.varied),
+        "left_out": list(said.left_out),
+    }
+
+
+def _picture(folder: Path, name: str) -> str:
+    """Return the address of a picture; empty if the run could not be drawn."""
+    return f"/report/{name}" if (folder / name).is_file() else ""
+
+
+# ----------------------------------------------------------------------------------------------------
+# Handle the requests of the page's script.
 
 VIEWS: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
     {"brief": brief_view, "history": history_view, "status": status_view, "simulated": map_view}

@@ -15,16 +15,15 @@ from jaxtyping import Float
 from jinja2 import Environment
 from rich.console import Console
 
-from prefcal_agents.screening.certificate import Certificate
-from prefcal_app.cli.calibration import calibration
-from prefcal_app.cli.choices import make_calibrator
-from prefcal_app.cli.opening import open_study
+from prefcal_agents.screening.agent import Certificate
+from prefcal_app.cli.calibrate import calibration
+from prefcal_app.cli.choices import make_calibrator, open_study
 from prefcal_app.cli.options import Options
 from prefcal_app.report.export import load_controller
 from prefcal_app.session import Background, Phase, unattended
 from prefcal_app.web import Window
 from prefcal_env.errors import SettingsError, StudyError
-from prefcal_env.experiments.control import Controller
+from prefcal_env.experiments.experiment import Controller
 from prefcal_env.study import State, study_path
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation

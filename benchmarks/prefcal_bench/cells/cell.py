@@ -11,7 +11,7 @@ import msgspec
 
 from prefcal_bench.problems import problem
 from prefcal_env.errors import SettingsError
-from prefcal_env.own_line import whole
+from prefcal_env.wording import whole
 
 from .roster import entry
 

@@ -15,13 +15,12 @@ from typing import Any
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.registry import AGENTS as REGISTRY
 from prefcal_agents.registry import AgentRow
-from prefcal_agents.screening.simulations import Simulate
+from prefcal_agents.screening.bank import Simulate
 from prefcal_bench.peers import BANDITS, PEERS
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.own import module_at
 
 
 @dataclass(frozen=True)

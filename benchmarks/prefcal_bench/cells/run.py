@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import one_thread
+from prefcal_agents.agent import one_thread
 from prefcal_bench.problems import Outcome, Person, Problem, prefer, problem
 from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError
-from prefcal_env.knobs.key import theta_key
-from prefcal_env.own_line import described
-from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
-from prefcal_env.preferences.loop import ask_and_tell
+from prefcal_env.knobs import theta_key
+from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion, ask_and_tell
+from prefcal_env.wording import described
 
 from .cell import Cell, Result
 from .roster import entry

@@ -5,9 +5,9 @@ from jaxtyping import Float
 
 from prefcal_bench.problems import Problem
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.key import theta_key
-from prefcal_env.preferences.kpis import Outcome
-from prefcal_scenarios.kpis import INTERRUPTED, reading, screened
+from prefcal_env.knobs import theta_key
+from prefcal_env.preferences.answer import Outcome
+from prefcal_scenarios.runs import INTERRUPTED, reading, screened
 
 _MOST = 10_000
 """Number of θ whose KPIs are kept: 10 MB with 7 KPIs, 30 MB with 24."""

@@ -14,7 +14,7 @@ import msgspec
 
 from prefcal_env.disk import write_durably
 from prefcal_env.errors import BenchmarkError, PrefcalError, SettingsError
-from prefcal_scenarios.presentation.folder import folder_for
+from prefcal_scenarios.wording import folder_for
 
 from .cell import FORMAT, Cell, Result, canonical, read_as
 from .duels import Duel, Round

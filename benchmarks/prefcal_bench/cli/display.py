@@ -14,7 +14,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from prefcal_scenarios.presentation.wording import printable
+from prefcal_scenarios.wording import printable
 
 _PERIOD = 900.0
 """Seconds of history for the estimate of the remaining time; a slow cell takes half a minute."""

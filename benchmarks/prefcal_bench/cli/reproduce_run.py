@@ -9,12 +9,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from prefcal_app.cli.interrupt import INTERRUPTED, interruption
+from prefcal_app.cli.calibrate import INTERRUPTED, interruption
 from prefcal_bench.cells.engine import Processes, each
 from prefcal_bench.reproduce import PaperStudy, tasks, write_page
 from prefcal_env.errors import BenchmarkError, RunError
 from prefcal_env.workers import usable_cores
-from prefcal_scenarios.presentation.folder import folder_for
+from prefcal_scenarios.wording import folder_for
 
 from .display import BenchDisplay
 

@@ -10,7 +10,7 @@ import pandas as pd
 from rich.console import Console
 from rich.text import Text
 
-from prefcal_app.cli.interrupt import INTERRUPTED, interruption
+from prefcal_app.cli.calibrate import INTERRUPTED, interruption
 from prefcal_app.report.export import jsonable
 from prefcal_bench.cells.engine import Processes
 from prefcal_bench.cells.runner import SuiteResults, run_suite
@@ -22,7 +22,7 @@ from prefcal_bench.results import campaign_of, duel_table, print_table, table, w
 from prefcal_bench.results.page import write
 from prefcal_env.errors import SettingsError
 from prefcal_env.workers import usable_cores
-from prefcal_scenarios.presentation.wording import printable
+from prefcal_scenarios.wording import printable
 
 from .display import BenchDisplay
 from .options import BenchOptions, CompareOptions

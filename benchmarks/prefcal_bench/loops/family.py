@@ -8,13 +8,11 @@ from functools import lru_cache
 import numpy as np
 
 from prefcal_env.arrays import integer
-from prefcal_env.envs.step_signal import StepSignal
+from prefcal_env.envs.task import StepSignal
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.end import End
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_scenarios.cases.loops import LOOPS
-from prefcal_scenarios.cases.loops.family import judged
-from prefcal_scenarios.cases.loops.kinds.parts import Vary, nominal
+from prefcal_scenarios.cases.loops.family import Vary, judged, nominal
 from prefcal_scenarios.cases.loops.loop import Loop
 from prefcal_scenarios.scenario import Scenario
 

@@ -6,16 +6,13 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.step_signal import StepSignal
+from prefcal_env.envs.task import StepSignal
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.end import End
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.cases.loops import LOOPS
-from prefcal_scenarios.cases.loops.controllers import TunedPID
 from prefcal_scenarios.cases.loops.family import judged
-from prefcal_scenarios.cases.loops.loop import Actuator, Loop
+from prefcal_scenarios.cases.loops.loop import Actuator, Loop, TunedPID
 from prefcal_scenarios.scenario import Scenario
 
 from .family import checked_seed, is_worth_tuning, random, varied

@@ -6,9 +6,9 @@ from typing import Any, ClassVar, TypeVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import Pair, rematch
+from prefcal_agents.agent import Pair, rematch
+from prefcal_agents.lessons import cube_of
+from prefcal_agents.search import Tried
 from prefcal_bench.extras import load
 from prefcal_env.preferences.history import History
 

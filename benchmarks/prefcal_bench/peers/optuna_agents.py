@@ -8,7 +8,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.optimize.search import Tried
+from prefcal_agents.search import Tried
 from prefcal_bench.extras import load
 from prefcal_bench.global_random import seeded
 from prefcal_bench.replay import Replay

@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import Agent
-from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.agent import Agent
+from prefcal_agents.search import Tried, latin_hypercube
 from prefcal_bench.extras import load
 from prefcal_bench.global_random import seeded
 from prefcal_env.preferences.history import History

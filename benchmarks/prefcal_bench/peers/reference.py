@@ -5,8 +5,8 @@ from typing import Any, ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.lessons import Preferences, cube_of, scores_of
-from prefcal_agents.optimize.search import Tried
+from prefcal_agents.lessons import Preferences, cube_of, scores_of
+from prefcal_agents.search import Tried
 from prefcal_bench.extras import load
 from prefcal_bench.global_random import seeded
 from prefcal_env.preferences.history import History

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 from platformdirs import user_cache_path
 
-from prefcal_agents.protocol.agent import one_thread
+from prefcal_agents.agent import one_thread
 from prefcal_env.disk import whole_file
 from prefcal_env.errors import KnobError
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.names import CLOSED_LOOPS, is_random_loop
 from prefcal_scenarios.scenario import Scenario
 

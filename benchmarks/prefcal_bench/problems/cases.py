@@ -12,7 +12,7 @@ from prefcal_bench.people import VERSION, fingerprint
 from prefcal_env.calibrators import LatentCost
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.cases.functions import TestFunction
-from prefcal_scenarios.kpis import outcome
+from prefcal_scenarios.runs import outcome
 from prefcal_scenarios.scenario import Scenario
 
 from .problem import Outcome, Problem, judges, same
@@ -63,7 +63,7 @@ def of_function(function: TestFunction) -> Problem:
 
 def reactor() -> Problem:
     """Return the paper's reactor, judged by its index."""
-    from prefcal_scenarios.cases.cstr.scenario import synthetic
+    from prefcal_scenarios.cases.cstr import synthetic
 
     referee = synthetic()
     return Problem(
@@ -84,7 +84,7 @@ def guidelines() -> Problem:
     Answers by the guidelines do not follow the index, so it cannot score the result. As in the
     overtaking, the returned θ are compared with each other by the guidelines.
     """
-    from prefcal_scenarios.cases.cstr.scenario import lexicographic
+    from prefcal_scenarios.cases.cstr import lexicographic
 
     referee = lexicographic()
     scenario = _cstr()

@@ -13,7 +13,7 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS, is_built_in
-from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.own import module_at
 from prefcal_scenarios.scenario import Scenario
 
 from .cases import GUIDELINES, closed_loop, guidelines, of_function, overtaking, reactor

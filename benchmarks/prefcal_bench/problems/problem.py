@@ -25,9 +25,9 @@ from prefcal_bench.people import (
 from prefcal_env.calibrators import Flipping
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Answer, Calibrator, Preference
-from prefcal_scenarios.kpis import INTERRUPTED, has_goals
+from prefcal_scenarios.runs import INTERRUPTED, has_goals
 from prefcal_scenarios.scenario import Scenario
 
 Judge = Calibrator[Any]

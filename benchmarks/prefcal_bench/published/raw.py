@@ -35,7 +35,7 @@ from prefcal_bench.cells.roster import entry, package_version
 from prefcal_bench.problems import problem
 from prefcal_env.disk import whole_file
 from prefcal_env.errors import PrefcalError, SettingsError
-from prefcal_env.parquet import pyarrow
+from prefcal_env.tables.sheet import pyarrow
 
 VERSIONS = ("agent_version", "problem_version")
 _KINDS = {

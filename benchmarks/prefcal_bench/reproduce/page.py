@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from prefcal_app.report.export import versions
-from prefcal_app.report.html import environment
-from prefcal_app.report.trajectories import figure as side_by_side
+from prefcal_app.report.pictures import figure as side_by_side
+from prefcal_app.report.write import environment
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_scenarios.cases.overtake.picture import ShownDrive, drawn
-from prefcal_scenarios.presentation.folder import put
-from prefcal_scenarios.presentation.style import BEST, FIRST, OTHERS, png, style
+from prefcal_scenarios.style import BEST, FIRST, OTHERS, png, style
+from prefcal_scenarios.wording import put
 
 from .paper import COMPARISONS, DEVIATIONS, N_MAX, algorithm, parameters, ranges
 from .studies import Found, PaperStudy, compared, disagreements, found, rows

@@ -5,12 +5,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from prefcal_agents import GLISpSettings
-from prefcal_agents.models.cross_validation import FOLDS
-from prefcal_agents.models.preference_qp import Learning
+from prefcal_agents.surrogate import FOLDS, Learning
 from prefcal_env.envs.cstr import START
 from prefcal_env.plants.cstr import CSTR, CSTRParams
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.presentation.wording import labeled, number
+from prefcal_scenarios.wording import labeled, number
 
 N_INIT, N_MAX, COMPARISONS = 10, 50, 49
 """Number of initial experiments, of experiments, and of comparisons of each study."""

@@ -12,11 +12,10 @@ import numpy as np
 
 from prefcal_agents import GLIS, GLISp
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.preferences.answer import Answer, Preference
-from prefcal_env.preferences.loop import ask_and_tell, calibrate
+from prefcal_env.preferences.answer import Answer, Preference, ask_and_tell, calibrate
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.presentation.wording import labeled, measured, number
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.wording import labeled, measured, number
 
 from .paper import COMPARISONS, N_INIT, N_MAX, T_COMP, THETA
 

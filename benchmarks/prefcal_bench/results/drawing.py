@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from prefcal_bench.cells.roster import in_order
-from prefcal_scenarios.presentation.style import BEST, FIRST, GOOD, OTHERS, canvas
-from prefcal_scenarios.presentation.wording import printable
+from prefcal_scenarios.style import BEST, FIRST, GOOD, OTHERS, canvas
+from prefcal_scenarios.wording import printable
 
 from .campaign import HUGE
 from .statistics import FLOOR

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from prefcal_scenarios.presentation.style import FAINT, GRID, INK, canvas
+from prefcal_scenarios.style import FAINT, GRID, INK, canvas
 
 from .campaign import HUGE, Campaign, Setting, after_answers, problems_of
 from .drawing import (

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import pandas as pd
 
 from prefcal_app.report.export import versions
-from prefcal_app.report.html import environment
+from prefcal_app.report.write import environment
 from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.duels import Duel
-from prefcal_scenarios.presentation.folder import folder_for, put
+from prefcal_scenarios.wording import folder_for, put
 
 from .campaign import Campaign, campaign_of
 from .missing import beaten, failures, in_holes, missing, not_run

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from prefcal_scenarios.presentation.style import png, style
+from prefcal_scenarios.style import png, style
 
 from . import figures
 from .campaign import Campaign, Setting

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from prefcal_bench.cells.cell import Result
 from prefcal_bench.cells.duels import PAPER, Duel
-from prefcal_scenarios.presentation.wording import printable
+from prefcal_scenarios.wording import printable
 
 from .campaign import campaign_of
 from .missing import failures, in_holes, missing

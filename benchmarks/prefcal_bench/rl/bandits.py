@@ -8,9 +8,9 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.lessons import cube_of, scores_of
-from prefcal_agents.protocol.agent import Agent
-from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.agent import Agent
+from prefcal_agents.lessons import cube_of, scores_of
+from prefcal_agents.search import latin_hypercube
 from prefcal_bench.extras import load
 from prefcal_bench.global_random import seeded
 from prefcal_bench.replay import Replay

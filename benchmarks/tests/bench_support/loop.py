@@ -7,8 +7,7 @@ import numpy as np
 from prefcal_bench.problems import Outcome, Problem, judges
 from prefcal_env.calibrators import LatentCost
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.short_runs import short_run
 

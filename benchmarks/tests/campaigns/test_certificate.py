@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from scipy.special import expit
 
-from prefcal_agents.glisp.foresight import Foresight
-from prefcal_agents.screening.certificate import Evidence
+from prefcal_agents.glisp.agent import Foresight
+from prefcal_agents.screening.agent import Evidence
 
 ROOT = Path(__file__).parents[3]
 

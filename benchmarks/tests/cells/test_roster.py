@@ -4,8 +4,7 @@ import pytest
 
 from prefcal_bench.cells.roster import AGENTS, Entry, entry, in_order
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Agent
 
 SPACE = KnobSpace([Knob("a", 0, 1), Knob("b", -1, 1)])

@@ -12,7 +12,7 @@ from prefcal_bench.cells.run import run_cell
 from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.problems import problem
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.kpis import screened
+from prefcal_scenarios.runs import screened
 
 SUPPORT = Path(__file__).parents[1] / "bench_support"
 LOOP = f"{SUPPORT / 'loop.py'}:SCENARIO"

@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_bench.loops import family, loop
 from prefcal_bench.loops.family import are_worth_comparing, is_worth_tuning
-from prefcal_env.envs.step_signal import StepSignal
+from prefcal_env.envs.task import StepSignal
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_scenarios.cases.loops import LOOPS

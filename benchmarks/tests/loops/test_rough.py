@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_bench.loops import loop, rough, rough_loop
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.catalog import load
 
 pytestmark = pytest.mark.slow  # each loop takes half a second to draw

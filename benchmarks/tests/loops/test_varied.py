@@ -2,7 +2,7 @@
 
 import pytest
 
-from prefcal_app.report.acceptance import resting
+from prefcal_app.report.write import resting
 from prefcal_scenarios import load
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,

@@ -7,8 +7,7 @@ from bench_support.extras import need
 from prefcal_bench import BOPE, EUBO
 from prefcal_bench.peers.botorch_agents import BoTorchAgent, attempted
 from prefcal_bench.peers.peer import torch_seeded
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube

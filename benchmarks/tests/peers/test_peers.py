@@ -7,14 +7,13 @@ import pytest
 
 from bench_support.extras import quick_peers  # noqa: F401
 from bench_support.peers import peers
-from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.search import latin_hypercube
 from prefcal_bench.global_random import seeded
 from prefcal_bench.peers.botorch_agents import BOPE, EUBO
 from prefcal_bench.peers.optuna_agents import OptunaGP, OptunaPreferential, OptunaTPE
 from prefcal_bench.peers.reference import ReferenceGLIS, ReferenceGLISp
 from prefcal_env.errors import MissingExtraError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.cases.functions import FUNCTIONS
 
 PEERS = {**peers(), **peers(by_value=True)}

@@ -5,8 +5,7 @@ import pytest
 
 from prefcal_bench.people import runs_of
 from prefcal_bench.people.looks import LOOKS, looks_of
-from prefcal_env.experiments.end import End
-from prefcal_env.experiments.experiment import Channel, Channels
+from prefcal_env.experiments.experiment import Channel, Channels, End
 from support.short_runs import short_run
 
 CHANNELS = Channels((Channel("level", "m"),), (Channel("valve", "%", 0, 100),), (Channel("level", "m"),))

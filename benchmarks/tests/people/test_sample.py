@@ -9,9 +9,7 @@ from platformdirs import user_cache_path
 from prefcal_bench.people import USUAL, fingerprint, is_cached, sample
 from prefcal_bench.people.sample import _CHECKED, size, thetas
 from prefcal_env.errors import KnobError
-from prefcal_env.knobs.constraints import Constraint
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Constraint, Knob, KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import KPI
 from support.short_runs import short_run

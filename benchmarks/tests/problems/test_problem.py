@@ -9,7 +9,7 @@ from prefcal_bench.people import TASTES, runs_of, taste, worth
 from prefcal_bench.problems import Outcome, Person, judges, prefer, problem
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.preferences.answer import Preference
-from prefcal_scenarios.kpis import INTERRUPTED
+from prefcal_scenarios.runs import INTERRUPTED
 
 OWN = Path(__file__).parents[1] / "bench_support" / "loop.py"
 module = import_module("prefcal_bench.problems.problem")

@@ -26,8 +26,8 @@ def test_the_code_names_the_deviations_where_they_stand():
     for path, words in (
         ("prefcal_env/mpc/controller.py", "Deviation: eq. MPC weighs y_0"),
         ("prefcal_env/mpc/controller.py", "N_u + 1"),
-        ("prefcal_env/knobs/space.py", "Deviation: [0, 1]"),
-        ("agents/prefcal_agents/space/design.py", "Deviation: a plain design"),
+        ("prefcal_env/knobs.py", "Deviation: [0, 1]"),
+        ("agents/prefcal_agents/search.py", "Deviation: a plain design"),
         ("agents/prefcal_agents/glisp/agent.py", "Deviation: the box"),
     ):
         assert words in (ROOT / path).read_text("utf-8"), path

@@ -10,8 +10,7 @@ from prefcal_bench.global_random import seeded
 from prefcal_bench.rl import PPOBandit, SACBandit, bandits
 from prefcal_bench.rl.bandits import rewards
 from prefcal_env.errors import MissingExtraError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 
 LINE = KnobSpace([Knob("x", 0.0, 4.0), Knob("y", -1.0, 1.0)])
 EACH = pytest.mark.parametrize("make", [PPOBandit, SACBandit])

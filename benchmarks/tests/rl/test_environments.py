@@ -7,7 +7,7 @@ import pytest
 
 from bench_support.extras import need
 from prefcal_env import LatentCost
-from prefcal_env.envs.preference_reward import PreferenceReward
+from prefcal_env.envs.tuning_env import PreferenceReward
 from support.environments import OWN, SUBJECTS
 from support.short_runs import final_level
 

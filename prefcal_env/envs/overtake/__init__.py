@@ -11,6 +11,6 @@ if TYPE_CHECKING:
     from .course import Course as Course
     from .course import Mishap as Mishap
     from .env import OvertakeEnv as OvertakeEnv
-    from .options import OvertakeOptions as OvertakeOptions
+    from .scene import OvertakeOptions as OvertakeOptions
 
 __getattr__, __dir__, __all__ = public_names(__name__)

@@ -8,18 +8,30 @@ import numpy as np
 from gymnasium.utils import seeding
 from jaxtyping import Float
 
-from prefcal_env.envs.checks import known_options, number, vector
+from prefcal_env.arrays import known_options, number_in, plant_vector
 from prefcal_env.envs.task import Period
 from prefcal_env.errors import PlantError, ProtocolError
-from prefcal_env.experiments.control import Measurement
-from prefcal_env.experiments.experiment import Channels, End
-from prefcal_env.experiments.trajectory import Record, Trajectory
+from prefcal_env.experiments.experiment import Channels, End, Measurement, Record, Trajectory
 from prefcal_env.plants.bicycle import Bicycle
 
-from .geometry import Poses, Times, first_contact, kept, outside, overlap, surely_apart
-from .options import OvertakeOptions
-from .rules import KEEPING_SPEED, T_S_RANGE, Phase, gap, next_phase
-from .traffic import Mover, Obstacle, signals_of
+from .scene import (
+    KEEPING_SPEED,
+    T_S_RANGE,
+    Mover,
+    Obstacle,
+    OvertakeOptions,
+    Phase,
+    Poses,
+    Times,
+    first_contact,
+    gap,
+    kept,
+    next_phase,
+    outside,
+    overlap,
+    signals_of,
+    surely_apart,
+)
 
 DEFAULT_T_S = 0.1
 SUB_STEP = 0.02
@@ -87,9 +99,9 @@ class Course:
             self._rng = rng
         elif seed is not None or self._rng is None:
             self._rng, _ = seeding.np_random(seed)
-        T_s = number(given.get("T_s", DEFAULT_T_S), T_S_RANGE, "T_s")
+        T_s = number_in(given.get("T_s", DEFAULT_T_S), T_S_RANGE, "T_s")
         x0 = given.get("x0")
-        pose = vector(self.options.x0 if x0 is None else x0, 3, "initial pose x0")
+        pose = plant_vector(self.options.x0 if x0 is None else x0, 3, "initial pose x0")
         simulation = None
         if self.options.vehicles_count:
             # Imported here so that highway-env is loaded only if there are drivers.
@@ -121,7 +133,7 @@ class Course:
         trajectory = self._begun()
         if self.end is not None:
             raise ProtocolError("the episode is over: call reset() first")
-        u = np.minimum(np.maximum(vector(u, 2, "input u", finite=False), LOW), HIGH)
+        u = np.minimum(np.maximum(plant_vector(u, 2, "input u", finite=False), LOW), HIGH)
         step = len(self._phases)
         times = self._times[step]
         if self.simulation is not None:

@@ -10,18 +10,15 @@ from highway_env.envs.common.graphics import EnvViewer
 from highway_env.envs.common.observation import ObservationType, observation_factory
 from jaxtyping import Float
 
+from prefcal_env.arrays import known_options, number_in, plant_vector
 from prefcal_env.envs.canvas import check_render_mode
-from prefcal_env.envs.checks import known_options, number, vector
 from prefcal_env.envs.task import Period
 from prefcal_env.errors import PlantError, SettingsError
-from prefcal_env.experiments.control import Measurement
-from prefcal_env.experiments.experiment import End
-from prefcal_env.experiments.trajectory import Record
+from prefcal_env.experiments.experiment import End, Measurement, Record
 from prefcal_env.plants.bicycle import KMH
 
 from .course import HIGH, LOW, Course, Mishap
-from .options import OvertakeOptions, paper_scene
-from .rules import MISHAP_COST, T_S_RANGE, stage_cost
+from .scene import MISHAP_COST, T_S_RANGE, OvertakeOptions, paper_scene, stage_cost
 from .vehicles import CRASHED, OWN, OwnVehicle, place, road_of
 
 Array = np.ndarray[Any, Any]
@@ -81,7 +78,7 @@ class SpeedSteeringAction(ActionType):  # type: ignore[misc]
 
     def act(self, action: Any) -> None:
         """Pass `action` to the ego vehicle. Raises PlantError if it is not 2 finite numbers."""
-        v, steering = (LOW + (vector(action, 2, "action") + 1) / 2 * (HIGH - LOW)).tolist()
+        v, steering = (LOW + (plant_vector(action, 2, "action") + 1) / 2 * (HIGH - LOW)).tolist()
         self.controlled_vehicle.act({"speed": v, "steering": -steering, "acceleration": 0.0})
 
 
@@ -187,9 +184,9 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             if not isinstance(kind, dict) or kind.get("type") not in kinds:
                 raise SettingsError(f'{what} must be like {{"type": ...}}, one of {kinds}, got {kind!r}')
         if wanted["T_s"] is None:
-            T_s = 1 / number(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
+            T_s = 1 / number_in(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
         else:
-            T_s = number(wanted["T_s"], T_S_RANGE, "T_s")
+            T_s = number_in(wanted["T_s"], T_S_RANGE, "T_s")
         super().configure(config)  # called last, so that a refused configuration changes nothing
         self.options, self.course, self._usual_T_s = options, Course(options), T_s
 
@@ -240,7 +237,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         given = known_options(options, ("T_s", "x0", "config"))
         config = given.pop("config", None)
         if given.get("T_s") is not None:
-            number(given["T_s"], T_S_RANGE, "T_s")
+            number_in(given["T_s"], T_S_RANGE, "T_s")
         self.configure(config)  # also for what was written into `config`, highway-env's idiom
         self._once = given
         return super().reset(seed=seed)  # type: ignore[no-any-return]
@@ -253,7 +250,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
                 space.
         """
         if isinstance(self.action_space, gym.spaces.Box):
-            action = vector(action, self.action_space.shape[0], "action")
+            action = plant_vector(action, self.action_space.shape[0], "action")
         elif not self.action_space.contains(action):
             raise PlantError(f"action must be in {self.action_space}, got {action!r}")
         self.action_type.act(action)

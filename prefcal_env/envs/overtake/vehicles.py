@@ -18,10 +18,18 @@ from jaxtyping import Float
 
 from prefcal_env.plants.bicycle import Bicycle
 
-from .geometry import Times
-from .options import OvertakeOptions
-from .rules import KEEPING_SPEED, LANE_WIDTH, LENGTH, OBSTACLE_SPEED, OVERTAKING_SPEED, WIDTH
-from .traffic import Obstacle, Places
+from .scene import (
+    KEEPING_SPEED,
+    LANE_WIDTH,
+    LENGTH,
+    OBSTACLE_SPEED,
+    OVERTAKING_SPEED,
+    WIDTH,
+    Obstacle,
+    OvertakeOptions,
+    Places,
+    Times,
+)
 
 OWN, OTHER, CRASHED = (64, 156, 255), (255, 176, 46), (230, 57, 70)
 """Colors of the ego vehicle, of the others, and of the ego vehicle in a collision, RGB."""

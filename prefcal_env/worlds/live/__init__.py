@@ -1,11 +1,11 @@
 """Live plants: prefcal writes θ, starts, records and restores the old θ, after a confirmation."""
 
 from .description import live_rig as live_rig
-from .journal import Journal as Journal
+from .drive import Driven as Driven
 from .opcua import OPCUAPlant as OPCUAPlant
-from .parts import LiveKnob as LiveKnob
-from .parts import LiveStart as LiveStart
-from .parts import Tag as Tag
-from .plant import LivePlant as LivePlant
-from .progress import Driven as Driven
+from .plan import Journal as Journal
+from .plan import LiveKnob as LiveKnob
+from .plan import LivePlant as LivePlant
+from .plan import LiveStart as LiveStart
+from .plan import Tag as Tag
 from .rig import LiveRig as LiveRig

@@ -8,14 +8,12 @@ from typing import Any, Literal
 
 import msgspec
 
-from prefcal_env.described import checked, entries
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs import Knob
+from prefcal_env.plain import checked, entries
 
-from .journal import Journal
 from .opcua import OPCUAPlant
-from .parts import LiveKnob, LiveStart, Role, Tag
-from .plant import LivePlant
+from .plan import Journal, LiveKnob, LivePlant, LiveStart, Role, Tag
 from .rig import LiveRig
 
 Range = tuple[float, float]

@@ -1,23 +1,277 @@
-"""Do one run on a live plant: write, start, record, and restore whatever happens."""
+"""One run on a live plant: write within limits, start, record, and restore whatever happens."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from math import isnan, nan
+from dataclasses import dataclass, field
+from math import copysign, inf, isfinite, isnan, nan
+from typing import get_args
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import ConnectionLostError, LiveError
-from prefcal_env.experiments.end import End
-from prefcal_env.sources.run import Change, Progress, Stage
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.sources.source import Change, Progress, Stage
+from prefcal_env.tables.recorded import bridged, recorded
 
-from .journal import Journal
-from .outcome import Row, experiment_of, never_good
-from .parts import all_within, within
-from .plan import LivePlan
-from .plant import TypedPlant
-from .progress import Confirm, Driven, Tell
-from .writer import SLACK, Way, Writer
+from .plan import Journal, LiveKnob, LivePlan, LivePlant, Role, TypedPlant, all_within, within
+
+# ----------------------------------------------------------------------------------------------------
+# Tell what happens during a run on a live plant, as frozen data.
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """Result of a run on a live plant.
+
+    Args:
+        experiment: What was recorded. It ended as failed if the run was stopped, refused or lost.
+        why: What stopped the run, as a sentence; empty if it was completed.
+        restored: Whether the plant has its old values again. False if they are kept on purpose,
+            or if the plant could not be reached or refused them.
+        stopped: Whether a person stopped the run, or did not confirm it.
+        kept: Whether the knobs keep their new values on purpose; the start values are taken back.
+        problem: Why the plant does not have the values that it should have; empty if it has.
+    """
+
+    experiment: Experiment
+    why: str = ""
+    restored: bool = True
+    stopped: bool = False
+    kept: bool = False
+    problem: str = ""
+
+
+Confirm = Callable[[tuple[Change, ...]], bool]
+"""Function that shows a person what will be written and returns whether they confirm it."""
+Tell = Callable[[Progress], None]
+"""Function that is called after every sample."""
+
+
+# ----------------------------------------------------------------------------------------------------
+# Turn what was read from a live plant into an experiment.
+
+Row = tuple[float, Mapping[str, float]]
+"""A sample: seconds since the start of the record, and the value of each tag by its key."""
+
+
+def experiment_of(rig: LivePlan, theta: Float[np.ndarray, " n"], rows: Sequence[Row], end: End) -> Experiment:
+    """Return the experiment of a physical θ, shape (n,), from the samples of its run.
+
+    Where an output had bad quality, its curve is interpolated, and the signal "NAME as read" keeps
+    the gaps. Inputs and references keep their latest good value meanwhile, since they are held
+    between samples anyway. A run in which an output or input never had a good value has failed. An
+    output whose reference never had one has no reference in this run.
+    """
+    read = {tag: np.array([row[tag.key] for _, row in rows]) for tag in rig.tags}
+    outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
+    nothing = bool(never_good(rig, rows))
+    kept = slice(0, 0) if nothing else slice(None)
+    drawn = [tag for tag in rig.tags if tag.role != "reference"]
+    t = np.array([instant for instant, _ in rows])[kept]
+    curves = {
+        role: {
+            tag.name: bridged(t, values[kept], held=role != "output")
+            for tag, values in read.items()
+            if tag.role == role
+        }
+        for role in get_args(Role)
+    }
+    return recorded(
+        theta,
+        t,
+        curves["output"],
+        curves["input"],
+        curves["reference"],
+        {c.name: c.unit for c in drawn},
+        {c.name: (c.low, c.high) for c in drawn},
+        signals={
+            f"{name} as read": values[kept]
+            for name, values in outputs.items()
+            if np.isnan(values[kept]).any()
+        },
+        kpis=rig.kpis,
+        end=End.FAILED if nothing else end,
+        time_unit="s",
+    )
+
+
+def never_good(rig: LivePlan, rows: Sequence[Row]) -> list[str]:
+    """Return the roles and names of outputs and inputs without any good value in a run."""
+    return [
+        tag.key
+        for tag in rig.tags
+        if tag.role != "reference" and all(np.isnan(row[tag.key]) for _, row in rows)
+    ]
+
+
+# ----------------------------------------------------------------------------------------------------
+# Write to a live plant within limits and rates, and notice if it comes no closer to a target.
+
+_ROUNDING = 1e-9
+"""Relative error of sums and products of doubles, with a margin."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """Value of a node on the plant, since when it has it, and what it may be instead.
+
+    If the connection is lost during a write, the plant has either of the two.
+    """
+
+    value: float
+    since: float
+    before: float
+
+
+class Writer:
+    """Writer of one plant. Every value that reaches the plant passes `_write`, which checks it.
+
+    Args:
+        plant: Plant to write to.
+        written: Nodes that may be written to, by name.
+        period: Sampling period in seconds.
+        clock: Function that returns the time in seconds.
+    """
+
+    def __init__(
+        self, plant: LivePlant, written: Mapping[str, LiveKnob], period: float, clock: Callable[[], float]
+    ) -> None:
+        self._plant, self._written = plant, written
+        self._period, self._clock = period, clock
+        self._known: dict[str, _Known] = {}
+
+    def read(self) -> dict[str, float]:
+        """Read all nodes that may be written to, by name; NaN for bad quality.
+
+        Raises:
+            ConnectionLostError: If the connection is lost.
+        """
+        nodes = [written.node for written in self._written.values()]
+        values = dict(zip(self._written, self._plant.read(nodes), strict=True))
+        self.see(values)
+        return values
+
+    def see(self, values: Mapping[str, float]) -> None:
+        """Take note of the values that the plant has now."""
+        now = self._clock()
+        for name, value in values.items():
+            known = self._known.get(name)
+            if not isfinite(value):
+                self._known.pop(name, None)  # unknown: nothing is written until it is known
+            elif known is None or not self._explained(name, value, known):
+                self._known[name] = _Known(value, now, value)
+            else:
+                self._known[name] = _Known(value, known.since, known.before)
+
+    def _explained(self, name: str, value: float, known: _Known) -> bool:
+        """Return whether the plant has what was written last, or what it had before."""
+        same = self._written[name].same
+        return same(value, known.value) or same(value, known.before)
+
+    def step(self, targets: Mapping[str, float]) -> None:
+        """Move each value one step toward its target, as far as its rate allows.
+
+        Raises:
+            ConnectionLostError: If the connection is lost; a value may have arrived.
+            LiveError: If the plant refuses a value.
+        """
+        for name, target in targets.items():
+            known, written = self._known.get(name), self._written[name]
+            if known is None or written.same(known.value, target):
+                continue
+            allowed = written.step(self._clock() - known.since, self._period)
+            way = target - known.value
+            if abs(way) <= allowed * (1 + _ROUNDING):
+                self._write(written, known, target)
+            elif allowed:
+                self._write(written, known, known.value + copysign(allowed, way))
+
+    def _write(self, written: LiveKnob, known: _Known, value: float) -> None:
+        """Check one value against limits and rate, then write it."""
+        now, knob = self._clock(), written.knob
+        allowed = written.step(now - known.since, self._period)
+        if not (isfinite(value) and knob.low <= value <= knob.high):
+            raise LiveError(
+                f"{knob.name} = {value:g} {knob.unit} is outside "
+                f"[{knob.low:g}, {knob.high:g}]: nothing was written"
+            )
+        if abs(value - known.value) > allowed * (1 + 2 * _ROUNDING):
+            raise LiveError(
+                f"{knob.name} may change by {allowed:g} {knob.unit} now, got "
+                f"{known.value:g} to {value:g}: nothing was written"
+            )
+        try:
+            self._plant.write(written.node, value)
+        finally:
+            # After an error, too: the value may have arrived, at the latest now.
+            self._known[knob.name] = _Known(value, self._clock(), known.value)
+
+
+SLACK = 10
+"""Additional periods that a plant may take to show a written value."""
+_STEPS = 20
+"""Number of steps in a row without progress after which a person must help."""
+_PATIENCE = 10.0
+"""Seconds without progress, or without a connection, that are waited for at least once the process
+was told to end; the old values are then restored at the next start."""
+
+
+@dataclass(slots=True)
+class Way:
+    """Way of a plant back to its old values, as mutable state.
+
+    Args:
+        written: Nodes that may be written to, by name.
+        targets: Old values by name.
+        period: Sampling period of the run, in seconds.
+        since: Time of the latest progress, in seconds; at first, of the beginning.
+    """
+
+    written: Mapping[str, LiveKnob]
+    targets: Mapping[str, float]
+    period: float
+    since: float
+    _steps: int = 0
+    _left: dict[str, float] = field(default_factory=dict)
+    _waiting: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._waiting = self.since
+
+    def went(self, values: Mapping[str, float], now: float) -> None:
+        """Take note of a step at time `now`, and of the values that the plant showed before it.
+
+        Progress is that a value is closer to its target than ever before, so that two stations
+        that write in turn make none.
+        """
+        self._steps += 1
+        for name, target in self.targets.items():
+            left, least = abs(values.get(name, inf) - target), self._left.get(name, inf)
+            span = self.written[name].knob.high - self.written[name].knob.low
+            if left < least - 1e-9 * span:  # never true of NaN
+                self._left[name] = left
+                self._steps, self.since, self._waiting = 0, now, now
+
+    def lost(self, now: float) -> None:
+        """Take note that the connection is lost, which only counts once the process must end."""
+        self._steps, self.since = 0, now
+
+    def blocked(self, now: float, *, closing: bool) -> bool:
+        """Return whether there was no progress for so long that a person must help."""
+        self._waiting = self._waiting if closing else now
+        patience = _PATIENCE + SLACK * self.period + self._slowest()
+        stuck = self._steps >= _STEPS and now - self.since > patience
+        return stuck or (closing and now - self._waiting > _PATIENCE + self._slowest())
+
+    def _slowest(self) -> float:
+        """Return the longest time in seconds between two steps: integers cannot move by less."""
+        rates = [self.written[n].rate for n in self.targets if self.written[n].knob.integer]
+        return max((1.0 / rate for rate in rates), default=0.0)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Do one run on a live plant: write, start, record, and restore whatever happens.
 
 _SLICE = 0.2
 """Longest sleep in seconds, so that a stop is noticed soon although the period may be long."""

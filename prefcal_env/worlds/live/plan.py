@@ -1,18 +1,324 @@
-"""Declare what a run on a live plant does, and check it before anything is written."""
+"""A live plant, before anything runs: its connection, its nodes, its journal on the disk, and the plan."""
 
-from collections.abc import Callable, Mapping
+import json
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
-from math import isfinite
-from typing import Literal
+from hashlib import sha256
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
-from prefcal_env.errors import SettingsError
+from platformdirs import user_data_path
+
+from prefcal_env.disk import synchronize, write_durably
+from prefcal_env.errors import LiveError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
-from prefcal_env.experiments.tracking import tracking_kpis
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.sources.source import Change
 
-from .journal import Journal
-from .parts import LiveKnob, LiveStart, Tag
-from .plant import LivePlant
+# ----------------------------------------------------------------------------------------------------
+# Define what prefcal needs of a connection to a live plant, for any protocol.
+
+
+class LivePlant(Protocol):
+    """Connection to a live plant whose values have a node address each.
+
+    No method blocks for longer than a few seconds: a plant that does not answer is lost.
+    """
+
+    @property
+    def address(self) -> str:
+        """Address of the plant, which tells it apart from other plants."""
+
+    @property
+    def connected(self) -> bool:
+        """Whether the connection stands, as far as is known."""
+
+    def connect(self) -> None:
+        """Connect, or connect again after a loss.
+
+        Raises:
+            ConnectionLostError: If the plant cannot be reached.
+        """
+
+    def read(self, nodes: Sequence[str]) -> list[float]:
+        """Return the value of each node, in order; NaN for a value of bad quality.
+
+        Raises:
+            ConnectionLostError: If the connection is lost.
+            LiveError: If there is no such node.
+        """
+
+    def write(self, node: str, value: float) -> None:
+        """Write one value, and return once the plant has accepted it.
+
+        Raises:
+            ConnectionLostError: If the connection is lost; the value may have arrived.
+            LiveError: If the plant refuses the value.
+        """
+
+    def close(self) -> None:
+        """Disconnect."""
+
+
+@runtime_checkable
+class TypedPlant(Protocol):
+    """What a connection may offer, too, if nodes have types: a check before the first write."""
+
+    def whole(self, nodes: Sequence[str]) -> list[bool]:
+        """Return for each node, in order, whether its type holds whole numbers only.
+
+        Raises:
+            ConnectionLostError: If the connection is lost.
+            LiveError: If there is no such node.
+        """
+
+
+# ----------------------------------------------------------------------------------------------------
+# Describe the nodes of a live plant: knobs and start values that are written, and records.
+
+Role = Literal["output", "input", "reference"]
+_CLOSE = 1e-5
+"""Relative difference of equal values: many controllers store single precision."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveKnob:
+    """A knob on a live plant: a node that prefcal may write to.
+
+    Args:
+        knob: Knob, whose range limits what is written.
+        node: Address of the node, for example "ns=2;s=PI.Kp".
+        rate: Largest rate of change, in the knob's unit per second.
+
+    Raises:
+        SettingsError: If the node is empty, or the rate is not above 0 and finite.
+    """
+
+    knob: Knob
+    node: str
+    rate: float
+
+    def __post_init__(self) -> None:
+        _check_node(self.knob.name, self.node)
+        if not (isfinite(self.rate) and self.rate > 0):
+            raise SettingsError(
+                f"{self.knob.name!r}: rate must be above 0 {self.knob.unit or '1'} per second and finite, "
+                f"got {self.rate}"
+            )
+
+    def changed(self, old: float, new: float) -> Change:
+        """Return what writing `new` in place of `old` changes, in the knob's unit."""
+        return Change(self.knob, new, old, self.rate)
+
+    def same(self, one: float, other: float) -> bool:
+        """Return whether two values are equal up to single precision."""
+        size = max(abs(one), abs(other))
+        return abs(one - other) <= _CLOSE * size + 1e-9 * (self.knob.high - self.knob.low)
+
+    def step(self, elapsed: float, period: float) -> float:
+        """Return the largest change now, in the knob's unit.
+
+        Args:
+            elapsed: Time since the last change, in seconds.
+            period: Sampling period in seconds. A pause does not allow a larger jump than one
+                period does, except that an integer may always move by 1 once its rate allows it.
+        """
+        one = 1.0 if self.knob.integer else 0.0
+        allowed = min(self.rate * max(elapsed, 0.0), max(self.rate * period, one))
+        # Rounding must not cost a whole number.
+        return float(int(allowed + 1e-9)) if self.knob.integer else allowed
+
+
+@dataclass(frozen=True, slots=True)
+class LiveStart(LiveKnob):
+    """A knob that is not tuned: it is written to start a run, and taken back at its end.
+
+    Its name, for example "set-point", differs from the knobs' names; an integer may be a switch.
+
+    Args:
+        value: Value that starts the run, in the knob's unit.
+
+    Raises:
+        SettingsError: If the value is outside the knob's range, or as for a `LiveKnob`.
+    """
+
+    value: float = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        LiveKnob.__post_init__(self)  # slots make a new class, which super() does not know
+        knob = self.knob
+        if not knob.low <= self.value <= knob.high:
+            raise SettingsError(
+                f"start value {knob.name!r} must be in [{knob.low}, {knob.high}] {knob.unit}, "
+                f"got {self.value}"
+            )
+        if knob.integer and self.value != round(self.value):
+            raise SettingsError(f"start value {knob.name!r} must be an integer, got {self.value}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, init=False)
+class Tag(Channel):
+    """A channel that is recorded: where it is on the plant, and its role.
+
+    Args:
+        name: Name, as shown to people; a reference has the name of its output.
+        node: Address of the node.
+        role: "output", "input" or "reference".
+        unit: Unit of the values.
+        low: Lower limit that is drawn and counts in KPIs, in `unit`.
+        high: Upper limit that is drawn and counts in KPIs, in `unit`.
+        abort: Limits (low, high) in `unit`; a value outside stops the run as unsafe.
+        look: Target, band and symbol of the `Channel`; they are not drawn of a live plant.
+
+    Raises:
+        SettingsError: If the node is empty, the role is unknown, or limits do not increase.
+    """
+
+    node: str
+    role: Role
+    abort: tuple[float, float]
+
+    def __init__(
+        self,
+        name: str,
+        node: str,
+        role: Role = "output",
+        unit: str = "",
+        low: float = -inf,
+        high: float = inf,
+        abort: tuple[float, float] = (-inf, inf),
+        **look: Any,
+    ) -> None:
+        _check_node(name, node)
+        if role not in get_args(Role):
+            raise SettingsError(f"role of {name!r} must be one of {', '.join(get_args(Role))}, got {role!r}")
+        for what, between in (("limits", (low, high)), ("abort", abort)):
+            if not between[0] < between[1]:
+                raise SettingsError(
+                    f"{what} of {name!r} must be low < high, got [{between[0]}, {between[1]}] {unit}".rstrip()
+                )
+        Channel.__init__(self, name, unit, low, high, **look)
+        object.__setattr__(self, "node", node)
+        object.__setattr__(self, "role", role)
+        object.__setattr__(self, "abort", abort)
+
+    @property
+    def key(self) -> str:
+        """What tells it apart: role and name."""
+        return f"{self.role} {self.name}"
+
+    @property
+    def supervised(self) -> bool:
+        """Whether it has an abort limit."""
+        return self.abort != (-inf, inf)
+
+
+def _check_node(name: str, node: object) -> None:
+    if not (isinstance(node, str) and node.strip()):
+        raise SettingsError(f"{name!r} needs the address of its node, got {node!r}")
+
+
+def within(value: float, limits: tuple[float, float]) -> bool:
+    """Return whether `value` is inside `limits`, inclusive; NaN is not."""
+    return limits[0] <= value <= limits[1]
+
+
+def all_within(values: Mapping[str, float], limits: Mapping[str, tuple[float, float]]) -> bool:
+    """Return whether every named value is inside its limits."""
+    return all(within(values[name], between) for name, between in limits.items())
+
+
+# ----------------------------------------------------------------------------------------------------
+# Keep the old values of a live plant on the disk while prefcal changes them.
+
+
+@dataclass(frozen=True, slots=True)
+class Journal:
+    """File that holds the old values of a plant from before the first write until they are back.
+
+    If prefcal is killed, the next start finds the file and restores the values.
+
+    Args:
+        path: Path of the file; its folder is created.
+    """
+
+    path: Path
+
+    @classmethod
+    def of(cls, address: str) -> "Journal":
+        """Return the journal of the plant at `address`, in the user's data folder."""
+        name = sha256(address.encode()).hexdigest()[:16]
+        return cls(user_data_path("prefcal", appauthor=False) / "live" / f"{name}.json")
+
+    def save(self, old: Mapping[str, float]) -> None:
+        """Write the old values by name; they are on the disk when this returns.
+
+        Raises:
+            LiveError: If the file cannot be written; then nothing may be changed on the plant.
+        """
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_durably(self.path, json.dumps({"old": dict(old)}).encode())
+        except OSError as error:
+            raise LiveError(
+                f"cannot save the plant's values in {self.path}: {error.strerror or error}. "
+                "Nothing was written to the plant"
+            ) from error
+
+    def load(self) -> dict[str, float] | None:
+        """Return the values to restore, by name; None if there are none.
+
+        Raises:
+            LiveError: If the file is damaged.
+        """
+        try:
+            content = json.loads(self.path.read_text(encoding="utf-8"))
+            old = {str(name): float(value) for name, value in content["old"].items()}
+            if not all(map(isfinite, old.values())):
+                raise ValueError("not all of them are numbers")
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+            raise LiveError(
+                f"cannot read the plant's old values in {self.path}: restore them by hand, then "
+                f"remove the file ({error})"
+            ) from error
+        return old
+
+    def clear(self) -> None:
+        """Remove the file, since the plant has its values again."""
+        self.path.unlink(missing_ok=True)
+        synchronize(self.path.parent)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other prefcal processes away from the plant inside the block.
+
+        Raises:
+            LiveError: If another process uses the plant.
+        """
+        lock = self.path.with_suffix(".lock")
+        with ExitStack() as held:
+            try:
+                lock.parent.mkdir(parents=True, exist_ok=True)
+                # SQLite locks a file on every system, and the lock ends with its process.
+                connection = sqlite3.connect(lock, timeout=0.0, isolation_level=None)
+                held.enter_context(closing(connection))
+                connection.execute("BEGIN EXCLUSIVE")
+            except (OSError, sqlite3.Error) as error:
+                raise LiveError(
+                    f"another prefcal runs on this plant, or {lock} cannot be written: end the "
+                    f"other run first ({error})"
+                ) from error
+            yield
+
+
+# ----------------------------------------------------------------------------------------------------
+# Declare what a run on a live plant does, and check it before anything is written.
 
 Limits = Mapping[str, tuple[float, float]]
 

@@ -10,15 +10,22 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ConnectionLostError, LiveError, RunError
-from prefcal_env.experiments.end import End
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.sources.run import Change, Progress, Run, RunCurve, Stage, Table
-from prefcal_env.sources.source import KPIsOf, Source, formula_problems, with_own
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.sources.source import (
+    Change,
+    KPIsOf,
+    Progress,
+    Run,
+    RunCurve,
+    Source,
+    Stage,
+    Table,
+    formula_problems,
+    with_own,
+)
 
-from .drive import Drive, Hands
-from .journal import Journal
-from .plan import LivePlan
-from .progress import Confirm, Driven, Tell
+from .drive import Confirm, Drive, Driven, Hands, Tell
+from .plan import Journal, LivePlan
 
 
 @dataclass(frozen=True)

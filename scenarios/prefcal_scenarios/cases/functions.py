@@ -11,8 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 
 Latent = Callable[[Float[np.ndarray, " n"]], float]
 

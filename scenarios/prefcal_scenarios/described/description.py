@@ -1,17 +1,117 @@
-"""Describe a scenario as plain data: in a TOML file, by options, or by both."""
+"""A scenario as plain data: in a TOML file, as options of the command line, or both."""
 
+import re
+import shlex
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
-from prefcal_env.described import Keys, entries
-from prefcal_env.errors import ScenarioError
+from prefcal_env.errors import ScenarioError, SettingsError, StudyError
+from prefcal_env.knobs import Knob, Scale
 from prefcal_env.optional import WORLDS, World
+from prefcal_env.plain import Keys, entries
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.names import CONTROLLERS, either
+from prefcal_scenarios.names import CONTROLLERS, either, is_described
+from prefcal_scenarios.own import joined_source, split_source
+
+# ----------------------------------------------------------------------------------------------------
+# Read the short texts that describe a knob or a reference, in a file or on the command line.
+
+KNOB_EXAMPLE = '"K_p=0.1:100:log %/m"'
+"""A knob as typed on the command line, for help and messages."""
+_RANGE = re.compile(r"([^\s\[]+)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL)
+_COMMA = re.compile(r",(?![^\[]*\])")
+"""A comma, but not the one in the name of an array's element, A[1,2]."""
+
+
+def knob_of(text: str) -> Knob:
+    """Return the knob NAME=LOW:HIGH[:log][:int][ UNIT], with or without brackets around the unit.
+
+    Raises:
+        ScenarioError: If the text does not read like that.
+        KnobError: If the range is not valid.
+    """
+    name, equals, rest = text.partition("=")
+    if not equals or not name.strip():
+        raise ScenarioError(
+            f"a knob must be NAME=LOW:HIGH[:log][:int] UNIT, for example {KNOB_EXAMPLE}, got {text!r}"
+        )
+    return ranged_knob(name.strip(), rest)
+
+
+def ranged_knob(name: str, text: str, about: str = "") -> Knob:
+    """Return the knob called `name` with the range LOW:HIGH[:log][:int][ UNIT] in `text`.
+
+    Raises:
+        ScenarioError: If the text does not read like that.
+        KnobError: If the range is not valid.
+    """
+    found = _RANGE.fullmatch(text.strip())
+    if found is None:
+        raise ScenarioError(_wrong(name, text))
+    bounds, bracketed, bare = found.groups()
+    low, high, *flags = [*bounds.split(":"), ""] if ":" not in bounds else bounds.split(":")
+    unknown = [flag for flag in flags if flag not in ("log", "int")]
+    if unknown:
+        raise ScenarioError(
+            f"knob {name!r}: after LOW:HIGH comes :log for a logarithmic scale or :int for whole "
+            f"numbers, for example {KNOB_EXAMPLE}, got :{unknown[0]} in {text.strip()!r}"
+        )
+    scale: Scale = "log10" if "log" in flags else "linear"
+    unit = (bracketed if bracketed is not None else bare or "").strip()
+    numbers = _number(name, low, text), _number(name, high, text)
+    return Knob(name, *numbers, unit, scale=scale, integer="int" in flags, about=about)
+
+
+def _number(name: str, word: str, text: str) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        raise ScenarioError(_wrong(name, text)) from None
+    # Whole numbers stay whole: people read them in tables.
+    return int(value) if isfinite(value) and value == int(value) else value
+
+
+def _wrong(name: str, text: str) -> str:
+    return f"knob {name!r}: expected its range LOW:HIGH, for example {KNOB_EXAMPLE}, got {text.strip()!r}"
+
+
+def listed(texts: Iterable[str]) -> list[str]:
+    """Return the names in texts such as "level,valve", in order."""
+    names = [name.strip() for text in texts for name in _COMMA.split(text)]
+    return [name for name in names if name]
+
+
+def named_numbers(texts: Iterable[str], flag: str) -> dict[str, float]:
+    """Return the numbers by name in texts such as "level=2, flow=0.5".
+
+    Raises:
+        ScenarioError: If a text does not read like that; it names `flag` and an example.
+    """
+    found: dict[str, float] = {}
+    for part in listed(texts):
+        name, equals, word = (piece.strip() for piece in part.rpartition("="))
+        try:
+            value = float(word)
+        except ValueError:
+            value = float("nan")
+        if not (equals and name and isfinite(value)):
+            others = [f", or, for {w.called}, {flag} {w.unit['reference']}" for w in WORLDS if w.unit]
+            raise ScenarioError(
+                f"{flag} must be NAME=NUMBER, for example {flag} level=2{''.join(others)}; got {part!r}"
+            )
+        if name in found:
+            raise ScenarioError(f"{flag} gives {name!r} twice: {found[name]:g} and {value:g}")
+        found[name] = value
+    return found
+
+
+# ----------------------------------------------------------------------------------------------------
+# Describe a scenario as plain data: in a TOML file, by options, or by both.
 
 _MERGED = ("knobs", "reference", "kpis", "panels", "starts")
 """Tables to which options add entries; they replace any other value of a file."""
@@ -134,3 +234,89 @@ def stated(
         ScenarioError: If a key is unknown or missing, or a value has the wrong type.
     """
     return entries(values, tables, where, ScenarioError, did_you_mean, known=known, partial=partial)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Write a description as options of the command line, and go on with the one that a study keeps.
+
+FLAGS = {
+    "knobs": "--knob",
+    "show": "--show",
+    "reference": "--reference",
+    "plant": "--plant",
+    "stop_time": "--stop-time",
+}
+"""Keys of a description and the options that set them."""
+
+
+def words_of(source: str) -> list[str]:
+    """Return the words of a command line that describe a scenario like `source` does."""
+    name, config = split_source(source)
+    if config is None or not is_described(name) or not _is_plain(config):
+        return [source]
+    words = [name]
+    for knob, text in config.get("knobs", {}).items():
+        words += ["--knob", f"{knob}={text}"]
+    if config.get("show"):
+        words += ["--show", ",".join(config["show"])]
+    for output, value in config.get("reference", {}).items():
+        words += ["--reference", f"{output}={value!r}"]
+    for key in ("plant", "stop_time"):
+        if key in config:
+            words += [FLAGS[key], str(config[key])]
+    return words
+
+
+def words_to_resume(source: str) -> list[str]:
+    """Return the words that name the scenario of an existing study: the study keeps the rest."""
+    name, config = split_source(source)
+    if not is_described(name):
+        return [source]
+    plant = (config or {}).get("plant")
+    return [name] if plant is None else [name, "--plant", str(plant)]
+
+
+def _is_plain(config: Mapping[str, Any]) -> bool:
+    """Return whether options can say all of a configuration."""
+    knobs = config.get("knobs", {})
+    return config.keys() <= FLAGS.keys() and all(isinstance(text, str) for text in knobs.values())
+
+
+def resumed_source(kept: str, source: str) -> str:
+    """Return the source of a study's scenario, where `source` may leave out what is kept.
+
+    A plant is a program, so it must be named again: a study from another person must not decide
+    which program runs here. It may have moved, like the scenario's own file.
+
+    Args:
+        kept: Source that the study keeps.
+        source: Source that the user names now.
+
+    Raises:
+        StudyError: If they are different scenarios.
+        SettingsError: If `source` states another value, or leaves out the plant.
+    """
+    then, config = split_source(kept)
+    name, wanted = split_source(source)
+    if Path(then).name != Path(name).name:
+        raise StudyError(f"the study calibrates {then!r}, not {name!r}: name that scenario")
+    before, now = config or {}, wanted or {}
+    for key, value in now.items():
+        if not _same(key, before.get(key), value):
+            said = f"{key} = {before[key]!r}" if key in before else f"no {key}"
+            raise SettingsError(
+                f"the study was started with {said}, got {value!r}: leave it out, or start another study"
+            )
+    if "plant" in before and "plant" not in now:
+        raise SettingsError(
+            "the study's plant is a program: if you trust it, add "
+            f"--plant {shlex.quote(str(before['plant']))}"
+        )
+    merged = {**before, **now}
+    return joined_source(name, merged) if merged else name
+
+
+def _same(key: str, then: Any, now: Any) -> bool:
+    if key == "plant" and isinstance(then, str) and isinstance(now, str):
+        return Path(then).name == Path(now).name
+    return bool(then == now)

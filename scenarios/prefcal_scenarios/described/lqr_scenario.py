@@ -8,19 +8,18 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.linearized import Linearized, linearized
-from prefcal_env.controllers.lqr import LQR
-from prefcal_env.controllers.rules import ROBUST
-from prefcal_env.controllers.sampled import sampled
-from prefcal_env.envs.dead_time import delays_of
+from prefcal_env.controllers.lqr import LQR, Linearized, linearized
+from prefcal_env.controllers.margins import sampled
+from prefcal_env.controllers.pid import ROBUST
+from prefcal_env.envs.plant_env import delays_of
 from prefcal_env.errors import PlantError, ScenarioError, SettingsError
-from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs import Knob
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem
 from prefcal_scenarios.scenario import Scenario
 
-from .pid.design import Design, design, settling
-from .pid.steps import plant_of, scenario_of_steps, space_of, theta_of
+from .design import Design, design, settling
+from .steps import plant_of, scenario_of_steps, space_of, theta_of
 
 _TIMES = (5, 10, 20, 50, 100, 200)
 """Ratios of the weights of error and integrated error to try, as times, in samples."""

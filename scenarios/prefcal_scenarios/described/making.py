@@ -1,4 +1,4 @@
-"""Make a `Scenario` of its description."""
+"""Make a `Scenario` of its description: the plant that a file names, a rig, and the rest."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -12,21 +12,126 @@ import numpy as np
 from prefcal_env.controllers.margins import MarginKPIs, margin_kpis
 from prefcal_env.controllers.stored import KINDS, from_data
 from prefcal_env.envs.closed_loop import ClosedLoop
-from prefcal_env.errors import KnobError, ScenarioError
-from prefcal_env.experiments.control import Controller
+from prefcal_env.errors import KnobError, PlantError, ScenarioError
+from prefcal_env.experiments.experiment import Channel, Channels, Controller
+from prefcal_env.experiments.kpis import every_tracking_kpi
 from prefcal_env.experiments.panels import Panel, plots_of
-from prefcal_env.experiments.tracking import every_tracking_kpi
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace, is_number
 from prefcal_env.optional import ENDINGS, WORLDS
-from prefcal_env.sources.function import function_of
+from prefcal_env.plain import Keys
+from prefcal_env.plants.systems import LIBRARIES
+from prefcal_env.sources import Rig
+from prefcal_env.sources.source import function_of
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS, either
+from prefcal_scenarios.own import module_at
 from prefcal_scenarios.scenario import KPI, Scenario
 
-from .description import Description, description_of, stated
-from .rig import rig_of
-from .words import KNOB_EXAMPLE, ranged_knob
+from .description import KNOB_EXAMPLE, Description, description_of, ranged_knob, stated
+
+# ----------------------------------------------------------------------------------------------------
+# Load the plant that a file, the command line or a study names: model.py:plant.
+
+_PARTS = ("f", "g", "hold", "jacobians", "states", "inputs", "outputs")
+"""What every plant has."""
+_KINDS = (
+    f"a prefcal plant (FunctionPlant, Plant.of), a system of {LIBRARIES}, or a tuple of matrices (A, B, C, D)"
+)
+
+
+def plant_at(source: str) -> Any:
+    """Return the plant at path/to/model.py:NAME; the file is executed.
+
+    Raises:
+        ScenarioError: If the file or the name in it does not exist, or it is not a plant.
+    """
+    path, _, name = source.rpartition(":")
+    if not path.endswith(".py") or not name:
+        raise ScenarioError(f"a plant must be path/to/model.py:NAME, got {source!r}")
+    module = module_at(Path(path))
+    there = [key for key in vars(module) if not key.startswith("_")]
+    if name not in there:
+        raise ScenarioError(f"nothing in {path!r} is called {name!r}.{did_you_mean(name, there)}")
+    found = getattr(module, name)
+    if is_number(found):  # a mere gain of a linear system, here most likely the wrong name
+        raise ScenarioError(f"{source!r} must be {_KINDS}, got the number {found!r}")
+    return found if is_plant(found) else _converted(found, source)
+
+
+def is_plant(found: object) -> bool:
+    """Return whether `found` has all parts of a plant."""
+    return not isinstance(found, type) and all(hasattr(found, part) for part in _PARTS)
+
+
+def _converted(found: Any, source: str) -> Any:
+    from prefcal_env.plants.plant import Plant
+
+    try:
+        return Plant.of(found)
+    except (PlantError, TypeError) as error:
+        raise ScenarioError(f"{source!r} must be {_KINDS}: {error}") from error
+
+
+# ----------------------------------------------------------------------------------------------------
+# Make a rig, a plant that only a person can run, of plain data.
+
+_Signals = dict[str, dict[str, Any]]
+_SIGNALS: Keys = {"outputs": (_Signals, True), "inputs": (_Signals, False), "time_unit": (str, False)}
+"""Keys of a rig that are no arguments of `Rig`."""
+_SENSOR: Keys = {"sensor": (tuple[float, float] | None, False)}
+"""Key of a signal that is no argument of `Channel`."""
+
+
+def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str) -> Rig:
+    """Return the rig that the table [rig] describes.
+
+    Args:
+        values: Keys of the table.
+        reference: Reference of each output that has one, in its unit.
+        where: Name of the file, for messages.
+
+    Raises:
+        ScenarioError: If a key is unknown or missing, or has the wrong type, or a reference names
+            no output.
+        ExperimentError: If a limit is not valid.
+        SettingsError: If a range is not valid.
+    """
+    made = ("channels", "y_ref", "kpis", "ranges")
+    given = stated(values, f"{where}, [rig]", _SIGNALS, Rig, known=made, partial=False)
+    signals = {
+        group: {name: _signal(name, row, f"{where}, [rig.{group}] {name}") for name, row in rows.items()}
+        for group, rows in (("outputs", given.pop("outputs")), ("inputs", given.pop("inputs", {})))
+    }
+    outputs, inputs = signals["outputs"], signals["inputs"]
+    for name in reference:
+        if name not in outputs:
+            raise ScenarioError(
+                f"{where}, [reference]: no output of the rig is called {name!r}."
+                f"{did_you_mean(name, outputs)} There are {', '.join(outputs)}"
+            )
+    sensors = {name: row.pop("sensor", None) for name, row in (*outputs.items(), *inputs.items())}
+    x = tuple(_channel(row, reference.get(name)) for name, row in outputs.items())
+    y, u = tuple(c for c in x if c.target is not None), tuple(_channel(row) for row in inputs.values())
+    return Rig(
+        channels=Channels(x, u, y, given.pop("time_unit", "s")),
+        y_ref=tuple(c.target for c in y if c.target is not None),
+        ranges={name: sensor for name, sensor in sensors.items() if sensor is not None},
+        instructions=given.pop("instructions", "").strip(),
+        **given,
+    )
+
+
+def _signal(name: str, row: Mapping[str, Any], where: str) -> dict[str, Any]:
+    return {"name": name, **stated(row, where, Channel, _SENSOR, known=("name", "target", "symbol"))}
+
+
+def _channel(row: Mapping[str, Any], target: float | None = None) -> Channel:
+    """Return a channel; only one with a target has a band."""
+    return Channel(**{**row, "target": target, "band": row.get("band") if target is not None else None})
+
+
+# ----------------------------------------------------------------------------------------------------
+# Make a `Scenario` of its description.
 
 
 def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
@@ -62,7 +167,6 @@ def _check_timeout(d: Description, where: str) -> None:
 
 
 def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
-    from .plant import plant_at
 
     assert d.controller is not None
     if d.controller not in CONTROLLERS:

@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.pid import PID, Decentralized
-from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
-from prefcal_env.controllers.rules import robust, simc, ziegler_nichols
-from prefcal_env.controllers.sampled import sampled
+from prefcal_env.controllers.margins import sampled
+from prefcal_env.controllers.pid import PID, Decentralized, LinearPIDs, Tuning, robust, simc, ziegler_nichols
 from prefcal_env.errors import ScenarioError
-from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs import Knob
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem
 from prefcal_scenarios.scenario import Scenario
 
-from .pid.design import SAMPLES, Design, Single, design, settling
-from .pid.steps import plant_of, scenario_of_steps, space_of, theta_of
+from .design import SAMPLES, Design, Single, design, settling
+from .steps import plant_of, scenario_of_steps, space_of, theta_of
 
 N = 10.0
 """Filter of the derivative part: its largest gain relative to K_p."""
@@ -53,7 +51,7 @@ def pid_scenario(
     The knobs are K_p (without its sign), T_i, T_d and the set-point weight b; with several loops
     they are called K_p_1, T_i_1 and so on.
 
-    Source: see `prefcal_env.controllers.rules` and `described.pid.design.pairs_of`.
+    Source: see `prefcal_env.controllers.pid` and `described.pid.design.pairs_of`.
 
     Args:
         plant: Plant, or a linear system that `Plant.of` takes.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from prefcal_env.on_first_use import public_names
 
 if TYPE_CHECKING:
-    from .factor import Factor as Factor
+    from .plants import Factor as Factor
     from .result import Verification as Verification
     from .varied_runs import replay as replay
     from .varied_runs import verify as verify

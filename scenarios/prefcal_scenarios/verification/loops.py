@@ -1,31 +1,51 @@
-"""What varies in a closed loop of any plant and controller."""
+"""What varies in a closed loop: any plant and controller, those that come with prefcal, other sources."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from inspect import signature
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.controllers.margins import Margins, margins
 from prefcal_env.envs.closed_loop import ClosedLoop, ControllerFactory
-from prefcal_env.envs.dead_time import dead_times
-from prefcal_env.envs.fit import tracked_of
-from prefcal_env.envs.plant_env import PlantEnv
-from prefcal_env.envs.step_signal import StepSignal
-from prefcal_env.envs.task import Signal, Task
-from prefcal_env.errors import PlantError, ScenarioError
-from prefcal_env.experiments.control import Controller, Measurement, Move
-from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.envs.cstr import cstr_env
+from prefcal_env.envs.overtake import OvertakeOptions
+from prefcal_env.envs.plant_env import PlantEnv, dead_times, tracked_of
+from prefcal_env.envs.task import Signal, StepSignal, Task
+from prefcal_env.errors import PlantError, ScenarioError, SettingsError
+from prefcal_env.experiments.experiment import Channel, Controller, Experiment, Measurement, Move
+from prefcal_env.jit import kernel
+from prefcal_env.knobs import KnobSpace, is_number
+from prefcal_env.optional import world_of
 from prefcal_env.plants.jacobians import U, X, Y
 from prefcal_env.plants.plant import Plant
-from prefcal_env.sources.function import Function
-from prefcal_scenarios.described.pid.kpis import Measure
+from prefcal_env.sources.source import Function, Maneuvers, Source, WithKPIs, function_of
+from prefcal_scenarios.cases.cstr import compute_kpis, controller
+from prefcal_scenarios.cases.loops.loop import Actuator, Gains, KnobValues, Loop, Tunable, TunedLQR, TunedPID
+from prefcal_scenarios.cases.loops.plants import MEMORY, CompiledPlant, decide
+from prefcal_scenarios.described.steps import Measure
 
-from .factor import NOT_NEGATIVE, Factor, Values
-from .plants import LEAST, SIZE, factors_of, varied_plant
-from .rest import at_rest, rest
-from .subject import Subject
+from .plants import (
+    CHANGE,
+    LEAST,
+    NOT_NEGATIVE,
+    SIZE,
+    Factor,
+    Subject,
+    Values,
+    at_rest,
+    factors_of,
+    of_maneuvers,
+    rest,
+    varied_plant,
+    within,
+)
+
+# ----------------------------------------------------------------------------------------------------
+# What varies in a closed loop of any plant and controller.
 
 _WEAR = (-0.5, 1.0)
 """Relative change of noise."""
@@ -252,3 +272,210 @@ class Worn:
             return u
         followed = np.clip(self._command, u - self.play, u + self.play)
         return np.asarray(np.clip(followed, self._low, self._high))
+
+
+# ----------------------------------------------------------------------------------------------------
+# What varies in the closed loops that come with prefcal.
+
+_ROOM = 2.0
+"""Distance of a limit from start and targets, in steps, that leaves room for other references."""
+
+
+def of_loop(loop: Loop, space: KnobSpace) -> Subject:
+    """Return what varies of a loop whose θ are in `space`; a model in its controller stays."""
+    law, moves = isinstance(loop.controller, TunedPID | TunedLQR), tuple(_moves(loop))
+    build, make = partial(_built_loop, loop, space), partial(controller_of, loop)
+    varied = VariedLoop(loop.plant, loop.task, build, make, wears=law, moves=moves)
+    ideal = "sensors and actuators of an MPC are ideal here: only noise and ranges are varied"
+    near = "start, size and direction of the step are not varied: a limit is near the target"
+    return varied.subject(*([] if law else [ideal]), *([] if moves else [near]))
+
+
+def _built_loop(loop: Loop, space: KnobSpace, plant: Plant, task: Task, grain: Y, play: U) -> Any:
+    """Return the run of a loop with another plant and task, whose sensors and actuators are worn."""
+    assert isinstance(plant, CompiledPlant)
+    actuators = loop.actuators or (Actuator(),) * len(play)
+    worn = (replace(a, backlash=a.backlash + p) for a, p in zip(actuators, play.tolist(), strict=True))
+    made = replace(
+        loop,
+        plant=plant,
+        task=task,
+        controller=Designed(loop.controller, loop.plant, loop.task),
+        actuators=tuple(worn) if play.any() else loop.actuators,
+        resolution=tuple(np.maximum(grain, loop.resolution or 0.0)) if grain.any() else loop.resolution,
+    )
+    return partial(made.run, space=space)
+
+
+def _moves(loop: Loop) -> Iterator[str]:
+    """Yield what can vary of the step: all if no limit of the output is near, and the other side exists."""
+    plant, task, y0 = loop.plant, loop.task, loop.task.x0[list(loop.plant.measured)]
+    aims = np.array([y0, loop.target.start, *(v for _, v in loop.target.steps)])
+    c, step = plant.states[plant.measured[0]], abs(aims[1, 0] - y0[0])
+    if min(aims[:, 0].min() - c.low, c.high - aims[:, 0].max()) < _ROOM * step:
+        return
+    yield from (REFERENCE, SHIFT)
+    n = min(len(plant.inputs), len(y0))
+    mirrored = (2 * y0 - aims[1])[:n].tolist()
+    found = rest(plant, task.x0, task.u0, task.disturbance(0.0), range(n), mirrored)
+    if found is not None:
+        pairs = zip((*plant.states, *plant.inputs), np.concatenate(found), strict=True)
+        if all(c.low <= value <= c.high for c, value in pairs):
+            yield DIRECTION
+
+
+@dataclass(frozen=True, slots=True)
+class Designed:
+    """A kind of controller that is designed for the plant of the study, whatever plant it meets."""
+
+    controller: Tunable
+    plant: CompiledPlant
+    task: Task
+
+    def make(self, values: KnobValues, plant: CompiledPlant, task: Task, T_s: float) -> Gains | Controller:
+        """Return the controller of the study, which starts at the inputs and limits that it meets."""
+        controller, found = self.controller, replace(self.plant, inputs=plant.inputs)
+        if isinstance(controller, TunedPID) and controller.inner is not None:
+            start = float(task.x0[plant.measured[1]]) - float(self.task.x0[plant.measured[1]])
+            middle, low, high = controller.inner
+            controller = replace(controller, inner=(middle + start, low, high))
+        if isinstance(controller, TunedPID | TunedLQR):
+            return controller.make(values, found, replace(self.task, u0=task.u0), T_s)
+        return controller.make(values, self.plant, self.task, T_s)
+
+
+def controller_of(loop: Loop, theta: Float[np.ndarray, " n"]) -> Controller:
+    """Return the controller of a physical θ, shape (n,).
+
+    Raises:
+        SettingsError: If its input has stages, which no linear law has.
+    """
+    if loop.staged:
+        raise SettingsError("an input in stages has no linear law")
+    plant, values = loop.plant, dict(zip(loop.space.names, theta.tolist(), strict=True))
+    T_s = values.get("T_s", loop.task.T_s) * values.get("every", 1.0)
+    T_s = max(round(T_s / plant.max_step), 1) * plant.max_step
+    made = loop.controller.make(values, plant, loop.task, T_s)
+    return LawController(made, T_s) if isinstance(made, Gains) else made
+
+
+@kernel()
+def _act(law, gains, reference, y, memory, T_s, u):  # type: ignore[no-untyped-def]
+    """Write the inputs that a compiled law decides to `u`."""
+    decide(law, gains, reference, y, memory, T_s, u)
+
+
+class LawController:
+    """A compiled law as a `Controller`.
+
+    Args:
+        gains: Law and its gains.
+        T_s: Sampling time, in the plant's unit of time.
+    """
+
+    def __init__(self, gains: Gains, T_s: float) -> None:
+        self._gains, self.T_s = gains, T_s
+        self._memory = np.zeros((len(gains.rows), MEMORY))
+
+    def move(self, measurement: Measurement) -> Move:
+        """Decide the inputs from the measured outputs."""
+        u, y = np.array(measurement.u, dtype=float), np.array(measurement.y, dtype=float)
+        r = np.array(measurement.y_ref, dtype=float)
+        _act(self._gains.law, np.array(self._gains.rows), r, y, self._memory, float(self.T_s), u)
+        return Move(u)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Find what of a source can vary: its loop, the arguments of its run, or what an optional world says.
+
+RIG = "it runs on a rig or a live plant, which cannot be varied: verify a model of it"
+_OURS = ("theta", "seed", "space")
+
+
+def subject_of(source: Source, space: KnobSpace) -> Subject:
+    """Return what of a source can vary, for θ in `space`.
+
+    Raises:
+        ScenarioError: If nothing can; the message says what to add.
+    """
+    if isinstance(source, WithKPIs):
+        return subject_of(source.source, space).measured_as(source)
+    if isinstance(source, Maneuvers):
+        return of_maneuvers(source, {n: subject_of(each, space) for n, each in source.maneuvers.items()})
+    if source.asks:
+        raise ScenarioError(RIG)
+    function = function_of(source)
+    bare = function.func if isinstance(function, partial) else function
+    loop = getattr(bare, "__self__", bare)
+    if isinstance(loop, Loop):
+        return of_loop(loop, space)
+    if isinstance(loop, ClosedLoop):
+        return of_closed_loop(loop)
+    world = world_of(loop)
+    if world is not None and world.varies:
+        varied: Subject = world.inside("prefcal_scenarios").subject_of(loop)
+        return varied
+    return _CASES.get(getattr(bare, "__module__", ""), of_function)(function)
+
+
+def of_function(function: Any) -> Subject:
+    """Return the numbers that a run takes as arguments with a default, besides θ and the seed.
+
+    A whole one may be a count, which cannot change a little.
+    """
+    given = signature(function).parameters.values() if callable(function) else ()
+    found = {p.name: p.default for p in given if p.name not in _OURS and is_number(p.default)}
+    numbers = {name: float(value) for name, value in found.items() if isinstance(value, float)}
+    whole = ", ".join(name for name in found if name not in numbers)
+    said = ["only arguments of its run are varied: sensors, actuators and the task are in its code"]
+    said += [f"whole numbers are not varied, write 2.0 for 2 where they can be: {whole}"] if whole else []
+    if not numbers:
+        raise ScenarioError(
+            "nothing of it can be varied, since it is only a function of θ: give the parameters of its plant "
+            "as arguments with a default, such as run(theta, seed=0, mass=1.2), or run it as a ClosedLoop"
+        )
+    return Subject(
+        tuple(Factor.around(name, "parameter", CHANGE, value) for name, value in numbers.items()),
+        tuple(said),
+        partial(_with_arguments, function),
+    )
+
+
+def _with_arguments(function: Any, values: Values) -> Source:
+    return Function(partial(function, **values))
+
+
+def _reactor(function: Any) -> Subject:
+    """Return what varies of the reactor; `function` is its run, perhaps for other ranges.
+
+    An exponent changes the rate by e^0.3 for 1 %, and the gas constant does not change.
+    """
+    given = {k: v for k, v in getattr(function, "keywords", {}).items() if k == "space"}
+    found = of_closed_loop(ClosedLoop(cstr_env(), partial(controller, **given), compute_kpis))
+    return replace(found, factors=within(found.factors, {"E": 0.01, "R": 0.0}))
+
+
+def _overtaking(function: Any) -> Subject:
+    """Return the car's wheelbase, which the MPC does not know, and where it starts."""
+    options = getattr(function, "keywords", {}).get("options") or OvertakeOptions()
+    factors = (
+        Factor.around("wheelbase", "parameter", CHANGE, options.wheelbase, "m", (LEAST, np.inf)),
+        Factor("distance at the start", "task", 0.0, -5.0, 5.0, "m"),
+        Factor("start beside the center line", "task", 0.0, -0.3, 0.3, "m"),
+        Factor("heading at the start", "task", 0.0, -0.03, 0.03, "rad"),
+    )
+    said = "sensors and actuators of the car are ideal, and the obstacle drives as in the paper"
+    return Subject(factors, (said,), partial(_in_scene, function, options, factors[1:]))
+
+
+def _in_scene(function: Any, options: OvertakeOptions, start: tuple[Factor, ...], values: Values) -> Source:
+    x, y, heading = (x + values.get(f.name, 0.0) for x, f in zip(options.x0, start, strict=True))
+    wheelbase = values.get("wheelbase", options.wheelbase)
+    return Function(partial(function, options=replace(options, x0=(x, y, heading), wheelbase=wheelbase)))
+
+
+_CASES: Mapping[str, Callable[[Any], Subject]] = {
+    "prefcal_scenarios.cases.cstr": _reactor,
+    "prefcal_scenarios.cases.overtake.scenario": _overtaking,
+}
+"""What varies in the case studies, by the module of their run."""

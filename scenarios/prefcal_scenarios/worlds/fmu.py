@@ -12,15 +12,12 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.sources.function import Function
-from prefcal_env.sources.source import Source
+from prefcal_env.knobs import Knob
+from prefcal_env.sources.source import Function, Source
 from prefcal_env.worlds.fmu import FMULoop, Model, Variable, in_unit, read_model
 from prefcal_scenarios.described.description import Description
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.verification.factor import Factor, Values
-from prefcal_scenarios.verification.plants import CHANGE
-from prefcal_scenarios.verification.subject import Subject
+from prefcal_scenarios.verification.plants import CHANGE, Factor, Subject, Values
 
 _SHOWN = 8
 """Number of outputs that are shown at most if none is named."""

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
-from prefcal_env.experiments.tracking import every_tracking_kpi, found_kpis
-from prefcal_env.knobs.knob import Knob
+from prefcal_env.experiments.kpis import every_tracking_kpi, found_kpis
+from prefcal_env.knobs import Knob
 from prefcal_env.worlds.live import live_rig
 from prefcal_scenarios.described.description import Description
 from prefcal_scenarios.scenario import Scenario

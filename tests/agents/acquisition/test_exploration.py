@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents.acquisition.exploration import Acquisition, exploration, exploration_and_gradient
-from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape, Surrogate, squared_distances
+from prefcal_agents.search import Acquisition, exploration, exploration_and_gradient
+from prefcal_agents.surrogate import RADIAL_FUNCTIONS, Shape, Surrogate, squared_distances
 
 SAMPLES = np.random.default_rng(0).random((7, 3))
 coordinate = st.floats(0, 1)

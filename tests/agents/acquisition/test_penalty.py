@@ -4,10 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISp
-from prefcal_agents.acquisition.penalty import Penalized, Penalty, SafetyModel, unsafe_penalty
-from prefcal_agents.history.lessons import Marks
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.lessons import Marks
+from prefcal_agents.search import Penalized, Penalty, SafetyModel, unsafe_penalty
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.histories import studied

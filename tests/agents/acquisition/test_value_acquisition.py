@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import check_grad
 
-from prefcal_agents.acquisition.value_acquisition import ValueAcquisition, Weights
-from prefcal_agents.models.interpolant import interpolate
-from prefcal_agents.models.rbf import squared_distances
+from prefcal_agents.baselines import ValueAcquisition, Weights, interpolate
+from prefcal_agents.surrogate import squared_distances
 
 RNG = np.random.default_rng(3)
 SAMPLES = RNG.uniform(-1, 1, (9, 2))

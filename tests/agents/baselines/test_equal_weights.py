@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contracts.agents import MIXED, run
-from prefcal_agents.baselines.equal_weights import EqualWeights, by_mean_rank
+from prefcal_agents.baselines import EqualWeights, by_mean_rank
 from prefcal_env.errors import SettingsError
 from support.agents import quick
 

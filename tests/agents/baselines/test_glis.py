@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLIS
-from prefcal_agents.baselines.glis import GLISSettings
+from prefcal_agents.baselines import GLISSettings
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_scenarios.cases.functions import FUNCTIONS
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from contracts.agents import MIXED
-from prefcal_agents.baselines.step_search import StepSearch
+from prefcal_agents.baselines import StepSearch
 
 OWN = Path(__file__).parents[3] / "docs" / "own_agent.py"
 

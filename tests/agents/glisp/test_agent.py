@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
-from prefcal_agents.glisp.selection import train
-from prefcal_agents.models.cross_validation import FOLDS
-from prefcal_agents.models.preference_qp import Learning
+from prefcal_agents.glisp.fits import train
+from prefcal_agents.surrogate import FOLDS, Learning
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.studies import by, drive
 
@@ -225,8 +223,8 @@ def test_linear_algebra_keeps_to_one_thread_in_proposals(monkeypatch):
         assert limited[-1:] == [True]
         return train(*given)
 
-    monkeypatch.setattr("prefcal_agents.protocol.agent.one_thread", one_thread)
-    monkeypatch.setattr("prefcal_agents.glisp.strategy.train", watched)
+    monkeypatch.setattr("prefcal_agents.agent.one_thread", one_thread)
+    monkeypatch.setattr("prefcal_agents.glisp.agent.train", watched)
     agent = GLISp(KnobSpace([Knob("x", 0, 1)]), n_init=2, n_max=6)
     drive(agent, lambda new, old: 1)
     assert limited.count(True) == limited.count(False) >= 4

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, restore
-from prefcal_agents.glisp.foresight import FROM, Foresight, lost_since
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.glisp.agent import FROM, Foresight, lost_since
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History
 

@@ -9,16 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISp, GLISpSettings, restore
-from prefcal_agents.acquisition.penalty import unsafe_penalty
-from prefcal_agents.glisp.kpi_fit import kpi_fits, most_promising
-from prefcal_agents.glisp.questions import follow_up
-from prefcal_agents.glisp.selection import ModelSelection
-from prefcal_agents.history.agent_state import AgentState
-from prefcal_agents.space.setup import Setup
-from prefcal_agents.utility.posterior import DRAWS
-from prefcal_env.knobs.constraints import LinearConstraint
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.agent import AgentState, Setup
+from prefcal_agents.glisp.agent import follow_up
+from prefcal_agents.glisp.fits import ModelSelection, kpi_fits, most_promising
+from prefcal_agents.people import DRAWS
+from prefcal_agents.search import unsafe_penalty
+from prefcal_env.knobs import Knob, KnobSpace, LinearConstraint
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History, Sample
 from support.histories import in_cube, studied

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.glisp.noise_test import MANY, NoiseTest, evidence_of_mistakes, rows_of, suited_shape
-from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.models.rbf import Shape
+from prefcal_agents.glisp.fits import MANY, NoiseTest, evidence_of_mistakes, rows_of, suited_shape
+from prefcal_agents.lessons import Preferences
+from prefcal_agents.surrogate import Shape
 
 ROUND = Shape(1.0, (1.0, 1.0))
 RATE = 0.1

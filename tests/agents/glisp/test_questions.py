@@ -8,23 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.glisp.noise_test import NoiseTest, rows_of
-from prefcal_agents.glisp.questions import (
-    confirm_best,
-    contenders,
-    final_question,
-    follow_up,
-    insertion_question,
-)
-from prefcal_agents.glisp.selection import Dataset, ModelSelection, Selection
-from prefcal_agents.history.agent_state import AgentState
-from prefcal_agents.history.lessons import Preferences, cube_of
-from prefcal_agents.models.gaussian_process import ExpectationPropagation
-from prefcal_agents.models.rbf import Shape
-from prefcal_agents.space.setup import Setup
+from prefcal_agents.agent import AgentState, Setup
+from prefcal_agents.glisp.agent import confirm_best, contenders, final_question, follow_up, insertion_question
+from prefcal_agents.glisp.fits import Dataset, ModelSelection, NoiseTest, Selection, rows_of
+from prefcal_agents.lessons import Preferences, cube_of
+from prefcal_agents.surrogate import ExpectationPropagation, Shape
 from prefcal_env.errors import ProtocolError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from support.histories import in_cube, studied
 from support.studies import by, drive

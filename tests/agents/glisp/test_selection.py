@@ -8,15 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISpSettings
-from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.selection import FEW, MANY, Dataset, ModelSelection, Selection, train, trust
-from prefcal_agents.models.rbf import Shape
-from prefcal_agents.space.setup import Setup
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.agent import Setup
+from prefcal_agents.glisp.fits import FEW, MANY, Dataset, ModelSelection, NoiseTest, Selection, train, trust
+from prefcal_agents.surrogate import Shape
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.best import contradictory
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, contradictory
 from support.histories import in_cube
 
 START = 4
@@ -146,7 +143,7 @@ def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
         seen.add(knob)
         return shape
 
-    monkeypatch.setattr("prefcal_agents.glisp.selection.rescale_knob", noted)
+    monkeypatch.setattr("prefcal_agents.glisp.fits.rescale_knob", noted)
     history, models = history_of(FEW + 8, n=4), selecting(replace(QUICK, process=process), n=4)
     models.after(history.until(FEW))
     seen.clear()

@@ -6,18 +6,13 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.acquisition.exploration import Acquisition
-from prefcal_agents.glisp.kpi_fit import kpi_fits, most_promising
-from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.selection import FEW, Dataset, Fit, Selection
-from prefcal_agents.glisp.strategy import STRATEGY, propose, propose_start
-from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.models.gaussian_process import PreferenceGP
-from prefcal_agents.models.rbf import Shape, Surrogate
-from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.space.setup import Setup
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.agent import Setup
+from prefcal_agents.glisp.agent import STRATEGY, propose, propose_start
+from prefcal_agents.glisp.fits import FEW, Dataset, Fit, NoiseTest, Selection, kpi_fits, most_promising
+from prefcal_agents.lessons import cube_of
+from prefcal_agents.search import Acquisition, latin_hypercube
+from prefcal_agents.surrogate import PreferenceGP, Shape, Surrogate
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
 from support.histories import in_cube, studied

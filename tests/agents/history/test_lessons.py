@@ -8,12 +8,10 @@ import scipy.linalg
 from scipy.linalg import lapack
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.acquisition.exploration import Acquisition
-from prefcal_agents.acquisition.penalty import SafetyModel
-from prefcal_agents.history.lessons import MOST, Marks, Memory, Preferences, judged, kpis_of, scores_of
-from prefcal_agents.models.rbf import Shape, Surrogate
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.lessons import MOST, Marks, Memory, Preferences, judged, kpis_of, scores_of
+from prefcal_agents.search import Acquisition, SafetyModel
+from prefcal_agents.surrogate import Shape, Surrogate
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.qp import PIQPSolver

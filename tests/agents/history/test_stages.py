@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from prefcal_agents.history.stages import Remembered, Stages
+from prefcal_agents.lessons import Remembered, Stages
 from prefcal_env.preferences.answer import Answer
 from support.histories import in_cube, studied
 

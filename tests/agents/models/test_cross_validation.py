@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.models.cross_validation import Validation, choose_epsilon, nearest, rescale_knob
-from prefcal_agents.models.preference_qp import Learning
-from prefcal_agents.models.rbf import Shape
+from prefcal_agents.lessons import Preferences
+from prefcal_agents.surrogate import Learning, Shape, Validation, choose_epsilon, nearest, rescale_knob
 
 LEARNING = Learning()
 CANDIDATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)

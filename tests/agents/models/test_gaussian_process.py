@@ -4,17 +4,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from prefcal_agents.glisp.noise_test import rows_of
-from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.models.gaussian_process import (
+from prefcal_agents.glisp.fits import rows_of
+from prefcal_agents.lessons import Preferences
+from prefcal_agents.surrogate import (
+    Constraints,
     ExpectationPropagation,
     PreferenceGP,
+    Shape,
     _Known,
     matern,
     squares,
 )
-from prefcal_agents.models.preference_qp import Constraints
-from prefcal_agents.models.rbf import Shape
 
 coordinate = st.floats(0, 1)
 

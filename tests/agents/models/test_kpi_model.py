@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from prefcal_agents.models.kpi_model import Outcomes
+from prefcal_agents.learned_cost import Outcomes
 from prefcal_env.preferences.history import History
 from support.histories import studied
 

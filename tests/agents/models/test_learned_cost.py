@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISp, RandomSearch
-from prefcal_agents.models.learned_cost import CostTerm, LearnedCost
+from prefcal_agents.learned_cost import CostTerm, LearnedCost
 from prefcal_env import Knob, KnobSpace
 from prefcal_env.preferences.history import History
 from support.studies import by, drive

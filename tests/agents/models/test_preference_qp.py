@@ -4,9 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
-from prefcal_agents.models.rbf import Shape, Surrogate
+from prefcal_agents.lessons import Preferences
+from prefcal_agents.surrogate import Constraints, Learning, Shape, Surrogate, fit, margins
 
 
 def comparisons(n_samples=9, count=10, seed=0, ties=True, weights=None):

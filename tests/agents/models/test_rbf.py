@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape, Surrogate, squared_distances
+from prefcal_agents.surrogate import RADIAL_FUNCTIONS, Shape, Surrogate, squared_distances
 
 
 @pytest.mark.parametrize(

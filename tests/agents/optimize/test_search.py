@@ -3,9 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.optimize.search import Domain, multistart
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.search import Domain, multistart
+from prefcal_env.knobs import Knob, KnobSpace
 
 REAL = KnobSpace([Knob(name, 0, 1, step=0) for name in "abc"])
 MIXED = KnobSpace([Knob("a", 0, 1), Knob("b", 0, 4, integer=True), Knob("c", 0, 1)])

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, RandomSearch
-from prefcal_agents.glisp.questions import FINALS, final_question
-from prefcal_agents.protocol.agent import Agent, rematch
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.agent import Agent, rematch
+from prefcal_agents.glisp.agent import FINALS, final_question
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
 from support.histories import in_cube, studied

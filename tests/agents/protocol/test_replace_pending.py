@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLIS, GLISp, RandomSearch, restore
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube
+from prefcal_agents.baselines import LatinHypercube
 from prefcal_env.errors import KnobError, ProtocolError
-from prefcal_env.knobs.constraints import Constraint
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Constraint, Knob, KnobSpace
 from support.interviews import THREE
 
 SPACE = KnobSpace([Knob("gain", 0.01, 100.0, scale="log10"), Knob("N_p", 4, 40, integer=True)])

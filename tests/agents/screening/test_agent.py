@@ -7,10 +7,10 @@ import pytest
 
 from contracts.agents import MIXED
 from prefcal_agents import Screening
-from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.agent import AgentState
 from prefcal_env.errors import SettingsError
+from prefcal_env.preferences.answer import Reading
 from prefcal_env.preferences.history import Lead
-from prefcal_env.preferences.reading import Reading
 from support.agents import quick
 from support.simulated import SQUARE
 

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from contracts.agents import HALF, MIXED, RARE, SMALL, TINY, judge, run
 from prefcal_agents import Screening, restore
-from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.agent import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError, SimulationError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from support.agents import quick
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from prefcal_agents.screening.agent import BeyondKPIs, without_kpis
-from prefcal_agents.screening.growth import Growth
-from prefcal_agents.screening.simulations import Simulations
+from prefcal_agents.screening.bank import Growth, Simulations
 from prefcal_env.preferences.history import History
 from support.simulated import SQUARE, in_chain
 

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from prefcal_agents import Screening
-from prefcal_agents.screening.certificate import FROM, LEAST, MOST, Certificate, Evidence, evidence
-from prefcal_agents.screening.growth import Growth
-from prefcal_agents.screening.simulations import Simulations
-from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_agents.screening.agent import FROM, LEAST, MOST, Certificate, Evidence, evidence
+from prefcal_agents.screening.bank import Growth, Simulations
+from prefcal_env.preferences.answer import Answer, Preference, Reading
 from prefcal_env.preferences.history import History
-from prefcal_env.preferences.reading import Reading
 from support.simulated import SQUARE, in_chain
 
 KNOWN = Evidence(10, 0.01, 0.002, 2.0, -0.4, True, 0.3, (0.5, 0.5))

@@ -4,15 +4,11 @@ import numpy as np
 import pytest
 
 from contracts.agents import HALF, MIXED, RARE, RING
-from prefcal_agents.screening.growth import Growth, near_leaders
-from prefcal_agents.screening.simulations import Simulations
-from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.space.feasible import Region
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer
+from prefcal_agents.screening.bank import Growth, Simulations, near_leaders
+from prefcal_agents.search import Region, latin_hypercube
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Reading
 from prefcal_env.preferences.history import History
-from prefcal_env.preferences.reading import Reading
 from support.simulated import SQUARE, in_chain
 
 

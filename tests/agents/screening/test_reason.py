@@ -5,9 +5,8 @@ import pytest
 
 from contracts.agents import MIXED
 from prefcal_agents import Screening
-from prefcal_agents.screening.growth import Growth
-from prefcal_agents.screening.reason import chances, reason_for
-from prefcal_agents.screening.simulations import Simulations
+from prefcal_agents.screening.agent import chances, reason_for
+from prefcal_agents.screening.bank import Growth, Simulations
 from prefcal_env.preferences.history import History
 from support.agents import quick
 from support.simulated import SQUARE, in_chain

@@ -5,9 +5,8 @@ import pytest
 
 from contracts.agents import MIXED
 from prefcal_agents import Screening
-from prefcal_agents.utility.influence import decisive, turned
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.result import decisive, turned
+from prefcal_env.knobs import Knob, KnobSpace
 from support.agents import quick
 
 

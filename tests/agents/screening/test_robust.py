@@ -4,10 +4,9 @@ import numpy as np
 
 from prefcal_agents import Screening
 from prefcal_agents.screening import agent as screening
-from prefcal_agents.screening.certificate import Certificate
-from prefcal_agents.screening.simulations import ENOUGH
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.screening.agent import Certificate
+from prefcal_agents.screening.bank import ENOUGH
+from prefcal_env.knobs import Knob, KnobSpace
 
 SPACE = KnobSpace([Knob("gain", 0.0, 1.0), Knob("filter", 0.0, 1.0)])
 

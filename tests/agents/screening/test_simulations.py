@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents.screening.simulations import Simulations
+from prefcal_agents.screening.bank import Simulations
 from prefcal_env.errors import SettingsError, SimulationError
 from support.agents import quick
 

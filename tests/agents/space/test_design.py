@@ -2,12 +2,9 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from prefcal_agents.optimize.search import Tried
-from prefcal_agents.space.capacity import capacity
-from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.search import Tried, capacity, latin_hypercube
 from prefcal_env.errors import ProtocolError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History, Sample
 

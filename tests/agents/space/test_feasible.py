@@ -1,10 +1,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.optimize.search import Domain, Tried
-from prefcal_agents.space.capacity import capacity
-from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.space.feasible import Region, random_points
+from prefcal_agents.search import Domain, Region, Tried, capacity, latin_hypercube, random_points
 from prefcal_env import Constraint, Knob, KnobSpace, LinearConstraint
 from prefcal_env.errors import KnobError
 from prefcal_env.preferences.answer import Answer

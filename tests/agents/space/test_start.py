@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 
 from contracts.agents import MIXED, judge, latent, run
 from prefcal_agents import GLIS, GLISp, RandomSearch, restore
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube
-from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.agent import AgentState
+from prefcal_agents.baselines import LatinHypercube
 from prefcal_agents.registry import AGENTS as ROWS
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from support.agents import agents_without_extra, woken
 
 AGENTS = agents_without_extra()

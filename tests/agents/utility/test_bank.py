@@ -6,11 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contracts.agents import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY
-from prefcal_agents.space.design import latin_hypercube
-from prefcal_agents.utility.bank import Bank, columns_of
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.kpis import Outcome
+from prefcal_agents.people import Bank, columns_of
+from prefcal_agents.search import latin_hypercube
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import Outcome
 
 THETAS = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
 SPACES = {

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import Screening, minimize_by_preference, restore
-from prefcal_agents.utility.correction import Measured, corrected
+from prefcal_agents.people import Measured, corrected
 from prefcal_env.errors import SettingsError, SimulationError
-from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.answer import Answer, Mark, Reading
 from prefcal_env.preferences.history import History
-from prefcal_env.preferences.reading import Reading
 from support.simulated import SQUARE, bank_of, in_chain, random_bank
 from support.studies import by, drive
 

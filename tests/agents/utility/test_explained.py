@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
+from prefcal_agents.people import Lessons, Scale, Utilities, explains, updated
 from prefcal_agents.screening.agent import is_stalled
-from prefcal_agents.utility.posterior import Lessons, explains, updated
-from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank
 

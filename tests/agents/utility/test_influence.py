@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.utility.choice import overtaking
-from prefcal_agents.utility.influence import decisive, influences, stakes, turned
-from prefcal_agents.utility.pool import Pool
-from prefcal_agents.utility.posterior import DRAWS
-from prefcal_agents.utility.utilities import Scale, Utilities
+from prefcal_agents.people import DRAWS, Scale, Utilities, overtaking
+from prefcal_agents.result import Pool, decisive, influences, stakes, turned
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from prefcal_agents.utility.menu import between, others, unbeaten
+from prefcal_agents.result import between, others, unbeaten
 
 USABLE = np.ones(6, dtype=bool)
 LOGS = np.array([[0.0, 5.0], [1.0, 4.0], [2.0, 3.0], [3.0, 2.0], [4.0, 1.0], [5.0, 0.0]])

@@ -5,10 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from prefcal_agents.utility.influence import turned
-from prefcal_agents.utility.pool import Pool
-from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
-from prefcal_agents.utility.utilities import Scale, Utilities
+from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, updated
+from prefcal_agents.result import Pool, turned
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
-from prefcal_agents.utility.utilities import Scale, Utilities
+from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, updated
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from support.simulated import bank_of, of_pairs, random_bank

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from prefcal_agents.utility.smaller_change import smaller_change
-from prefcal_env.knobs.constraints import LinearConstraint
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.result import smaller_change
+from prefcal_env.knobs import Knob, KnobSpace, LinearConstraint
 
 KNOBS = [Knob(name, 0.0, 1.0) for name in "abcd"]
 SPACE = KnobSpace(KNOBS)

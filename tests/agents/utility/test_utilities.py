@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from prefcal_agents.utility.utilities import ERRORS, Scale, Utilities, noticed
+from prefcal_agents.people import ERRORS, Scale, Utilities, noticed
 from support.simulated import bank_of, random_bank
 
 

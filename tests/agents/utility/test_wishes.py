@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.utility.pool import Pool
-from prefcal_agents.utility.posterior import DRAWS, Lessons, updated
-from prefcal_agents.utility.utilities import Scale, Utilities
-from prefcal_agents.utility.wishes import wishes
+from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, updated
+from prefcal_agents.result import Pool, wishes
 from prefcal_env.preferences.history import History
 from support.simulated import of_pairs, random_bank
 

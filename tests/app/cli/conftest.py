@@ -26,7 +26,7 @@ def _quick(request, monkeypatch):
     if "figures" not in request.fixturenames:
         without_figures(monkeypatch)
     if "own_process" not in request.fixturenames:
-        monkeypatch.setattr("prefcal_scenarios.isolated.run.is_own", lambda source: False)
+        monkeypatch.setattr("prefcal_scenarios.isolated.is_own", lambda source: False)
 
 
 @pytest.fixture

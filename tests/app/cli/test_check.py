@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from prefcal_env.own_line import in_words, located, own_line
+from prefcal_env.wording import in_words, located, own_line
 from toy_study import TOY_FILE
 
 pytestmark = pytest.mark.usefixtures("own_process")

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from prefcal_app.report.ownership import Owner, claim_default, claim_given
+from prefcal_app.report.record import Owner, claim_default, claim_given
 from prefcal_env.errors import SettingsError
 from toy_study import TOY
 

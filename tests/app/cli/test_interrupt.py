@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from prefcal_app.cli.interrupt import interruption
+from prefcal_app.cli.calibrate import interruption
 
 HANGS_UP = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signal here")
 

@@ -20,7 +20,7 @@ SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-max", "4"]
 @pytest.fixture
 def ours(monkeypatch):
     """The toy counts as a scenario of ours, whose experiments are cheap simulations."""
-    monkeypatch.setattr("prefcal_app.cli.opening.is_built_in", lambda source: source == TOY)
+    monkeypatch.setattr("prefcal_app.cli.choices.is_built_in", lambda source: source == TOY)
 
 
 def start(prefcal, monkeypatch, typed, *words):
@@ -63,7 +63,7 @@ def test_experiments_of_somebody_s_own_plant_are_never_lost(prefcal, monkeypatch
 @pytest.mark.usefixtures("rig_file")
 def test_the_record_of_a_rig_is_never_lost(prefcal, monkeypatch, tmp_path):
     # As if the rig were one of ours: its records are not simulations all the same.
-    built_in = "prefcal_app.cli.opening.is_built_in"
+    built_in = "prefcal_app.cli.choices.is_built_in"
     monkeypatch.setattr(built_in, lambda source: source == "own.py:oven")
     (tmp_path / "run.csv").write_text("time [h],level [m]\n0,1\n1,2\n2,2\n")
     for typed, kept in (("", []), ("run.csv\n", ["toy-1"])):
@@ -86,7 +86,7 @@ def test_an_empty_study_that_is_open_elsewhere_is_left_alone(prefcal, monkeypatc
         held.append(subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
         held[0].stdout.read(1)
 
-    monkeypatch.setattr("prefcal_app.cli.calibrate_run.converse", hold)
+    monkeypatch.setattr("prefcal_app.cli.calibrate.converse", hold)
     start(prefcal, monkeypatch, "")
     assert names(prefcal) == ["toy-1"]
     held[0].communicate()
@@ -97,7 +97,7 @@ def test_a_study_that_was_removed_while_it_was_open_is_saved_elsewhere_and_told(
         converse(*args)
         study_path("toy-1").unlink()
 
-    monkeypatch.setattr("prefcal_app.cli.calibrate_run.converse", lose)
+    monkeypatch.setattr("prefcal_app.cli.calibrate.converse", lose)
     code, _, err = start(prefcal, monkeypatch, "l\n")
     assert code == 2
     assert "toy-1.prefcal was moved, renamed, removed or replaced while it was open" in err
@@ -111,7 +111,7 @@ def test_a_file_in_the_place_of_an_unanswered_study_is_left_alone(prefcal, monke
         study_path("toy-1").unlink()
         study_path("toy-1").write_text("precious")
 
-    monkeypatch.setattr("prefcal_app.cli.calibrate_run.converse", replace_file)
+    monkeypatch.setattr("prefcal_app.cli.calibrate.converse", replace_file)
     start(prefcal, monkeypatch, "")
     assert study_path("toy-1").read_text() == "precious"
 
@@ -123,7 +123,7 @@ def test_a_command_whose_name_another_one_takes_goes_on_to_the_next(prefcal, mon
             path.write_text("another command's")
         return []
 
-    monkeypatch.setattr("prefcal_app.cli.opening.left_beside", taken)
+    monkeypatch.setattr("prefcal_app.cli.choices.left_beside", taken)
     _, _, err = start(prefcal, monkeypatch, "l\n")
     assert "Study toy-2 started" in err
     assert study_path("toy-1").read_text() == "another command's"

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.own import module_at
 from toy_study import TOY_FILE
 
 HEAD = f"""

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from prefcal_app.session.study.memory import questions_of
+from prefcal_app.session.study import questions_of
 from prefcal_env.study import Adjusted, StudyFile, study_path
 from toy_study import TOY
 

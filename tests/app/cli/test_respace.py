@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from prefcal_app.cli.studies.commands import RespaceOptions
-from prefcal_app.cli.studies.respacing import respace
+from prefcal_app.cli.studies.files import respace
 from prefcal_app.session import Choice, Interview, Phase
 from prefcal_env.errors import StudyError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import StudyFile, export_csv, export_json, import_json, study_path, verify
 from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed, reopened

@@ -4,10 +4,9 @@ import json
 
 import pytest
 
-from prefcal_app.terminal.lines import knob_called, theta_of
+from prefcal_app.terminal.showing import knob_called, theta_of
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import StudyFile, study_path
 from support.studies import state_of
 from toy_study import TOY, toy_scenario
@@ -18,7 +17,7 @@ OTHER = f"""
 from dataclasses import replace
 from prefcal_scenarios.catalog import load
 from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.knobs.constraints import LinearConstraint
+from prefcal_env.knobs import LinearConstraint
 old = load({TOY!r})
 grown = replace(old, name="grown", references={{}},
                 space=KnobSpace([*old.space, Knob("filter", 1.0, 5.0, "s")]))

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from prefcal_app.cli import verify_run
-from prefcal_scenarios.verification.verified import Verified
+from prefcal_app.cli import look_run
+from prefcal_scenarios.verification.result import Verified
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
 
@@ -64,7 +64,7 @@ def test_in_a_terminal_each_of_the_worst_runs_is_asked_about_once(prefcal, best,
         said.append(words)
         return next(answers)
 
-    monkeypatch.setattr(verify_run, "ask_line", ask)
+    monkeypatch.setattr(look_run, "ask_line", ask)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     theta = {**LAG, "K": 7.0, "T_i": 8.0}
     words = ("--range", "task=0", "--range", "dead time=0.5:0.8")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from prefcal_app.looking.kpis import measured_run
+from prefcal_app.looking.pair import measured_run
 from prefcal_env import recorded
-from prefcal_env.experiments.tracking import tracking_kpis
+from prefcal_env.experiments.kpis import tracking_kpis
 
 T = np.linspace(0, 500, 501)
 NAME = "settling time of T"

@@ -7,10 +7,10 @@ import pytest
 
 from prefcal_app import look
 from prefcal_app.looking.pair import NamedRun, aligned_view, in_time_unit
-from prefcal_app.report.trajectories import DrawnRun, overlaid
+from prefcal_app.report.pictures import DrawnRun, overlaid
 from prefcal_env import recorded
 from prefcal_env.errors import ExperimentError
-from prefcal_env.experiments.maneuvers import combined
+from prefcal_env.experiments.panels import combined
 from prefcal_scenarios import KPI
 
 

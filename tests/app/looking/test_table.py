@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from prefcal_app.looking.table import run_from
+from prefcal_app.looking.look import run_from
 from prefcal_env.errors import RecordError
 from prefcal_env.tables import TableColumns
 

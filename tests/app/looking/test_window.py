@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_app.looking.look import look, run_of
-from prefcal_app.looking.window import LookWindow
+from prefcal_app.looking.look import LookWindow, look, run_of
 from prefcal_env import recorded
 from support.browser import Watched
 from support.page_checks import pixels, serious

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.report.acceptance import limits_kept, resting, sheet, sheet_of
+from prefcal_app.report.write import limits_kept, resting, sheet, sheet_of
 from prefcal_app.view.end import CURRENT
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant

@@ -7,15 +7,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from prefcal_app.report.acceptance import sheet
-from prefcal_app.report.answers import FILE, answers, refresh, unverified, verified_answers
 from prefcal_app.report.export import best_as_json
-from prefcal_app.report.html import page
-from prefcal_app.report.write import write_report
-from prefcal_app.summary.outlook import Outlook
+from prefcal_app.report.write import (
+    FILE,
+    answers,
+    page,
+    refresh,
+    sheet,
+    unverified,
+    verified_answers,
+    write_report,
+)
+from prefcal_app.summary import Outlook
 from prefcal_env.disk import digest_of
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun
+from prefcal_scenarios.verification.result import BEST, Verified, WorstRun
 from toy_study import toy_record
 
 FOUND = Verified(

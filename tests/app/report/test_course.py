@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.report.course import course, drawn_kpis
-from prefcal_app.report.tables import shown_values
+from prefcal_app.report.pictures import course, drawn_kpis
+from prefcal_app.report.record import shown_values
 from prefcal_scenarios import KPI
 from toy_study import toy_record
 

@@ -7,11 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from prefcal_app.report.acceptance import sheet
-from prefcal_app.report.html import page as page_of
-from prefcal_app.report.trajectories import best_against
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_app.report.pictures import best_against
+from prefcal_app.report.write import page as page_of
+from prefcal_app.report.write import sheet
+from prefcal_env.knobs import Knob, KnobSpace
 from toy_study import toy_record
 
 PAPER = 703

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from prefcal_app import figure
 from prefcal_scenarios import load
-from prefcal_scenarios.presentation.wording import number
+from prefcal_scenarios.wording import number
 
 
 @pytest.mark.parametrize("name", ["servo", "cstr"])

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.report.acceptance import sheet_of
 from prefcal_app.report.export import best_as_json
-from prefcal_app.report.html import page
-from prefcal_app.report.tables import result_columns, result_rows
-from prefcal_app.report.trajectories import curves_of
+from prefcal_app.report.pictures import curves_of
+from prefcal_app.report.record import result_columns, result_rows
+from prefcal_app.report.write import page, sheet_of
 from toy_study import toy_record
 
 

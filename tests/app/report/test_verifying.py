@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_app.report.verifying import judge, picture, verify_best
+from prefcal_app.report.write import judge, picture, verify_best
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
-from prefcal_scenarios.verification.verified import BEST, Verified
+from prefcal_scenarios.verification.result import BEST, Verified
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
 
@@ -68,7 +68,7 @@ def test_another_name_and_a_folder_that_cannot_be_written_are_refused_at_once(be
     def never(done, planned):
         raise AssertionError
 
-    monkeypatch.setattr("prefcal_scenarios.presentation.folder.os.access", lambda *_: False)
+    monkeypatch.setattr("prefcal_scenarios.wording.os.access", lambda *_: False)
     with pytest.raises(SettingsError, match=f"cannot write into the folder {best.parent}"):
         verify_best(best, progress=never)
     with pytest.raises(ScenarioError, match=r"must be called best\.json.*tuned\.json"):

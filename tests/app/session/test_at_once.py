@@ -12,7 +12,7 @@ from prefcal_agents import RandomSearch
 from prefcal_app.session import Background, Choice, Phase, runs, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.rig import Rig
 from prefcal_env.study import Taken
 from prefcal_scenarios.catalog import load

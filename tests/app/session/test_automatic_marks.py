@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.history.lessons import Marks
+from prefcal_agents.lessons import Marks
 from prefcal_app.report import StudyRecord
-from prefcal_app.report.html import page
-from prefcal_app.report.tables import comparisons_as_csv
+from prefcal_app.report.record import comparisons_as_csv
+from prefcal_app.report.write import page
 from prefcal_app.session import Choice, Phase
-from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import End
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.study import export_csv
 from support.interviews import begin, proceed

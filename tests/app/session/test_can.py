@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice, Given
-from prefcal_app.session.can import REFUSALS
-from prefcal_app.session.person import Steps
+from prefcal_app.session.flow import REFUSALS
+from prefcal_app.session.interview import Steps
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.sources.rig import Rig

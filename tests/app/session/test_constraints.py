@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_app.cli.opening import open_study
+from prefcal_app.cli.choices import open_study
 from prefcal_app.session import Interview
 from prefcal_env.errors import StudyError
-from prefcal_env.knobs.constraints import Constraint, LinearConstraint
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Constraint, KnobSpace, LinearConstraint
 from toy_study import toy_scenario
 
 GIVEN = {"scenario": "toy", "calibrator": "human", "n_init": 3, "n_max": 6}

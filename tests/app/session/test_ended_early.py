@@ -8,8 +8,8 @@ import pytest
 
 from prefcal_agents import GLIS
 from prefcal_app.report import StudyRecord
-from prefcal_app.report.html import page
-from prefcal_app.report.tables import comparisons_as_csv
+from prefcal_app.report.record import comparisons_as_csv
+from prefcal_app.report.write import page
 from prefcal_app.session import Phase, unattended
 from prefcal_app.view import asked_view, history_view
 from prefcal_env import End

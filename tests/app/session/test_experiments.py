@@ -4,10 +4,9 @@ import gc
 
 import pytest
 
-from prefcal_app.session import Choice, Interview
-from prefcal_app.session.study import experiments
+from prefcal_app.session import Choice, Interview, study
 from prefcal_app.view import Seen
-from prefcal_app.view import seen as seen_module
+from prefcal_app.view import question as seen_module
 from prefcal_env.errors import StudyError
 from prefcal_env.study import StudyFile
 from support.interviews import answer_all, begin, clock, proceed
@@ -53,7 +52,7 @@ def test_opening_reads_no_trajectory_and_how_runs_ended_is_known_without(reading
 
 def test_only_the_last_trajectories_stay_and_what_is_held_is_not_read_twice(reading, monkeypatch):
     interview, read = reading
-    monkeypatch.setattr(experiments, "_KEPT", 3)
+    monkeypatch.setattr(study, "_KEPT", 3)
     held = interview.past.experiment(0)
     for index in range(1, 13):
         interview.past.experiment(index)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from prefcal_agents.history.lessons import Preferences
+from prefcal_agents.lessons import Preferences
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.study import Answered, Shown, StudyFile
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further

@@ -321,8 +321,8 @@ def test_a_full_disk_at_an_answer_leaves_the_question_open(interview, monkeypatc
 
 
 def test_the_unattended_loop_equals_the_loop_in_memory(toy):
-    from prefcal_env.preferences.loop import calibrate
-    from prefcal_scenarios.kpis import outcome
+    from prefcal_env.preferences.answer import calibrate
+    from prefcal_scenarios.runs import outcome
 
     agent = GLISp(toy.space, n_init=3, n_max=8, seed=0)
     judge_ = toy.calibrators["synthetic"](0)

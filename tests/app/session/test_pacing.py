@@ -4,7 +4,7 @@ import pytest
 
 from prefcal_agents import GLIS, RandomSearch
 from prefcal_app.session import Phase
-from prefcal_app.session.study.memory import agent_of, questions_of
+from prefcal_app.session.study import agent_of, questions_of
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
 

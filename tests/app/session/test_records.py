@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_agents.history.lessons import kpis_of
+from prefcal_agents.lessons import kpis_of
 from prefcal_app.session import Choice, Given, Phase
-from prefcal_app.summary.outlook import foreseen
+from prefcal_app.summary import foreseen
 from prefcal_app.view import now_view, status_view
 from prefcal_env.errors import RecordError, StaleError
 from prefcal_env.preferences.answer import Mark

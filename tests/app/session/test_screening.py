@@ -9,10 +9,10 @@ import pytest
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Background, Choice, Interview, Phase
-from prefcal_app.session.volatile.thoughts import LIKELIEST
+from prefcal_app.session.flow import LIKELIEST
 from prefcal_app.simulating import Simulator
-from prefcal_app.summary.outlook import others_unbeaten
-from prefcal_app.view.simulated import why_view
+from prefcal_app.summary import others_unbeaten
+from prefcal_app.view.end import why_view
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import StudyFile

@@ -14,8 +14,8 @@ from prefcal_agents import RandomSearch
 from prefcal_app.session import Background, Choice, Phase, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import RunError, StaleError
-from prefcal_env.experiments.end import End
-from prefcal_env.knobs.key import theta_key
+from prefcal_env.experiments.experiment import End
+from prefcal_env.knobs import theta_key
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from support.interviews import begin, proceed, until

@@ -8,7 +8,7 @@ import pytest
 from prefcal_agents import GLISp
 from prefcal_app.session import Choice, Interview, Phase
 from prefcal_app.session.runs import due
-from prefcal_app.session.study.experiments import ExperimentStore
+from prefcal_app.session.study import ExperimentStore
 from prefcal_env.errors import ScenarioError, StaleError, StudyError
 from prefcal_env.study import Shown, StudyFile
 from support.interviews import begin, clock, proceed

@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_app.simulating import Simulator, twin_of
 from prefcal_env.errors import StudyError
-from prefcal_env.preferences.reading import as_read
+from prefcal_env.preferences.answer import as_read
 from support.interviews import answer_all, proceed
 from support.twins import model, plant, twinned
 

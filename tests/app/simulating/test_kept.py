@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from prefcal_app.simulating import Kept, Simulator, key_of
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.kpis import Outcome
-from prefcal_scenarios.many.results import FailedRun
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preferences.answer import Outcome
+from prefcal_scenarios.runs import FailedRun
 from support.unseen import unseen
 
 THETAS = list(np.random.default_rng(0).uniform(0.1, 0.9, (5, 2)))

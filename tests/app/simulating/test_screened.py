@@ -6,16 +6,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.certificate import Certificate
-from prefcal_agents.screening.reason import Reason
+from prefcal_agents.screening.agent import Certificate, Reason, Screening
 from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import Carried, Prospect
 from prefcal_app.simulating.why import percent
-from prefcal_app.view.simulated import smaller_view
+from prefcal_app.view.end import smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
-from prefcal_scenarios.kpis import screened
+from prefcal_scenarios.runs import screened
 from support.interviews import begin, proceed, reopened
 from support.looks import toy
 from support.screened import explained, screening, simulated

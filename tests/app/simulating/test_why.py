@@ -4,11 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from prefcal_agents.screening.reason import Reason
-from prefcal_agents.utility.influence import Influence
-from prefcal_agents.utility.smaller_change import SmallerChange
+from prefcal_agents.result import Influence, SmallerChange
+from prefcal_agents.screening.agent import Reason
 from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, wanted, why
-from prefcal_app.simulating.basis import Carried
+from prefcal_app.simulating.simulator import Carried
 from prefcal_app.simulating.why import kept
 from prefcal_scenarios.scenario import KPI
 from support.looks import toy

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from prefcal_app.cli.studies.commands import RespaceOptions
-from prefcal_app.cli.studies.respacing import respace
+from prefcal_app.cli.studies.files import respace
 from prefcal_app.session import Choice
-from prefcal_app.summary.outlook import at_end, falls_outward, outlook, study_name
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_app.summary import at_end, falls_outward, outlook, study_name
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import StudyFile
-from prefcal_env.study.locations import study_path
+from prefcal_env.study.file import study_path
 from support.interviews import begin, clock, proceed
 from toy_study import TOY, toy_scenario
 

@@ -10,11 +10,9 @@ import pytest
 from prefcal_agents import GLISp
 from prefcal_app.session import Background, Phase
 from prefcal_app.terminal.converse import _Conversation, _waiting
-from prefcal_app.terminal.lines import END
-from prefcal_app.terminal.showing import KEYS
+from prefcal_app.terminal.showing import END, KEYS
 from prefcal_env.errors import StudyError
-from prefcal_env.experiments.end import End
-from prefcal_env.experiments.experiment import Channels
+from prefcal_env.experiments.experiment import Channels, End
 from prefcal_env.sources.rig import Rig
 from prefcal_env.study import Answered, StudyFile
 from prefcal_scenarios.catalog import load

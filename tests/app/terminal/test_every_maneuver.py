@@ -11,14 +11,14 @@ import pytest
 
 from prefcal_app import figure
 from prefcal_app.cli.checkup import Checkup
-from prefcal_app.report.trajectories import alone
-from prefcal_app.view.maneuvers import largest_difference
+from prefcal_app.report.pictures import alone
+from prefcal_app.view.question import largest_difference
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.maneuvers import maneuvers_of
+from prefcal_env.experiments.panels import maneuvers_of
 from prefcal_env.study import export_csv
 from prefcal_scenarios import KPI
-from prefcal_scenarios.kpis import grouped
-from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.own import module_at
+from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import panels_of
 from support.interviews import begin, proceed
 from support.talking import talk

@@ -7,7 +7,7 @@ import sys
 import pytest
 from rich.console import Console
 
-from prefcal_app.terminal.lines import ask_line, typed
+from prefcal_app.terminal.showing import ask_line, typed
 
 
 class Terminal(io.StringIO):

@@ -2,8 +2,7 @@
 
 import pytest
 
-from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.reason import Reason
+from prefcal_agents.screening.agent import Reason, Screening
 from support.screened import screening
 from support.talking import talk
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice
-from prefcal_app.summary.compare import Spread
+from prefcal_app.summary import Spread
 from prefcal_app.view import now_view
 from prefcal_app.view.end import baseline_of, gain_view, gained
 from prefcal_scenarios.scenario import KPI

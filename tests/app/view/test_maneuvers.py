@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.view import Seen
-from prefcal_app.view.maneuvers import eventful
+from prefcal_app.view.question import eventful
 from support.looks import LEVEL, THETA, VALVE, run
 
 T = np.linspace(0.0, 48.0, 481)

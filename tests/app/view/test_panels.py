@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_app.view.panels import curve, curves_view, panel_view
+from prefcal_app.view.question import curve, curves_view, panel_view
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.experiments.panels import Panel, Plot
 from prefcal_scenarios.scenario import panels_of

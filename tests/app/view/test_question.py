@@ -4,8 +4,7 @@ import numpy as np
 
 from prefcal_app.session import Choice
 from prefcal_app.view import asked_view, now_view
-from prefcal_app.view.panels import panel_view
-from prefcal_app.view.sides import numbers_view, question_view
+from prefcal_app.view.question import numbers_view, panel_view, question_view
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import panels_of
 from support.looks import THETA, asked, run, toy

@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.reason import Reason
-from prefcal_agents.utility.bank import Bank
+from prefcal_agents.people import Bank
+from prefcal_agents.screening.agent import Reason, Screening
 from prefcal_app.session import Choice
 from prefcal_app.simulating import Basis, Carried, Screened
 from prefcal_app.view import look_view, map_view, now_view, why_view
-from prefcal_app.view.simulated import _axes, _chosen, _points, menu_view
+from prefcal_app.view.end import _axes, _chosen, _points, menu_view
 from prefcal_env.preferences.history import History
 from support.interviews import begin, proceed
 from support.looks import toy

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube
-from prefcal_agents.glisp.foresight import Foresight
+from prefcal_agents.baselines import LatinHypercube
+from prefcal_agents.glisp.agent import Foresight
 from prefcal_app.session import Choice, Consistency
 from prefcal_app.view import status_view
-from prefcal_app.view.status import in_words
+from prefcal_app.view.now import in_words
 from prefcal_scenarios.scenario import KPI
 from support.interviews import answer_all, begin, proceed
 from support.looks import SPACE, THETA, asked, toy

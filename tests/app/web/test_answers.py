@@ -4,7 +4,7 @@ import sqlite3
 
 import pytest
 
-from prefcal_app.session.person import Steps
+from prefcal_app.session.interview import Steps
 from prefcal_env.errors import PrefcalError, RecordError, StaleError, StudyError
 
 

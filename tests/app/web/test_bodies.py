@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Struct
 
-from prefcal_app.web.bodies import (
+from prefcal_app.web.api import (
     LONGEST_TEXT,
     MalformedError,
     Real,

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image, ImageColor
 
 from prefcal_env.study import verify
-from prefcal_scenarios.presentation.style import BEST, OTHERS
-from prefcal_scenarios.verification.verified import Verified
+from prefcal_scenarios.style import BEST, OTHERS
+from prefcal_scenarios.verification.result import Verified
 from support.browser import Watched
 from support.page_checks import pixels, serious
 from toy_study import TOY

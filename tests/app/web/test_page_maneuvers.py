@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.own import module_at
 from support.browser import Watched, window_on
 from support.page_checks import pixels, serious
 

@@ -7,10 +7,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.reason import Reason
-from prefcal_agents.utility.influence import Influence
-from prefcal_agents.utility.smaller_change import SmallerChange
+from prefcal_agents.result import Influence, SmallerChange
+from prefcal_agents.screening.agent import Reason, Screening
 from prefcal_app.session import Background
 from prefcal_app.simulating import Carried
 from prefcal_app.web import Window

@@ -6,10 +6,10 @@ import time
 import pytest
 
 from prefcal_app import report
-from prefcal_app.web import verifying
+from prefcal_app.web import api
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
-from prefcal_scenarios.verification.verified import BEST, Verified, WorstRun
+from prefcal_scenarios.verification.result import BEST, Verified, WorstRun
 from support.windows import make_room
 
 
@@ -140,7 +140,7 @@ def test_without_a_report_nothing_starts_and_nothing_is_judged(page):
     assert page.post("judge", run=0, **given).status_code == 409
     assert page.post("judge", run=-1, **given).status_code == 400
     with pytest.raises(StaleError):
-        verifying.Verifying(page.reports).judge(0, **given)
+        api.Verifying(page.reports).judge(0, **given)
 
 
 def test_closing_ends_the_runs_and_waits_until_they_are_kept(page, folder, monkeypatch):
@@ -155,10 +155,10 @@ def test_closing_ends_the_runs_and_waits_until_they_are_kept(page, folder, monke
 
     monkeypatch.setattr(report.verifying, "verify_best", verify)
     page.reports.folder = folder
-    found = verifying.Verifying(page.reports)
+    found = api.Verifying(page.reports)
     found.start()
     assert found.running
     found.close()
     assert not found.running
     assert Verified.read(folder) == said_of(folder)
-    verifying.Verifying(page.reports).close()  # nothing runs
+    api.Verifying(page.reports).close()  # nothing runs

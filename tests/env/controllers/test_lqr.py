@@ -7,7 +7,7 @@ from prefcal_env import LQG, LQR, Channel, FunctionPlant, Measurement, PlantEnv,
 from prefcal_env.controllers import as_data, from_data
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
-from prefcal_env.plants.systems.matrices import held
+from prefcal_env.plants.systems import held
 
 A = np.array([[0.0, 1.0], [0.5, -0.4]])  # unstable
 B, C = np.array([[0.0], [2.0]]), np.array([[1.0, 0.0]])

@@ -5,18 +5,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_env.controllers.linearized import linearized
-from prefcal_env.controllers.lqr import LQR
-from prefcal_env.controllers.margins import UNSTABLE, MarginKPIs, margin_kpis, margins, margins_of
-from prefcal_env.controllers.pid import PID
-from prefcal_env.controllers.pid_law import PIDLaw
-from prefcal_env.controllers.sampled import sampled
+from prefcal_env.controllers.lqr import LQR, linearized
+from prefcal_env.controllers.margins import UNSTABLE, MarginKPIs, margin_kpis, margins, margins_of, sampled
+from prefcal_env.controllers.pid import PID, PIDLaw
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import Task
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.control import Measurement
-from prefcal_env.experiments.experiment import Channel
+from prefcal_env.experiments.experiment import Channel, Measurement
 from prefcal_env.plants.plant import Plant
 
 

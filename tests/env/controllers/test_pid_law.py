@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from prefcal_env import PID, Channel, Plant, PlantEnv, Task, rollout
-from prefcal_env.controllers.pid_law import LinearPIDs, PIDLaw, Tuning
-from prefcal_env.controllers.sampled import sampled
+from prefcal_env.controllers.margins import sampled
+from prefcal_env.controllers.pid import LinearPIDs, PIDLaw, Tuning
 from prefcal_env.plants.systems import system_of
 
 LAG = Plant.of(([2.0], [5, 6, 1]), delay=0.7, inputs=[Channel("u")], outputs=[Channel("y")])

@@ -6,12 +6,10 @@ import pytest
 
 import prefcal_env
 from prefcal_env.envs import PlantEnv
-from prefcal_env.envs.closed_loop import ClosedLoop
+from prefcal_env.envs.closed_loop import ClosedLoop, rollout
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
-from prefcal_env.experiments.rollout import rollout
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from support.short_runs import short_run
 from support.tank import TANK, pi_of, tank_env, tank_task
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.envs import PlantEnv, Task
-from prefcal_env.envs.fit import observed_of
+from prefcal_env.envs.plant_env import observed_of
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
 from prefcal_env.experiments.experiment import Channel, End
 from prefcal_env.plants import FunctionPlant

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from prefcal_env.calibrators import LatentCost
-from prefcal_env.envs.preference_reward import PreferenceReward
-from prefcal_env.envs.tuning_env import TuningEnv
+from prefcal_env.envs.tuning_env import PreferenceReward, TuningEnv
 from prefcal_env.errors import PreferenceError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from support.short_runs import final_level, short_run
 
 SPACE = KnobSpace([Knob("level", 0.0, 2.0)])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from prefcal_env.envs.step_signal import StepSignal
+from prefcal_env.envs.task import StepSignal
 
 
 def test_each_value_holds_from_its_time_on():

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from prefcal_env.envs.tuning_env import TuningEnv
 from prefcal_env.errors import ExperimentError, KnobError, ProtocolError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from support.short_runs import final_level, short_run
 
 SPACE = KnobSpace([Knob("gain", 0.01, 100.0, scale="log10"), Knob("steps", 1, 9, integer=True)])

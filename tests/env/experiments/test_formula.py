@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from prefcal_env import Channel, Channels, recorded, tracking_kpis
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments import formula
-from prefcal_env.experiments.formula import formula_of, value_of
-from prefcal_env.experiments.maneuvers import without_record
-from prefcal_env.experiments.tracking import Formulas
+from prefcal_env.experiments import kpis as formula
+from prefcal_env.experiments.kpis import Formulas, formula_of, value_of
+from prefcal_env.experiments.panels import without_record
 
 T = np.linspace(0.0, 10.0, 101)
 LEVEL = 2 * (1 - np.exp(-T) * np.cos(2 * T))

@@ -7,9 +7,9 @@ import pytest
 
 from prefcal_env import Maneuvers
 from prefcal_env.errors import ExperimentError
-from prefcal_env.experiments.end import End
-from prefcal_env.experiments.maneuvers import by_maneuver, combined
-from prefcal_env.study.codec import decode, encode
+from prefcal_env.experiments.experiment import End
+from prefcal_env.experiments.panels import by_maneuver, combined
+from prefcal_env.study.fold import decode, encode
 from support.short_runs import short_run
 
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from prefcal_env.envs import PlantEnv
+from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.errors import ExperimentError, PlantError, SettingsError
-from prefcal_env.experiments.control import Move
-from prefcal_env.experiments.experiment import Channel, End
-from prefcal_env.experiments.rollout import rollout
+from prefcal_env.experiments.experiment import Channel, End, Move
 from prefcal_env.plants import FunctionPlant
 from support.tank import INFLOW, LEVEL, PI, RAIN, TANK, tank_env, tank_task
 

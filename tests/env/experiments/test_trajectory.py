@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_env.experiments.trajectory import instants
+from prefcal_env.experiments.experiment import instants
 
 
 @given(k=st.integers(0, 500), T_s=st.floats(0.01, 6.0), step=st.sampled_from([0.05, 0.1, 1 / 3]))

@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env.errors import KnobError
-from prefcal_env.knobs.constraints import LinearConstraint
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace, LinearConstraint
 
 SPACE = KnobSpace(
     [

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.errors import PlantError, SettingsError
-from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings
-from prefcal_env.mpc.settings import BACKENDS
+from prefcal_env.mpc.controller import BACKENDS
 from prefcal_env.plants.cstr import CSTR, FEED
 from prefcal_env.qp import Tolerances
 from support.linear_plant import dense_moves, random_plant

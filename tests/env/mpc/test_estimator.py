@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.envs.cstr import TARGET, cstr_task
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.control import Measurement
-from prefcal_env.experiments.experiment import Channel
-from prefcal_env.experiments.rollout import rollout
+from prefcal_env.experiments.experiment import Channel, Measurement
 from prefcal_env.mpc import (
     DisturbanceEstimator,
     EstimatingMPC,
@@ -22,8 +21,8 @@ from prefcal_env.mpc import (
 )
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import CSTR, FEED, CSTRParams
-from prefcal_env.plants.disturbed import Disturbed
 from prefcal_env.plants.function_plant import FunctionPlant
+from prefcal_env.plants.plant import Disturbed
 from support.linear_plant import random_plant
 
 T_S = 0.3

@@ -8,9 +8,9 @@ import itertools
 import numpy as np
 import pytest
 
-from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
-from prefcal_env.mpc.settings import BACKENDS
+from prefcal_env.mpc.controller import BACKENDS
 from prefcal_env.plants.cstr import CSTR, FEED
 
 pytest.importorskip("gmpy2")

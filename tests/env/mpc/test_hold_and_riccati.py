@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from prefcal_env.mpc import control_horizon
-from prefcal_env.mpc.kernels.hold import discretize
-from prefcal_env.mpc.kernels.riccati import triangularize
+from prefcal_env.mpc.kernels import discretize, triangularize
 
 
 @settings(deadline=None)

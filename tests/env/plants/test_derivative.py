@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_env.plants.derivative import derivative
+from prefcal_env.plants.jacobians import derivative
 
 
 @given(st.floats(-5, 5), st.floats(-5, 5))

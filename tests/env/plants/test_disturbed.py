@@ -8,7 +8,7 @@ import pytest
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import CSTR, FEED
-from prefcal_env.plants.disturbed import Disturbed
+from prefcal_env.plants.plant import Disturbed
 
 
 def test_a_disturbance_of_an_output_is_added_to_it_and_changes_nothing_else():

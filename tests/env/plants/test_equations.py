@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import PlantError
-from prefcal_env.experiments.control import Measurement
-from prefcal_env.experiments.experiment import Channel
+from prefcal_env.experiments.experiment import Channel, Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.plants import FunctionPlant
-from prefcal_env.plants._calls import call
+from prefcal_env.plants._dop853 import call
 from prefcal_env.plants.bicycle import Bicycle
-from prefcal_env.plants.equations import Callbacks
+from prefcal_env.plants.plant import Callbacks
 
 SETTINGS = MPCSettings(T_s=0.1, N_p=5, N_u=2, Q_y=[[1.0]], Q_du=[[0.1]])
 HERE = Measurement(0.0, np.array([1.0]), np.zeros(1), np.zeros(0), np.zeros(1))

@@ -8,8 +8,7 @@ from scipy.integrate import DOP853, solve_ivp
 
 from prefcal_env.plants._dop853 import TABLE
 from prefcal_env.plants.cstr import CSTR, FEED
-from prefcal_env.plants.equations import Callbacks, Equations
-from prefcal_env.plants.integrate import integrate
+from prefcal_env.plants.plant import Callbacks, Equations, integrate
 
 NONE = np.zeros(0)
 U = np.ones(1)

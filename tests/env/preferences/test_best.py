@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.best import Verdict, best_of, contradictory, reigns, undominated
+from prefcal_env.preferences.history import Verdict, best_of, contradictory, reigns, undominated
 
 
 def record(*answers, follow_up=False):

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from prefcal_agents import GLISp, RandomSearch
 from prefcal_env import Answer, Knob, KnobSpace, Mark
 from prefcal_env.errors import KnobError, ProtocolError
+from prefcal_env.preferences.answer import Outcome
 from prefcal_env.preferences.history import Comparison, History, Sample
-from prefcal_env.preferences.kpis import Outcome
 from support.histories import in_cube
 
 SPACE = KnobSpace([Knob("a", 1.0, 100.0, "s", scale="log10"), Knob("b", 0, 8, integer=True)])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from prefcal_env import Answer
 from prefcal_env.errors import PreferenceError
-from prefcal_env.preferences.kpis import Outcome
+from prefcal_env.preferences.answer import Outcome
 
 KPIS = st.dictionaries(st.text(max_size=5), st.floats(width=64), max_size=5)
 

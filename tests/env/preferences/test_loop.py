@@ -9,9 +9,8 @@ import pytest
 
 from prefcal_agents import GLIS, GLISp, GLISpSettings, RandomSearch
 from prefcal_env.errors import RunError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.loop import ask_and_tell
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import ask_and_tell
 
 SPACE = KnobSpace([Knob("gain", 0.0, 1.0)])
 

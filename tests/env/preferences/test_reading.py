@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_env.preferences.reading import Reading, as_read
+from prefcal_env.preferences.answer import Reading, as_read
 
 READING = Reading({"error": 0.01, "time": 0.0}, {"error": 0.05, "time": 9.0}, frozenset({"error"}))
 

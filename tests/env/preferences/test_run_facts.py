@@ -8,12 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents import RandomSearch
-from prefcal_agents.history.lessons import Marks
-from prefcal_env.experiments.end import End
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer, Mark, Preference
-from prefcal_env.preferences.loop import calibrate, completed, counts_as_unsafe
+from prefcal_agents.lessons import Marks
+from prefcal_env.experiments.experiment import End
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark, Preference, calibrate, completed, counts_as_unsafe
 from support.studies import experiment
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE

@@ -10,9 +10,8 @@ import pytest
 from contracts.sources import attended, source_contract
 from prefcal_env import Channel, Channels, ClosedLoop, Maneuvers, Rig
 from prefcal_env.errors import RunError, ScenarioError
-from prefcal_env.experiments.tracking import Tracking
-from prefcal_env.sources.function import Function, source_of
-from prefcal_env.sources.source import WithKPIs
+from prefcal_env.experiments.kpis import Tracking
+from prefcal_env.sources.source import Function, WithKPIs, source_of
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import OwnSource, isolation
 from support.device import Device

@@ -187,7 +187,7 @@ def test_a_second_process_is_told_at_once_under_any_name(tmp_path, name):
 KILLED = """
 import os, signal, sys
 from prefcal_env.study import Noted, StudyFile
-from prefcal_env.study.events import Recorded
+from prefcal_env.study.fold import Recorded
 file = StudyFile.open(sys.argv[1], clock=str)
 file._connection.execute("PRAGMA cache_size = 1")  # so pages are written before the end of a step
 file._connection.execute("PRAGMA cache_spill = 1")

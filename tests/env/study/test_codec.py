@@ -11,9 +11,8 @@ from hypothesis.extra.numpy import arrays
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
-from prefcal_env.study import Created, Extended, Noted, Suggested, codec
-from prefcal_env.study.codec import decode, encode, pack, unpack
-from prefcal_env.study.events import Event, from_text, to_text
+from prefcal_env.study import Created, Extended, Noted, Suggested, fold
+from prefcal_env.study.fold import Event, decode, encode, from_text, pack, to_text, unpack
 from support.studies import experiment
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -71,7 +70,7 @@ def test_other_bytes_are_refused(content):
     with pytest.raises(StudyError):
         decode(content)
     with pytest.raises(StudyError):
-        decode(codec.MAGIC + content)
+        decode(fold.MAGIC + content)
 
 
 @given(st.data())
@@ -88,7 +87,7 @@ def test_damaged_bytes_are_refused_or_read_never_crash(data):
 
 
 def test_a_bomb_is_not_unpacked(monkeypatch):
-    monkeypatch.setattr(codec, "_MOST", 1000)
+    monkeypatch.setattr(fold, "_MOST", 1000)
     assert unpack(pack(bytes(1000))) == bytes(1000)
     with pytest.raises(StudyError, match="too large"):
         unpack(pack(bytes(1_000_000)))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import StudyError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.study import (
     Adjusted,

@@ -8,7 +8,7 @@ import pytest
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.study import Finished, StudyFile, Suggested, export_csv, export_parquet
-from prefcal_env.study.exports import dictionary_file
+from prefcal_env.study.archive import dictionary_file
 from support.studies import experiment, small_study
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: pip install pyarrow")

@@ -12,18 +12,8 @@ import pytest
 
 from prefcal_env.errors import StudyError
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.study import (
-    Answered,
-    Finished,
-    Marked,
-    Noted,
-    Shown,
-    StudyFile,
-    Suggested,
-    Undone,
-    schema,
-    verify,
-)
+from prefcal_env.study import Answered, Finished, Marked, Noted, Shown, StudyFile, Suggested, Undone, verify
+from prefcal_env.study import file as schema
 from support.interviews import clock
 from support.studies import CONFIGURATION, experiment, small_study
 

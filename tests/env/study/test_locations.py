@@ -17,7 +17,7 @@ from prefcal_env.study import (
     study_path,
     verify,
 )
-from prefcal_env.study.locations import SIMULATED, simulated_beside
+from prefcal_env.study.file import SIMULATED, simulated_beside
 
 
 @pytest.fixture(autouse=True)

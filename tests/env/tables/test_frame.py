@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from prefcal_env import Channel, Channels, End, Rig, TableColumns, from_frame, recorded
 from prefcal_env.errors import MissingExtraError, RecordError, SettingsError
-from prefcal_env.experiments.maneuvers import combined
-from prefcal_env.tables.thinning import extreme_rows
+from prefcal_env.experiments.panels import combined
+from prefcal_env.tables.frame import extreme_rows
 
 GOOD = "time [s],level [m],valve [%],note\n0,1,5,a\n1,2.5,6,b\n2,3,7,c\n3,4,8,d\n"
 USE = {"outputs": ["level"], "inputs": ["valve"]}

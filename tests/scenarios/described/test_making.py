@@ -7,8 +7,8 @@ import pytest
 
 from prefcal_env.errors import ScenarioError, SettingsError, StudyError
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.options import resumed_source, words_of, words_to_resume
-from prefcal_scenarios.described.plant import plant_at
+from prefcal_scenarios.described.description import resumed_source, words_of, words_to_resume
+from prefcal_scenarios.described.making import plant_at
 from prefcal_scenarios.names import is_own
 
 OVEN = """

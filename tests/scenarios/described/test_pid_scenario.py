@@ -10,7 +10,7 @@ from prefcal_env.controllers import as_data
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import system_of
-from prefcal_scenarios.described.pid.process import process_of
+from prefcal_scenarios.described.design import process_of
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 
 VALVE = Channel("valve", "%", 0, 100)

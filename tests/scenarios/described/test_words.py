@@ -3,8 +3,8 @@
 import pytest
 
 from prefcal_env.errors import ScenarioError
-from prefcal_env.knobs.knob import Knob
-from prefcal_scenarios.described.words import knob_of, listed, named_numbers
+from prefcal_env.knobs import Knob
+from prefcal_scenarios.described.description import knob_of, listed, named_numbers
 
 
 @pytest.mark.parametrize(

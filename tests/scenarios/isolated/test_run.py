@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import RunError, SettingsError
-from prefcal_env.knobs.knob import Knob
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import Isolated, isolation
 from prefcal_scenarios.scenario import with_ranges

@@ -17,9 +17,9 @@ import pytest
 
 from prefcal_env import Knob, KnobSpace
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
-from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import End
 from prefcal_scenarios import FailedRun, load, simulate_iter, simulate_many
-from prefcal_scenarios.many.results import Simulated
+from prefcal_scenarios.runs import Simulated
 from prefcal_scenarios.scenario import with_ranges
 from support import many_runs
 from support.many_runs import SPACE, many

@@ -12,8 +12,7 @@ from prefcal_env import Channel, Channels, ClosedLoop, End, Knob, KnobSpace, Mov
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.plants import FunctionPlant
-from prefcal_scenarios.own.checks import check_experiment
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.scenario import KPI, Scenario, check_experiment
 from support.interviews import begin, proceed, reopened
 from toy_study import toy_scenario
 

@@ -5,8 +5,8 @@ import logging
 import pytest
 
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios.own import own_file
-from prefcal_scenarios.own.own_file import SAYS, module_at
+from prefcal_scenarios import own
+from prefcal_scenarios.own import SAYS, module_at
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def said(monkeypatch):
     listener = logging.Handler(logging.INFO)
     listener.emit = lambda record: words.append(record.getMessage())
     monkeypatch.setattr(SAYS, "handlers", [listener])
-    monkeypatch.setattr(own_file, "_SOON", 0.3)
+    monkeypatch.setattr(own, "_SOON", 0.3)
     SAYS.setLevel(logging.INFO)
     yield words
     SAYS.setLevel(logging.NOTSET)

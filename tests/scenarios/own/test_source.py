@@ -4,8 +4,7 @@ import sys
 
 import pytest
 
-from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.own.source import fingerprint, fingerprint_of_code
+from prefcal_scenarios.own import fingerprint, fingerprint_of_code, module_at
 
 MODEL = "import gains_of_test\nTABLE = 'table.csv'\nmodel = 3\n"
 

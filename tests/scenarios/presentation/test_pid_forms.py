@@ -3,7 +3,7 @@
 import pytest
 
 from prefcal_env import Knob, KnobSpace
-from prefcal_scenarios.presentation.pid_forms import BOTH, ISA, PARALLEL, pid_forms
+from prefcal_scenarios.wording import BOTH, ISA, PARALLEL, pid_forms
 
 SPACE = KnobSpace([Knob("K_p", 0.1, 10, "%/°C"), Knob("T_i", 1, 100, "s")])
 PID = {"controller": "PID", "K_p": 2.0, "T_i": 8.0, "T_d": 3.0, "N": 10.0, "b": 0.5, "c": 0.0, "T_s": 0.1}

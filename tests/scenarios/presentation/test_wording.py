@@ -3,7 +3,7 @@
 import pytest
 
 from prefcal_env import Knob
-from prefcal_scenarios.presentation.wording import knob_number
+from prefcal_scenarios.wording import knob_number
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from prefcal_env.preferences.reading import Reading
+from prefcal_env.preferences.answer import Reading
 from prefcal_scenarios import load
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.verification.perturbed import Perturbed, runs_kept
-from prefcal_scenarios.verification.varied_runs import verify
+from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept, verify
 
 READING = Reading()
 

@@ -7,8 +7,7 @@ import pytest
 
 from prefcal_env import FunctionPlant
 from prefcal_env.controllers.margins import MarginKPIs, margins
-from prefcal_env.experiments.control import Measurement, Move
-from prefcal_env.experiments.experiment import Channel
+from prefcal_env.experiments.experiment import Channel, Measurement, Move
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.loops.family import LOOPS
@@ -16,8 +15,7 @@ from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.compiled import Designed, LawController
-from prefcal_scenarios.verification.loops import Worn
+from prefcal_scenarios.verification.loops import Designed, LawController, Worn
 from prefcal_scenarios.verification.plants import Scaled, factors_of, varied_plant
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,

@@ -10,10 +10,9 @@ from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import Factor, replay, verify
-from prefcal_scenarios.verification.cases import subject_of
-from prefcal_scenarios.verification.factor import drawn, within
-from prefcal_scenarios.verification.result import most_probable
-from prefcal_scenarios.verification.verified import Verified
+from prefcal_scenarios.verification.loops import subject_of
+from prefcal_scenarios.verification.plants import drawn, within
+from prefcal_scenarios.verification.result import Verified, most_probable
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
 THETA = np.array([2.0])
@@ -245,7 +244,7 @@ def test_the_delay_margin_has_a_unit_and_a_controller_that_raises_has_no_margins
     def raises(*_):
         raise IndexError("table ends at 60 h")
 
-    monkeypatch.setattr("prefcal_scenarios.verification.compiled.controller_of", raises)
+    monkeypatch.setattr("prefcal_scenarios.verification.loops.controller_of", raises)
     assert verify("lag", LAG, 1, jobs=1).tuning.margins == "no margins: table ends at 60 h"
 
 

@@ -7,9 +7,8 @@ import pytest
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
-from prefcal_scenarios.verification.factor import Factor
-from prefcal_scenarios.verification.result import VerifiedRun
-from prefcal_scenarios.verification.verified import BEST, FILE, Verified, WorstRun
+from prefcal_scenarios.verification.plants import Factor
+from prefcal_scenarios.verification.result import BEST, FILE, Verified, VerifiedRun, WorstRun
 
 FOUND = Verified(
     statement="299 of 299 runs keep the stated limits.",

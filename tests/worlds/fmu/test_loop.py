@@ -267,7 +267,7 @@ def test_a_loop_that_was_deleted_while_its_fmu_hung_leaves_nothing(folder, tmp_p
 
 
 def test_files_that_were_tidied_away_are_unpacked_again(tank, monkeypatch):
-    monkeypatch.setattr("prefcal_env.worlds.fmu.process._RUNS", 1)
+    monkeypatch.setattr("prefcal_env.worlds.fmu.loop._RUNS", 1)
     made = loop(tank)
     first = made(GOOD)
     shutil.rmtree(made._process._started.home)

@@ -8,7 +8,7 @@ import zipfile
 import pytest
 
 from prefcal_env.errors import PlantError
-from prefcal_env.worlds.fmu.process import unpacked
+from prefcal_env.worlds.fmu.loop import unpacked
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from prefcal_env import FMULoop, Knob
 from prefcal_env.errors import KnobError, PlantError
 from prefcal_env.worlds.fmu import read_model
-from prefcal_env.worlds.fmu.units import display_units
+from prefcal_env.worlds.fmu.model import display_units
 from worlds.fmu.building import built, changed
 
 pytest.importorskip("fmpy")

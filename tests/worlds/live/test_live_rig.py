@@ -8,7 +8,7 @@ import pytest
 from prefcal_env import End, Knob
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
 from prefcal_env.sources import Stage
-from prefcal_env.tables.curves import bridged
+from prefcal_env.tables.recorded import bridged
 from prefcal_env.worlds.live import Journal, LiveKnob, LiveStart, Tag
 from worlds.live.memory import Memory, memory_rig
 

@@ -12,7 +12,7 @@ def test_random_sessions_keep_every_promise():
 
 
 def test_the_check_sees_a_write_that_is_too_fast(monkeypatch):
-    from prefcal_env.worlds.live.parts import LiveKnob
+    from prefcal_env.worlds.live.plan import LiveKnob
 
     monkeypatch.setattr(LiveKnob, "step", lambda self, elapsed, period: 1e9)
     with pytest.raises(simulated_sessions.Broken, match="is faster than"):
@@ -32,7 +32,7 @@ def test_a_real_server_that_loses_its_connection_gets_its_old_values_back():
 def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(monkeypatch):
     pytest.importorskip("asyncua")
     from prefcal_env.worlds.live.drive import Drive
-    from prefcal_env.worlds.live.parts import LiveKnob
+    from prefcal_env.worlds.live.plan import LiveKnob
     from worlds.live.sessions import server_sessions
 
     with monkeypatch.context() as changed:

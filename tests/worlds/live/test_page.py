@@ -5,7 +5,7 @@ import time
 import pytest
 
 from prefcal_agents import GLISp
-from prefcal_agents.glisp.foresight import Foresight
+from prefcal_agents.glisp.agent import Foresight
 from prefcal_env.worlds.live import Journal, LiveRig
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.browser import Watched, window_on

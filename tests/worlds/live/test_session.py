@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice, Phase
-from prefcal_app.session.study.now import Recovery
+from prefcal_app.session.study import Recovery
 from prefcal_env import End
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.worlds.live import Journal, LiveRig

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from prefcal_app.session import Background, Phase
-from prefcal_app.session.study.now import Recovery
+from prefcal_app.session.study import Recovery
 from prefcal_app.terminal.converse import ANSWER, _Conversation
 from prefcal_env.worlds.live import LiveRig
 from prefcal_scenarios.scenario import KPI, Scenario

@@ -67,7 +67,7 @@ def rename(
     new: Annotated[str, Argument(metavar="NEW", help="A name or a path that does not exist yet.")],
 ) -> None:
     """Rename a study. Existing reports keep their folders."""
-    from .changes import rename as rename_study
+    from .files import rename as rename_study
 
     echo(f"Renamed: {rename_study(old, new)}")
 
@@ -81,7 +81,7 @@ def rm(
     yes: Annotated[bool, Option("--yes", "-y", metavar="", help="Remove without asking.")] = False,
 ) -> None:
     """Remove studies for good. Existing reports stay."""
-    from .changes import remove
+    from .files import remove
 
     raise Exit(remove(study, yes=yes))
 
@@ -108,7 +108,7 @@ def export(
     ] = None,
 ) -> None:
     """Write a study as JSON, CSV or Parquet."""
-    from .changes import export_study
+    from .files import export_study
 
     echo(f"Written: {export_study(study, format.value, out)}")
 
@@ -122,7 +122,7 @@ def import_(
     ] = None,
 ) -> None:
     """Make a study from an exported file. It is only data: nothing in it is executed."""
-    from .changes import import_study
+    from .files import import_study
 
     echo(f"Imported: {import_study(file, study)}")
 
@@ -130,7 +130,7 @@ def import_(
 @_command(("verify mine", "Check the whole file, for example after a copy."))
 def verify(study: Study) -> None:
     """Check a study file and everything in it for damage; the exit code is 1 if any is found."""
-    from .changes import findings_of
+    from .files import findings_of
 
     count, findings = findings_of(study)
     for finding in findings:
@@ -151,7 +151,7 @@ def respace(**typed: Any) -> None:
     Close its page first. Experiments outside a narrowed range still count for
     learning; only new proposals stay inside. Each option can be repeated.
     """
-    from .respacing import respaced_in_words
+    from .files import respaced_in_words
 
     for line in respaced_in_words(made(RespaceOptions, typed), typed):
         echo(line)

@@ -1,8 +1,11 @@
-"""Find study files, open them safely, list them, and show one."""
+"""Studies by their names: their files, their sources, and how they are changed and respaced."""
 
 import json as json_
 import re
-from collections.abc import Iterator, Mapping
+import shlex
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,16 +16,53 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from prefcal_app.cli.options import Options
+from prefcal_agents.transfer import RESPACEABLE, moved
+from prefcal_app.cli.options import Options, RespaceOptions
 from prefcal_app.cli.parameters import kept_by
 from prefcal_app.report.export import jsonable
 from prefcal_app.report.record import VERDICTS
-from prefcal_app.summary.counts import Counts
+from prefcal_app.session.study import agent_of, agent_state, with_constraints
+from prefcal_app.summary import Counts
+from prefcal_app.terminal.showing import knob_called
 from prefcal_env.errors import PrefcalError, SettingsError, StudyError
+from prefcal_env.knobs import KnobSpace, respaced
+from prefcal_env.optional import WORLDS
 from prefcal_env.preferences.answer import Mark
-from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
+from prefcal_env.study import (
+    Respaced,
+    State,
+    StudyFile,
+    data_folder,
+    export_json,
+    import_json,
+    knobs_as_dicts,
+    make_data_folder,
+    remove_study,
+    rename_study,
+    space_of,
+    studies_in_data_folder,
+    study_path,
+    verify,
+    within_as_dict,
+)
+from prefcal_env.study.archive import FORMATS as EXPORTS
+from prefcal_env.study.fold import step
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.presentation.wording import labeled, mark_text, number, printable
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.described.description import (
+    FLAGS,
+    knob_of,
+    listed,
+    named_numbers,
+    resumed_source,
+    words_to_resume,
+)
+from prefcal_scenarios.names import CONTROLLERS, is_built_in, is_described, is_own
+from prefcal_scenarios.own import joined_source, split_source, with_config_of
+from prefcal_scenarios.wording import labeled, mark_text, number, printable
+
+# ----------------------------------------------------------------------------------------------------
+# Find study files, open them safely, list them, and show one.
 
 EXPERIMENT = re.compile(r"(.+):(\d+|best)")
 """An experiment of a study, as people name it: MINE:3, MINE:best."""
@@ -252,3 +292,310 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
 def as_text(content: Any) -> str:
     """Return what programs read: strict, indented JSON, with null for missing numbers."""
     return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Complete what a user types by what a study keeps: its scenario and its cost, but no programs.
+
+
+def completed(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `given` with the source of the scenario that the options describe, and the cost.
+
+    An existing study keeps what is not given, except programs: a study from another person must
+    not decide which program runs here. So a scenario that is not given must be a built-in one, or
+    be described by a plant that is.
+
+    Args:
+        given: Values of a command's options by name, None for options that were not typed.
+
+    Raises:
+        ScenarioError: If an option cannot be read.
+        SettingsError: If an option does not fit the scenario, or differs from the study's.
+        StudyError: If there is no such study where no scenario is given, or its scenario is a
+            program that is not named.
+    """
+    source, study, words = given["scenario"], given.get("study"), _described(given)
+    kept: Mapping[str, Any] = {}
+    if study is not None and (source is None or study_path(study).is_file()):
+        with open_described(existing(study)) as file:
+            kept = file.state.configuration
+    if source is None and words:
+        source = split_source(kept["scenario"])[0]  # the study keeps the rest
+        if not is_described(source):
+            raise SettingsError(f"study {study!r} has no plant of its own: leave --plant out")
+    if source is not None:
+        source = _with_words(with_config_of(source, given.get("config")), words)
+    cost = given.get("cost")
+    if kept:
+        source = _trusted(str(study), kept["scenario"], source)
+        cost = _kept_cost(kept["options"]) if cost is None else cost
+    return {**given, "scenario": source, "cost": cost}
+
+
+def _with_words(source: str, words: Mapping[str, Any]) -> str:
+    """Return `source` with what the options describe. Raises SettingsError if it takes none."""
+    if is_described(source):
+        name, config = split_source(source)
+        wanted = {**(config or {}), **words}
+        return joined_source(name, wanted) if wanted else name
+    if words:
+        files = [f"{world.called}, " for world in WORLDS if world.ending]
+        raise SettingsError(
+            f"{FLAGS[next(iter(words))]} describes {''.join(files)}a TOML file or a standard controller "
+            f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
+        )
+    return source
+
+
+def _described(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the typed options as keys of a description."""
+    found = {key: given[key] for key in ("plant", "stop_time") if given.get(key) is not None}
+    if given.get("knob"):
+        names = [knob_of(text).name for text in given["knob"]]
+        texts = [text.partition("=")[2].strip() for text in given["knob"]]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise SettingsError(f"--knob gives {twice[0]!r} twice")
+        found["knobs"] = dict(zip(names, texts, strict=True))
+    if given.get("show"):
+        found["show"] = listed(given["show"])
+    if given.get("reference"):
+        found["reference"] = named_numbers(given["reference"], "--reference")
+    return found
+
+
+def _kept_cost(stored: Mapping[str, Any]) -> str | None:
+    """Return the cost to use again from the options that a study keeps; None for a program.
+
+    A study from another person must not decide which program runs here; a KPI's name is none.
+    """
+    cost = stored.get("cost")
+    return None if cost is None or is_own(str(cost)) else str(cost)
+
+
+def _trusted(name: str, named: str, source: str | None) -> str:
+    """Return the scenario of the study called `name`, if the user trusts it.
+
+    Args:
+        name: Name of the study.
+        named: Scenario that the study names.
+        source: Scenario that the user names; None to use the study's if it is built in.
+
+    Raises:
+        StudyError: If the study names a program and the user does not.
+    """
+    if source is None and not is_built_in(named):
+        # A study from another person must not decide which program runs here.
+        short, *plant = words_to_resume(named)  # the study keeps the rest
+        option = plant or ["--scenario", short]
+        raise StudyError(
+            f"study {name!r} calibrates {' '.join([short, *plant])!r}, which is a program: if you "
+            f"trust it, add {shlex.join(option)}"
+        )
+    if source is not None and is_described(source) and is_described(named):
+        return resumed_source(named, source)
+    return source or named
+
+
+# ----------------------------------------------------------------------------------------------------
+# Manage study files: rename, remove, export, import and check them.
+
+
+def rename(old: str, new: str) -> Path:
+    """Rename the study called `old`; return its new file.
+
+    Raises:
+        StudyError: If there is no such study, `new` exists, or another process has it open.
+    """
+    source, target = existing(old), study_path(new)
+    if target.exists():
+        raise StudyError(f"there is a study {new!r} already: choose another name")
+    make_data_folder(target)
+    rename_study(source, target)
+    return target
+
+
+def remove(names: Sequence[str], *, yes: bool) -> int:
+    """Remove the studies called `names`, each after confirmation unless `yes`; return exit code.
+
+    Raises:
+        StudyError: If there is no such study, a file is not a study, or another process has it
+            open; the studies named before it are removed.
+    """
+    named = {name: existing(name) for name in names}  # check all names before removing anything
+    described = {name: _study_in_words(name, path) for name, path in named.items()}
+    if not yes and not sys.stdin.isatty():
+        raise StudyError("cannot ask for confirmation here: add --yes to remove without a question")
+    kept = 0
+    for name, path in named.items():
+        if not yes and not _confirmed(described[name]):
+            kept += 1
+            continue
+        remove_study(path)
+        print(f"Removed: {printable(name)}")
+    return 1 if kept else 0
+
+
+def _study_in_words(name: str, path: Path) -> str:
+    """Return a short description of the study. Raises StudyError if the file is not a study."""
+    try:
+        with open_described(path) as file:
+            row = summary(file.state)
+    except PrefcalError as error:
+        if path.parent != data_folder():
+            raise StudyError(f"{path} is not removed: {error}") from error
+        return f"study {name!r}, which cannot be read"
+    counts = f"{row['experiments']} experiments, {row['answers']} answers"
+    return f"study {name!r} ({printable(row['scenario'])}, {counts})"
+
+
+def _confirmed(what: str) -> bool:
+    try:
+        return input(f"Remove {what} for good? [y/N] ").strip().lower() in ("y", "yes")
+    except EOFError:
+        return False
+
+
+def export_study(name: str, format_: str, out: Path | None) -> Path:
+    """Write a study as JSON, CSV or Parquet; return the path."""
+    path = existing(name)
+    if out is not None and out.exists() and out.samefile(path):
+        raise StudyError(f"{out} is the study itself: export it to another file")
+    with StudyFile.open(path, clock=wall_clock, reading=True) as file:
+        if format_ in EXPORTS:
+            return EXPORTS[format_](file, Path(path.stem) if out is None else out)
+        text = export_json(file)
+    target = Path(f"{path.stem}.json") if out is None else out
+    _write(target, text)
+    return target
+
+
+def import_study(source: Path, name: str | None) -> Path:
+    """Create a study file from exported JSON; return its path."""
+    try:
+        text = source.read_text(encoding="utf-8")
+    except OSError as error:
+        raise StudyError(f"cannot read {source}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise StudyError(f"cannot read {source}: it is not an exported study") from error
+    target = study_path(source.stem if name is None else name)
+    if target.exists():
+        raise StudyError(f"there is a study {target} already: name this one with --study")
+    import_json(text, target)
+    return target
+
+
+def findings_of(name: str) -> tuple[int, tuple[str, ...]]:
+    """Return the number of events of a study, and the problems found in them."""
+    path = existing(name)
+    findings = verify(path)
+    if findings:
+        return 0, tuple(findings)
+    with StudyFile.open(path, clock=wall_clock, reading=True) as file:
+        return sum(1 for _ in file.events()), ()
+
+
+def _write(target: Path, text: str) -> None:
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StudyError(f"cannot write {target}: {error.strerror or error}") from error
+
+
+# ----------------------------------------------------------------------------------------------------
+# Change the knobs of a study: search another range, keep a knob, or add one.
+
+_Part = tuple[float, float]
+
+
+def respaced_in_words(changes: RespaceOptions, typed: Mapping[str, Any]) -> Iterator[str]:
+    """Change the space of a study, and yield the new one in words; for errors see `respace`.
+
+    Args:
+        changes: The changes as typed.
+        typed: All options as typed, of which some name the study and its scenario.
+    """
+    source = completed({name: typed[name] for name in ("study", "scenario", "plant")})["scenario"]
+    yield from in_words(respace(changes, source))
+
+
+def respace(changes: RespaceOptions, source: str) -> KnobSpace:
+    """Change the space of a study of the scenario `source`; return the new space.
+
+    The changes are as typed: "T_s=0.25:1.0", "N_p=26", "filter=0.5".
+
+    Raises:
+        StudyError: If there is no such study, or its agent cannot change its space.
+        SettingsError: If the changes cannot be read, or change nothing.
+        KnobError: If a range is invalid.
+    """
+    with open_described(existing(changes.study), writing=True) as file:
+        if file.state.configuration["agent"]["agent"] not in RESPACEABLE:
+            raise StudyError(f"the agent of study {changes.study!r} cannot change its space")
+        event, space = _event(file.state, load(source).space, changes)
+        # Check that the study can be resumed with the change before recording it.
+        agent_of(step(file.state, 1 << 40, "", event), space)
+        file.append(event)
+    return space
+
+
+def _event(state: State, scenario: KnobSpace, changes: RespaceOptions) -> tuple[Respaced, KnobSpace]:
+    old = with_constraints(space_of(state.configuration), scenario)
+    parts = {**_parts(state, old, scenario), **_asked(changes, scenario)}
+    added = {name: value for name, (value, _) in _read(changes.add, "KNOB=VALUE", scenario)}
+    # A knob is widened if necessary to include its part.
+    knobs = [
+        replace(k, low=min(k.low, parts[k.name][0]), high=max(k.high, parts[k.name][1]), about="")
+        for k in scenario
+    ]
+    space = respaced(old, KnobSpace(knobs, scenario.constraints, within=parts), added)
+    theirs = knobs_as_dicts(scenario)
+    if space == old and state.configuration.get("scenario_knobs") in (None, theirs):
+        raise SettingsError("nothing changes: give --knob, --freeze or --add")
+    content = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space), "scenario_knobs": theirs}
+    before = agent_state(state)
+    then = before.configuration()
+    now = moved(before, old, space, added).configuration()
+    agent = {name: value for name, value in now.items() if value != then.get(name)}
+    return Respaced(content, added, agent), space
+
+
+def _parts(state: State, old: KnobSpace, scenario: KnobSpace) -> dict[str, _Part]:
+    """Return the default part of each knob to search: the same as before, or its new range."""
+    configuration = state.configuration
+    then = space_of({"knobs": configuration.get("scenario_knobs", configuration["knobs"])})
+    before = dict(zip(old.names, old.within, strict=True))
+    return {
+        knob.name: before[knob.name] if knob in then.knobs else (float(knob.low), float(knob.high))
+        for knob in scenario
+    }
+
+
+def _asked(changes: RespaceOptions, scenario: KnobSpace) -> dict[str, _Part]:
+    ranges = _read(changes.knob, "KNOB=LOW:HIGH", scenario)
+    return dict([*ranges, *_read(changes.freeze, "KNOB=VALUE", scenario)])
+
+
+def _read(texts: Sequence[str], form: str, scenario: KnobSpace) -> Iterator[tuple[str, _Part]]:
+    """Yield knobs and the ends of their ranges, equal ones for a single value."""
+    for text in texts:
+        word, equals, value = text.rpartition("=")
+        ends = value.split(":")
+        if not (word and equals) or len(ends) != form.count(":") + 1:
+            raise SettingsError(f"expected {form}, got {text!r}")
+        numbers = [_number(end, text) for end in ends]
+        yield knob_called(word.strip(), scenario), (numbers[0], numbers[-1])
+
+
+def _number(text: str, whole: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise SettingsError(f"expected a number, got {text!r} in {whole!r}") from error
+
+
+def in_words(space: KnobSpace) -> Iterator[str]:
+    """Yield the searched range of each knob, for people."""
+    for knob, (low, high) in zip(space, space.within, strict=True):
+        part = f"{low:g}, frozen" if low == high else f"{low:g} to {high:g}"
+        yield f"{knob.name}: {part} {knob.unit}".rstrip()

@@ -1,27 +1,340 @@
-"""A closed loop to tune: plant, controller and task as data, and how one experiment runs."""
+"""A closed loop to tune: its controllers, its KPIs, its words, and how one experiment runs."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from math import isfinite
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import solve_discrete_are
 
 from prefcal_env.compiling import Kernel, compile_ahead
-from prefcal_env.envs.step_signal import StepSignal
-from prefcal_env.envs.task import Task
-from prefcal_env.experiments.control import Controller, Measurement
-from prefcal_env.experiments.end import End
-from prefcal_env.experiments.experiment import Channel, Channels, Experiment
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.envs.task import StepSignal, Task
+from prefcal_env.experiments.experiment import Channel, Channels, Controller, End, Experiment, Measurement
+from prefcal_env.experiments.kpis import entered
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.plants.systems import held
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
-from ._simulate import advance, simulate
-from .controllers import Gains, Tunable, Values
-from .kpis import compute_kpis, kpi_names, kpis_of, time_outside
-from .plant import CompiledPlant
-from .wording import about_knob, brief_of
+from . import plants as laws
+from .plants import CompiledPlant, advance, simulate
+
+# ----------------------------------------------------------------------------------------------------
+# Controllers that people tune: from the values of the knobs to a compiled law or a controller.
+
+KnobValues = Mapping[str, float]
+
+
+class Gains(NamedTuple):
+    """A compiled law and its gains: one row for each PID or input, with columns as in `_laws`."""
+
+    law: int
+    rows: Float[np.ndarray, "r c"]
+
+
+class Tunable(Protocol):
+    """A kind of controller."""
+
+    def make(self, values: KnobValues, plant: CompiledPlant, task: Task, T_s: float) -> Gains | Controller:
+        """Return the controller with these values of the knobs, by name, and sampling time.
+
+        Raises:
+            LinAlgError: If there is no controller for these values.
+        """
+
+
+_DEFAULTS: KnobValues = {"T_i": np.inf, "T_d": 0.0, "T_f": 0.0, "b": 1.0, "stages": 0, "hysteresis": 0}
+
+
+@dataclass(frozen=True, slots=True)
+class TunedPID:
+    """One PID for each input: u = K (b r - y_f) + integral - K T_d dy_f/dt, limited; or a cascade.
+
+    The knobs are K, T_i, T_d, T_f (filter of the measurement), b (set-point weight), T_t (of the
+    anti-windup; T_i by default), stages (of the input; 0 for continuous) and hysteresis (share of
+    a stage). Times are in the loop's unit.
+
+    In a cascade of two PIDs, the outer one sets the reference of the inner one. As in most cascades
+    of practice, the outer integrator stops at the range of that reference and knows nothing of the
+    limits of the inner loop's input: while that is saturated, the outer one winds up as far as its
+    range allows. Slow anti-windup and a fast outer loop show that, for people to judge.
+    """
+
+    # Suffix of the knobs of each PID, such as "_1" in K_1. A value without a suffix applies
+    # to every PID
+    suffixes: tuple[str, ...] = ("",)
+    fixed: KnobValues = field(default_factory=dict)  # values that are not tuned
+    # Sign of the gain of each PID; -1 if a larger input lowers the output
+    signs: tuple[float, ...] = ()
+    # Reference of the inner PID of a cascade at the start, and its lowest and highest value;
+    # None if there is no cascade
+    inner: tuple[float, float, float] | None = None
+
+    def make(self, values: KnobValues, plant: CompiledPlant, task: Task, T_s: float) -> Gains:
+        """Return the law with these values of the knobs: a row for each PID, the outer one first.
+
+        An output starts at its value in the loop at rest, and ends at the limits.
+        """
+        values, signs = {**self.fixed, **values}, self.signs or (1.0,) * len(self.suffixes)
+        outputs = [(u0, c.low, c.high) for u0, c in zip(task.u0, plant.inputs, strict=True)]
+        if self.inner is not None:
+            outputs = [self.inner, *outputs]
+        each = zip(self.suffixes, signs, outputs, strict=True)
+        rows = np.array([_row(values, *one) for one in each])
+        return Gains(laws.PID if self.inner is None else laws.CASCADE, rows)
+
+
+@dataclass(frozen=True, slots=True)
+class TunedLQR:
+    """Linear quadratic regulator with integral action, for one input and all states measured.
+
+    It minimizes Σ x'Qx + q z² + R u² for the linearized plant with a zero-order hold, where z is
+    the integrated error of the first state. The knobs are the weights Q_1, Q_2, ... of the states,
+    Q_z of the integral, R, and T_s.
+    """
+
+    fixed: KnobValues = field(default_factory=dict)  # values that are not tuned
+
+    def make(self, values: KnobValues, plant: CompiledPlant, task: Task, T_s: float) -> Gains:
+        """Return the row K, K_z, bias, low, high; K solves the discrete Riccati equation."""
+        values, c = {**self.fixed, **values}, plant.inputs[0]
+        J = plant.jacobians(task.x0, task.u0, task.disturbance(0.0))
+        n = len(J.A)
+        A, B = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 1))  # of x and z, with ż = x_1
+        A[:n, :n], A[n, 0], B[:n] = J.A, 1.0, J.B
+        A_d, B_d = held(A, B, T_s)
+        weights = [*(values.get(f"Q_{i}", 0.0) for i in range(1, n + 1)), values["Q_z"]]
+        Q, R = np.diag(weights) * T_s, np.array([[values["R"] * T_s]])
+        S = solve_discrete_are(A_d, B_d, Q, R)
+        K = np.linalg.solve(R + B_d.T @ S @ B_d, B_d.T @ S @ A_d)
+        return Gains(laws.FEEDBACK, np.hstack([K, [[task.u0[0], c.low, c.high]]]))
+
+
+def _row(values: KnobValues, suffix: str, sign: float, output: tuple[float, float, float]) -> list[float]:
+    def value(name: str) -> float:
+        plain = values.get(name, _DEFAULTS.get(name, np.nan))
+        return float(values.get(f"{name}{suffix}", plain))
+
+    T_i, T_t = value("T_i"), value("T_t")
+    tracking = T_i if np.isnan(T_t) else T_t
+    first = (sign * value("K"), T_i, value("T_d"), value("T_f"), value("b"), tracking)
+    return [*first, *output, value("stages"), value("hysteresis")]
+
+
+# ----------------------------------------------------------------------------------------------------
+# KPIs of a closed loop: a step of the reference, then a disturbance.
+
+_BAND = 0.05
+"""Band of the settling time, as a share of the step."""
+
+
+_TEXTS = {
+    "overshoot": ("overshoot of {y}", "%", "How far it goes beyond its target, as a share of the step."),
+    "settling_time": (
+        "settling time of {y} (within ±5 %)",
+        "{time}",
+        "Time after which it stays close to its target, until the disturbance.",
+    ),
+    "error": ("integrated error of {y}", "{unit} {time}", "Integral of the absolute error over the run."),
+    "disturbance_peak": (
+        "peak error of {y} after the disturbance",
+        "{unit}",
+        "Largest distance from the target after the disturbance.",
+    ),
+    "effort": (
+        "effort of {u}",
+        "{u_unit}",
+        "Root mean square distance of the input from its value at the start.",
+    ),
+    "switches": ("switches of {u}", "", "How often the input changes its stage."),
+    "input_noise": (
+        "noise in {u}",
+        "{u_unit}",
+        "How much the input moves in a sampling period of normal length.",
+    ),
+    "side_effect": (
+        "peak of {beside} after the step",
+        "{beside_unit}",
+        "Largest distance from its value at the start.",
+    ),
+    "alarm": ("{y} in alarm", "{time}", "Time outside {alarm}."),
+}
+"""Title, unit and meaning of each KPI by its name."""
+
+
+def kpi_names(*, staged: bool, beside: bool, alarm: bool) -> tuple[str, ...]:
+    """Return the names of a loop's KPIs, in order.
+
+    Args:
+        staged: Whether the input has stages.
+        beside: Whether there is a state that the step should not move much.
+        alarm: Whether there is an alarm.
+    """
+    there = {"switches": staged, "input_noise": not staged, "side_effect": beside, "alarm": alarm}
+    return tuple(name for name in _TEXTS if there.get(name, True))
+
+
+def kpis_of(
+    names: Sequence[str],
+    y: Channel,
+    u: Channel,
+    time_unit: str,
+    *,
+    beside: Channel | None = None,
+    alarm: tuple[float, float] | None = None,
+) -> tuple[KPI, ...]:
+    """Return the KPIs with these names, all of them better if lower.
+
+    Args:
+        names: Names of the KPIs.
+        y: Output whose reference steps.
+        u: First input.
+        time_unit: Unit of time.
+        beside: State that the step should not move much; None if there is none.
+        alarm: Lowest and highest value of the output without an alarm; None if there is none.
+    """
+    words = {"y": y.name, "unit": y.unit, "time": time_unit, "u": u.name, "u_unit": u.unit}
+    if beside is not None:
+        words |= {"beside": beside.name, "beside_unit": beside.unit}
+    if alarm is not None:
+        words["alarm"] = f"{alarm[0]:.4g} to {alarm[1]:.4g} {y.unit}".rstrip()
+    found = []
+    for name in names:
+        title, unit, about = (text.format(**words).strip() for text in _TEXTS[name])
+        resolution = 0.1 if name == "overshoot" else None
+        found.append(KPI(name, title, unit, better="lower", about=about, resolution=resolution))
+    return tuple(found)
+
+
+def compute_kpis(
+    experiment: Experiment, disturbed_at: float, u0: float, beside: int | None, pace: float = 1.0
+) -> dict[str, float]:
+    """Return the values of all KPIs, in their units; an infinite time means never.
+
+    With several set points, the largest overshoot counts, and the sum of the settling times.
+
+    Args:
+        experiment: Experiment with a step of the first output at its start.
+        disturbed_at: Time of the disturbance.
+        u0: First input at the start.
+        beside: Index of the state that the step should not move much.
+        pace: Nominal sampling time divided by that of this experiment. Moves are counted per
+            nominal one, so that many small moves are not calmer than a few large ones.
+    """
+    t, x, u = experiment.t, experiment.x, experiment.u_control[:, 0]
+    error, steps = _errors(experiment, disturbed_at)
+    first = t < disturbed_at
+    moves = np.abs(np.diff(u))
+    times = [entered(t[part] - t[part][0], error[part], _BAND * abs(step)) for part, step in steps]
+    found = {
+        "overshoot": max(_overshoot(error[part], step) for part, step in steps),
+        "settling_time": sum(times, start=0.0) if t[-1] >= disturbed_at else np.inf,
+        "error": float(np.abs(error[:-1]) @ np.diff(t)),
+        "disturbance_peak": float(np.abs(error[~first]).max()) if not first.all() else np.inf,
+        "effort": float(np.sqrt(np.mean((u - u0) ** 2))),
+        "input_noise": float(moves.mean()) * pace if len(moves) else 0.0,
+        "switches": float(np.count_nonzero(moves)),
+    }
+    if beside is not None:
+        found["side_effect"] = float(np.abs(x[first, beside] - x[0, beside]).max())
+    return found
+
+
+def time_outside(experiment: Experiment, low: float, high: float) -> float:
+    """Return how long the first output is outside `low` to `high`, in the unit of time."""
+    y = experiment.output(0)
+    assert y is not None
+    outside = (y < low) | (y > high)
+    return float(np.diff(experiment.t)[outside[:-1]].sum())
+
+
+def _errors(
+    experiment: Experiment, until: float
+) -> tuple[Float[np.ndarray, " K"], list[tuple[slice, float]]]:
+    """Return the error of the first output, and the steps of its reference before `until`.
+
+    Each step is the instants up to the next one, and the error that it starts with if the output
+    was at the set point before.
+    """
+    y, t = experiment.output(0), experiment.t
+    assert y is not None
+    held = np.searchsorted(experiment.t_control, t, side="right") - 1
+    target = experiment.y_ref[held, 0]
+    error = y - target
+    starts = [0, *(np.flatnonzero(np.diff(target)) + 1).tolist()]
+    starts = [start for start in starts if t[start] < until]
+    ends = [*starts[1:], int(np.count_nonzero(t < until))]
+    sizes = [error[0], *(target[start - 1] - target[start] for start in starts[1:])]
+    parts = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
+    return error, [(part, float(size)) for part, size in zip(parts, sizes, strict=True)]
+
+
+def _overshoot(error: Float[np.ndarray, " K"], step: float) -> float:
+    """Return how far the output goes beyond its target, in % of the step."""
+    return 100.0 * max(float((-error / step).max()), 0.0)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Describe the loops and their knobs for the person who compares.
+
+_JUDGE = (
+    "Good control reaches the target soon, without overshoot or oscillation, recovers from the "
+    "disturbance, and spares the actuator. What counts more is up to you."
+)
+
+_KNOBS: Mapping[str, str] = {
+    "K": "Gain: a larger one reacts more strongly to errors and to noise.",
+    "T_i": "Integral time: a shorter one removes lasting errors sooner, but may oscillate.",
+    "T_d": "Derivative time: a longer one brakes more, and amplifies noise.",
+    "T_f": "Time constant of the measurement's filter: a longer one passes less noise, but delays.",
+    "b": "Share of the target's step that acts at once; a small one starts gently.",
+    "T_t": "Time constant of the anti-windup: a shorter one lets go of the limit sooner.",
+    "hysteresis": "How far beyond the border of a stage it switches, as a share of a stage.",
+    "Q_1": "Weight of the first state's error.",
+    "Q_2": "Weight of the second state's error.",
+    "Q_3": "Weight of the third state's error.",
+    "Q_4": "Weight of the fourth state's error.",
+    "Q_z": "Weight of the integrated error: a larger one removes lasting errors sooner.",
+    "N_p": "Prediction horizon: how many steps the controller looks ahead.",
+    "N_u": "Control horizon: how many of these steps it may move the inputs.",
+    "Q_du": "Weight of the moves: a larger one is gentler and slower.",
+    "drift": "How fast the estimated disturbances may change: a larger one removes lasting errors "
+    "sooner, and passes more noise.",
+    "T_s": "Sampling time: how often the controller measures and acts.",
+    "every": "Number of samples after which the controller acts: a larger one is calmer and later.",
+    "stages": "Number of stages of the input.",
+}
+_WHERE: Mapping[str, str] = {
+    "_outer": "Outer controller. ",
+    "_inner": "Inner controller. ",
+    "_1": "First controller. ",
+    "_2": "Second controller. ",
+}
+
+
+def about_knob(name: str) -> str:
+    """Return a sentence that explains the knob called `name`, such as K or T_i_outer."""
+    if name in _KNOBS:
+        return _KNOBS[name]
+    suffix = next(suffix for suffix in _WHERE if name.endswith(suffix))
+    return _WHERE[suffix] + _KNOBS[name.removesuffix(suffix)]
+
+
+def brief_of(brief: str, states: Sequence[Channel]) -> str:
+    """Return `brief` with what to judge by, and when an experiment stops as unsafe."""
+    bounds = [
+        f"{c.name} {c.low:g} to {c.high:g} {c.unit}".rstrip()
+        for c in states
+        if isfinite(c.low) and isfinite(c.high)
+    ]
+    stops = " An experiment stops as unsafe outside its limits: " + ", ".join(bounds) + "."
+    return f"{brief} {_JUDGE}{stops if bounds else ''}"
+
+
+# ----------------------------------------------------------------------------------------------------
+# A closed loop to tune: plant, controller and task as data, and how one experiment runs.
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +473,7 @@ class Loop:
             simulated=True,
         )
 
-    def _respond(self, values: Values, hold: int, seed: int) -> Response:
+    def _respond(self, values: KnobValues, hold: int, seed: int) -> Response:
         """Return what the controller with these values of the knobs does."""
         made = self.controller.make(values, self.plant, self.task, hold * self.plant.max_step)
         if isinstance(made, Gains):

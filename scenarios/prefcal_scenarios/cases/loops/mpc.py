@@ -9,9 +9,8 @@ from prefcal_env.compiling import Kernel, compile_ahead, of_the_filter
 from prefcal_env.envs.task import Task
 from prefcal_env.mpc import EstimatingMPC, EstimatorSettings, MPCSettings
 
-from ._simulate import advance, hold
-from .controllers import Values
-from .plant import CompiledPlant, compile_equations
+from .loop import KnobValues
+from .plants import CompiledPlant, advance, compile_equations, hold
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +40,9 @@ class TunedMPC:
     process: tuple[float, ...]
     on_outputs: tuple[int, ...] = ()
     on_inputs: tuple[int, ...] = ()
-    fixed: Values = field(default_factory=dict)
+    fixed: KnobValues = field(default_factory=dict)
 
-    def make(self, values: Values, plant: CompiledPlant, task: Task, T_s: float) -> EstimatingMPC:
+    def make(self, values: KnobValues, plant: CompiledPlant, task: Task, T_s: float) -> EstimatingMPC:
         """Return the controller, which has a memory: it serves one experiment.
 
         Its model is the plant without dead time, whose disturbance stays at its value at the start:

@@ -8,16 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from prefcal_env.envs.overtake.geometry import corners
-from prefcal_env.envs.overtake.rules import KEEPING_SPEEDS, LANE_WIDTH, LENGTH, OVERTAKING_SPEEDS
+from prefcal_env.envs.overtake.scene import KEEPING_SPEEDS, LANE_WIDTH, LENGTH, OVERTAKING_SPEEDS, corners
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.knobs import KnobSpace
 from prefcal_env.plants.bicycle import KMH
-from prefcal_scenarios.presentation.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, canvas
-from prefcal_scenarios.presentation.wording import mathtext, number, quantity, theta_text
 from prefcal_scenarios.scenario import Picture
+from prefcal_scenarios.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, canvas
+from prefcal_scenarios.wording import mathtext, number, quantity, theta_text
 
-from .scene import moments, obstacles, phases, road_of
+from .kpis import moments, obstacles, phases, road_of
 
 OBSTACLE, ASPHALT, PAINT = OTHERS[0], "#eceff2", "#aab3bc"
 STEERING_LIMIT = 45.0

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from prefcal_agents import GLISp
 from prefcal_app.session import Choice
-from prefcal_app.session.study.study import Ask, Over, Settle, Study, Wait, Write
+from prefcal_app.session.study import Ask, Over, Settle, Study, Wait, Write
 from prefcal_env.preferences.history import History
 from prefcal_env.study import Answered, Created, Finished
 from prefcal_env.study.fold import begin as created

@@ -6,7 +6,7 @@ import threading
 import httpx
 
 from prefcal_app.session import Choice, Given, Interview, Phase
-from prefcal_app.session.person import Steps
+from prefcal_app.session.interview import Steps
 from prefcal_app.web.api import Pace
 from support.interviews import begin, proceed
 from support.windows import make_room

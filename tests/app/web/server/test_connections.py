@@ -7,8 +7,7 @@ from contextlib import ExitStack, contextmanager
 import httpx
 import pytest
 
-from prefcal_app.web import Window
-from prefcal_app.web.server import connections, security
+from prefcal_app.web import Window, security
 from support.interviews import begin, proceed
 
 HALF_A_HEAD = b"GET / HTTP/1.1\r\nHost: 127.0.0.1"
@@ -17,9 +16,9 @@ HALF_A_HEAD = b"GET / HTTP/1.1\r\nHost: 127.0.0.1"
 @pytest.fixture
 def window(toy, monkeypatch):
     """A window with little patience: a second for heads, and for bodies."""
-    monkeypatch.setattr(connections, "HEAD_SECONDS", 1.0)
-    monkeypatch.setattr(connections, "BODY_SECONDS", 1.0)
-    monkeypatch.setattr(connections, "_AFTER", 1.0)
+    monkeypatch.setattr(security, "HEAD_SECONDS", 1.0)
+    monkeypatch.setattr(security, "BODY_SECONDS", 1.0)
+    monkeypatch.setattr(security, "_AFTER", 1.0)
     monkeypatch.setattr(security, "BODY_SECONDS", 1.0)
     interview = begin(toy)
     proceed(interview)
@@ -80,7 +79,7 @@ def test_half_sent_heads_are_dropped_and_an_honest_client_is_served_meanwhile(wi
         made = opened(window, HALF_A_HEAD, stack, 200)
         assert browser.get("/api/now").status_code == 200
         time.sleep(0.2)
-        assert sum(map(is_open, made)) <= connections.MOST_WAITING
+        assert sum(map(is_open, made)) <= security.MOST_WAITING
         with page(window) as fresh:
             assert fresh.get("/api/now").status_code == 200
         assert all_are_closed([*made, *opened(window, b"", stack, 3)], within=5)  # or nothing
@@ -89,7 +88,7 @@ def test_half_sent_heads_are_dropped_and_an_honest_client_is_served_meanwhile(wi
 
 def test_a_connection_that_makes_way_is_told_to_try_again(window):
     with ExitStack() as stack:
-        first, *_ = opened(window, b"", stack, connections.MOST_WAITING + 1)
+        first, *_ = opened(window, b"", stack, security.MOST_WAITING + 1)
         first.setblocking(True)
         first.settimeout(5)
         head, _, body = b"".join(iter(lambda: first.recv(4096), b"")).partition(b"\r\n\r\n")

@@ -4,8 +4,7 @@ import asyncio
 
 import pytest
 
-from prefcal_app.web.server.hosts import Hosts, in_link, warning
-from prefcal_app.web.server.security import LARGEST_BODY, LARGEST_RECORD, POLICY
+from prefcal_app.web.security import LARGEST_BODY, LARGEST_RECORD, POLICY, Hosts, in_link, warning
 from support.windows import COOKIE, HOST, ORIGIN, PORT, TOKEN
 
 

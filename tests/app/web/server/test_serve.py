@@ -9,8 +9,7 @@ import pytest
 
 from prefcal_app.session import Choice
 from prefcal_app.web import Window
-from prefcal_app.web.server.serve import Presence
-from prefcal_app.web.server.site import bind
+from prefcal_app.web.serve import Presence, bind
 from prefcal_env.errors import SettingsError
 from support.interviews import begin, proceed
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.envs.overtake import Course
-from prefcal_env.experiments.rollout import rollout
 from prefcal_scenarios.cases.overtake import compute_kpis
 from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, controller
 

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.envs.overtake.geometry import (
+from prefcal_env.envs.overtake.scene import (
     CONTACT,
+    ROAD,
+    Obstacle,
     corners,
     distance,
     first_contact,
@@ -19,8 +21,6 @@ from prefcal_env.envs.overtake.geometry import (
     separation,
     surely_apart,
 )
-from prefcal_env.envs.overtake.rules import ROAD
-from prefcal_env.envs.overtake.traffic import Obstacle
 from prefcal_env.plants.bicycle import Bicycle
 
 TINY = 1e-9

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from prefcal_env.envs.overtake import OvertakeOptions
-from prefcal_env.envs.overtake.options import DRIVERS, paper_scene
+from prefcal_env.envs.overtake.scene import DRIVERS, paper_scene
 from prefcal_env.errors import PlantError, SettingsError
 
 

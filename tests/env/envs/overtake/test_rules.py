@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_env.envs.overtake.rules import Phase, beside, clearance, gap, next_phase
+from prefcal_env.envs.overtake.scene import Phase, beside, clearance, gap, next_phase
 
 KEEP, PASS = Phase.LANE_KEEPING, Phase.OVERTAKING
 positions = st.floats(-200, 200)

@@ -7,8 +7,8 @@ import pytest
 
 from prefcal_env.experiments.experiment import Channel
 from prefcal_scenarios.cases.loops import LOOPS
-from prefcal_scenarios.cases.loops.controllers import TunedLQR, TunedPID
-from prefcal_scenarios.cases.loops.right_hand_sides import CartPole, Linear
+from prefcal_scenarios.cases.loops.loop import TunedLQR, TunedPID
+from prefcal_scenarios.cases.loops.plants import CartPole, Linear
 
 TWICE = Linear(A=((0.0, 1.0), (0.0, 0.0)), B=((0.0,), (1.0,)), E=((0.0,), (1.0,)))
 """A double integrator."""

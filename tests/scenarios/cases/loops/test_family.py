@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import KnobError, ScenarioError
-from prefcal_env.experiments.end import End
-from prefcal_scenarios.cases.loops import LOOPS, controllers, named
-from prefcal_scenarios.cases.loops.kinds.parts import nominal
-from prefcal_scenarios.kpis import INTERRUPTED, outcome
+from prefcal_env.experiments.experiment import End
+from prefcal_scenarios.cases.loops import LOOPS, loop, named
+from prefcal_scenarios.cases.loops.family import nominal
+from prefcal_scenarios.runs import INTERRUPTED, outcome
 from prefcal_scenarios.scenario import with_ranges
 from support.varied import random
 
@@ -47,7 +47,7 @@ def test_a_theta_without_a_controller_is_a_failed_run(monkeypatch):
     def refuse(*matrices):
         raise np.linalg.LinAlgError("no finite solution")
 
-    monkeypatch.setattr(controllers, "solve_discrete_are", refuse)
+    monkeypatch.setattr(loop, "solve_discrete_are", refuse)
     scenario = named("cart-pole")
     run = scenario.run(scenario.space.decode(np.full(len(scenario.space), 0.5)))
     assert run.end is End.FAILED

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from prefcal_env.experiments.end import End
-from prefcal_env.experiments.experiment import Channel, Channels
-from prefcal_scenarios.cases.loops.kpis import compute_kpis
+from prefcal_env.experiments.experiment import Channel, Channels, End
+from prefcal_scenarios.cases.loops.loop import compute_kpis
 from support.short_runs import short_run
 
 CHANNELS = Channels(

@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from prefcal_env.experiments.control import Move
-from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import End, Move
 from prefcal_scenarios.cases.loops import LOOPS
 
 TANK = LOOPS["tank"]()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_env.plants.derivative import derivative
+from prefcal_env.plants.jacobians import derivative
 from prefcal_scenarios.cases.loops import LOOPS
 from support.equations import evaluated
 from support.varied import random

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_scenarios.cases.loops._laws import FEEDBACK, PID
-from prefcal_scenarios.cases.loops._simulate import simulate
-from prefcal_scenarios.cases.loops.right_hand_sides import Linear, packed
+from prefcal_scenarios.cases.loops.plants import FEEDBACK, PID, Linear, packed, simulate
 
 LAG = Linear(A=((-1.0,),), B=((2.0,),), E=((1.0,),))
 """ẋ = -x + 2 u + d, in seconds."""

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from prefcal_env.envs.overtake.rules import Phase
-from prefcal_env.experiments.control import Measurement
+from prefcal_env.envs.overtake.scene import Phase
+from prefcal_env.experiments.experiment import Measurement
 from prefcal_env.mpc import LinearMPC
 from prefcal_env.plants.bicycle import Bicycle
-from prefcal_scenarios.cases.overtake.computation_time import building, iterating, problem_size, step_times
 from prefcal_scenarios.cases.overtake.controller import mpc_settings
+from prefcal_scenarios.cases.overtake.kpis import building, iterating, problem_size, step_times
 
 CAR = mpc_settings(np.array([0.1, 0.4, 12, 0.0, 0.0]), Phase.OVERTAKING)
 

@@ -12,7 +12,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.overtake import overtake
 from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS
-from prefcal_scenarios.own.source import joined_source
+from prefcal_scenarios.own import joined_source
 
 ROOT = Path(__file__).parents[4]
 PAPER = overtake.references["paper, preferences"]

@@ -8,8 +8,7 @@ import pytest
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.cases.overtake import overtake
-from prefcal_scenarios.cases.overtake.criteria import calibrator
-from prefcal_scenarios.cases.overtake.kpis import SHORTEST_DISTANCE
+from prefcal_scenarios.cases.overtake.kpis import SHORTEST_DISTANCE, calibrator
 from support.drives import drive
 
 JUDGE = calibrator()
@@ -55,7 +54,7 @@ def test_a_criterion_outweighs_all_that_come_after_it(i):
 
 
 def test_real_time_comes_before_everything_and_the_smaller_excess_is_better(monkeypatch):
-    module = "prefcal_scenarios.cases.overtake.computation_time"
+    module = "prefcal_scenarios.cases.overtake.kpis"
     monkeypatch.setattr(f"{module}.step_times", lambda settings, n: np.full(len(n), 0.2))
     late, later = outcome(T_s=0.15), outcome(T_s=0.1)
     crashed = outcome(end=End.UNSAFE, T_s=0.3, lateral_distance=0.0)

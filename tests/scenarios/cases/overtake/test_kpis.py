@@ -5,8 +5,7 @@ import pytest
 
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.cases.overtake import overtake
-from prefcal_scenarios.cases.overtake.computation_time import overrun
-from prefcal_scenarios.cases.overtake.kpis import KPIS, compute_kpis
+from prefcal_scenarios.cases.overtake.kpis import KPIS, compute_kpis, overrun
 from support.drives import drive
 
 PAPERS = overtake.run(overtake.references["paper, preferences"])

@@ -10,15 +10,14 @@ from prefcal_agents import RandomSearch
 from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.write import write_report
 from prefcal_env.experiments.experiment import End
-from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.loop import calibrate
+from prefcal_env.preferences.answer import Preference, calibrate
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.cstr import cstr
 from prefcal_scenarios.cases.overtake import overtake
+from prefcal_scenarios.cases.overtake.kpis import moments
 from prefcal_scenarios.cases.overtake.picture import PICTURE, ShownDrive, drawn, shown
-from prefcal_scenarios.cases.overtake.scene import moments
-from prefcal_scenarios.own.source import joined_source
-from prefcal_scenarios.presentation.style import BEST, FIRST, OTHERS, style
+from prefcal_scenarios.own import joined_source
+from prefcal_scenarios.style import BEST, FIRST, OTHERS, style
 
 PAPER = overtake.run(overtake.references["paper, preferences"])
 SLUGGISH = overtake.run(np.array([0.5, 0.2, 12.0, 1.0, -1.0]))

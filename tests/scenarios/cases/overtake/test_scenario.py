@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from prefcal_app.report.export import jsonable
+from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.envs.overtake import Course
 from prefcal_env.errors import KnobError
 from prefcal_env.experiments.experiment import End
-from prefcal_env.experiments.rollout import rollout
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.overtake import compute_kpis, overtake
 from prefcal_scenarios.cases.overtake.controller import PAPER, STEERING_LIMITS, controller

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env.envs.overtake.rules import Phase
+from prefcal_env.envs.overtake.scene import Phase
 from prefcal_env.errors import PlantError
-from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import Measurement
 from prefcal_env.mpc import LinearMPC
 from prefcal_env.plants.bicycle import KMH, Bicycle
 from prefcal_scenarios.cases.overtake.controller import controller, mpc_settings

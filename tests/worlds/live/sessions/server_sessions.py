@@ -31,10 +31,10 @@ import numpy as np
 
 from prefcal_agents import RandomSearch
 from prefcal_app.session import Choice, Interview, Now, Phase
-from prefcal_app.session.study.memory import agent_as_dict, knobs_as_dicts
+from prefcal_app.session.study import agent_as_dict, knobs_as_dicts
 from prefcal_env.study import StudyFile
 from prefcal_env.worlds.live import LiveRig, live_rig
-from prefcal_env.worlds.live.parts import LiveKnob
+from prefcal_env.worlds.live.plan import LiveKnob
 from prefcal_scenarios.scenario import Scenario
 
 from .relay import WRITTEN, Loss, Relay, Watch, Write, loss_at_random, watched_tank

@@ -1,1 +1,0 @@
-"""Acquisitions, which the next θ minimizes: exploration, expected improvement, penalties."""

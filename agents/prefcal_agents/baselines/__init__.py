@@ -1,1 +1,0 @@
-"""Agents to compare GLISp with: GLIS, random search and Latin hypercube."""

@@ -1,1 +1,0 @@
-"""The record of a study as an agent sees it: samples, answers, marks and KPIs."""

@@ -1,0 +1,388 @@
+"""What a record teaches: training data as arrays, and what is worked out answer by answer."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar, final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from prefcal_env.preferences.answer import Answer, Mark, Outcome
+from prefcal_env.preferences.history import Comparison, History
+
+# ----------------------------------------------------------------------------------------------------
+# Extract training data from a history: preferences, scores, KPIs and marks, as arrays.
+
+_GOOD = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
+
+
+@dataclass(frozen=True, slots=True)
+class Preferences:
+    """M comparisons of N samples as training data: the vector B of eq. pref-vector.
+
+    Args:
+        samples: Points of the unit cube, shape (N, n).
+        first: i(h), the challenger of comparison h, shape (M,).
+        second: j(h), the incumbent that it was compared with, shape (M,).
+        b: Preference b_h in {-1, 0, 1}, shape (M,); -1: the first is better.
+        weights: c_h of eq. QP-pref, above 0, shape (M,).
+    """
+
+    samples: Float[np.ndarray, "N n"]
+    first: Int[np.ndarray, " M"]
+    second: Int[np.ndarray, " M"]
+    b: Int[np.ndarray, " M"]
+    weights: Float[np.ndarray, " M"]
+
+    @classmethod
+    def of(cls, history: History) -> "Preferences":
+        """Return the comparisons of all answers that are not retracted."""
+        lessons = history.lessons()
+        return cls(
+            samples=cube_of(history),
+            first=np.array([c.challenger for c in lessons], dtype=np.int64),
+            second=np.array([c.incumbent for c in lessons], dtype=np.int64),
+            b=np.array([c.answer.preference for c in lessons], dtype=np.int64),
+            weights=np.array([c.answer.strength for c in lessons], dtype=float),
+        )
+
+    def __len__(self) -> int:
+        return len(self.b)
+
+    def subset(self, rows: Int[np.ndarray, " K"]) -> "Preferences":
+        """Return only the comparisons `rows`, on all samples."""
+        return Preferences(
+            self.samples, self.first[rows], self.second[rows], self.b[rows], self.weights[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Marks of the K samples that a calibrator looked at.
+
+    Args:
+        samples: Points of the unit cube, shape (K, n).
+        unsafe: Whether unsafe, shape (K,); a sample without that mark counts as safe.
+    """
+
+    samples: Float[np.ndarray, "K n"]
+    unsafe: Bool[np.ndarray, " K"]
+
+    @classmethod
+    def of(cls, history: History) -> "Marks":
+        """Return the marks of all answers that are not retracted; one answer is enough.
+
+        The answer to the first query often comes from a program: it can mark sample 0, but
+        without a mark it does not say that sample 0 is safe. Nor is a run known to be safe that
+        was cut short: what it became is unknown.
+        """
+        unsafe, seen, good = history.unsafe(), set[int](), set[int | None]()
+        for c in history.counting:
+            if c.retracted:
+                continue
+            sides = dict(zip(_GOOD, (c.challenger, c.incumbent), strict=True))
+            good.update(sides[mark] for mark in c.answer.marks if mark in sides)
+            if c.incumbent is not None:
+                seen.update((c.challenger, c.incumbent))
+        safe = (seen - history.cut_short()) | {i for i in good if i is not None}
+        known = np.array(sorted(safe | unsafe), dtype=np.int64)
+        labels = np.array([index in unsafe for index in known], dtype=np.bool_)
+        return cls(cube_of(history)[known], labels)
+
+
+def cube_of(history: History) -> Float[np.ndarray, "N n"]:
+    """Return the points of the samples that are answered, shape (N, n); (0, 0) if none is."""
+    if not history.answered:
+        return np.zeros((0, 0))
+    return np.array([s.z for s in history.samples[: history.answered]], dtype=float)
+
+
+def scores_of(history: History) -> tuple[Int[np.ndarray, " K"], Float[np.ndarray, " K"]]:
+    """Return the indices of the samples with a score, and the scores, both of shape (K,)."""
+    known = [(c.challenger, c.value) for c in history.comparisons if c.value is not None]
+    return (
+        np.array([index for index, _ in known], dtype=np.int64),
+        np.array([value for _, value in known], dtype=float),
+    )
+
+
+def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
+    """Return the KPIs of each sample that is answered, lower is better; empty if none are known.
+
+    KPIs that came with a retracted answer count too, since the experiment is still valid.
+    """
+    given = [
+        (index, outcome)
+        for c in history.comparisons
+        for index, outcome in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False)
+        if index is not None and outcome is not None
+    ]
+    known: dict[int, Mapping[str, float]] = {}
+    for (index, _), kpis in zip(given, [dict(outcome) for _, outcome in given], strict=True):
+        known[index] = known.get(index) or kpis
+    return tuple(known.get(index, {}) for index in range(history.answered))
+
+
+def filled_kpis(history: History) -> dict[str, Float[np.ndarray, " N"]]:
+    """Return each KPI of all samples that are answered, shape (N,), by name.
+
+    A missing one is that of the nearest θ that has it. KPIs with fewer than three values are left
+    out, since nothing can be learned from them.
+    """
+    z, known = cube_of(history), kpis_of(history)
+    found = {}
+    for name in sorted({name for kpis in known for name in kpis}):
+        values = np.array([kpis.get(name, np.nan) for kpis in known], dtype=float)
+        missing = np.isnan(values)
+        there = np.flatnonzero(~missing)
+        if len(there) >= _FEWEST:
+            apart = np.sum((z[missing][:, None] - z[there]) ** 2, axis=2)
+            values[missing] = values[there[np.argmin(apart, axis=1)]]
+            found[name] = values
+    return found
+
+
+_FEWEST = 3  # smallest number of experiments with a KPI to learn from it
+MOST = 250
+"""Maximum number of answers to learn from, so that a proposal takes less than a second."""
+_OLDEST = 0.25  # share of the oldest answers: their samples are spread over the whole space
+_SAMPLES = 4 / 3  # maximum number of samples that these compare, in units of `MOST`
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """The part of a history to learn from, as a history of its own.
+
+    If a study has more than `MOST` answers or samples, this part holds `MOST` answers: the oldest
+    and the latest, and the last answer about a sample before its earlier ones. It also holds the
+    samples that they compare, the best one, and the latest others until there are `MOST` samples.
+    A shorter study is kept as it is.
+
+    Source: none.
+    Deviation: the paper learns from all answers, in at most 50 experiments; the time this takes
+    grows with the cube of their number. What the limit costs: docs/research/archive.md.
+
+    Args:
+        history: Samples and answers, renumbered.
+        kept: Indices of the samples in the whole history, increasing, shape (K,).
+    """
+
+    history: History
+    kept: Int[np.ndarray, " K"]
+
+    @classmethod
+    def of(cls, history: History, most: int = MOST) -> "Memory":
+        """Return the part of `history` to learn from: at most `most` answers."""
+        count = history.answered
+        lessons = history.lessons()
+        if max(count, len(lessons)) <= most:
+            return cls(history, np.arange(count))
+        samples = {history.incumbent or 0}
+        chosen: list[int] = []
+        for h in _by_weight(lessons, most):
+            both = samples | {lessons[h].challenger, lessons[h].incumbent or 0}
+            if len(chosen) < most and len(both) <= _SAMPLES * most:
+                chosen.append(h)
+                samples = both
+        others = [i for i in range(count) if i not in samples]
+        samples.update(others[len(others) - max(min(most, count) - len(samples), 0) :])
+        kept = np.array(sorted(samples), dtype=np.int64)
+        return cls(_part(history, [lessons[h] for h in sorted(chosen)], kept), kept)
+
+
+def _by_weight(lessons: Sequence[Comparison], most: int) -> list[int]:
+    """Return the numbers of the comparisons, the most important ones first."""
+    later = [0] * len(lessons)  # comparisons of the same challenger that followed
+    seen: dict[int, int] = {}
+    for h in reversed(range(len(lessons))):
+        later[h] = seen.get(lessons[h].challenger, 0)
+        seen[lessons[h].challenger] = later[h] + 1
+    oldest = [h for h in range(len(lessons)) if not later[h]][: int(_OLDEST * most)]
+    rest = set(range(len(lessons))) - set(oldest)
+    return [*oldest, *sorted(rest, key=lambda h: (later[h], -h))]
+
+
+def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray, " K"]) -> History:
+    """Return a history of the samples `kept` and of `lessons`; other samples only teach KPIs."""
+    number = {int(index): k for k, index in enumerate(kept)}
+    own = {c.challenger: c for c in lessons if c.after is None}
+    kpis, comparisons, follow_ups = kpis_of(history), [], []
+    for index, k in number.items():
+        if index in own:
+            comparisons.append(_renumbered(own[index], number))
+        else:
+            known = (kpis[index], None) if kpis[index] else None
+            comparisons.append(Comparison(k, None, Answer(None, outcomes=known)))
+    for c in lessons:
+        if c.after is not None:
+            after = int(np.searchsorted(kept, c.after))
+            follow_ups.append(replace(_renumbered(c, number), after=after))
+    return History(tuple(history.samples[index] for index in number), tuple(comparisons), tuple(follow_ups))
+
+
+def _renumbered(comparison: Comparison, number: dict[int, int]) -> Comparison:
+    assert comparison.incumbent is not None  # it teaches
+    first, second = number[comparison.challenger], number[comparison.incumbent]
+    return replace(comparison, challenger=first, incumbent=second)
+
+
+def judged(history: History) -> History:
+    """Return `history` for a model that learns from KPIs; the same object if no run was cut short.
+
+    The KPIs of a run that was cut short are lower bounds. Whole runs of similar θ have larger ones,
+    so each KPI becomes that of the nearest θ whose run was completed before, or its bound if that
+    is larger. Answers about such a run teach nothing about KPIs: they follow from what was learned,
+    or are about half a run.
+    """
+    cut = history.cut_short()
+    if not cut:
+        return history
+    z, known = cube_of(history), kpis_of(history)
+    partial = cut | history.unsafe()
+    # Interrupted runs have infinite KPIs. So have those that never settle, which look the same.
+    finite = [bool(kpis) and np.isfinite(list(kpis.values())).all() for kpis in known]
+    whole = [i for i, each in enumerate(finite) if each and i not in partial]
+    filled = {i: _filled(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
+
+    def taught(c: Comparison) -> Comparison:
+        if c.challenger not in cut and c.incumbent not in cut:
+            return c
+        pair = c.answer.outcomes or (None, None)
+        new = filled.get(c.challenger, pair[0])
+        old = pair[1] if c.incumbent is None else filled.get(c.incumbent, pair[1])
+        silent = Answer(None, marks=c.answer.marks, outcomes=(new, old))
+        return replace(c, answer=silent)
+
+    return replace(
+        history,
+        comparisons=tuple(taught(c) for c in history.comparisons),
+        follow_ups=tuple(taught(c) for c in history.follow_ups),
+    )
+
+
+def _filled(
+    z: Float[np.ndarray, "N n"], known: tuple[Mapping[str, float], ...], whole: list[int], index: int
+) -> Outcome:
+    """Return the KPIs of sample `index`, whose run was cut short, as those of a whole run."""
+    bounds = known[index]
+    if not whole:
+        return Outcome(bounds)
+    apart = np.sum((z[whole] - z[index]) ** 2, axis=1)
+    near = known[whole[int(np.argmin(apart))]]
+    return Outcome(
+        {name: max(bounds.get(name, -np.inf), near.get(name, -np.inf)) for name in {*bounds, *near}}
+    )
+
+
+# ----------------------------------------------------------------------------------------------------
+# Work out what is known after a record, answer by answer, and remember it.
+
+_REMEMBERED = 40
+"""Number of stages in memory, up to about a megabyte each."""
+_SELDOM = 10
+"""Number of answers of a long step."""
+_LATEST = 16
+"""Number of results in memory: those of the likely answers to a question and of an undo."""
+
+Known = TypeVar("Known")
+
+
+@final
+class Remembered(Generic[Known]):
+    """A function of a record that remembers what it returned for the latest ones.
+
+    Records are compared, not hashed: those of a study share their parts, so that takes no time.
+
+    Args:
+        function: Function of a record that returns something else than None.
+    """
+
+    def __init__(self, function: Callable[[History], Known]) -> None:
+        self._function = function
+        self._latest: tuple[tuple[History, Known], ...] = ()  # frozen, since threads share it
+
+    def __call__(self, history: History) -> Known:
+        """Return what the function returns for `history`."""
+        known = self.get(history)
+        if known is None:
+            known = self._function(history)
+            self._latest = ((history, known), *self._latest[: _LATEST - 1])
+        return known
+
+    def get(self, history: History) -> Known | None:
+        """Return it if it is remembered; None otherwise."""
+        return next((known for past, known in self._latest if past == history), None)
+
+
+@final
+class Stages(Generic[Known]):
+    """What is known after each answer, which follows from what was known one answer earlier.
+
+    It is a function of the record, so nothing has to be saved, and copies of an agent share it:
+    memory only saves time.
+
+    Args:
+        first: Function that returns what is known before the first answer.
+        following: Function of a record, the record one step earlier, and what was known then. A
+            step is a new experiment with its answer, or all follow-up answers after it.
+        most: Number of answers after which steps are long: ten answers at once, and the rest. This
+            saves time when a long study is opened. With None, they never are.
+        whole: Whether a new experiment and all follow-up answers after it are one step.
+    """
+
+    def __init__(
+        self,
+        first: Callable[[], Known],
+        following: Callable[[History, History, Known], Known],
+        most: int | None = None,
+        *,
+        whole: bool = False,
+    ) -> None:
+        self._first, self._following, self._most, self._whole = first, following, most, whole
+        self._known: OrderedDict[History, Known] = OrderedDict()
+
+    def after(self, history: History) -> Known:
+        """Return what is known after `history`."""
+        past = history.until(history.answered).bare()
+        before, known = self._latest(past)
+        for count in self._steps(before.answered + 1, past.answered):
+            here = past.until(count)
+            alone = here if self._whole else replace(here, follow_ups=before.follow_ups)
+            known = self._kept(alone, before, known)
+            if here != alone:
+                known = self._kept(here, alone, known)
+            before = here
+        return known
+
+    def knows(self, history: History) -> bool:
+        """Return whether what is known after `history` is in memory."""
+        return history.until(history.answered).bare() in self._known
+
+    def _steps(self, start: int, end: int) -> list[int]:
+        """Return the numbers of answers from `start` to `end` at which a step ends."""
+        most = end if self._most is None else self._most
+        return [k for k in range(start, end + 1) if k <= most or k % _SELDOM == 0 or k == end]
+
+    def _latest(self, past: History) -> tuple[History, Known]:
+        """Return the latest part of `past` that is in memory, and what is known after it.
+
+        Earlier ones may be forgotten: to work them out again would take time for each answer.
+        """
+        for count in reversed(self._steps(1, past.answered)):
+            here = past.until(count)
+            known = self._known.get(here)
+            if known is not None:
+                return here, known
+        known = self._known.get(History())
+        return History(), self._remembered(History(), self._first() if known is None else known)
+
+    def _kept(self, past: History, before: History, known: Known) -> Known:
+        found = self._known.get(past)  # another thread may drop it at any time
+        return found if found is not None else self._remembered(past, self._following(past, before, known))
+
+    def _remembered(self, past: History, known: Known) -> Known:
+        self._known[past] = known
+        while len(self._known) > _REMEMBERED:
+            self._known.popitem(last=False)
+        return known

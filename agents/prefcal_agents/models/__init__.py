@@ -1,1 +1,0 @@
-"""Everything that predicts: surrogates, Gaussian processes, KPI models and how they are trained."""

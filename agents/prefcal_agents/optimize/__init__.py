@@ -1,1 +1,0 @@
-"""The search that minimizes an acquisition over the unit cube."""

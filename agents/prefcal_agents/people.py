@@ -1,0 +1,912 @@
+"""What a person may want from KPIs, what answers say of it, and which θ is worth showing."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import expit, logsumexp, ndtr, softmax
+
+from prefcal_env.preferences.answer import Preference, Reading
+from prefcal_env.preferences.history import History
+
+from .lessons import Preferences, kpis_of
+from .surrogate import matern, predicted, squares
+
+# ----------------------------------------------------------------------------------------------------
+# θ whose KPIs are known: simulated ones that Screening chooses from, or experiments.
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Bank:
+    """θ and their KPIs, in the order simulated or run.
+
+    Args:
+        z: Points of the unit cube, shape (m, n).
+        thetas: θ, physical, shape (m, n).
+        names: Names of the KPIs.
+        kpis: KPIs, lower is better; infinite where one is missing, shape (m, k).
+        failed: Whether each simulation failed: it has no KPI at all, shape (m,).
+    """
+
+    z: Float[np.ndarray, "m n"]
+    thetas: Float[np.ndarray, "m n"]
+    names: tuple[str, ...]
+    kpis: Float[np.ndarray, "m k"]
+    failed: Bool[np.ndarray, " m"]
+
+    def __post_init__(self) -> None:
+        for array in (self.z, self.thetas, self.kpis, self.failed):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    @classmethod
+    def of(
+        cls,
+        z: Float[np.ndarray, "m n"],
+        thetas: Float[np.ndarray, "m n"],
+        columns: Mapping[str, Float[np.ndarray, " m"]],
+    ) -> "Bank":
+        """Return the bank of m simulated θ; a KPI that an experiment lacks is infinite.
+
+        Of rows with the same θ, which rounding of knobs gives, only the first is kept.
+
+        Args:
+            z: Points of the unit cube, shape (m, n).
+            thetas: θ, physical, shape (m, n).
+            columns: Values of each KPI by name, shape (m,), NaN where it is not known.
+        """
+        _, first = np.unique(thetas + 0.0, axis=0, return_index=True)  # -0.0 is 0.0
+        first.sort()
+        table = {name: values[first] for name, values in sorted(columns.items())}
+        names = tuple(name for name, values in table.items() if not np.isnan(values).all())
+        kpis = np.empty((len(first), len(names)))
+        for column, name in enumerate(names):
+            kpis[:, column] = table[name]
+        unknown = np.isnan(kpis)
+        failed = np.asarray(unknown.all(axis=1))
+        return cls(z[first], thetas[first], names, np.where(unknown, np.inf, kpis), failed)
+
+    @property
+    def hopeless(self) -> Bool[np.ndarray, " m"]:
+        """Return which θ have no finite KPI, shape (m,): they failed, or were interrupted."""
+        return np.asarray(np.isinf(self.kpis).all(axis=1))
+
+    def find(self, theta: Sequence[float] | Float[np.ndarray, " n"]) -> int:
+        """Return the row of a physical θ. Raises KeyError if it was not simulated."""
+        return int(self.rows([theta])[0])
+
+    def rows(self, thetas: Sequence[Sequence[float] | Float[np.ndarray, " n"]]) -> Int[np.ndarray, " p"]:
+        """Return the rows of p physical θ, shape (p,). Raises KeyError if one was not simulated."""
+        if not len(thetas):
+            return np.zeros(0, dtype=np.int64)
+        same = (self.thetas == np.array(thetas, dtype=float)[:, None]).all(axis=2)
+        known = same.any(axis=1)
+        if not known.all():
+            raise KeyError(tuple(thetas[int(known.argmin())]))
+        return np.asarray(same.argmax(axis=1))
+
+
+def columns_of(outcomes: Sequence[Mapping[str, float]]) -> dict[str, Float[np.ndarray, " m"]]:
+    """Return the values of each KPI of m experiments, shape (m,), by name; NaN where one lacks it."""
+    names = {name for outcome in outcomes for name in outcome}
+    return {name: np.array([outcome.get(name, np.nan) for outcome in outcomes]) for name in names}
+
+
+# ----------------------------------------------------------------------------------------------------
+# What a person may want from a closed loop: random orders of its KPIs, and random trade-offs.
+#
+# Source: none. Half of the draws are orders of some KPIs, each with a limit or none below which all
+# values are equally good, and with a just noticeable difference: the first KPI that differs noticeably
+# decides. The others are trade-offs: the cost of one KPI is Hill's function of its distance to a good
+# value (for small exponents ratios count, for large ones there is a limit at the scale, and beyond the
+# scale returns diminish), weights have heavy tails, and the total has a just noticeable difference. In
+# both, stated limits come first, unless the draw is one of few that ignore them. A difference of two
+# costs above 1 is noticed.
+
+_SPREADS = (0.5, 1.5, 3.0)
+"""Standard deviations of the logarithm of a weight: from all alike to one before all others."""
+_EXPONENTS = (-1.0, 2.5)
+"""Binary logarithms of the smallest and the largest exponent."""
+_DEEPEST = 2.5
+"""Half of the scales lie among the best values of a KPI, down to its quantile 10^-2.5."""
+_LARGEST = 0.8
+"""Quantile of the largest scale."""
+_UNLIMITED = 0.5
+"""Share of the KPIs in an order that have no limit."""
+_STEPS = (-2.5, -0.3)
+"""Decimal logarithms of the smallest and the largest just noticeable difference of a KPI in an
+order, in its range over random θ."""
+_NOTICED = (-3.5, -0.8)
+"""The same of a trade-off, whose cost lies between 0 and 1."""
+_RESPECTED = 0.97
+"""Share of draws in which stated limits come first."""
+ERRORS = ((0.02, 0.7), (0.1, 0.2), (0.25, 0.1))
+"""Rates of wrong answers, and how probable each is."""
+_LEVELS, _MOST = 512, 5
+"""Number of levels of a KPI in an order, and of KPIs in it: sums of them are exact integers."""
+_FIRST, _BEYOND = 2.0**20, 255
+"""Weight of a step beyond a stated limit in a trade-off, and the most steps that count."""
+_SHARP = 3.0
+"""How fast noticing becomes certain, in inverse just noticeable differences."""
+_FAR, _ROUNDED = 1e9, 1e-9
+"""Largest number of steps, and what rounding may add to a value at its limit."""
+_HUGE = 1e100
+_FLOOR = 0.002
+"""Distances below this share of the median distance count as zero."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scale:
+    """How the KPIs of a bank are measured: by the logarithm of the distance to a good value.
+
+    Args:
+        names: KPIs that differ in the bank.
+        good: Good value of each, shape (k,): 0, or the best one if it can be negative.
+        floor: Smallest distance that counts, shape (k,).
+        quantiles: Quantiles 0, 0.001, ..., 1 of the log distances, shape (1001, k).
+        ranges: Range of the distances, from their quantile 0.02 to 0.8, shape (k,).
+        limits: Largest distance that meets the objective, infinite without one, shape (k,).
+    """
+
+    names: tuple[str, ...]
+    good: Float[np.ndarray, " k"]
+    floor: Float[np.ndarray, " k"]
+    quantiles: Float[np.ndarray, "q k"]
+    ranges: Float[np.ndarray, " k"]
+    limits: Float[np.ndarray, " k"]
+
+    @classmethod
+    def of(
+        cls, bank: Bank, spread: Int[np.ndarray, " r"], limits: Mapping[str, float] = MappingProxyType({})
+    ) -> "Scale":
+        """Return the scale for the KPIs of `bank`, whose rows `spread` fill the space.
+
+        `limits` are the largest values that meet stated objectives, by the name of the KPI.
+        """
+        kpis = _bounded(bank.kpis)
+        usual = [column[np.isfinite(column)] for column in kpis[spread].T]
+        columns = [j for j, c in enumerate(usual) if len(c) and c.min() < c.max()]
+        good = np.array([min(kpis[:, j].min(), 0.0) for j in columns])
+        floor, quantiles = np.ones(len(columns)), np.zeros((1001, len(columns)))
+        ranges = np.ones(len(columns))
+        for place, j in enumerate(columns):
+            distances = usual[j] - good[place]
+            floor[place] = max(_FLOOR * np.median(distances[distances > 0]), 1.0 / _HUGE)
+            logs = np.log(np.maximum(distances, floor[place]))
+            quantiles[:, place] = np.quantile(logs, np.linspace(0, 1, 1001))
+            ranges[place] = np.subtract(*np.quantile(distances, [0.8, 0.02])) or np.ptp(distances)
+        names = tuple(bank.names[j] for j in columns)
+        stated = np.array([limits.get(name, np.inf) for name in names]) - good
+        return cls(names, good, floor, quantiles, ranges, stated)
+
+    def __call__(
+        self, bank: Bank, rows: Sequence[int] | Int[np.ndarray, " m"] | None = None
+    ) -> Float[np.ndarray, "m k"]:
+        """Return the log distances of all KPIs, shape (m, k), infinite where a KPI is.
+
+        Args:
+            bank: Bank with these KPIs.
+            rows: Rows of the bank; None for all.
+        """
+        columns = [bank.names.index(name) for name in self.names]
+        kpis = bank.kpis if rows is None else bank.kpis[list(rows)]
+        distances = _bounded(kpis[:, columns]) - self.good
+        return np.asarray(np.log(np.maximum(distances, self.floor)))
+
+    def at(self, share: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s k"]:
+        """Return the log distance that a share of random θ, below 1, does not exceed, (s, k)."""
+        place = share * (len(self.quantiles) - 1)
+        below, kpi = place.astype(np.int64), np.arange(share.shape[1])
+        low, high = self.quantiles[below, kpi], self.quantiles[below + 1, kpi]
+        return np.asarray(low + (place - below) * (high - low))
+
+
+def _bounded(kpis: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+    """Return `kpis` within what can be subtracted; the worst value, infinity, stays."""
+    return np.asarray(np.where(np.isposinf(kpis), np.inf, np.clip(kpis, -_HUGE, _HUGE)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Utilities:
+    """Draws of what a person may want: s costs of k KPIs.
+
+    Args:
+        scales: Logarithm of the distance at which half of a KPI's weight is lost, or of the limit
+            in an order, shape (s, k).
+        exponents: Exponent of each KPI, shape (s, k).
+        steps: Just noticeable difference of each KPI, shape (s, k).
+        limits: Largest distance of each KPI that is allowed; infinite if none is stated, or if the
+            draw ignores it, shape (s, k).
+        normals: Standard normal numbers behind the weights; the largest one comes first, (s, k).
+        spreads: Standard deviation of the logarithm of the weights, shape (s,).
+        noticed: Just noticeable difference of the total, shape (s,).
+        ordered: Number of KPIs in the order; 0 for a trade-off, shape (s,).
+        errors: Rate of wrong answers, shape (s,).
+    """
+
+    scales: Float[np.ndarray, "s k"]
+    exponents: Float[np.ndarray, "s k"]
+    steps: Float[np.ndarray, "s k"]
+    limits: Float[np.ndarray, "s k"]
+    normals: Float[np.ndarray, "s k"]
+    spreads: Float[np.ndarray, " s"]
+    noticed: Float[np.ndarray, " s"]
+    ordered: Int[np.ndarray, " s"]
+    errors: Float[np.ndarray, " s"]
+
+    @classmethod
+    def drawn(
+        cls, scale: Scale, count: int, rng: np.random.Generator, ordered: Bool[np.ndarray, " s"] | None = None
+    ) -> "Utilities":
+        """Return `count` draws before any answer is known.
+
+        `ordered` says which of them are orders, shape (count,); None for the first half.
+        """
+        shape = (count, len(scale.names))
+        deep = _LARGEST * 10.0 ** rng.uniform(-_DEEPEST, 0.0, shape)
+        share = np.where(rng.random(shape) < 0.5, deep, rng.uniform(0.0, _LARGEST, shape))
+        scales = scale.at(share)
+        ordered = np.arange(count) < count // 2 if ordered is None else ordered
+        free = ordered[:, None] & (rng.random(shape) < _UNLIMITED)
+        rates, odds = zip(*ERRORS, strict=True)
+        return cls(
+            np.where(free, -np.inf, scales),
+            2.0 ** rng.uniform(*_EXPONENTS, shape),
+            scale.ranges * 10.0 ** rng.uniform(*_STEPS, shape),
+            np.where(rng.random((count, 1)) < _RESPECTED, scale.limits, np.inf) * np.ones(shape),
+            rng.standard_normal(shape),
+            rng.choice(_SPREADS, count),
+            10.0 ** rng.uniform(*_NOTICED, count),
+            ordered * rng.integers(1, max(min(shape[1], _MOST), 1) + 1, count),
+            rng.choice(rates, count, p=odds),
+        )
+
+    def __len__(self) -> int:
+        return len(self.errors)
+
+    @property
+    def weights(self) -> Float[np.ndarray, "s c"]:
+        """Return the weight of each KPI, and of being beyond its stated limit, shape (s, 2k)."""
+        logs = self.spreads[:, None] * self.normals
+        # Only ratios count: without subtracting the largest, a wide spread would overflow.
+        raw = np.exp(logs - logs.max(axis=1, keepdims=True, initial=-np.inf))
+        # In units of what is just noticed, so that a difference of 1 is noticed by every draw alike.
+        shares = raw / (raw.sum(axis=1) * self.noticed)[:, None]
+        ranks = np.argsort(np.argsort(-self.normals, axis=1), axis=1)
+        ordered = self.ordered[:, None]
+        # A lexicographic order as a sum: one level of a KPI outweighs all levels of the later ones.
+        steps = np.where(ranks < ordered, 2.0 * float(_LEVELS) ** (_MOST - 1 - ranks), 0.0)
+        first = np.where(ordered > 0, 2.0 * _LEVELS**_MOST, _FIRST) * np.ones(logs.shape)
+        return np.hstack([np.where(ordered > 0, steps, shares), first])
+
+    def level(
+        self,
+        logs: Float[np.ndarray, "*s m k"],
+        part: int | Int[np.ndarray, " q"],
+        draws: Int[np.ndarray, " q"] | None = None,
+    ) -> Float[np.ndarray, "q m"]:
+        """Return how poor a KPI is, or how far beyond its stated limit, shape (q, m).
+
+        It is a share of the weight in a trade-off, and otherwise in just noticeable differences.
+
+        Args:
+            logs: Log distances of m experiments, shape (m, k), or in each draw, shape (s, m, k).
+            part: Column of the KPI, plus k for its stated limit; one for each draw, shape (q,).
+            draws: Draws, shape (q,); None for all.
+        """
+        rows = np.arange(len(self)) if draws is None else draws
+        kpi = np.broadcast_to(np.asarray(part) % logs.shape[-1], rows.shape)
+        x = logs[rows, :, kpi] if logs.ndim > 2 else logs.T[kpi]
+        beyond = np.broadcast_to(np.asarray(part) >= logs.shape[-1], rows.shape)
+        order = (self.ordered[rows] > 0) & ~beyond
+        trade = ~order & ~beyond
+        found = np.zeros(x.shape)
+        scales, steps = self.scales[rows, kpi, None], self.steps[rows, kpi, None]
+        exponents, limits = self.exponents[rows, kpi, None], self.limits[rows, kpi, None]
+        # s^p / (s^p + d^p) in logarithms, the share of the weight that is lost at the distance d.
+        found[trade] = expit(exponents[trade] * (x[trade] - scales[trade]))
+        above = np.exp(np.maximum(x[order], scales[order])) - np.exp(scales[order])
+        # Below `scales` all values are alike; above, distances count in just noticeable differences.
+        found[order] = np.minimum(above / steps[order], _FAR)
+        beyond = beyond & np.isfinite(limits[:, 0])
+        excess = np.exp(x[beyond]) * (1 - _ROUNDED) - limits[beyond]
+        found[beyond] = np.clip(np.ceil(excess / steps[beyond]), 0, _BEYOND)
+        return found
+
+    def costs(self, logs: Float[np.ndarray, "*s m k"]) -> Float[np.ndarray, "s m"]:
+        """Return the cost of m experiments in each draw, shape (s, m).
+
+        Their log distances have the shape (m, k), or (s, m, k) if each draw has its own.
+        """
+        found, weights = np.zeros((len(self), logs.shape[-2])), self.weights
+        order = self.ordered > 0
+        for part in self.parts:
+            level = self.level(logs, part)
+            if part < logs.shape[-1]:
+                # Whole levels, too few to reach the weight of the KPI before.
+                level[order] = np.minimum(np.floor(level[order]), _LEVELS - 1)
+            found += weights[:, part, None] * level
+        return found
+
+    def levels(self, logs: Float[np.ndarray, "p k"]) -> Float[np.ndarray, "c s p"]:
+        """Return all levels of p experiments by their log distances, shape (2k, s, p)."""
+        found = np.zeros((2 * logs.shape[1], len(self), len(logs)))
+        for part in self.parts:
+            found[part] = self.level(logs, part)
+        return found
+
+    def gains(
+        self, levels: Float[np.ndarray, "c s p"], better: Int[np.ndarray, " a"], worse: Int[np.ndarray, " a"]
+    ) -> Float[np.ndarray, "c s a"]:
+        """Return how much better one experiment is than another by each part, shape (2k, s, a).
+
+        In an order, the first KPI decides whose difference is noticeable: that of two experiments,
+        while `costs` counts steps from the best value, as an order of all experiments needs.
+
+        Args:
+            levels: Levels of p experiments, see `levels`, shape (2k, s, p).
+            better: One experiment of each pair, shape (a,).
+            worse: The other one, shape (a,).
+        """
+        found = levels.take(worse, axis=2) - levels.take(better, axis=2)
+        own, order = found[: len(found) // 2], self.ordered > 0
+        # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
+        own[:, order] = np.clip(np.trunc(own[:, order]), -1, 1)
+        return np.asarray(found * self.weights.T[:, :, None])
+
+    def log_answers(
+        self,
+        levels: Float[np.ndarray, "c s p"],
+        better: Int[np.ndarray, " a"],
+        worse: Int[np.ndarray, " a"],
+        tie: Bool[np.ndarray, " a"],
+    ) -> Float[np.ndarray, "s a"]:
+        """Return the logarithm of the probability of each answer by each draw, shape (s, a).
+
+        Args:
+            levels: Levels of p experiments, see `levels`, shape (2k, s, p).
+            better: The preferred experiment of each answer, or one of a tie, shape (a,).
+            worse: The other one, shape (a,).
+            tie: Whether the answer is that they are alike, shape (a,).
+        """
+        gain = self.gains(levels, better, worse).sum(axis=0)
+        won, lost = noticed(gain), noticed(-gain)
+        explained = np.where(tie, 1.0 - won - lost, won)
+        # A mistake is any of the three answers, so that no single one can rule out a draw.
+        error = self.errors[:, None]
+        return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
+
+    @property
+    def parts(self) -> Iterable[int]:
+        """Return what a cost is the sum of, by number: each KPI, and each stated limit."""
+        stated = np.isfinite(self.limits).any(axis=0)
+        return (*range(len(stated)), *(len(stated) + np.flatnonzero(stated)).tolist())
+
+    def take(self, rows: Int[np.ndarray, " r"]) -> "Utilities":
+        """Return the draws in `rows`, shape (r,)."""
+        return Utilities(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def where(self, mask: Bool[np.ndarray, " s"], other: "Utilities") -> "Utilities":
+        """Return these draws, and those of `other` where `mask` holds, shape (s,)."""
+        rows = np.arange(len(self)) + len(self) * mask
+        both = (np.concatenate([getattr(u, f.name) for u in (self, other)]) for f in fields(self))
+        return Utilities(*(values[rows] for values in both))
+
+    def mutated(self, other: "Utilities", rng: np.random.Generator) -> "Utilities":
+        """Return other draws to try: in each, one KPI or what is common is drawn again.
+
+        Weights take a step that keeps their distribution; the rest comes from `other`, new draws
+        with the same ones ordered.
+        """
+        count, k = self.normals.shape
+        part = rng.integers(0, k + 2, count)[:, None]
+        kpi, what = part == np.arange(k), rng.integers(0, 3, (count, 1))
+        step = np.where(
+            (rng.random((count, 1)) < 0.5) & (part < k),
+            other.normals,
+            0.8 * self.normals + 0.6 * other.normals,
+        )
+        weight, shape = (kpi & (what != 1)) | (part == k), kpi & (what != 0)
+        masks = {"scales": shape, "exponents": shape, "steps": shape}
+        common = (part == k + 1)[:, 0]
+        masks |= dict.fromkeys(("spreads", "noticed", "ordered", "errors"), common)
+        taken = {
+            name: np.where(mask, getattr(other, name), getattr(self, name)) for name, mask in masks.items()
+        }
+        return replace(self, normals=np.where(weight, step, self.normals), **taken)
+
+
+def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Return how probably a difference of costs is noticed."""
+    return np.asarray(ndtr(_SHARP * (gain - 1.0)))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Learn from answers: draw costs by how well they explain them, and ask whether they do.
+#
+# A person may judge by something that no KPI measures. Then a model over θ explains the answers better.
+
+DRAWS = 1024
+"""Number of draws that stand for what is known."""
+_MOVES = 24
+"""Metropolis steps of each draw after an answer."""
+AFTER = 10
+"""Number of answers before KPIs can be left; fewer say too little."""
+_MARGIN = 2.0
+"""Nats by which θ must predict the answers better than KPIs."""
+_ERROR = 0.03
+"""Rate of wrong answers of the model over θ."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Lessons:
+    """Answers as arrays, about experiments given by their log distances.
+
+    Args:
+        logs: Log distances of the shown experiments, shape (p, k).
+        better: Row of one experiment of each answer, the preferred one unless it is a tie, (a,).
+        worse: Row of the other one, shape (a,).
+        tie: Whether they are alike, shape (a,).
+        strength: Weight c_h of each answer as in eq. QP-pref, shape (a,).
+    """
+
+    logs: Float[np.ndarray, "p k"]
+    better: Int[np.ndarray, " a"]
+    worse: Int[np.ndarray, " a"]
+    tie: Bool[np.ndarray, " a"]
+    strength: Float[np.ndarray, " a"]
+
+    @classmethod
+    def of(cls, bank: Bank, scale: Scale, history: History) -> "Lessons":
+        """Return the answers of `history`.
+
+        An unsafe experiment is worse than all others that a person looked at.
+        """
+        rows = bank.rows([sample.theta for sample in history.samples[: history.answered]])
+        given = [
+            (v.challenger, v.incumbent, v.preference, c.answer.strength)
+            for c in history.lessons()
+            if (v := c.verdict) is not None
+        ]
+        unsafe = history.unsafe()
+        seen = {i for c in history.counting if c.incumbent is not None for i in (c.challenger, c.incumbent)}
+        given += [(i, j, Preference.CHALLENGER, 1.0) for j in sorted(unsafe) for i in sorted(seen - unsafe)]
+        turned = [(b, a) if p is Preference.INCUMBENT else (a, b) for a, b, p, _ in given]
+        pairs = np.array(turned, dtype=np.int64).reshape(-1, 2)
+        return cls(
+            scale(bank, rows),
+            pairs[:, 0],
+            pairs[:, 1],
+            np.array([p is Preference.TIE for _, _, p, _ in given], dtype=np.bool_),
+            np.array([strength for *_, strength in given], dtype=float),
+        )
+
+    def __len__(self) -> int:
+        return len(self.tie)
+
+    def log_likelihood(self, utilities: Utilities) -> Float[np.ndarray, " s"]:
+        """Return the logarithm of the probability of all answers by each draw, shape (s,)."""
+        return np.asarray(self.log_probabilities(utilities) @ self.strength)
+
+    def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
+        """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
+        return utilities.log_answers(utilities.levels(self.logs), self.better, self.worse, self.tie)
+
+
+def updated(
+    before: Utilities, old: Lessons, new: Lessons, scale: Scale, rng: np.random.Generator
+) -> Utilities:
+    """Return draws given the answers `new`, from draws given the answers `old`.
+
+    Source: N. Chopin, "A sequential particle filter method for static models" (2002): draws are
+    repeated by how well they explain the new answers, then moved by Metropolis steps.
+    Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
+    decides.
+    """
+    gained = new.log_likelihood(before) - old.log_likelihood(before)
+    shares = np.cumsum(np.exp(gained - gained.max()))
+    places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
+    rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
+    utilities = before.take(rng.permutation(rows))
+    return _moved(utilities, new, scale, rng)
+
+
+def _moved(utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
+    """Return draws after Metropolis steps. Only what a step changes is computed again."""
+    count, k = utilities.normals.shape
+    levels = utilities.levels(lessons.logs)
+    answers = lessons.better, lessons.worse, lessons.tie
+    logs = utilities.log_answers(levels, *answers) @ lessons.strength
+    for _ in range(_MOVES):
+        new = Utilities.drawn(scale, count, rng, utilities.ordered > 0)
+        tried = utilities.mutated(new, rng)
+        draw, kpi = np.nonzero(tried.steps != utilities.steps)
+        stated = np.isfinite(tried.limits[draw, kpi])
+        draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
+        before = levels[part, draw]
+        levels[part, draw] = tried.level(lessons.logs, part, draw)
+        likely = tried.log_answers(levels, *answers) @ lessons.strength
+        accepted = np.log(rng.random(count)) < likely - logs
+        refused = ~accepted[draw]
+        levels[part[refused], draw[refused]] = before[refused]
+        utilities = utilities.where(accepted, tried)
+        logs = np.where(accepted, likely, logs)
+    return utilities
+
+
+def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -> bool:
+    """Return whether KPIs predict the answers about as well as θ does, or too few are known.
+
+    Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
+    distributions" (1992).
+
+    Args:
+        history: Samples and answers.
+        bank: KPIs of all samples, and of others.
+        scale: How the KPIs are measured.
+        utilities: Draws of what the person wants, given the answers.
+    """
+    lessons = history.lessons()
+    if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
+        return True
+    known = Lessons.of(bank, scale, history)
+    strict = ~known.tie
+    strict[len(lessons) :] = False  # those that marks make are no answers
+    logs = known.log_probabilities(utilities)[:, strict]
+    # Each answer predicted from the others: the harmonic mean over draws given all answers.
+    by_kpis = float(np.sum(np.log(len(logs)) - logsumexp(-logs, axis=0)))
+    return bool(predicted(Preferences.of(history), _ERROR) <= by_kpis + _MARGIN)
+
+
+# ----------------------------------------------------------------------------------------------------
+# What KPIs may be on the plant, given what was measured, and a simulation if there is one.
+#
+# Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of another
+# plant than the one that runs is a rough model of it, a twin: then the process is the difference between
+# both. How far the twin is trusted follows from the measured values: with some probability, which they
+# decide, a KPI is predicted without the twin.
+
+_TRUST = 0.5
+"""Probability, before anything is measured, that a KPI follows the twin's."""
+_OFF = 0.3
+"""How far off the twin then is, in standard deviations of the KPI over random θ."""
+_OFFSET = {True: 0.5, False: 2.0}
+"""Variance of what is the same for all θ, over that of the process: with the twin and without."""
+_LENGTHS = (0.3, 0.6, 1.2)
+"""Lengths of the processes in the cube, over the square root of the number of knobs."""
+_NUGGET = 1e-3
+"""Variance of what θ does not explain, such as noise, over that of the process."""
+_FEATURES = 200
+"""Number of random cosines that a draw of a process is made of."""
+_INFINITE = 0.5
+"""Logarithm of how much worse than all finite values an infinite one counts."""
+_SAME = 1e-9
+"""Relative difference up to which a measured KPI is the simulated one."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Measured:
+    """KPIs that were measured on the plant.
+
+    Args:
+        rows: Rows of the bank whose θ have run, shape (r,).
+        outcomes: Their KPIs.
+        reading: How people read them.
+    """
+
+    rows: Int[np.ndarray, " r"]
+    outcomes: tuple[Mapping[str, float], ...]
+    reading: Reading
+
+    @classmethod
+    def of(cls, bank: Bank, history: History, reading: Reading) -> "Measured":
+        """Return the KPIs that the answers of `history` tell; none if all read as simulated."""
+        cut = history.cut_short()  # their KPIs are bounds
+        told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis and i not in cut}
+        rows = bank.rows([history.samples[index].theta for index in told])
+        found = cls(rows, tuple(told.values()), reading)
+        same = np.isclose(found.on(bank).kpis, bank.kpis, rtol=_SAME, atol=0.0)
+        return cls(np.array([], dtype=np.int64), (), reading) if same.all() else found
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def on(self, bank: Bank) -> Bank:
+        """Return the bank with what was measured in place of what was simulated."""
+        if not self.outcomes:
+            return bank
+        kpis = bank.kpis.copy()
+        measured = columns_of(self.outcomes)
+        for column, name in enumerate(bank.names):
+            values = measured.get(name, np.full(len(self), np.nan))
+            kpis[self.rows, column] = np.where(np.isnan(values), kpis[self.rows, column], values)
+        kpis[self.rows] = self.reading.table(bank.names, kpis[self.rows])
+        return replace(bank, kpis=kpis)
+
+
+def corrected(
+    z: Float[np.ndarray, "m n"],
+    simulated: Float[np.ndarray, "m k"] | None,
+    rows: Int[np.ndarray, " r"],
+    measured: Float[np.ndarray, "r k"],
+    draws: int,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "d m k"]:
+    """Return draws of what each KPI may be on the plant, shape (d, m, k).
+
+    Source: M. C. Kennedy, A. O'Hagan, "Predicting the output from a complex computer code when fast
+    approximations are available" (2000): the plant is the simulation plus a Gaussian process.
+    Deviation: the simulation can be left out. Scales are averaged over analytically.
+
+    Args:
+        z: Points of the cube, shape (m, n).
+        simulated: Log distances of the simulated KPIs, infinite where a KPI is, shape (m, k); None
+            without a simulation.
+        rows: Rows that were measured, shape (r,).
+        measured: Their measured log distances, shape (r, k).
+        draws: Number d of draws.
+        rng: Generator of the draws.
+    """
+    found = np.empty((draws, len(z), measured.shape[1]))
+    trusts = (False,) if simulated is None else (True, False)
+    beliefs = [_Belief.of(z, rows, length, twin) for length in _LENGTHS for twin in trusts]
+    for kpi, real in enumerate(measured.T):
+        twin = real if simulated is None else simulated[:, kpi]
+        known = np.concatenate([twin, real])
+        known = known[np.isfinite(known)]
+        cap = (known.max() if len(known) else 0.0) + _INFINITE
+        values = _drawn(beliefs, np.minimum(twin, cap), np.minimum(real, cap), rows, draws, rng)
+        values[:, rows] = real
+        found[:, :, kpi] = np.where(values > cap - _INFINITE / 2, np.inf, values)
+    return found
+
+
+def _drawn(
+    beliefs: Sequence["_Belief"],
+    twin: Float[np.ndarray, " t"],
+    real: Float[np.ndarray, " r"],
+    rows: Int[np.ndarray, " r"],
+    draws: int,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "d m"]:
+    """Return draws of one KPI, each by one of the beliefs, as likely as the values make it.
+
+    `twin` are all simulated values or, without a simulation, the measured ones.
+    """
+    spread, count = float(twin.std()) + 1e-9, len(beliefs[0].outer)
+    bases = [twin if belief.twin else np.full(count, twin.mean()) for belief in beliefs]
+    fits = [belief.fit(real - base[rows], spread) for belief, base in zip(beliefs, bases, strict=True)]
+    chosen = rng.choice(len(beliefs), draws, p=softmax([fit.evidence for fit in fits]))
+    found = np.empty((draws, count))
+    for k in np.unique(chosen):
+        mine = np.flatnonzero(chosen == k)
+        found[mine] = bases[k] + beliefs[k].paths(fits[k], len(mine), rng)
+    return found
+
+
+class _Fit(NamedTuple):
+    """A process given values: log evidence, K⁻¹ times the values, and its variance."""
+
+    evidence: float
+    alpha: Float[np.ndarray, " r"]
+    variance: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Belief:
+    """A Gaussian process for what is added to the twin, or for all of a KPI.
+
+    Args:
+        twin: Whether the twin is trusted.
+        rows: Rows of the points with values, shape (r,).
+        inner: Covariance K of the values, over the variance of the process, shape (r, r).
+        outer: That of all points with them, shape (m, r).
+        features: Random cosines, whose normal combinations are draws of the process, shape (m, f).
+    """
+
+    twin: bool
+    rows: Int[np.ndarray, " r"]
+    inner: Float[np.ndarray, "r r"]
+    outer: Float[np.ndarray, "m r"]
+    features: Float[np.ndarray, "m f"]
+
+    @classmethod
+    def of(
+        cls, z: Float[np.ndarray, "m n"], rows: Int[np.ndarray, " r"], share: float, twin: bool
+    ) -> "_Belief":
+        """Return the process with this length, in units of √n."""
+        knobs = z.shape[1]
+        length = share * np.sqrt(knobs)
+        outer = matern(squares(z, z[rows]) / length**2)[0] + _OFFSET[twin]
+        rng = np.random.default_rng(_FEATURES)
+        # The spectrum of the kernel is Student's t distribution with five degrees of freedom.
+        tails = np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
+        waves = rng.standard_normal((_FEATURES, knobs)) / tails / length
+        phases = rng.uniform(0.0, 2.0 * np.pi, _FEATURES)
+        cosines = np.sqrt(2.0 / _FEATURES) * np.cos(z @ waves.T + phases)
+        constant = np.full((len(z), 1), np.sqrt(_OFFSET[twin]))
+        return cls(
+            twin, rows, outer[rows] + _NUGGET * np.eye(len(rows)), outer, np.hstack([cosines, constant])
+        )
+
+    def fit(self, values: Float[np.ndarray, " r"], spread: float) -> _Fit:
+        """Fit to what was measured; its variance has an inverse gamma distribution before.
+
+        Args:
+            values: Measured values less the mean of the process, shape (r,).
+            spread: Standard deviation of the KPI over random θ.
+        """
+        prior = (spread * (_OFF if self.twin else 1.0)) ** 2
+        alpha = np.linalg.solve(self.inner, values)
+        half, shape = float(values @ alpha) / 2, 1.0 + len(values) / 2
+        factor = np.linalg.cholesky(self.inner)
+        evidence = np.log(_TRUST if self.twin else 1.0 - _TRUST) - shape * np.log1p(half / prior)
+        evidence -= len(values) / 2 * np.log(prior) + np.log(np.diag(factor)).sum()
+        return _Fit(float(evidence), alpha, (prior + half) / shape)
+
+    def paths(self, fit: _Fit, count: int, rng: np.random.Generator) -> Float[np.ndarray, "c m"]:
+        """Return draws of the process at all points, given the values, shape (c, m).
+
+        Source: J. T. Wilson et al., "Efficiently sampling functions from Gaussian process
+        posteriors" (2020): a draw before the values, plus what they change.
+        """
+        drawn = self.features @ rng.standard_normal((self.features.shape[1], count))
+        noise = np.sqrt(_NUGGET) * rng.standard_normal((len(self.rows), count))
+        changed = self.outer @ np.linalg.solve(self.inner, drawn[self.rows] + noise)
+        paths = np.sqrt(fit.variance) * (drawn - changed) + (self.outer @ fit.alpha)[:, None]
+        return np.asarray(paths.T)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Which simulated θ is worth showing, and whether any still is.
+
+_CLEAR = (0.1, 0.25)
+"""Smallest difference that is clear: a share of the larger value, and one of the middle half of
+all good simulations."""
+_NEAR = 0.2
+"""Distance in the cube, over the square root of the number of knobs, up to which θ are near."""
+LOOK = 60
+"""Number of θ for which two answers are looked ahead."""
+_TIE, _LESS = 0.4, 0.2
+"""A question with a larger probability of a tie waits, if another one gains this share of what it
+does."""
+_ALIKE = 3.0
+"""Ranks below this are worth about the same: the very first ones are a matter of chance."""
+
+_DOUBT = 0.75
+"""Probability of being noticeably better than the best by the answers above which an experiment
+takes its place."""
+
+
+def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
+    """Return the negative logarithm of the number of θ noticeably better than each, plus 4, (s, m).
+
+    Halving the number of better θ is worth the same everywhere, from a poor θ to the very best.
+    """
+    better = [np.searchsorted(np.sort(row), row - 1.0) for row in costs]
+    return np.asarray(-np.log(np.array(better).reshape(costs.shape) + _ALIKE + 1.0))
+
+
+def expected_best(costs: Float[np.ndarray, "s m"], best: int | None) -> Float[np.ndarray, " m"]:
+    """Return the expected worth of the better one of each θ and the best so far, shape (m,).
+
+    The answer decides which of both is kept, so the θ with the largest value is the one to show.
+    Where the person would not notice that it is better, it is kept by chance, and counts nothing.
+
+    Source: Z. J. Lin et al., "Preference exploration for efficient Bayesian optimization with
+    multiple outcomes" (2022): the expected utility of the best option.
+    Deviation: the utility is the logarithm of the rank, since a draw of the cost has no unit.
+
+    Args:
+        costs: Cost of each θ in each draw, shape (s, m).
+        best: Row of the best one so far; None if nothing was shown.
+    """
+    found = worth(costs)
+    return np.asarray((found if best is None else _kept(costs, found, best)).mean(axis=0))
+
+
+def now_and_next(
+    costs: Float[np.ndarray, "s m"], best: int, allowed: Bool[np.ndarray, " m"]
+) -> Float[np.ndarray, " m"]:
+    """Return the mean of what is expected after this answer and after the next one, shape (m,).
+
+    What is expected is the worth of the best one; the next question is the best one for each of the
+    three answers. Without the first half, a question that leads nowhere could come before a good
+    one. Only the θ that promise most by one answer are looked at; others are worth -inf.
+
+    Source: J. González, M. Osborne, N. Lawrence, "GLASSES: relieving the myopia of Bayesian
+    optimisation" (2016).
+    Deviation: two answers ahead, not all; and the mean, since a person may stop after each.
+
+    Args:
+        costs: Cost of each θ in each draw, shape (s, m).
+        best: Row of the best one so far.
+        allowed: θ that may be shown, shape (m,).
+    """
+    found = worth(costs)
+    kept = _kept(costs, found, best)
+    now = np.where(_telling(costs, kept, best, allowed), kept.mean(axis=0), -np.inf)
+    value = np.full(len(now), -np.inf)
+    for row in np.argsort(-now, kind="stable")[: min(LOOK, np.count_nonzero(np.isfinite(now)))]:
+        won, lost = (sign * (costs[:, best] - costs[:, row]) > 1.0 for sign in (1, -1))
+        after = [_kept(costs[won], found[won], row), kept[lost], kept[~won & ~lost]]
+        then = sum(each[:, allowed].sum(axis=0).max() for each in after) / len(costs)
+        value[row] = (now[row] + then) / 2
+    return value
+
+
+def _telling(
+    costs: Float[np.ndarray, "s m"],
+    kept: Float[np.ndarray, "s m"],
+    best: int,
+    allowed: Bool[np.ndarray, " m"],
+) -> Bool[np.ndarray, " m"]:
+    """Return `allowed` without likely ties, if what is left promises enough, shape (m,)."""
+    gain = kept.mean(axis=0) - kept[:, best].mean()
+    clear = allowed & (np.mean(np.abs(costs - costs[:, [best]]) <= 1.0, axis=0) <= _TIE)
+    enough = gain[clear].max(initial=0.0) > _LESS * gain[allowed].max(initial=0.0)
+    return clear if enough else allowed
+
+
+def _kept(
+    costs: Float[np.ndarray, "s m"], found: Float[np.ndarray, "s m"], best: int
+) -> Float[np.ndarray, "s m"]:
+    """Return the worth of the one that is kept if each θ is compared with the best, (s, m)."""
+    noticed = costs < costs[:, [best]] - 1.0
+    return np.asarray(np.where(noticed, found, found[:, [best]]))
+
+
+def clearly_apart(
+    kpis: Float[np.ndarray, "m k"], good: Bool[np.ndarray, " m"], row: int
+) -> Bool[np.ndarray, " m"]:
+    """Return which experiments differ clearly from one of them in some KPI, shape (m,).
+
+    Args:
+        kpis: KPIs as people read them, shape (m, k).
+        good: Experiments that tell which differences are usual, shape (m,).
+        row: Row of the experiment.
+    """
+    apart = np.zeros(len(kpis), dtype=np.bool_)
+    for values in kpis.T:
+        known = values[good & np.isfinite(values)]
+        if not len(known) or not np.isfinite(values[row]):
+            continue
+        larger = np.maximum(np.abs(values), abs(values[row]))
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite, or nearly so
+            usual = float(np.subtract(*np.percentile(known, [75, 25])))
+            least = np.maximum(_CLEAR[0] * larger, _CLEAR[1] * usual)
+            apart |= (usual > 0) & (np.abs(values - values[row]) >= least)
+    return apart
+
+
+def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int) -> Float[np.ndarray, " n"]:
+    """Return how the expected worth grows along each knob near one θ, shape (n,).
+
+    It is the slope of a plane through the θ of the bank, of which those near count more.
+
+    Args:
+        z: Points of the cube, shape (m, n).
+        costs: Their costs in each draw, shape (s, m).
+        row: Row of the θ.
+    """
+    steps = z - z[row]
+    near = np.exp(-0.5 * np.sum(steps**2, axis=1) / (_NEAR**2 * z.shape[1]))
+    plane = np.column_stack([np.ones(len(z)), steps])
+    weighted = plane.T * near
+    square = weighted @ plane + 1e-6 * np.eye(plane.shape[1])
+    return np.asarray(np.linalg.solve(square, weighted @ worth(costs).mean(axis=0))[1:])
+
+
+def overtaking(better: Float[np.ndarray, " n"], history: History) -> Float[np.ndarray, " n"]:
+    """Return how probably each sample is noticeably better than the best by the answers, (n,).
+
+    It is 0 unless the probability is above 0.75, and for those that were unsafe or cut short.
+    """
+    found = np.where(better > _DOUBT, better, 0.0)
+    found[[*history.unsafe(), *history.cut_short()]] = 0.0
+    return found

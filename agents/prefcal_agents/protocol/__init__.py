@@ -1,1 +1,0 @@
-"""The ask/tell protocol that all agents share."""

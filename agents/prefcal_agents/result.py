@@ -1,0 +1,435 @@
+"""What is said of a result: which answers carry it, what was wanted, a menu, a smaller change."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import logsumexp, softmax
+
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.preferences.history import History
+
+from .people import Bank, Lessons, Scale, Utilities, overtaking, worth
+
+# ----------------------------------------------------------------------------------------------------
+# Draws of a whole study at once: what other answers would teach, with nothing drawn again.
+#
+# The draws after the last answer lie where that record is likely. What would follow from another one
+# needs draws elsewhere: those from before the answers, and those after each of them.
+
+_STEPS = 30
+"""Steps of the fixed point; each one brings the constants several times nearer."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pool:
+    """Draws given several records, and what weighs them for any other record.
+
+    Args:
+        bank: Simulated θ, with their KPIs as measured where they ran.
+        scale: How KPIs are measured.
+        logs: Log distances of the KPIs that are expected, shape (m, k).
+        shown: Row of the bank of each sample, shape (n,).
+        utilities: All draws, shape (s,).
+        levels: Levels of the samples in each draw, shape (2k, s, n).
+        costs: Their costs, shape (s, n).
+        density: Logarithm of their density relative to that before any answer, shape (s,).
+    """
+
+    bank: Bank
+    scale: Scale
+    logs: Float[np.ndarray, "m k"]
+    shown: Int[np.ndarray, " n"]
+    utilities: Utilities
+    levels: Float[np.ndarray, "c s n"]
+    costs: Float[np.ndarray, "s n"]
+    density: Float[np.ndarray, " s"]
+
+    @classmethod
+    def of(
+        cls,
+        bank: Bank,
+        scale: Scale,
+        logs: Float[np.ndarray, "m k"],
+        given: Sequence[tuple[History, Utilities]],
+    ) -> "Pool":
+        """Return the pool of draws that were made given some records, as many for each.
+
+        Each draw counts as one of the mixture of all distributions that draws were made from. Their
+        constants follow from the draws: each is the mean likelihood over the weighted mixture.
+
+        Source: E. Veach, L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo
+        rendering" (1995), the balance heuristic; M. R. Shirts, J. D. Chodera, "Statistically optimal
+        analysis of samples from multiple equilibrium states" (2008), eq. (11).
+        Deviation: the draws are those of Markov chains, not independent.
+
+        Args:
+            bank: Simulated θ.
+            scale: How KPIs are measured.
+            logs: Log distances of the KPIs that are expected, shape (m, k).
+            given: Records and draws given each; the samples of the last one are those of all.
+
+        Raises:
+            KeyError: If a sample is not in the bank.
+        """
+        utilities = _joined([_within(scale, draws) for _, draws in given])
+        shown = np.array([bank.find(sample.theta) for sample in given[-1][0].samples], dtype=np.int64)
+        levels = utilities.levels(scale(bank, shown.tolist()))
+        costs = utilities.costs(logs[shown])
+        pool = cls(bank, scale, logs, shown, utilities, levels, costs, np.zeros(len(utilities)))
+        likely = np.array([pool.log_likelihood(record) for record, _ in given])
+        constants, density = np.zeros((len(given), 1)), pool.density
+        for _ in range(_STEPS):
+            density = logsumexp(likely - constants, axis=0) - np.log(len(given))
+            constants = logsumexp(likely - density, axis=1, keepdims=True) - np.log(len(density))
+        return replace(pool, density=density)
+
+    def log_likelihood(self, history: History) -> Float[np.ndarray, " s"]:
+        """Return the logarithm of the probability of all answers of a record, shape (s,)."""
+        given = Lessons.of(self.bank, self.scale, history)
+        logs = self.utilities.log_answers(self.levels, given.better, given.worse, given.tie)
+        return np.asarray(logs @ given.strength)
+
+    def weights(self, history: History, power: float = 1.0) -> Float[np.ndarray, " s"]:
+        """Return how probable each draw is given a record of these samples, shape (s,), in all 1.
+
+        With a `power` below 1 the answers count less, for people who are not of the draws' form.
+
+        Source: P. Grünwald, T. van Ommen, "Inconsistency of Bayesian inference for misspecified
+        linear models, and a proposal for repairing it" (2017): the likelihood to a power.
+        """
+        return np.asarray(softmax(power * self.log_likelihood(history) - self.density))
+
+    def drawn(self, history: History, count: int, power: float = 1.0) -> Utilities:
+        """Return `count` draws given a record, the likely ones several times."""
+        shares = np.cumsum(self.weights(history, power))
+        places = (np.arange(count) + 0.5) / count * shares[-1]
+        return self.utilities.take(np.searchsorted(shares, places))
+
+
+def _within(scale: Scale, utilities: Utilities) -> Utilities:
+    """Return draws by the limits of a scale, whose good values may be better than when drawn."""
+    limits = np.where(np.isfinite(utilities.limits), scale.limits, np.inf)
+    return replace(utilities, limits=limits)
+
+
+def _joined(draws: Sequence[Utilities]) -> Utilities:
+    return Utilities(*(np.concatenate([getattr(u, f.name) for u in draws]) for f in fields(Utilities)))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Which answers carry the result, and what the open question can still change.
+#
+# The result of another record is what its answers say, unless the draws, weighted again, hold another
+# experiment for noticeably better. Nothing is fitted again.
+
+_SURE = 0.5
+"""Probability of being noticeably better than the best by the answers, up to which an experiment
+does not take its place, whoever draws."""
+_JUDGES = 256
+"""Number of draws that choose among several that take its place."""
+_DOUBTFUL = 0.1
+"""Chance of the other answer from which on it tells something that the result rests on one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Influence:
+    """What the result would be if an answer were the other way round.
+
+    Args:
+        answer: Number of the answer, that of its challenger.
+        reversed: Sample that would be the best then.
+        chance: Probability of that other answer, by all answers but this one.
+        sure: Whether draws leave no doubt about `reversed`.
+    """
+
+    answer: int
+    reversed: int
+    chance: float
+    sure: bool
+
+    @property
+    def doubtful(self) -> bool:
+        """Return whether the other answers leave this one in doubt."""
+        return self.chance >= _DOUBTFUL
+
+
+def influences(pool: Pool, history: History) -> tuple[Influence, ...]:
+    """Return the influence of each answer that teaches and prefers a side, in the order given.
+
+    Args:
+        pool: Draws of the study.
+        history: Samples and answers.
+    """
+    found = []
+    for index, comparison in enumerate(history.comparisons):
+        if not comparison.teaches or not comparison.answer.preference:
+            continue
+        rest, other_way = history.retracted(index), turned(history, index)
+        likely = np.exp(pool.log_likelihood(other_way) - pool.log_likelihood(rest))
+        other, sure = _result(pool, other_way)
+        found.append(Influence(index, other, float(pool.weights(rest) @ likely), sure))
+    return tuple(found)
+
+
+def decisive(found: tuple[Influence, ...], best: int) -> Influence | None:
+    """Return the influence of the answer that carries the result; None if none alone does.
+
+    Of those that surely change it, if any, it is the one that the other answers support least.
+    """
+    changing = [each for each in found if each.reversed != best]
+    return max(changing, key=lambda each: (each.sure, each.chance), default=None)
+
+
+def stakes(pool: Pool, history: History, incumbent: int) -> float:
+    """Return how probably another sample is the best after the answer to the open question.
+
+    Args:
+        pool: Draws of the study, with the challenger among the samples.
+        history: Samples and answers so far; the next sample is the challenger.
+        incumbent: Sample that is the best so far.
+    """
+    given, before = pool.weights(history), pool.log_likelihood(history)
+    other = total = 0.0
+    for preference in (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT):
+        after = history.with_answer(Answer(preference), incumbent)
+        likely = float(given @ np.exp(pool.log_likelihood(after) - before))
+        total += likely
+        other += likely * (_result(pool, after)[0] != incumbent)
+    return other / total  # below 1 where something was unsafe, which each new experiment is better than
+
+
+def turned(history: History, index: int) -> History:
+    """Return the record as if the other side had been preferred in comparison `index`."""
+    given = history.comparisons[index]
+    preference = Preference(-int(given.answer.preference or 0))
+    other = replace(given, answer=replace(given.answer, preference=preference))
+    comparisons = (*history.comparisons[:index], other, *history.comparisons[index + 1 :])
+    return replace(history, comparisons=comparisons, leads=())
+
+
+def _result(pool: Pool, history: History) -> tuple[int, bool]:
+    """Return the sample that is the best after a record, and whether draws leave no doubt."""
+    best = history.by_answers
+    assert best is not None  # something was answered
+    count = history.answered
+    better = pool.weights(history) @ (pool.costs[:, :count] < pool.costs[:, [best]] - 1.0)
+    rivals = overtaking(better, history)
+    if not rivals.any():
+        return best, bool(better.max() < _SURE)
+    value = worth(pool.drawn(history, _JUDGES).costs(pool.logs))[:, pool.shown[:count]].mean(axis=0)
+    return int(np.argmax(np.where(rivals > 0, value, -np.inf))), False
+
+
+# ----------------------------------------------------------------------------------------------------
+# A menu of three: the result, and two candidates that people like this one might prefer to it.
+
+_OTHERS = 2
+_PERHAPS = 0.25
+"""Probability of not being noticeably worse than the result that a candidate must have."""
+_ENOUGH = 0.8
+"""Share of the largest gain that a candidate must have; the one that differs most is taken."""
+_STOPS = 9
+"""Number of places between two candidates at which a third one is sought."""
+
+
+def others(
+    costs: Float[np.ndarray, "s m"],
+    logs: Float[np.ndarray, "m k"],
+    usable: Bool[np.ndarray, " m"],
+    result: int,
+) -> tuple[int, ...]:
+    """Return up to two rows that, beside the result, satisfy most of the drawn people.
+
+    A person is satisfied by what is not noticeably worse than the best of all candidates. The next
+    row satisfies most of those who are not yet, or nearly so, and of such rows it is the one whose
+    KPIs differ most from what is on the menu, in ranks.
+
+    Source: G. L. Nemhauser, L. A. Wolsey, M. L. Fisher, "An analysis of approximations for
+    maximizing submodular set functions" (1978): the greedy choice satisfies at least 63 % of those
+    whom the best choice would.
+
+    Args:
+        costs: Cost of each candidate in each draw, shape (s, m).
+        logs: Log distances of their KPIs, shape (m, k).
+        usable: Candidates that may be on the menu, shape (m,).
+        result: Row of the result.
+    """
+    best = np.where(usable, costs, np.inf).min(axis=1, keepdims=True)
+    perhaps = (costs <= costs[:, [result]] + 1.0).mean(axis=0) >= _PERHAPS
+    satisfied = (costs <= best + 1.0) & usable
+    ranks = np.argsort(np.argsort(logs, axis=0, kind="stable"), axis=0) / len(logs)
+    menu = [result]
+    for _ in range(_OTHERS):
+        gain = perhaps * (satisfied & ~satisfied[:, menu].any(axis=1)[:, None]).mean(axis=0)
+        if not gain.any():
+            break
+        apart = np.abs(ranks[:, None] - ranks[menu]).max(axis=2, initial=0.0).min(axis=1)
+        menu.append(int(np.argmax(np.where(gain >= _ENOUGH * gain.max(), apart, -1.0))))
+    return tuple(menu[1:])
+
+
+def unbeaten(kpis: Float[np.ndarray, "m k"], usable: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+    """Return which usable rows have no other one that is better in a KPI and in none worse, shape (m,).
+
+    Args:
+        kpis: KPIs, lower is better, shape (m, k).
+        usable: Candidates that may be shown, shape (m,).
+    """
+    found = usable.copy()
+    for row in np.flatnonzero(usable):
+        rivals, own = kpis[found], kpis[row]
+        found[row] = not np.any((rivals <= own).all(axis=1) & (rivals < own).any(axis=1))
+    return found
+
+
+def between(
+    kpis: Float[np.ndarray, "m k"], stops: Bool[np.ndarray, " m"], one: int, other: int
+) -> tuple[int, ...]:
+    """Return rows on the way from row `one` to row `other`, both included, in this order.
+
+    Those between are nearest to places on the straight line of KPIs in ranks, where equal values have
+    the same rank.
+
+    Args:
+        kpis: KPIs, lower is better, shape (m, k).
+        stops: Candidates that may lie between, such as those that are `unbeaten`, shape (m,).
+        one: Row where it begins.
+        other: Row where it ends.
+    """
+    ranks = np.zeros(kpis.shape)
+    for place, column in enumerate(kpis.T):
+        ranks[:, place] = np.unique(column, return_inverse=True)[1]
+    from_one = (ranks - ranks[one]) / np.maximum(ranks.max(axis=0), 1.0)
+    way = from_one[other]
+    along = from_one @ way / (way @ way or 1.0)
+    rows = np.flatnonzero(stops & (along > 0.0) & (along < 1.0))
+    parts = np.linspace(0.0, 1.0, _STOPS + 2)[1:-1, None, None]
+    apart = ((from_one[rows] - parts * way) ** 2).sum(axis=2)
+    middle = rows[np.argmin(apart, axis=1)].tolist() if len(rows) else []
+    return (one, *dict.fromkeys(middle), other)
+
+
+# ----------------------------------------------------------------------------------------------------
+# The smallest change that is as good as the result: its knobs are put back to where they were.
+
+_WORSE = 0.05
+"""Probability of being noticeably worse than the result up to which a knob is put back."""
+
+
+@dataclass(frozen=True, slots=True)
+class SmallerChange:
+    """The result with some of its knobs as they were.
+
+    Args:
+        theta: θ, physical.
+        kept: Numbers of the knobs that are as they were, from 0.
+        chance: Probability that it is noticeably worse than the result.
+    """
+
+    theta: tuple[float, ...]
+    kept: tuple[int, ...]
+    chance: float
+
+
+def smaller_change(
+    result: Float[np.ndarray, " n"],
+    before: Float[np.ndarray, " n"],
+    space: KnobSpace,
+    chances: Callable[[Float[np.ndarray, "p n"]], Float[np.ndarray, " p"]],
+) -> SmallerChange | None:
+    """Return the result with knobs put back one after the other, the one noticed least first.
+
+    None if not even one can be. It takes n (n + 1) / 2 values of `chances` or fewer.
+
+    Args:
+        result: Physical θ, shape (n,).
+        before: θ that it replaces, shape (n,).
+        space: Knobs, whose constraints hold for all that is tried.
+        chances: Function of physical θ, shape (p, n), that returns how probably each is noticeably
+            worse than the result, shape (p,).
+    """
+    theta, chance = result, 0.0
+    while len(left := np.flatnonzero(theta != before)):
+        tried = np.where(np.eye(len(theta), dtype=bool)[left], before, theta)
+        tried = tried[np.atleast_1d(space.allows(tried))]
+        found = chances(tried) if len(tried) else np.ones(1)
+        first = int(np.argmin(found))
+        if found[first] > _WORSE:
+            break
+        theta, chance = tried[first], float(found[first])
+    if np.array_equal(theta, result):
+        return None
+    return SmallerChange(tuple(theta.tolist()), tuple(np.flatnonzero(theta == before).tolist()), chance)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Which KPIs a person wanted better, with how sure that is.
+#
+# It is a statement about verdicts, not about the form of a draw, so that orders and trade-offs agree or
+# not: whether a worse value would be noticed.
+
+_POWER = 0.5
+"""Power of the answers' likelihood, by which the certainties hold for people unlike the draws."""
+_DRAWS = 1024
+_MARKS = np.linspace(0.0, 0.95, 20)
+"""Shares of the worse values of a KPI that are tried, the best of them first."""
+_CERTAIN = 0.8
+"""Certainty from which on a wish is named. 11 of 12 such wishes were the person's own, but only 6 of 15
+less sure ones, and none of the 11 limits that were named with them (docs/research/archive.md)."""
+
+
+def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: int) -> dict[str, float]:
+    """Return how surely the person wanted each KPI better; only those that are sure enough are named.
+
+    Args:
+        pool: Draws of the study.
+        history: Samples and answers.
+        spread: Rows of the bank that fill the space, shape (r,).
+        result: Row of the result.
+    """
+    usable = spread[~pool.bank.hopeless[spread]]
+    if len(usable) < 2 or not history.lessons():
+        return {}
+    draws = cautious(pool, history)
+    found = {name: _certainty(pool, draws, usable, result, k) for k, name in enumerate(pool.scale.names)}
+    return {name: certainty for name, certainty in found.items() if certainty >= _CERTAIN}
+
+
+def cautious(pool: Pool, history: History) -> Utilities:
+    """Return draws whose certainties hold for people unlike the draws, too."""
+    return pool.drawn(history, _DRAWS, _POWER)
+
+
+def _certainty(pool: Pool, draws: Utilities, rows: Int[np.ndarray, " r"], result: int, kpi: int) -> float:
+    """Return how surely a worse value would be noticed, all other KPIs the same.
+
+    The value is the first that is sure enough; 0 if there is none, or if no shown run has it or a worse
+    one: the person has never judged such a value.
+    """
+    column = pool.bank.kpis[:, pool.bank.names.index(pool.scale.names[kpi])]
+    usual = column[rows]
+    worse = np.unique(usual[np.isfinite(usual) & (usual > column[result])])
+    if len(worse) < 2 or not np.isfinite(column[result]):
+        return 0.0
+    values = np.unique(np.quantile(worse, _MARKS))
+    logs = np.repeat(pool.logs[[result]], len(values) + 1, axis=0)
+    logs[1:, kpi] = np.log(np.maximum(values - pool.scale.good[kpi], pool.scale.floor[kpi]))
+    certain = noticed_worse(draws, logs)
+    place, shown = int(np.argmax(certain >= _CERTAIN)), column[pool.shown]
+    seen = np.any(np.isfinite(shown) & (shown >= values[place]))
+    return float(certain[place]) if seen else 0.0
+
+
+def noticed_worse(draws: Utilities, logs: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " q"]:
+    """Return the share of draws to which each row but the first is noticeably worse than it, shape (q,).
+
+    Args:
+        draws: Draws of what the person wants.
+        logs: Log distances of the KPIs, shape (m, k), with m = q + 1.
+    """
+    others = np.arange(1, len(logs))
+    gains = draws.gains(draws.levels(logs), np.zeros_like(others), others).sum(axis=0)
+    return np.asarray((gains > 1.0).mean(axis=0))

@@ -1,0 +1,565 @@
+"""Simulations for an agent, each θ once, and how its bank of them grows from answer to answer."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from threading import Lock
+from typing import Any, Protocol, Self, TypeVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from prefcal_agents.agent import Agent, Settings, Start
+from prefcal_agents.lessons import Stages
+from prefcal_agents.people import (
+    DRAWS,
+    Bank,
+    Lessons,
+    Measured,
+    Scale,
+    Utilities,
+    columns_of,
+    corrected,
+    updated,
+)
+from prefcal_agents.result import Pool
+from prefcal_agents.search import Region, latin_hypercube
+from prefcal_env.arrays import integer
+from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
+from prefcal_env.knobs import KnobSpace, theta_keys
+from prefcal_env.preferences.answer import Reading, numbers
+from prefcal_env.preferences.history import History
+
+# ----------------------------------------------------------------------------------------------------
+# Run simulations for an agent, each θ once, keep their KPIs, and what all such agents share.
+
+Theta = Float[np.ndarray, " n"]
+Simulate = Callable[[Theta], Mapping[str, float] | None]
+"""Function of a physical θ, shape (n,), that returns KPIs by name, lower is better.
+
+KPIs may be infinite (never), or missing or NaN (unknown). None, no KPIs or an exception: the
+simulation failed, which keeps the agent away from its θ. If the function has an attribute `many`,
+that is called with a list of θ instead and returns their KPIs in the same order, for example from
+several processes; see `SimulateMany`. An attribute `reading` says how people read these KPIs.
+An attribute `holds` makes a study robust; see `Holds`.
+"""
+Holds = Callable[[Sequence[Theta], int], Sequence[int]]
+"""Function of θ and a number of perturbed runs that returns how many of these runs of each θ keep the
+limits before one does not."""
+
+ENOUGH = 300
+"""Number of perturbed runs that all keep the limits of what is shown in a robust study: then fewer
+than 1 % of such runs do not, with 95 % confidence."""
+_JUDGED = 10
+"""Number of simulations from which it is judged whether the names of KPIs change."""
+
+Learned = TypeVar("Learned")
+
+
+class SimulateMany(Protocol):
+    """A `Simulate` that runs many θ at once, such as on all cores.
+
+    Copies of an agent that work in several threads may call it at the same time. What it raises
+    is raised by the agent: report the failure of a single simulation as None. If it has an
+    attribute `failure`, a text, that is how the last one failed.
+    """
+
+    def __call__(self, theta: Theta) -> Mapping[str, float] | None:
+        """Simulate one θ, physical, shape (n,)."""
+
+    def many(self, thetas: Sequence[Theta]) -> Iterable[Mapping[str, float] | None]:
+        """Return the KPIs of each θ, in order; None for a simulation that failed."""
+
+
+class Simulations:
+    """The simulations of a study, shared by an agent and its copies; it only saves repeating them.
+
+    Copies may work in several threads: a plain function runs one θ at a time, and none twice.
+
+    Args:
+        simulate: Function that simulates one θ.
+
+    Raises:
+        SettingsError: If it is not a function.
+    """
+
+    def __init__(self, simulate: Simulate) -> None:
+        many: Any = getattr(simulate, "many", None)
+        if not callable(simulate) or not (many is None or callable(many)):
+            raise SettingsError(f"simulate must be a function of θ, got {simulate!r}")
+        self.simulate = simulate
+        self.reading: Reading = getattr(simulate, "reading", None) or Reading()
+        self._many: Callable[[Sequence[Theta]], Iterable[Any]] | None = many
+        self.holds: Holds | None = getattr(simulate, "holds", None)
+        self._known: dict[bytes, dict[str, float]] = {}
+        self._error: Exception | None = None
+        self._learned: dict[Callable[..., Any], Any] = {}
+        self._one_at_a_time = Lock()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the function and what it returned; a lock belongs to the threads of a process."""
+        known = dict(self._known)  # another thread may add to it
+        return Simulations, (self.simulate,), {"_known": known, "_error": self._error}
+
+    def learned(self, learn: Callable[..., Learned], *given: Any) -> Learned:
+        """Return what `learn(simulations, *given)` returns, the same object for all copies."""
+        if learn not in self._learned:
+            self._learned.setdefault(learn, learn(self, *given))
+        found: Learned = self._learned[learn]
+        return found
+
+    @property
+    def count(self) -> int:
+        """Return the number of simulated θ."""
+        return len(self._known)
+
+    @property
+    def failed(self) -> int:
+        """Return the number of simulations that failed."""
+        return sum(not outcome for outcome in list(self._known.values()))
+
+    def __call__(self, thetas: Float[np.ndarray, "m n"]) -> list[dict[str, float]]:
+        """Return the KPIs of each row of `thetas`; none for a simulation that failed.
+
+        Raises:
+            SimulationError: If no simulation has worked so far, or `simulate` does not return what
+                it should: KPIs by name, the same names for every θ.
+        """
+        keys = theta_keys(thetas)
+        if any(key not in self._known for key in keys):
+            self._run(dict(zip(keys, thetas, strict=True)))
+            self._check_names()
+        if keys:
+            self._check_any()
+        return [self._known[key] for key in keys]
+
+    def runs_kept(self, thetas: Float[np.ndarray, "m n"], most: int = ENOUGH) -> Int[np.ndarray, " m"]:
+        """Return how many perturbed runs of each θ keep the limits before one does not, shape (m,).
+
+        They are `most` at most, and where the study is not robust, which judges by no such run.
+        """
+        if self.holds is None:
+            return np.full(len(thetas), most)
+        return np.array(self.holds(list(thetas), most), dtype=np.int64)
+
+    def _run(self, wanted: Mapping[bytes, Theta]) -> None:
+        """Simulate those of `wanted` that are not known; a function of one θ by one thread."""
+        with nullcontext() if self._many else self._one_at_a_time:
+            new = {key: theta for key, theta in wanted.items() if key not in self._known}
+            if self._many is None:
+                self._one_by_one(new)
+            else:
+                self._keep(new, self._all_at_once(self._many, list(new.values())))
+
+    def _one_by_one(self, new: Mapping[bytes, Theta]) -> None:
+        found: list[Any] = []
+        try:
+            for theta in new.values():
+                found.append(self._one(theta))
+                if not isinstance(found[-1], Mapping | None):
+                    break  # no KPIs: what follows would be refused, too
+        finally:  # the person may have stopped it
+            self._keep(new, found)
+
+    def _one(self, theta: Theta) -> Any:
+        try:
+            return self.simulate(theta.copy())  # it may write into θ
+        except Exception as error:  # people's code may raise anything
+            self._error = error
+            return None
+
+    @staticmethod
+    def _all_at_once(many: Callable[[Sequence[Theta]], Iterable[Any]], thetas: Sequence[Theta]) -> list[Any]:
+        found = many([theta.copy() for theta in thetas])
+        if not isinstance(found, Iterable):
+            raise SimulationError(f"simulate.many must return the KPIs of each θ, got {found!r}")
+        found = list(found)
+        if len(found) != len(thetas):
+            raise SimulationError(
+                f"simulate.many must return the KPIs of all {len(thetas)} θ in order, "
+                f"got {len(found)} results"
+            )
+        return found
+
+    def _keep(self, new: Mapping[bytes, Theta], results: Sequence[Any]) -> None:
+        """Keep the KPIs that the first of `new` returned; none where a simulation failed."""
+        found = [{} if result is None else result for result in results]
+        try:
+            kpis = list(map(numbers, found))
+        except PreferenceError:
+            return self._keep_until_refused(new, found)
+        return self._known.update(zip(new, kpis, strict=False))
+
+    def _keep_until_refused(self, new: Mapping[bytes, Theta], found: Sequence[Any]) -> None:
+        """Keep the KPIs before the first of `found` that are none; raise SimulationError about it."""
+        for (key, theta), each in zip(new.items(), found, strict=False):
+            try:
+                self._known[key] = numbers(each)
+            except PreferenceError as error:
+                raise SimulationError(
+                    f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
+                    f"got {each!r} at θ = {theta}"
+                ) from error
+
+    def _check_any(self) -> None:
+        """Raise SimulationError if all failed: then the function is wrong, not some θ."""
+        if not any(list(self._known.values())):
+            why = "returned no KPI that is a number" if self._error is None else repr(self._error)
+            why = getattr(self.simulate, "failure", "") or why
+            raise SimulationError(
+                f"simulate worked for none of {self.count} θ; the last one: {why}"
+            ) from self._error
+
+    def _check_names(self) -> None:
+        """Raise SimulationError if hardly any two θ have a KPI of the same name."""
+        worked = [outcome for outcome in list(self._known.values()) if outcome]
+        if len(worked) < _JUDGED:
+            return
+        names = Counter(name for outcome in worked for name in outcome)
+        name, most = names.most_common(1)[0]
+        if most <= len(worked) // _JUDGED:
+            raise SimulationError(
+                "simulate must return KPIs of the same names for every θ, but the most common of "
+                f"{len(names)} names, {name!r}, came with {most} of {len(worked)} θ"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Budget(Settings):
+    """Number of θ that an agent may simulate, 1 or more."""
+
+    n_simulated: int = 1000
+
+    def __post_init__(self) -> None:
+        integer("n_simulated", self.n_simulated, low=1)
+
+
+class Simulating(Agent):
+    """An agent that is given a simulation, and shows only some of what it simulates.
+
+    Copies share the simulations. A restored agent has none until `with_simulations`. Arguments and
+    errors are those of `Agent`, but `n_init` has no effect, and two are added:
+
+    Args:
+        simulate: Function of a physical θ, shape (n,), that returns KPIs by name, lower is better;
+            see `Simulate`. Without it, the agent can only be inspected.
+        n_simulated: Number of θ to simulate, 1 or more.
+    """
+
+    options = Budget
+    _simulations: Simulations | None = None
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        simulate: Simulate | None = None,
+        n_simulated: int = 1000,
+        n_init: int = 1,
+        n_max: int = 11,
+        seed: int = 0,
+        start: Start | None = None,
+    ) -> None:
+        budget = Budget(n_simulated)
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start, settings=budget)
+        self._simulations = None if simulate is None else Simulations(simulate)
+
+    def with_simulations(self, simulate: Simulate) -> Self:
+        """Return a copy that simulates by `simulate`, for example one restored from a file."""
+        twin = self.copy()
+        twin._simulations = Simulations(simulate)
+        twin._forget()
+        twin._prepare()
+        return twin
+
+    @property
+    def n_simulated(self) -> int:
+        """Return the number of θ that the agent may simulate."""
+        return int(self.setup.settings.n_simulated)
+
+    @property
+    def simulate(self) -> Simulate | None:
+        """Return the function that simulates a θ; None for an agent that was restored without."""
+        return None if self._simulations is None else self._simulations.simulate
+
+    @property
+    def simulations(self) -> Simulations:
+        """Return the simulations so far: how many, and how many failed.
+
+        Raises:
+            SettingsError: If the agent has no `simulate`.
+        """
+        if self._simulations is None:
+            name = type(self).__name__
+            raise SettingsError(f"{name} needs simulate, a function of θ that returns KPIs")
+        return self._simulations
+
+
+# ----------------------------------------------------------------------------------------------------
+# How the bank of a screening agent grows from answer to answer.
+
+_FIRST, _SECOND, _LATER = (0.2, 0.08), (0.2, 0.12), (0.0, 0.04)
+"""Shares of the simulations, over the whole space and near the leaders: before the first question,
+which must come soon; after the first answer; and after each later one."""
+_ANSWERS = 10
+"""Number of later answers that are followed by simulations; then all are used up."""
+_ROUND = 50
+"""Number of θ near the leaders after which leaders are chosen again."""
+_JUDGES, _GUIDES = 256, 64
+"""Numbers of draws that judge the whole bank, and that say where to simulate next."""
+_LEADERS = 20
+"""Number of the best θ of a draw that span the step."""
+_BASES = 3
+"""Number of the best θ of a draw from which a step starts."""
+_STEP = (0.2, 0.8)
+"""Smallest and largest multiple of the difference of two leaders."""
+_MOVED = 0.8
+"""Probability that a knob moves along."""
+_JITTER = 0.01
+"""Standard deviation of a random step, in units of the cube, where all leaders agree."""
+_LEARN = 0
+"""First stream of random numbers; the next ones place θ."""
+_CORRECT = 1000
+"""Stream that draws how the plant differs from the simulation."""
+_POOL, _RECALLED = 2000, 10
+"""Stream of the pool's draws before any answer, and number of the latest answers it has draws of."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Stage:
+    """What is known when a query is made.
+
+    Args:
+        bank: Simulated θ, with their measured KPIs where these are others.
+        spread: Rows of the bank that fill the space, shape (r,).
+        scale: How KPIs are measured.
+        logs: Log distances of the KPIs that are expected, shape (m, k).
+        utilities: Draws of what the person wants.
+        costs: Cost of each θ in some of the draws, lower is better, shape (d, m).
+        rough: Whether experiments measured other KPIs than those simulated.
+    """
+
+    bank: Bank
+    spread: Int[np.ndarray, " r"]
+    scale: Scale
+    logs: Float[np.ndarray, "m k"]
+    utilities: Utilities
+    costs: Float[np.ndarray, "d m"]
+    rough: bool
+
+
+class Growth:
+    """The stages of a study: a function of the record, and remembered.
+
+    Copies of an agent share it. Nothing in it has to be saved: a restored agent simulates the same
+    θ again.
+
+    Args:
+        simulations: Simulations of the study.
+        space: Knobs to tune.
+        n_simulated: Largest number of θ to simulate.
+        seed: Seed of all randomness.
+    """
+
+    def __init__(self, simulations: Simulations, space: KnobSpace, n_simulated: int, seed: int) -> None:
+        self.simulations = simulations
+        self._space, self._seed = space, seed
+        self._plan = _plan(n_simulated)
+        self._design = latin_hypercube(space, sum(wide for wide, _ in self._plan), seed)
+        self._stages = Stages(self._first, self._following)
+        self._pooled: tuple[History, Pool] | None = None  # the latest one: it is large
+
+    def stage(self, history: History) -> Stage:
+        """Return what is known after `history`, simulating what was not simulated yet."""
+        return self._stages.after(history)
+
+    def pool(self, history: History) -> Pool:
+        """Return the draws of the study so far, which say what other answers would teach.
+
+        Raises:
+            KeyError: If a sample is not in the bank.
+        """
+        known = self._pooled
+        if known is None or known[0] != history:
+            known = self._pooled = (history, self._pool(history))
+        return known[1]
+
+    def _pool(self, history: History) -> Pool:
+        stage, last = self.stage(history), history.answered
+        given = [(History(), Utilities.drawn(stage.scale, DRAWS, self._rng(history, _POOL)))]
+        for count in range(max(last - _RECALLED, 1), last):
+            past = history.until(count)
+            earlier = self.stage(past)
+            if earlier.scale.names == stage.scale.names:
+                given.append((past, earlier.utilities))
+        return Pool.of(stage.bank, stage.scale, stage.logs, [*given, (history, stage.utilities)])
+
+    def due(self, history: History) -> int:
+        """Return how many θ are simulated by the time of the query after `history`."""
+        turn = max(history.answered - 1, 0)
+        return sum(wide + near for wide, near in self._plan[: turn + 1])
+
+    def works(self, z: Float[np.ndarray, " n"]) -> bool:
+        """Simulate the θ of a point of the cube, shape (n,); return whether it can be shown.
+
+        It has a finite KPI and, in a robust study, keeps the limits in all perturbed runs.
+        """
+        bank = self._simulated(*self._space.proposals(z[None]))
+        return not bank.hopeless[0] and self.simulations.runs_kept(bank.thetas)[0] == ENOUGH
+
+    def _first(self) -> Stage:
+        """Return the stage before the first answer: leaders by what anybody may want."""
+        wide, near = self._plan[0]
+        bank = self._simulated(*self._space.proposals(self._design[:wide]))
+        spread = np.arange(len(bank))
+        scale = Scale.of(bank, spread, self.simulations.reading.limits)
+        stage = self._stage(History(), bank, spread, scale, self._drawn(scale))
+        return self._refined(History(), stage, near)
+
+    def _stage(
+        self,
+        past: History,
+        bank: Bank,
+        spread: Int[np.ndarray, " r"],
+        scale: Scale,
+        utilities: Utilities,
+        judges: int = _JUDGES,
+    ) -> Stage:
+        """Return the stage after `past`, given the bank as simulated."""
+        some = utilities.take(np.arange(0, len(utilities), len(utilities) // judges))
+        logs = expected = scale(bank)
+        measured = Measured.of(bank, past, self.simulations.reading)
+        seen, rows = measured.on(bank), measured.rows
+        if len(rows) and scale.names:
+            rng = self._rng(past, _CORRECT)
+            logs = corrected(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
+            expected = np.median(logs, axis=0)
+        costs = some.costs(logs)
+        rough = len(rows) > 0
+        return Stage(seen, spread, scale, expected, utilities, costs, rough)
+
+    def _drawn(self, scale: Scale) -> Utilities:
+        return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
+
+    def _following(self, past: History, before: History, stage: Stage) -> Stage:
+        """Return the stage after `past`, given the one after `before`, a step earlier."""
+        if past.answered == before.answered:
+            return self._followed(past, before, stage)
+        return self._grown(past, before, stage)
+
+    def _grown(self, past: History, before: History, stage: Stage) -> Stage:
+        """Return the stage after `past`, given the one after `before`, an answer earlier."""
+        turn = past.answered - 1  # the first one is compared with nothing
+        wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
+        bank, spread = self._widened(stage, past, turn, wide)
+        scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
+        if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
+            before, utilities = History(), self._drawn(scale)
+        elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
+            limits = np.where(np.isfinite(utilities.limits), scale.limits, np.inf)
+            utilities = replace(utilities, limits=limits)
+        utilities = self._learned(past, before, bank, scale, utilities)
+        judges = _GUIDES if near else _JUDGES
+        stage = self._stage(past, bank, spread, scale, utilities, judges)
+        return self._refined(past, stage, near)
+
+    def _followed(self, past: History, before: History, stage: Stage) -> Stage:
+        """Return the stage after the follow-ups of `past`, which teach, but bring no new θ."""
+        bank = self._simulated(stage.bank.z, stage.bank.thetas)
+        utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
+        return self._stage(past, bank, stage.spread, stage.scale, utilities)
+
+    def _widened(
+        self, stage: Stage, past: History, turn: int, wide: int
+    ) -> tuple[Bank, Int[np.ndarray, " r"]]:
+        """Return the bank with the next `wide` θ of the design and all shown, and its design."""
+        start = sum(count for count, _ in self._plan[:turn])
+        z, thetas = self._space.proposals(self._design[start : start + wide])
+        bank, old = self.extended(stage.bank, z, thetas), len(stage.bank)
+        spread = np.append(stage.spread, np.arange(old, len(bank)))
+        shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
+        return self.extended(bank, *shown), spread
+
+    def _learned(
+        self, past: History, before: History, bank: Bank, scale: Scale, utilities: Utilities
+    ) -> Utilities:
+        """Return draws given the answers of `past`, from draws given those of `before`."""
+        if not past.lessons() and not past.unsafe():
+            return utilities
+        seen = Measured.of(bank, past, self.simulations.reading).on(bank)
+        old, new = (Lessons.of(seen, scale, record) for record in (before, past))
+        return updated(utilities, old, new, scale, self._rng(past, _LEARN))
+
+    def _refined(self, past: History, stage: Stage, count: int) -> Stage:
+        """Return the stage with `count` more θ near the leaders, in rounds if they are many."""
+        if not count or not stage.scale.names:
+            return stage
+        rounds = max(count // _ROUND, 1)
+        for number, part in enumerate(np.array_split(np.arange(count), rounds)):
+            rng = self._rng(past, _LEARN + 1 + number)
+            points = near_leaders(self._space, stage.bank.z, stage.costs, len(part), rng)
+            z, thetas = self._space.proposals(points)
+            kept = np.atleast_1d(self._space.allows(thetas))  # rounding may cross an edge
+            bank = self.extended(stage.bank, z[kept], thetas[kept])
+            judges = _GUIDES if number < rounds - 1 else _JUDGES
+            stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities, judges)
+        return stage
+
+    def extended(self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
+        """Return the bank with more θ, simulating what was not simulated yet."""
+        return self._simulated(np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas]))
+
+    def _simulated(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
+        """Return the bank of these θ, with their KPIs as people read them."""
+        bank, reading = Bank.of(z, thetas, columns_of(self.simulations(thetas))), self.simulations.reading
+        return replace(bank, kpis=reading.table(bank.names, bank.kpis))
+
+    def _rng(self, past: History, stream: int) -> np.random.Generator:
+        return np.random.default_rng([self._seed, past.answered, len(past.follow_ups), stream])
+
+
+def _plan(n_simulated: int) -> list[tuple[int, int]]:
+    """Return how many θ to simulate for each answer: over the space, and near the leaders."""
+    shares = np.array([_FIRST, _SECOND, *[_LATER] * _ANSWERS])
+    counts = np.diff(np.round(n_simulated * np.cumsum(shares)), prepend=0.0).reshape(shares.shape)
+    plan = [(int(wide), int(near)) for wide, near in counts]
+    return [(max(plan[0][0], 1), plan[0][1]), *plan[1:]]
+
+
+def near_leaders(
+    space: KnobSpace,
+    z: Float[np.ndarray, "m n"],
+    costs: Float[np.ndarray, "s m"],
+    count: int,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "count n"]:
+    """Return points of the cube near the θ with the lowest costs, shape (count, n).
+
+    Each point belongs to one draw: one of its best θ, plus a part of the difference of two of its
+    leaders. So steps are long while leaders are far apart, and shrink with them.
+
+    Source: R. Storn, K. Price, "Differential evolution" (1997).
+    Deviation: the population is the leaders of one draw, and all simulated θ can be leaders.
+
+    Args:
+        space: Knobs to tune.
+        z: Simulated points of the cube, shape (m, n).
+        costs: Their costs in each draw, shape (s, m).
+        count: Number of points.
+        rng: Generator of the draws.
+    """
+    leaders = np.argsort(costs, axis=1, kind="stable")[:, :_LEADERS]
+    drawn = leaders[rng.integers(len(leaders), size=count)]
+    first = drawn[np.arange(count), rng.integers(min(_BASES, drawn.shape[1]), size=count)]
+    pair = np.array([rng.choice(row, 2) for row in drawn])
+    step = rng.uniform(*_STEP, (count, 1)) * (z[pair[:, 0]] - z[pair[:, 1]])
+    step *= rng.random(step.shape) < _MOVED
+    low, high = space.corners
+    points = z[first] + step + _JITTER * rng.standard_normal(step.shape)
+    points = np.clip(points, low, high)  # many optima lie at the edge
+    if not space.constraints:
+        return space.snap_all(points)
+    region = Region(space)
+    allowed = z[region.allows(z)]
+    return region.repaired(points, allowed) if len(allowed) else space.snap_all(points)

@@ -1,1 +1,0 @@
-"""Helpers without preference learning: argument checks, threads, optional extras."""

@@ -1,1 +1,0 @@
-"""What a person may want from the KPIs of experiments, and what answers teach about it."""

@@ -1,0 +1,755 @@
+"""Run `prefcal calibrate`: an open study with all that works on it, until it ends or is stopped."""
+
+import json as json_
+import shlex
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from rich.console import Console, RenderableType
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from prefcal_app.report.export import jsonable, versions
+from prefcal_app.report.record import (
+    VERDICTS,
+    Owner,
+    Ownership,
+    StudyRecord,
+    claim_default,
+    claim_given,
+    gain_of,
+    result_table,
+)
+from prefcal_app.session import Background, Interview, Phase, unattended
+from prefcal_app.session.study import as_studied, is_simulating, trust_text
+from prefcal_app.simulating import Kept, Simulator, key_of, twin_of
+from prefcal_app.terminal import converse
+from prefcal_app.terminal.showing import say
+from prefcal_app.view.end import baseline_of
+from prefcal_env.compiling import Compiling
+from prefcal_env.disk import digest_of
+from prefcal_env.errors import RunError, SimulationError, StudyError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.study import State, study_path, to_text
+from prefcal_env.study.file import simulated_beside
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.described.description import words_to_resume
+from prefcal_scenarios.isolated import isolation
+from prefcal_scenarios.names import is_own
+from prefcal_scenarios.own import fingerprint
+from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.wording import labeled, printable, theta_text
+
+from .choices import (
+    IN_MEMORY,
+    Opened,
+    by_now,
+    follows_cost,
+    kept_if_worth_it,
+    make_calibrator,
+    open_study,
+    with_cost,
+    worth_keeping,
+)
+from .options import Options
+from .studies.files import completed, existing, open_described
+
+# ----------------------------------------------------------------------------------------------------
+# Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as in shells."""
+_ALSO = ("SIGTERM", "SIGHUP")
+"""Signals that end a program like Ctrl-C does: `kill`, and closing the terminal."""
+
+
+class Interruption:
+    """Signal handler that remembers the first Ctrl-C, and raises at once on the second.
+
+    The first one raises only where this is allowed, after calling `on_press`.
+    """
+
+    def __init__(self) -> None:
+        self.pressed = False
+        self.on_press: Callable[[], None] = lambda: None
+        self._allowed = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle the signal."""
+        again, self.pressed = self.pressed, True
+        if not again:
+            with suppress(OSError):  # the terminal may be closed
+                self.on_press()
+        if again or self._allowed:
+            raise KeyboardInterrupt
+
+    def check(self) -> None:
+        """Raise if a press was held back, or swallowed by a callback of compiled code."""
+        if self.pressed:
+            raise KeyboardInterrupt
+
+    @contextmanager
+    def allowed(self) -> Iterator[None]:
+        """Let a press raise at once inside the block, including an earlier press held back."""
+        self.check()
+        self._allowed = True
+        try:
+            yield
+        finally:
+            self._allowed = False
+
+
+@contextmanager
+def interruption(*, others: bool = False) -> Iterator[Interruption]:
+    """Handle Ctrl-C inside the block; threads that cannot set handlers keep Python's behavior.
+
+    Args:
+        others: Whether to handle `kill` and a closed terminal, too. Must be False if the block
+            starts processes, which would inherit the handling.
+    """
+    handler = Interruption()
+    if threading.current_thread() is not threading.main_thread():
+        yield handler
+        return
+    before = {signal.SIGINT: signal.signal(signal.SIGINT, handler)}
+    for name in _ALSO if others else ():
+        number = getattr(signal, name, None)  # Windows lacks some of them
+        # Replace only the default handler: `nohup` ignores SIGHUP on purpose.
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            before[number] = signal.signal(number, handler)
+    try:
+        yield handler
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Record what a report says of a study, and print its result as a table or as JSON.
+
+
+def record_of(
+    interview: Interview, options: Options, references: Mapping[str, Experiment], name: str | None = None
+) -> StudyRecord:
+    """Return the record of the study as it stands, for reports."""
+    now = interview.now()
+    state = now.state
+    agent = state.configuration["agent"]
+    winners = state.history.incumbents()  # after each closed query; the last is the best now
+    waiting = sorted(index for index in state.finished if index >= state.history.answered)
+    kept = Path(interview.file.path)
+    times = [recorded.at for recorded in interview.file.events()]
+    return StudyRecord(
+        scenario=interview.scenario,
+        source=options.scenario,
+        comparisons=interview.past.comparisons(),
+        answered=interview.past.answered(),
+        held=winners if now.incumbent is None else (*winners[:-1], now.incumbent),
+        waiting={index: interview.past.experiment(index) for index in waiting},
+        references=references,
+        settings=options.settings(),
+        agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items()},
+        n_init=options.n_init,
+        n_max=interview.known.n_max,
+        command=options.command(),
+        surrogate=interview.known.surrogate,
+        trust="" if (index := interview.known.index) is None else trust_text(index),
+        ended=state.ended or "",
+        outlook=interview.known.outlook,
+        judged=follows_cost(options, interview.scenario),
+        study=name or "",
+        dates=tuple(dict.fromkeys((times[0], times[-1]))),
+        baseline=baseline_of(state),
+        fingerprint=_fingerprint(options, state),
+        digest=digest_of(kept) if options.by_a_person and kept.is_file() else "",
+    )
+
+
+def _fingerprint(options: Options, state: State) -> str:
+    """Return the fingerprint of the scenario, as it was at the start if that is known."""
+    now = fingerprint(options.scenario)
+    then = state.configuration.get("fingerprint", now)
+    return str(then) if then == now else f"{then}; its files have changed since, now {now}"
+
+
+def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
+    """Run the reference θ; leave out those that fail, since the study itself is complete."""
+    experiments: dict[str, Experiment] = {}
+    if scenario.source.asks:
+        return experiments
+    if scenario.source.hangs and scenario.references:
+        say("The references did not run: the last run had to be ended.")
+        return experiments
+    for name, theta in scenario.references.items():
+        try:
+            experiments[name] = scenario.run(theta, seed=seed)
+        except Exception as error:  # a rig can raise anything
+            say(f"The reference {name!r} did not run: {error}")
+    return experiments
+
+
+def as_json(
+    record: StudyRecord, options: Options, report: Path | None, study: str | None, simulated: int | None = 0
+) -> str:
+    """Return the result as strict, indented JSON, with null for missing numbers or no report."""
+    best = record.best
+    theta = None if best is None else record.scenario.space.named(best.experiment.theta)
+    content = {
+        "best": theta,
+        "cost": None if best is None else best.cost,
+        "kpis": None if best is None else dict(best.experiment.kpis),
+        "experiments": len(record.trials),
+        "questions": record.questions,
+        "simulated": simulated,
+        "verdicts": record.verdict_counts(),
+        "report": None if report is None else str(report),
+        "scenario": options.scenario,
+        "agent": options.agent,
+        "calibrator": options.calibrator,
+        "seed": options.seed,
+        "study": study,
+        "stopped": record.stopped,
+    }
+    return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+_SIGNS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
+"""Sign and style of a value that meets its objective, or does not."""
+_STYLES = {"yes": "green", "no": "red"}
+"""Style of a cell by its last class."""
+
+
+def show(record: StudyRecord, report: Path, console: Console) -> None:
+    """Print what was gained, the best θ next to the references, and the path of the report."""
+    if record.best is not None:
+        gain, result = gain_of(record), result_table(record)
+        if not gain["same"]:
+            console.print(_drawn(gain["title"], gain["table"]))
+        shown = _drawn(record.scenario.title, result)
+        shown.columns[1].style = "bold blue"
+        console.print(shown)
+        if gain["before"]:
+            say(console, gain["back"])
+    if record.outlook is not None:
+        for line in record.outlook.lines:
+            console.print(line, soft_wrap=True, markup=False, highlight=False)
+    console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
+
+
+def _drawn(title: str, table: Mapping[str, Any]) -> Table:
+    """Return a table of the view for the console: a column of names, and columns of values."""
+    drawn = Table("", title=plain(title), title_style="bold", title_justify="left")
+    for column in table["columns"][1:]:
+        drawn.add_column(plain(column["name"]), justify="right")
+    signed = {k for row in table["rows"] for k, cell in enumerate(row["cells"]) if cell["met"] is not None}
+    for row in table["rows"]:
+        cells = [
+            Text.assemble(
+                (cell["text"], _STYLES.get(cell["kind"].rpartition(" ")[2], "")),
+                _SIGNS[cell["met"]] if k in signed else "",
+            )
+            for k, cell in enumerate(row["cells"])
+        ]
+        drawn.add_row(plain(labeled(row["name"], row["unit"])), *cells)
+    return drawn
+
+
+def plain(text: str) -> str:
+    """Return a name out of the user's file as text that moves no cursor and is no markup."""
+    return escape(printable(text))
+
+
+# ----------------------------------------------------------------------------------------------------
+# An open study with all that works on it: its interview, its simulator and its report.
+
+_KNOWN = 2.0
+"""Longest wait, in seconds, for what a screening agent expects of its simulations in the end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """An open study at work; its report can be written again and again while it runs.
+
+    Args:
+        opened: Study.
+        interview: Interview, which holds the agent and the study file.
+        claim: Claim on the folder of the report.
+        messages: Console for messages, standard error.
+    """
+
+    opened: Opened
+    interview: Interview
+    claim: Ownership
+    messages: Console
+
+    @property
+    def options(self) -> Options:
+        """Return the options of the study."""
+        return self.opened.options
+
+    @property
+    def over(self) -> bool:
+        """Return whether the study is over."""
+        return self.interview.now().phase is Phase.OVER
+
+    @property
+    def again(self) -> str:
+        """Return the command that resumes the study."""
+        options = self.options
+        words = ["prefcal", "calibrate", *words_to_resume(options.scenario)]
+        words += ["--study", self.opened.name or ""]
+        words += [] if options.cost is None else ["--cost", options.cost]
+        if options.twin is not None and is_own(options.twin):
+            words += ["--twin", options.twin]
+        return shlex.join(words)
+
+    @property
+    def left(self) -> str:
+        """Return the old values that a live plant does not have again, as text; empty if none."""
+        left = self.interview.scenario.source.left
+        return ", ".join(f"{name} = {value:g}" for name, value in (left or {}).items())
+
+    @property
+    def reportable(self) -> bool:
+        """Return whether the study has a completed experiment and is kept, so can be reported.
+
+        Takes no lock, since the handler of Ctrl-C calls it at any point.
+        """
+        file = self.opened.file
+        if not file.state.history.answered:
+            return False
+        if not self.options.by_a_person or self.opened.resumed:
+            return True
+        return worth_keeping(file, self.interview.scenario)
+
+    def say(self, text: str) -> None:
+        """Print one line for the user, whatever is in it."""
+        say(self.messages, text)
+
+    def write(self, *, failed: bool = False) -> StudyRecord:
+        """Write the report of the study as it stands, if there is anything to report.
+
+        Args:
+            failed: Whether the scenario has just failed: no references run, and nothing more is
+                said about its cost.
+
+        Raises:
+            StudyError: If it cannot be written, for example because the disk is full.
+        """
+        options, scenario, wanted = self.options, self.interview.scenario, self.reportable
+        self.interview.known.wait_for_screened(_KNOWN)
+        self.interview.known.foresight(learn=True)
+        shown = {} if failed or not wanted else references(scenario, options.seed, self.say)
+        record, trouble = record_of(self.interview, options, shown, self.opened.name).costed()
+        if trouble and not failed:
+            self.say(f"prefcal: the report has no costs: {trouble}")
+        if wanted:
+            self._write(record)
+        return record
+
+    def _write(self, record: StudyRecord) -> None:
+        # Imported here: plotting takes half a second, and invalid options must fail fast.
+        from prefcal_app.report.write import write_report
+
+        scenario = self.interview.scenario
+        pictures = () if scenario.pictures is None else scenario.pictures()
+        try:
+            self.claim.renew()
+            write_report(record, self.claim.folder, pictures)
+        except OSError as error:
+            raise StudyError(
+                f"cannot write the report into {self.claim.folder}: {error.strerror or error}. "
+                "The study itself has lost nothing"
+            ) from error
+
+    def tell(self, record: StudyRecord) -> None:
+        """Print the result."""
+        options = self.options
+        report = self.claim.folder / "report.html" if self.reportable else None
+        if options.json:
+            found = as_json(record, options, report, self.opened.name, self._simulated)
+            print(found, flush=True)
+        elif report is None:
+            self.say("Nothing to report: no experiment was compared.")
+        else:
+            # ":100:" in the range of a knob is no emoji
+            console = Console(emoji=False)
+            show(record, report, console)
+            if not options.by_a_person:  # no program can repeat a person's answers
+                console.print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
+        if report is not None and record.partial:
+            self.say(f"This is a partial report: {len(record.trials)} of {record.n_max} experiments.")
+
+    @property
+    def _simulated(self) -> int | None:
+        """Return how many θ were simulated unseen; None if this is not known any more."""
+        if not is_simulating(self.interview.file.state):
+            return 0
+        found = self.interview.known.simulated
+        return None if found is None or not found.simulated else found.simulated
+
+
+@contextmanager
+def calibration(
+    opened: Opened, scenario: Scenario, messages: Console, *, asks: bool = True, keep: bool = True
+) -> Iterator[Calibration]:
+    """Claim the folder of the report, and get a study to work.
+
+    Args:
+        opened: Study.
+        scenario: Scenario of the study.
+        messages: Console for messages.
+        asks: Whether experiments may run, and events be written.
+        keep: Whether to keep what is simulated beside the study: only if its options name all code.
+
+    Raises:
+        SettingsError: If the folder holds another study's report or cannot be written to.
+    """
+    options, claim = opened.options, _claim(opened, scenario.name)
+    with ExitStack() as stack:
+        stack.callback(claim.release)
+        simulator = _simulator(stack, opened, scenario, keep) if asks else None
+        interview = Interview(
+            scenario,
+            opened.file,
+            ahead=asks and options.by_a_person,
+            asks=asks,
+            simulator=simulator,
+            at_once=options.at_once,
+        )
+        yield Calibration(opened, interview, claim, messages)
+
+
+def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool) -> Simulator | None:
+    """Return what the study's agent simulates with, for the knobs of the study; None if nothing."""
+    state, options = opened.file.state, opened.options
+    if not is_simulating(state):
+        return None
+    studied, limit = as_studied(scenario, state), options.run_timeout
+    if options.twin is not None:
+        isolated = stack.enter_context(isolation(options.twin, limit))
+        studied = twin_of(studied, isolated(load(options.twin)))
+    kept = None
+    if keep and opened.name is not None:
+        source = options.scenario if options.twin is None else options.twin
+        key = key_of(studied, source, state.configuration, versions())
+        kept = Kept(simulated_beside(Path(opened.file.path)), key)
+    simulator = Simulator(studied, seed=options.seed, longest=limit, kept=kept, robust=options.robust)
+    stack.enter_context(simulator).start()
+    return simulator
+
+
+def _claim(opened: Opened, scenario: str) -> Ownership:
+    """Claim the folder of the report: the requested one, or a free default one."""
+    options, name = opened.options, opened.name
+    owner = Owner(_identity(opened), name, options.scenario)
+    if options.out is not None:
+        return claim_given(options.out, owner)
+    return claim_default(default_folder(opened, scenario), owner)
+
+
+def default_folder(opened: Opened, scenario: str) -> Path:
+    """Return the default folder of the report: prefcal-STUDY.
+
+    For a study in memory, the scenario and the seed stand in for the name.
+    """
+    if opened.name is None:
+        return Path(f"prefcal-{scenario}-{opened.options.seed}")
+    return Path(f"prefcal-{study_path(opened.name).stem}")
+
+
+def _identity(opened: Opened) -> str:
+    """Return a text that is equal for two studies only if they are the same study.
+
+    A file is identified by its configuration and its start time, so a copy is the same study. A
+    study in memory is identified by its configuration alone, since the same command reproduces it
+    bit for bit.
+    """
+    first = next(iter(opened.file.events()))
+    at = "" if opened.file.path == IN_MEMORY else first.at
+    return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
+
+
+def report_of(given: Mapping[str, Any]) -> None:
+    """Write the report of a study.
+
+    Args:
+        given: Values of the options of `prefcal report`, None for those that were not typed.
+
+    Raises:
+        StudyError: If there is no such study, or its scenario must be given.
+        SettingsError: If its cost is a program and must be given.
+    """
+    given = completed(given)
+    name, source, cost = given["study"], given["scenario"], given["cost"]
+    with open_described(existing(name)) as file, isolation(source, early=False) as isolated:
+        scenario = isolated(with_cost(load(source), cost))
+        stored = by_now(file.state)
+        if cost is not None and stored.get("cost") is not None:
+            stored["cost"] = cost  # the file may have moved
+        # A report simulates nothing, so its twin is taken as it is.
+        options = Options.resumed(stored, {**given, "twin": stored.get("twin")})
+        if not file.state.history.answered:
+            raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")
+        # A page may have the study open: writing an event here would make its next answer fail.
+        opened, messages = Opened(file, options, name, resumed=True), Console(stderr=True, emoji=False)
+        with calibration(opened, scenario, messages, asks=False) as work:
+            work.tell(work.write())
+
+
+# ----------------------------------------------------------------------------------------------------
+# Run `prefcal calibrate`: open the study, collect the answers, and write the report.
+
+RUN_FAILED = 1
+"""Exit code if the user's own scenario code ended an unattended study."""
+GONE = 20.0
+"""Seconds from closing the last page of a finished study to the end of the command."""
+
+
+def run(given: Mapping[str, Any]) -> int:
+    """Run the study, write its report, and print the result; return the exit code.
+
+    A study that ends early still gets a report of the comparisons so far, and a study file can be
+    resumed.
+
+    Args:
+        given: Values of the fields of `Options`, None for options that were not typed.
+
+    Raises:
+        PrefcalError: If the options do not fit the scenario, the study or the machine.
+    """
+    given = completed(given)
+    source, options = given["scenario"], Options.of(given)
+    messages = Console(stderr=True, emoji=False)
+    with interruption(others=True) as ctrl_c:
+        ctrl_c.on_press = lambda: messages.print("Stopping ...", highlight=False)
+        with isolation(source, given["run_timeout"], at_once=options.at_once) as isolated:
+            with ctrl_c.allowed():  # nothing is open yet
+                scenario = isolated(with_cost(load(source), given["cost"]))
+            if options.by_a_person and not options.terminal:
+                _check_address(options)
+            opened = open_study(given, scenario, given["study"])
+            with kept_if_worth_it(opened, scenario, messages):
+                return _run(opened, scenario, ctrl_c, messages)
+
+
+def _check_address(options: Options) -> None:
+    """Raise SettingsError if the page's port is taken, before the study starts."""
+    # Imported here: unattended runs need no web server.
+    from prefcal_app.web.serve import bind
+
+    bind(options.host, options.port).close()
+
+
+def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:
+    """Collect the answers and write the report in a folder that belongs to the study."""
+    file, name = opened.file, opened.name
+    try:
+        with calibration(opened, scenario, messages) as work:
+            ctrl_c.on_press = lambda: _say_stopping(work)
+            _introduce(work)
+            ask = _attended if opened.options.by_a_person else _unattended
+            return ask(work, ctrl_c)
+    except KeyboardInterrupt:
+        has_report = name and file.state.history.answered
+        later = f"; its report: prefcal report {name}" if has_report else ""
+        saved = file.trouble() or (f"Every answer is saved{later}" if name else "")
+        say(messages, f"Stopped at once. {saved}".strip())
+        raise
+
+
+def _introduce(work: Calibration) -> None:
+    """Print the report's folder if it may be unexpected, and what a run left on the plant."""
+    folder, opened = work.claim.folder, work.opened
+    default = default_folder(opened, work.interview.scenario.name)
+    if folder.name != default.name and work.options.out is None:
+        work.say(f"{default} holds another study's report: this one goes to {folder}.")
+    if work.left:
+        work.say(f"A run was interrupted: the plant's old values are restored now ({work.left}).")
+
+
+def _say_stopping(work: Calibration) -> None:
+    """Print what the first Ctrl-C does."""
+    what = "Writing the report ..." if work.reportable else "Stopping ..."
+    if work.interview.drives:
+        what = "Stopping the run: the plant gets its old values back ..."
+    work.say(f"{what} (Ctrl-C again ends at once)")
+
+
+def _attended(work: Calibration, ctrl_c: Interruption) -> int:
+    """Let a person answer, with pauses of any length; return the exit code."""
+    how = "resumed" if work.opened.resumed else "started"
+    work.say(f"Study {work.opened.name} {how}. Every answer is saved at once.")
+    work.say(f"Stop any time, and resume with: {work.again}")
+    ask = _in_terminal if work.options.terminal else _in_window
+    ask(work, ctrl_c)
+    if work.left:
+        work.say(
+            f"The plant does not have its old values ({work.left}). They are kept on the disk, and "
+            f"restored at the next start: {work.again}"
+        )
+    over = work.over
+    if work.reportable and (trouble := work.opened.file.trouble()) is not None:
+        raise StudyError(trouble)
+    if not over and work.reportable:
+        work.say(f"Stopped; every answer is saved. Resume: {work.again}")
+    return INTERRUPTED if ctrl_c.pressed and not over else 0
+
+
+def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
+    """Serve the query window until it is closed."""
+    # Imported here: unattended runs need no web server.
+    from prefcal_app.web import Window, open_browser
+
+    options, announced = work.options, False
+    links = work.messages.file if options.json else None
+    with (
+        Window(
+            work.interview, host=options.host, port=options.port, again=work.again, command=options.command()
+        ) as window,
+        Background(work.interview),
+    ):
+        if window.warning:
+            work.say(window.warning)
+        # A link stands on a line of its own, unwrapped and flushed, so that programs can read it.
+        print(window.link, file=links, flush=True)
+        if window.link_for_others:
+            work.say("From other machines:")
+            print(window.link_for_others, file=links, flush=True)
+        if options.browser and not open_browser(window.link):
+            work.say("No browser found: open the link yourself, or answer here with --terminal.")
+        with suppress(KeyboardInterrupt), ctrl_c.allowed():
+            while not window.closed.wait(0.1):
+                over = work.over
+                if over and not announced:
+                    _tell_in_passing(work)
+                    window.reports = work.claim.folder
+                    ctrl_c.on_press = lambda: work.say("Closing ...")
+                elif announced and not over:
+                    window.reports = None  # it is of the result before
+                    ctrl_c.on_press = lambda: _say_stopping(work)
+                announced = over
+                away = window.away()
+                if over and away is not None and away > GONE and not window.verifying:
+                    break
+    if options.json or not announced:
+        work.tell(work.write())
+
+
+def _tell_in_passing(work: Calibration) -> None:
+    """Write the report of a finished study while its page is still open."""
+    record = work.write()
+    if not work.options.json:
+        work.tell(record)
+    work.say("The study is finished. The command ends when you close its page, or with Ctrl-C.")
+
+
+def _in_terminal(work: Calibration, ctrl_c: Interruption) -> None:
+    """Ask in the terminal until the person stops."""
+    # With --json, standard output belongs to the result.
+    console = work.messages if work.options.json else Console(emoji=False)
+    with Background(work.interview), suppress(KeyboardInterrupt), ctrl_c.allowed():
+        converse(work.interview, console)
+    work.tell(work.write())
+
+
+def _unattended(work: Calibration, ctrl_c: Interruption) -> int:
+    """Let a synthetic calibrator answer as fast as the experiments run; return the exit code."""
+    failure = None
+    try:
+        with ctrl_c.allowed():
+            _answer_all(work, ctrl_c)
+    except (KeyboardInterrupt, Exception) as error:
+        # Keep the results so far after any error of a rig. Compiled code can turn a
+        # KeyboardInterrupt into another error, so check whether Ctrl-C was pressed.
+        if not (ctrl_c.pressed or isinstance(error, KeyboardInterrupt)):
+            failure = error
+        else:
+            done = f"{work.interview.known.counts.experiments} of {work.interview.known.n_max} experiments"
+            work.say(f"Interrupted after {done}.")
+    # Do not run the references on a rig that has just failed.
+    record = work.write(failed=failure is not None)
+    work.tell(record)
+    if isinstance(failure, RunError | SimulationError):
+        if isinstance(failure, RunError) and failure.trace:
+            work.say(failure.trace)
+        work.say(f"prefcal: {failure}")
+        return RUN_FAILED
+    if failure is not None:
+        raise failure
+    if ctrl_c.pressed and not record.stopped:
+        work.say("Interrupted after the study was finished: the report is complete.")
+    return INTERRUPTED if ctrl_c.pressed else 0
+
+
+def _answer_all(work: Calibration, ctrl_c: Interruption) -> None:
+    """Run and compare all experiments, showing a progress bar."""
+    interview = work.interview
+    calibrator = make_calibrator(work.options, interview.scenario)
+    with _Display(work) as display:
+        display.compared(len(interview.past.comparisons()))
+        interview.prepare(display.compiling)
+        for _ in unattended(interview, calibrator, display.running, work.say):
+            display.compared()
+            ctrl_c.check()
+
+
+class _Display(Progress):
+    """Progress bar with the current θ, the best θ and the verdicts so far, used with `with`."""
+
+    def __init__(self, work: Calibration) -> None:
+        self._interview = work.interview
+        self._rows = {"θ now": "none yet", "best θ": "none yet", "verdicts": ""}
+        super().__init__(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(compact=True),
+            console=work.messages,
+            expand=True,
+        )
+        name = escape(printable(self._interview.scenario.name))
+        self._bar = self.add_task(f"calibrating {name}", total=self._interview.known.n_max)
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        """Yield the bar, and a line for each row below it."""
+        yield from super().get_renderables()
+        rows = dict(self._rows)
+        if (simulated := self._interview.known.simulated) is not None:
+            rows["unseen"] = simulated.line
+        elif (running := self._interview.now().running) > 1:
+            rows["at once"] = f"{running} experiments are running"
+        for name, text in rows.items():
+            style = "bold blue" if name == "best θ" else ""
+            yield Text.assemble((f"{name:<9} ", "dim"), (printable(text), style))
+
+    def compiling(self, part: Compiling) -> None:
+        """Show what is being compiled; without a live display, print it once."""
+        if not self.console.is_terminal and self._rows["θ now"] == "none yet":
+            say(self.console, part.words)
+        self._rows["θ now"] = part.words
+
+    def running(self, theta: Float[np.ndarray, " n"]) -> None:
+        """Show the θ that is running."""
+        self._rows["θ now"] = theta_text(self._interview.scenario.space, theta)
+
+    def compared(self, count: int = 1) -> None:
+        """Count experiments; show the verdicts and what the study would return now."""
+        self.advance(self._bar, count)
+        now, verdicts = self._interview.now(), self._interview.known.counts.verdicts
+        self._rows["verdicts"] = " · ".join(f"{VERDICTS[v]} {n}" for v, n in verdicts.items())
+        if (index := now.incumbent) is not None:
+            theta = np.array(now.state.history.samples[index].theta)
+            best = theta_text(self._interview.scenario.space, theta)
+            self._rows["best θ"] = f"{best} (experiment {index + 1})"

@@ -1,0 +1,746 @@
+"""The study as a function of its record: what is known, what is shown, and what is to do."""
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any, cast
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from prefcal_agents import restore
+from prefcal_agents.agent import Agent, AgentState, Strategy
+from prefcal_agents.learned_cost import LearnedCost
+from prefcal_agents.lessons import Memory, judged
+from prefcal_agents.registry import CLASSES
+from prefcal_agents.screening.agent import Screening
+from prefcal_app.simulating import Simulated, Simulator, simulates
+from prefcal_env.compiling import Compiling
+from prefcal_env.errors import StudyError
+from prefcal_env.experiments.experiment import Channels, End, Experiment
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preferences.answer import (
+    Answer,
+    Mark,
+    Outcome,
+    Outcomes,
+    Preference,
+    Query,
+    Suggestion,
+    completed,
+    counts_as_unsafe,
+    first_ready,
+)
+from prefcal_env.preferences.answer import Comparison as Compared
+from prefcal_env.preferences.history import Comparison, History
+from prefcal_env.sources.source import Change, Progress, RunCurve
+from prefcal_env.study import Ended, Event, Led, Shown, State, StudyFile, Suggested, Taken, space_of
+from prefcal_env.study import knobs_as_dicts as knobs_as_dicts
+from prefcal_scenarios.runs import outcome
+from prefcal_scenarios.scenario import Scenario, with_ranges
+
+# ----------------------------------------------------------------------------------------------------
+# Define what a front end sees of a study at one moment: the phase, the question, the plant.
+
+UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
+MARKS = (UNSAFE, GOOD_ENOUGH)
+"""Marks that a person can give an experiment, apart from any verdict."""
+
+_CHALLENGER = {UNSAFE: Mark.CHALLENGER_UNSAFE, GOOD_ENOUGH: Mark.CHALLENGER_GOOD_ENOUGH}
+_INCUMBENT = {UNSAFE: Mark.INCUMBENT_UNSAFE, GOOD_ENOUGH: Mark.INCUMBENT_GOOD_ENOUGH}
+
+
+class Choice(Enum):
+    """Verdict by side, as the person sees it."""
+
+    LEFT = "left"
+    RIGHT = "right"
+    SAME = "same"
+    CANNOT_TELL = "cannot tell"
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One of the two experiments of a question; `index` counts from 0, people count from 1.
+
+    The `role` is shown next to the number: "new", "best so far" or nothing. A repeated or answered
+    question shows no roles.
+    """
+
+    index: int
+    experiment: Experiment
+    challenger: bool
+    marks: frozenset[str] = frozenset()
+    role: str = ""
+
+    @property
+    def counts_as_unsafe(self) -> bool:
+        """Return whether it counts as unsafe because of how its run ended."""
+        return counts_as_unsafe(self.experiment)
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Question about two experiments.
+
+    Args:
+        id: Id of the event that showed the question; an answer must name it.
+        number: Number of the comparison, from 1.
+        left: Experiment on the left.
+        right: Experiment on the right.
+        repeats: Id of the earlier question that is asked again; None for a new question.
+        outcomes: KPIs of challenger and incumbent, for the agent; None for a repeated question.
+        further: Whether this is a follow-up comparison, of two experiments that were seen before.
+    """
+
+    id: int
+    number: int
+    left: Side
+    right: Side
+    repeats: int | None = None
+    outcomes: Outcomes | None = None
+    further: bool = False
+
+    @property
+    def challenger(self) -> Side:
+        """Return the side that the agent proposed."""
+        return self.left if self.left.challenger else self.right
+
+    @property
+    def incumbent(self) -> Side:
+        """Return the other side: the best so far, or the rival in a follow-up comparison."""
+        return self.right if self.left.challenger else self.left
+
+    def preference(self, choice: Choice) -> Preference | None:
+        """Return the preference of eq. pref_fun that `choice` means; None for an abstention."""
+        if choice is Choice.CANNOT_TELL:
+            return None
+        if choice is Choice.SAME:
+            return Preference.TIE
+        left_won = choice is Choice.LEFT
+        won = left_won == self.left.challenger
+        return Preference.CHALLENGER if won else Preference.INCUMBENT
+
+    def answer(self, choice: Choice) -> Answer:
+        """Return the answer that `choice` means, with the current marks of both sides."""
+        return Answer(self.preference(choice), marks=self.marks)
+
+    def completed(self, given: Answer) -> Answer:
+        """Return `given` with the KPIs and automatic marks of both sides, for record and agent."""
+        new, old = self.challenger.experiment, self.incumbent.experiment
+        return completed(given, new, old, self.outcomes)
+
+    def choice(self, preference: Preference | None) -> Choice:
+        """Return the choice that means `preference`."""
+        return next(c for c in Choice if self.preference(c) is preference)
+
+    @property
+    def marks(self) -> tuple[Mark, ...]:
+        """Return the current marks of both sides, as an `Answer` names them."""
+        sides = ((self.challenger, _CHALLENGER), (self.incumbent, _INCUMBENT))
+        return tuple(words[m] for side, words in sides for m in MARKS if m in side.marks)
+
+
+class Phase(Enum):
+    """What a study waits for."""
+
+    RUNNING = "running"
+    """A proposal is being computed or an experiment is being run."""
+    RECORD = "record"
+    """The person must run the experiment and provide its record."""
+    CONFIRM = "confirm"
+    """The person must confirm what is written to a live plant."""
+    FAILED = "failed"
+    """The run raised an error, or the study file could not be written."""
+    QUESTION = "question"
+    """The person must answer the open question."""
+    OVER = "over"
+    """The study has ended: all is compared, one is good enough, or the person finished it."""
+
+
+class Recovery(Enum):
+    """Whether the plant has its old values again, which an interrupted run may have changed."""
+
+    DUE = "due"
+    RUNNING = "running"
+    FAILED = "failed"
+    DONE = "done"
+
+
+@dataclass(frozen=True, slots=True)
+class PlantNow:
+    """What a front end shows of a plant on which each run must be confirmed.
+
+    Args:
+        changes: What a run would write, for the person to confirm; None while it is not known.
+        problem: Why it is not known, or what remains to be done on the plant; empty if all is well.
+        progress: How far the run is; None if none is in progress.
+        times: Instants recorded so far, in seconds.
+        curves: Outputs recorded so far.
+        stopping: Whether the run was told to stop.
+        recovery: Whether the plant has its old values again. If that failed, `problem` says why,
+            and nothing is written until it succeeds.
+    """
+
+    changes: tuple[Change, ...] | None
+    problem: str
+    progress: Progress | None
+    times: tuple[float, ...]
+    curves: tuple[RunCurve, ...]
+    stopping: bool
+    recovery: Recovery = Recovery.DONE
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """Consistent view of an interview.
+
+    Args:
+        version: Number that grows with every change.
+        phase: What the interview waits for.
+        question: Open question, in phase QUESTION.
+        problem: Description of the problem, in phase FAILED.
+        pending: Sample that is running, awaited or failed; None while it is being proposed.
+        incumbent: Index of the best experiment so far; None before the first.
+        can: Names of the steps that the person can take.
+        state: State of the study file.
+        draft: Comment of the answer that was just undone.
+        preparing: Part that is being compiled before the first experiment; None when done.
+        run_limit: Time limit of a run in seconds; None if it has none.
+        simulated: Numbers of what was simulated unseen; None if the agent simulates nothing.
+        plant: What is known of a plant whose runs a person confirms; None if the scenario has none.
+        running: Number of experiments that are running, if several can; 0 if one runs at a time.
+    """
+
+    version: int
+    phase: Phase
+    question: Question | None
+    problem: str | None
+    pending: Suggested | None
+    incumbent: int | None
+    can: frozenset[str]
+    state: State
+    draft: str = ""
+    preparing: Compiling | None = None
+    run_limit: float | None = None
+    simulated: Simulated | None = None
+    plant: PlantNow | None = None
+    running: int = 0
+
+
+# ----------------------------------------------------------------------------------------------------
+# Say what a study needs next: a function of its agent and its record, without input or output.
+
+PERSON = "human"
+"""Who answers, in the configuration of a study."""
+ENOUGH = "little is left to gain"
+"""Why a study ends before its last question."""
+_SIDES, _REPEATS = 11, 12
+"""Streams of the study's seed; agents use other ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Think:
+    """Let the agent choose the next query, which takes simulations."""
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """Save an event that follows from the record."""
+
+    event: Event
+
+
+@dataclass(frozen=True, slots=True)
+class Settle:
+    """Close the query of experiment `index`, about which nobody is asked."""
+
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """Run the pending samples that have no experiment."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """Ask about two experiments."""
+
+    shown: Shown
+
+
+@dataclass(frozen=True, slots=True)
+class Over:
+    """Do nothing: the study has ended."""
+
+
+Todo = Think | Write | Settle | Wait | Ask | Over
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A study at one moment. Whoever drives it saves each event, and asks again what is to do.
+
+    Args:
+        strategy: What the agent asks after a record.
+        history: Record as the agent goes by it, see `Agent.recorded`.
+        state: State after all events, see `prefcal_env.study.fold`.
+        at_once: Number of experiments that may be pending at the same time.
+        simulates: Whether choosing a query may take simulations.
+    """
+
+    strategy: Strategy
+    history: History
+    state: State
+    at_once: int = 1
+    simulates: bool = False
+
+    @property
+    def _may_stop(self) -> bool:
+        """Return whether a person answers, who did not go on after an end, and sees or wants no question.
+
+        Who asks for a θ, or to be asked again, wants the study to go on.
+        """
+        state, history = self.state, self.state.history
+        person = state.configuration.get("options", {}).get("calibrator") == PERSON
+        repeated = bool(history.repeats) and state.answers[-1] is history.repeats[-1]
+        wants = repeated or any(index >= history.answered for index in state.requested)
+        return person and not (wants or state.open or state.reopened)
+
+    @property
+    def seed(self) -> int:
+        """Return the seed of the study."""
+        return int(self.state.configuration["seed"])
+
+    @property
+    def best(self) -> int | None:
+        """Return the index of the agent's best experiment so far; None before the first."""
+        return self.state.history.incumbent
+
+    @property
+    def pending(self) -> Suggested | None:
+        """Return the sample that has no answer yet; None until it is proposed."""
+        sample, index = self.state.history.pending, self.state.history.answered
+        return None if sample is None else Suggested(index, sample.z, sample.theta)
+
+    @property
+    def unfinished(self) -> tuple[Suggested, ...]:
+        """Return all samples that have no experiment yet, in the order proposed."""
+        samples = enumerate(self.state.history.samples)
+        return tuple(Suggested(i, s.z, s.theta) for i, s in samples if i not in self.state.finished)
+
+    @property
+    def must_think(self) -> bool:
+        """Return whether choosing the next query may take simulations, so no lock may be held."""
+        return self.simulates and self.history.pending is None and not self.strategy.knows(self.history)
+
+    def todo(self, *, thought: bool = False) -> Todo:
+        """Return what is to do now.
+
+        Args:
+            thought: Whether the agent has thought about this record, to which only events were
+                added that follow from it.
+        """
+        strategy, samples = self.strategy, self.state.history.samples
+        if self.state.ended:
+            return Over()
+        if self.must_think and not thought:
+            return Think()
+        leader = strategy.leader(self.history)
+        if leader is not None and leader != self.best:
+            return Write(Led(leader))
+        if strategy.is_over(self.history):
+            return Write(Ended("all compared"))
+        opened, queries = strategy.open(self.history, self.at_once)
+        if len(opened.samples) > len(samples):
+            index = len(samples)
+            return Write(Suggested(index, opened.samples[index].z, opened.samples[index].theta))
+        if self._may_stop and strategy.has_enough(self.history):
+            return Write(Ended(ENOUGH))
+        # A query about two known experiments comes first, then the experiment that ended first.
+        ready = first_ready(queries, lambda side: self.state.finished.get(side.index))
+        return Wait() if ready is None else self._about(ready)
+
+    def _about(self, ready: Query) -> Todo:
+        """Return what is to do about a query whose experiments are known."""
+        new, old = ready.challenger.index, ready.incumbent
+        if not ready.further and new != self.state.history.answered:
+            return Write(Taken(new))  # it gets the number of the next one to be answered
+        if old is None:
+            return Settle(new)
+        left = challenger_left(self.seed, new, old.index if ready.further else None)
+        return Ask(Shown(new, old.index, left))
+
+    @property
+    def is_overtaken(self) -> bool:
+        """Return whether the agent would now ask another question than the one shown, if any.
+
+        A retraction, a changed setting or a newer algorithm can change the agent's question, and
+        after a crash the old one is still shown: an answer to it would be about the wrong pair.
+        """
+        if self.state.open is None:
+            return True
+        _, shown = self.state.open
+        if shown.repeats is not None:
+            return False
+        if shown.challenger < self.state.history.answered:
+            if self.must_think:
+                return True  # until it is known, see `thinking.think`
+            over = self.strategy.is_over(self.history)
+            asked = None if over else self.strategy.open(self.history)[1][0]
+            return asked is None or _pair(asked) != (shown.challenger, shown.incumbent)
+        return shown.incumbent != self.best
+
+
+def _pair(query: Query) -> tuple[int, int | None]:
+    """Return the indices of the challenger and the incumbent."""
+    return query.challenger.index, None if query.incumbent is None else query.incumbent.index
+
+
+def challenger_left(seed: int, challenger: int, further: int | None = None) -> bool:
+    """Return whether the challenger is on the left: half of the time, reproducibly.
+
+    `further` is the other experiment of a follow-up comparison.
+    """
+    pair = [challenger] if further is None else [challenger, further]
+    return bool(np.random.default_rng([seed, *pair, _SIDES]).random() < 0.5)
+
+
+def to_repeat(state: State, seed: int) -> Comparison | None:
+    """Return an earlier question with a verdict that has not been repeated yet, or None."""
+    done = {c.repeats for c in state.history.repeats}
+    left = [
+        c
+        for c in state.history.counting
+        if c.question is not None
+        and c.question not in done
+        and not c.retracted
+        and c.answer.preference is not None
+    ]
+    # Not the very last one, which people remember, unless there is no other.
+    left = left[:-1] if len(left) > 1 and left[-1] is state.history.comparisons[-1] else left
+    if not left:
+        return None
+    rng = np.random.default_rng([seed, len(state.history.repeats), _REPEATS])
+    return left[int(rng.integers(len(left)))]
+
+
+# ----------------------------------------------------------------------------------------------------
+# Read the experiments of a study by index, as questions show them.
+
+_KEPT = 32
+"""Number of recent experiments to keep in memory; a trajectory can take a megabyte."""
+
+
+@dataclass(slots=True)
+class ExperimentStore:
+    """Store that reads experiments from the study file when they are shown.
+
+    It keeps the most recent ones, and any that other code still holds. Of all others it keeps only
+    what takes little memory: their KPIs and how they ended.
+    """
+
+    scenario: Scenario
+    study: StudyFile
+    _held: WeakValueDictionary[int, Experiment] = field(default_factory=WeakValueDictionary)
+    _last: OrderedDict[int, Experiment] = field(default_factory=OrderedDict)
+    _outcomes: dict[int, Outcome] = field(default_factory=dict)
+    _ends: dict[int, End] = field(default_factory=dict)
+    _without_kpis: set[int] = field(default_factory=set)
+
+    def experiment(self, index: int) -> Experiment:
+        """Return experiment number `index`, from 0. Raises StudyError if there is none."""
+        seq = self._event(index)
+        experiment = self._held.get(seq)
+        if experiment is None:
+            experiment = self._held[seq] = self._read(seq, index)
+        self._last[seq] = experiment
+        self._last.move_to_end(seq)
+        while len(self._last) > _KEPT:
+            self._last.popitem(last=False)
+        return experiment
+
+    def first_measured(self) -> Experiment | None:
+        """Return the first experiment that has KPIs; None if there is none yet."""
+        for index in sorted(set(self.study.state.finished) - self._without_kpis):
+            experiment = self.experiment(index)
+            if experiment.kpis:
+                return experiment
+            self._without_kpis.add(index)
+        return None
+
+    def end(self, index: int) -> End:
+        """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
+        seq = self._event(index)
+        if seq not in self._ends:
+            self._ends[seq] = self.study.end(seq)
+        return self._ends[seq]
+
+    def outcomes(self, challenger: int, incumbent: int | None) -> tuple[Outcome, Outcome | None]:
+        """Return what the agent can learn from two experiments besides their θ."""
+        rival = None if incumbent is None else self._outcome(incumbent)
+        return self._outcome(challenger), rival
+
+    def scored(self, index: int) -> tuple[int | None, Answer]:
+        """Return the best so far, and experiment `index` compared with it by the scenario's cost.
+
+        It stands in for a question if the agent is told scores. The agent learns the score alone;
+        the preference is for readers of the record. An experiment without a record has no score,
+        nor has one that was cut short, and an abstention instead of a preference.
+        """
+        best, value = self.study.state.history.incumbent, self._score(index)
+        if best is None:
+            return None, Answer(None, value=value)
+        rival = self._score(best)
+        if value is None:
+            return best, Answer(None)
+        if rival is None:  # anything is better than a best without a score
+            return best, Answer(Preference.CHALLENGER, value=value)
+        return best, Answer(Preference(int(np.sign(value - rival))), value=value)
+
+    def _score(self, index: int) -> float | None:
+        experiment, cost = self.experiment(index), self.scenario.cost
+        assert cost is not None, "refused before the study was begun"
+        whole = len(experiment.t) and experiment.end is not End.CUT_SHORT
+        value = float(cost(experiment)) if whole else np.nan
+        return value if np.isfinite(value) else None
+
+    def _event(self, index: int) -> int:
+        finished = self.study.state.finished
+        if index not in finished:
+            raise StudyError(f"the study has no experiment {index + 1}")
+        return finished[index]
+
+    def _read(self, seq: int, index: int) -> Experiment:
+        experiment = self.study.experiment(seq)
+        theta = self.study.state.history.samples[index].theta
+        if len(experiment.theta) == len(theta):
+            return experiment
+        return replace(experiment, theta=np.array(theta))  # knobs were added since
+
+    def _outcome(self, index: int) -> Outcome:
+        seq = self._event(index)
+        if seq not in self._outcomes:
+            self._outcomes[seq] = outcome(self.scenario, self.experiment(index))
+        return self._outcomes[seq]
+
+    def failed(self, index: int) -> Experiment:
+        """Return an experiment without a record, for sample `index`, whose run failed."""
+        theta = np.array(self.study.state.history.samples[index].theta)
+        known = self.study.state.finished
+        declared = self.scenario.source.channels or Channels((), (), ())
+        channels = self.experiment(min(known)).channels if known else declared
+        n_x, n_u, n_y = len(channels.x), len(channels.u), len(channels.y)
+        measured = {(c.name, c.unit) for c in channels.y} - {(c.name, c.unit) for c in channels.x}
+        none = np.zeros(0)
+        return Experiment(
+            theta=theta,
+            t=none,
+            x=np.zeros((0, n_x)),
+            u=np.zeros((0, n_u)),
+            t_control=none,
+            u_control=np.zeros((0, n_u)),
+            y_ref=np.zeros((0, n_y)),
+            iterations=np.zeros(0, dtype=np.int64),
+            solve_time=none,
+            solved=np.zeros(0, dtype=bool),
+            channels=channels,
+            end=End.FAILED,
+            y=np.zeros((0, n_y)) if measured else None,
+        )
+
+    def question(self, id_: int, number: int, shown: Shown) -> Question:
+        """Return the question of the event `shown`, with the current marks."""
+        pair, left = (shown.challenger, shown.incumbent), shown.challenger_left
+        marks = self.study.state.marks
+        new, old = (
+            Side(index, self.experiment(index), index == pair[0], marks.get(index, frozenset()))
+            for index in pair
+        )
+        sides = (new, old) if left else (old, new)
+        return Question(id_, number, *sides, shown.repeats)
+
+    def asked(self, closed: Comparison) -> Question:
+        """Return an answered question as it was shown."""
+        if closed.incumbent is None:
+            raise StudyError("the first experiment was not compared with anything")
+        left = closed.challenger_left is not False
+        shown = Shown(closed.challenger, closed.incumbent, left, None)
+        # Nobody was asked if the agent learns from scores: the question has the id of the answer.
+        question = self.question(closed.question or closed.seq, closed.challenger, shown)
+        return replace(question, further=closed.after is not None)
+
+    def comparison(self, index: int) -> Compared:
+        """Return comparison number `index`, from 0; a retracted answer becomes an abstention."""
+        return self.compared(self.study.state.history.comparisons[index])
+
+    def compared(self, closed: Comparison) -> Compared:
+        """Return the experiments and the answer; a retracted answer becomes an abstention."""
+        state, index, rival = self.study.state, closed.challenger, closed.incumbent
+        return Compared(
+            Query(_suggestion(state, index), None if rival is None else _suggestion(state, rival)),
+            _abstained(closed.answer) if closed.retracted else closed.answer,
+            self.experiment(index),
+            None if rival is None else self.experiment(rival),
+        )
+
+
+def _abstained(answer: Answer) -> Answer:
+    return Answer(None, marks=answer.marks, automatic=answer.automatic)
+
+
+def _suggestion(state: State, index: int) -> Suggestion:
+    return Suggestion(index, np.array(state.history.samples[index].theta))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Translate between a study file and an agent, and restore the agent from a state.
+
+
+def constraint_names(space: KnobSpace) -> list[str]:
+    """Return the names of the constraints, which the study stores; the code is the scenario's."""
+    return [constraint.name for constraint in space.constraints]
+
+
+def agent_as_dict(agent: Agent) -> dict[str, Any]:
+    """Return an agent's settings as plain data, without what it has learned."""
+    return agent.configuration
+
+
+QUESTIONS = "questions_per_experiment"
+"""Name of the agent's setting for comparisons per experiment."""
+
+
+def questions_of(configuration: Mapping[str, Any]) -> int:
+    """Return the maximum number of comparisons per experiment of a study's agent.
+
+    Raises:
+        StudyError: If it is not a whole number.
+    """
+    settings = configuration["agent"].get("settings")
+    most = settings.get(QUESTIONS, 1) if isinstance(settings, Mapping) else 1
+    if type(most) is not int:
+        raise StudyError(f"{QUESTIONS} of a study must be a whole number, got {most!r}")
+    return most
+
+
+def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
+    """Check that a study has the scenario's present knobs and constraints.
+
+    Raises:
+        StudyError: If they differ.
+    """
+    _check_constraints(configuration, space)
+    then, now = configuration["knobs"], knobs_as_dicts(space)
+    if then == now:
+        return
+    then = then if isinstance(then, list) else []
+    changed = [knob["name"] for knob in then if knob not in now]
+    changed += [knob["name"] for knob in now if knob not in then]
+    raise StudyError(
+        f"the scenario's knobs have changed since the study was started: {sorted(set(changed))} "
+        "differ in name, range, unit or scale (`prefcal studies respace` updates the study)"
+    )
+
+
+def _check_constraints(configuration: Mapping[str, Any], space: KnobSpace) -> None:
+    # Studies from before there were constraints have none.
+    then, now = configuration.get("constraints", []), constraint_names(space)
+    if not isinstance(then, list) or {str(name) for name in then} != set(now):
+        raise StudyError(
+            f"the scenario's constraints have changed since the study was started: expected {then}, got {now}"
+        )
+
+
+def as_studied(scenario: Scenario, state: State) -> Scenario:
+    """Return `scenario` with the space of the study, if that was changed after the start.
+
+    Raises:
+        StudyError: If the scenario's knobs have changed since the study's were changed.
+    """
+    configuration = state.configuration
+    if "respaced" not in configuration:
+        return scenario
+    check_space({**configuration, "knobs": configuration.get("scenario_knobs")}, scenario.space)
+    space = with_constraints(space_of(configuration), scenario.space)
+    about = {knob.name: knob.about for knob in scenario.space if knob.name in space.names}
+    return with_ranges(scenario, space.described(about))
+
+
+def with_constraints(space: KnobSpace, scenario: KnobSpace) -> KnobSpace:
+    """Return `space` with the scenario's constraints, whose code is not in the study."""
+    return KnobSpace(
+        space.knobs, scenario.constraints, within=dict(zip(space.names, space.within, strict=True))
+    )
+
+
+def agent_of(state: State, space: KnobSpace, simulator: Simulator | None = None) -> Agent:
+    """Return the agent of a study, restored with the identical next query.
+
+    Args:
+        state: State of the study.
+        space: Knobs of the study.
+        simulator: What an agent that simulates does so with; without it, it proposes nothing new.
+
+    Raises:
+        StudyError: If the study has other knobs.
+        SettingsError: If this version does not know the agent.
+    """
+    check_space(state.configuration, space)
+    agent = restore(space, agent_state(state))
+    if simulator is None or not simulates(agent):
+        return agent
+    return cast(Screening, agent).with_simulations(simulator)
+
+
+def is_simulating(state: State) -> bool:
+    """Return whether the agent of a study needs a simulator."""
+    row = CLASSES.get(str(state.configuration["agent"].get("agent")))
+    return row is not None and row.simulates
+
+
+def is_robust(state: State) -> bool:
+    """Return whether a study judges its candidates by perturbed runs."""
+    return bool(state.configuration.get("options", {}).get("robust"))
+
+
+def agent_state(state: State) -> AgentState:
+    """Return the state of a study's agent. Raises SettingsError if it is invalid."""
+    configured = AgentState.of(state.configuration["agent"], state.history)
+    return replace(configured, n_max=state.n_max)
+
+
+def known_outcomes(state: State, store: ExperimentStore) -> History:
+    """Return the answers with the KPIs of every experiment, even if the agent did not get them.
+
+    So studies from before KPIs were recorded, and agents that do not learn from KPIs, can be
+    analyzed like any other.
+    """
+    history = agent_state(state).history
+    known = replace(history, comparisons=tuple(_known(c, store) for c in history.comparisons))
+    return judged(known)
+
+
+def index_of(history: History, seed: int) -> LearnedCost | None:
+    """Return the weighted sum of KPIs that explains the answers in `history` best.
+
+    As for a proposal, at most 250 answers count: with 1,000, a person would wait for seconds.
+    """
+    return LearnedCost.of(Memory.of(history).history, seed)
+
+
+def trust_text(index: LearnedCost) -> str:
+    """Return how reliable a learned sum of KPIs is."""
+    right = f"{index.predicted} of {index.answers} answers that it had not learned from"
+    doubt = "" if index.explains else ": not clearly better than chance"
+    return f"A weighted sum of the KPIs predicted {right}{doubt}."
+
+
+def _known(comparison: Comparison, store: ExperimentStore) -> Comparison:
+    given = comparison.answer.outcomes
+    if given is not None and given[0] is not None:
+        return comparison
+    outcomes = store.outcomes(comparison.challenger, None)  # each is a challenger once
+    return replace(comparison, answer=replace(comparison.answer, outcomes=outcomes))

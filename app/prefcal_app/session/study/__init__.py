@@ -1,1 +1,0 @@
-"""What a study is at one moment: its agent and record, the open question, and what is to do."""

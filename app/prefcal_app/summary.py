@@ -1,0 +1,534 @@
+"""Summarize a study: counts, comparisons of KPIs, consistency of answers, and what is to come."""
+
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, inf, isfinite, isnan, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, shortest_path
+
+from prefcal_agents.agent import Agent
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.history import Comparison, History
+from prefcal_env.study import State
+from prefcal_env.study.file import data_folder
+from prefcal_scenarios.names import is_built_in
+from prefcal_scenarios.runs import grouped
+from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.wording import limits_text, measured_texts, with_unit
+
+# ----------------------------------------------------------------------------------------------------
+# Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
+
+_FEW = 4
+"""Minimum number of experiments whose spread tells what a large difference is."""
+NOTICED = 0.02
+"""Share of a KPI's value below which a difference never counts as large."""
+
+
+class Spread:
+    """How far apart the KPIs of a study usually are.
+
+    Args:
+        known: KPIs of each experiment by name.
+    """
+
+    def __init__(self, known: Iterable[Mapping[str, float]] = ()) -> None:
+        self._known = list(known)
+
+    def __call__(self, kpi: str, *values: float) -> float:
+        """Return how far apart this KPI's values usually are, in its unit.
+
+        This is the range of the middle half of all experiments so far, or of all if that is 0;
+        with fewer than four experiments, the largest of `values`.
+        """
+        known = np.array([kpis[kpi] for kpis in self._known if kpi in kpis])
+        known = known[np.isfinite(known)]
+        if len(known) < _FEW:
+            return max((abs(v) for v in values), default=0.0)
+        low, high = np.percentile(known, [25, 75])
+        return float(high - low) or float(np.ptp(known)) or max(abs(v) for v in values)
+
+
+def compared(
+    left: Experiment, right: Experiment, known: Sequence[KPI], spread: Spread
+) -> list[dict[str, Any]]:
+    """Return a row for each KPI that either side has, what tells them apart first in each group.
+
+    That is an objective that only one side misses, then the largest difference. `size` is the
+    difference as a share of what is usual in this study (`Spread`), at most 1;
+    values that read the same do not differ. `change` is the same, but at most the difference
+    as a share of the larger value. `better` is the better side by the KPI's goal, or None
+    without a goal. `difference` is the right value minus the left one. `group` is "worst", "mean"
+    or a maneuver, or "" if the experiments have no maneuvers.
+    """
+    kpis = grouped(known, left, right)
+    order = list(dict.fromkeys(group for group, _ in kpis))
+    pairs = _pairs([kpi for _, kpi in kpis], left, right)
+    rows = [(group, _size(pair, spread), pair) for (group, _), pair in zip(kpis, pairs, strict=True)]
+    # Stable: more important KPIs first among equals.
+    rows.sort(key=lambda row: (order.index(row[0]), {*row[2].met} != {True, False}, -row[1]))
+    return [{"group": group, **_row(pair, size)} for group, size, pair in rows]
+
+
+def unmeasured(left: Experiment, right: Experiment, kpis: Sequence[KPI]) -> list[dict[str, Any]]:
+    """Return the rows, without a group, of KPIs that neither side has."""
+    return [_row(pair, 0.0) for pair in _pairs(kpis, left, right)]
+
+
+def measured_rows(kpis: Sequence[KPI], experiment: Experiment) -> list[dict[str, Any]]:
+    """Return what each KPI is called and what it should be, its value, and whether that is met."""
+    met, texts = [kpi.met_by(experiment) for kpi in kpis], measured_texts(kpis, experiment)
+    each = zip(map(_words, kpis, map(limits_text, kpis)), texts, met, strict=True)
+    return [{**words, "text": text, "met": one} for words, text, one in each]
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """What people read of one KPI of two experiments, left and right.
+
+    Args:
+        kpi: The KPI.
+        objective: Its objective in words.
+        values: Values as read, in its unit; NaN where one is missing.
+        texts: Values in words.
+        met: Whether each meets the objective; None without one or a value.
+        judged: How bad each value looks, see `KPI.judged`.
+        apart: Size of the difference as read, in its unit.
+    """
+
+    kpi: KPI
+    objective: str
+    values: tuple[float, float]
+    texts: tuple[str, str]
+    met: tuple[bool | None, bool | None]
+    judged: tuple[float, float]
+    apart: float
+
+
+def _pairs(kpis: Sequence[KPI], left: Experiment, right: Experiment) -> list[_Pair]:
+    """Return what people read of all KPIs: each number is read once, and each text made once."""
+    values = [[float(e.kpis.get(kpi.name, nan)) for e in (left, right)] for kpi in kpis]
+    read = [(kpi.read(a), kpi.read(b)) for kpi, (a, b) in zip(kpis, values, strict=True)]
+    judged = [(kpi.judged(a), kpi.judged(b)) for kpi, (a, b) in zip(kpis, read, strict=True)]
+    apart = [kpi.read(abs(b - a)) for kpi, (a, b) in zip(kpis, read, strict=True)]
+    met = [(kpi.met_by(left), kpi.met_by(right)) for kpi in kpis]
+    texts = zip(*(measured_texts(kpis, e) for e in (left, right)), strict=True)
+    return list(map(_Pair, kpis, map(limits_text, kpis), read, texts, met, judged, apart))
+
+
+def _row(pair: _Pair, size: float) -> dict[str, Any]:
+    """Return the row of one KPI, without its group."""
+    left, right = ({"text": text, "met": met} for text, met in zip(pair.texts, pair.met, strict=True))
+    return {
+        **_words(pair.kpi, pair.objective),
+        "left": left,
+        "right": right,
+        "difference": _difference(pair) if size else "",
+        "better": _better(pair) if size else None,
+        "size": round(min(size, 1.0), 3),
+        "change": round(min(size, _share(*pair.values)), 3),
+    }
+
+
+def _words(kpi: KPI, objective: str) -> dict[str, str]:
+    """Return what a KPI is called, and what it should be."""
+    return {"title": kpi.title, "about": kpi.about, "unit": kpi.unit, "objective": objective}
+
+
+def _size(pair: _Pair, spread: Spread) -> float:
+    """Return how large the difference is; 0 if both read the same, or meet a target alike."""
+    a, b = pair.values
+    alike = pair.kpi.goal is not None and pair.judged[0] == pair.judged[1]
+    if alike or pair.texts[0] == pair.texts[1]:
+        return 0.0
+    if not (isfinite(a) and isfinite(b)):
+        return inf
+    usual = max(spread(pair.kpi.name, a, b), NOTICED * max(abs(a), abs(b)))
+    return abs(b - a) / usual
+
+
+def _share(a: float, b: float) -> float:
+    """Return the difference as a share of the larger value; 1 if one is infinite or missing."""
+    if not (isfinite(a) and isfinite(b)):
+        return 1.0
+    return abs(b - a) / (max(abs(a), abs(b)) or 1.0)
+
+
+def _difference(pair: _Pair) -> str:
+    """Return the right value minus the left one, with sign and unit; "" if it is not a number."""
+    a, b = pair.values
+    if not (isfinite(a) and isfinite(b)):
+        return ""
+    size = pair.apart
+    text = f"{size:.3g}" if 1e-4 <= size < 1e3 else f"{size:.12f}".rstrip("0").rstrip(".")
+    return with_unit(("+" if b > a else "−") + text, pair.kpi.unit)
+
+
+def _better(pair: _Pair) -> str | None:
+    """Return the side whose value is better; None if that is not known."""
+    left, right = pair.judged
+    if pair.kpi.goal is None or isnan(left) or isnan(right) or left == right:
+        return None
+    return "left" if left < right else "right"
+
+
+# ----------------------------------------------------------------------------------------------------
+# Measure how consistent a person's answers are: repeated questions, and cycles.
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """Consistency of the answers of a study.
+
+    Args:
+        repeated: Number of questions that were asked again.
+        agreed: Number of those with the same answer both times.
+        cycles: Cycles of experiments, by index: each is better than the next, and the last is
+            better than or as good as the first. There is one for each group of experiments whose
+            answers contradict each other.
+    """
+
+    repeated: int
+    agreed: int
+    cycles: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, state: State) -> "Consistency":
+        """Return the consistency of a study, without abstentions and retracted answers."""
+        history = state.history
+        by_question = {c.question: c for c in history.counting}
+        pairs = [(c, o) for c in history.repeats if (o := by_question.get(c.repeats)) is not None]
+        agreed = sum(c.answer.preference == o.answer.preference for c, o in pairs)
+        return cls(len(pairs), agreed, _cycles([*history.counting, *history.repeats]))
+
+
+def _cycles(answers: Iterable[Comparison]) -> tuple[tuple[int, ...], ...]:
+    """Return a shortest cycle through a strict verdict for each strongly connected group."""
+    better = set()  # (a, b): a is better than b
+    as_good = set()
+    for c in answers:
+        if c.incumbent is None or c.retracted or c.answer.preference is None:
+            continue
+        pair = (c.challenger, c.incumbent)
+        if c.answer.preference is Preference.TIE:
+            as_good |= {pair, pair[::-1]}
+        else:
+            better.add(pair if c.answer.preference is Preference.CHALLENGER else pair[::-1])
+    if not better:
+        return ()
+    edges = np.array(sorted(better | as_good))
+    groups = _groups(edges)
+    found = {}
+    for a, b in sorted(better):
+        if groups[a] == groups[b] and groups[a] not in found:
+            found[groups[a]] = (a, *_path(edges, b, a))
+    return tuple(found.values())
+
+
+def _graph(edges: Int[np.ndarray, "m 2"]) -> csr_array:
+    size = int(edges.max()) + 1
+    return csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
+
+
+def _groups(edges: Int[np.ndarray, "m 2"]) -> list[int]:
+    _, labels = connected_components(_graph(edges), directed=True, connection="strong")
+    return [int(label) for label in labels]
+
+
+def _path(edges: Int[np.ndarray, "m 2"], start: int, end: int) -> tuple[int, ...]:
+    """Return the nodes of a shortest path from `start` to `end`, both included."""
+    _, before = shortest_path(_graph(edges), unweighted=True, indices=start, return_predecessors=True)
+    path = [end]
+    while path[-1] != start:
+        path.append(int(before[path[-1]]))
+    return tuple(reversed(path))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Count the experiments and questions of a study; nothing else counts them.
+
+VERDICTS: Mapping[Preference | None, str] = {
+    Preference.CHALLENGER: "newer better",
+    Preference.TIE: "about the same",
+    Preference.INCUMBENT: "older better",
+    None: "can't tell",
+}
+"""Text of each verdict, in the order of the counts. The challenger is the newer experiment; the
+older one need not be the best so far, since follow-up comparisons can be about other runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Counts of a study that every front end, the report and the JSON show.
+
+    Args:
+        experiments: Number of experiments that ran, including that of the open question.
+        comparisons: Number of standing answers about two experiments, including follow-up
+            comparisons.
+        verdicts: Number of comparisons by preference; they add up to `comparisons`.
+    """
+
+    experiments: int
+    comparisons: int
+    verdicts: Mapping[Preference | None, int]
+
+    @classmethod
+    def of(cls, state: State) -> "Counts":
+        """Return the counts of a study. A repeated question is not a new comparison."""
+        given = [c.answer.preference for c in answered(state)]
+        verdicts: list[Preference | None] = [*Preference, None]
+        return cls(
+            experiments=len(state.finished),
+            comparisons=len(given),
+            verdicts={verdict: given.count(verdict) for verdict in verdicts},
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """How many questions a study asks: one for each experiment but the first.
+
+    Follow-up questions, which only some agents ask, are called so and do not count.
+
+    Args:
+        answered: Number of questions that are answered.
+        total: Number of questions of the whole study.
+    """
+
+    answered: int
+    total: int
+
+    @classmethod
+    def of(cls, agent: Agent) -> "Planned":
+        """Return the plan of the study of an agent."""
+        return cls(max(agent.history.answered - 1, 0), agent.n_max - 1)
+
+    def place(self, *, over: bool, further: bool) -> str:
+        """Return how far the study is, such as "question 3 of 10".
+
+        Args:
+            over: Whether the study is over.
+            further: Whether the open question is about two known experiments.
+        """
+        if over:
+            done = self.answered >= self.total
+            return f"{self.answered} {'' if done else f'of {self.total} '}questions answered"
+        if further:
+            return f"follow-up question, after {self.answered} of {self.total}"
+        return f"question {min(self.answered + 1, self.total)} of {self.total}"
+
+
+def answered(state: State) -> tuple[Comparison, ...]:
+    """Return the standing answers about two experiments, in the order given."""
+    return tuple(
+        c for c in state.answers if c.incumbent is not None and c.repeats is None and not c.retracted
+    )
+
+
+# ----------------------------------------------------------------------------------------------------
+# Advise whether to continue: unbeaten experiments, and knobs at the end of their range.
+
+_AT_END = 0.02
+"""Share of a knob's searched range, in its scale, that counts as its end."""
+_INWARD = 0.1
+"""Distance in the cube over which a learned cost tells whether it falls toward an end."""
+_WIDER = 0.25
+"""Share of a range by which the command widens it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """Advice on what to do next.
+
+    Args:
+        promise: Sentence on what simulated θ or the next experiment promise; empty if unknown.
+        ends: Sentence on the knobs at the end of their range; empty if there are none.
+        command: Command that widens those ranges; empty without a study file.
+        unbeaten: Sentence on other experiments that never lost; empty if there are none.
+        missed: Sentence on the objectives that the best experiment misses; empty if it meets all.
+        result: Sentences on what was wanted, and on which answer the result rests.
+    """
+
+    promise: str = ""
+    ends: str = ""
+    command: str = ""
+    unbeaten: str = ""
+    missed: str = ""
+    result: tuple[str, ...] = ()
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Return all sentences, without the command."""
+        parts = (self.unbeaten, self.missed, *self.result, self.promise, self.ends)
+        return tuple(part for part in parts if part)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Return all sentences, then the command."""
+        return (*self.sentences, self.command) if self.command else self.sentences
+
+
+def others_unbeaten(history: History, *, robust: bool = False) -> str:
+    """Return a sentence on the experiments besides the best that never lost; empty without any.
+
+    The answers do not say which of them is better: they were compared without a verdict. Or the
+    agent takes one of them for a slip.
+    """
+    if history.leads and history.incumbent != history.by_answers:
+        return after_a_slip(history, robust=robust)
+    indices = history.unbeaten()
+    if len(indices) < 2:
+        return ""
+    best, *others = (str(index + 1) for index in indices)
+    *most, last = others
+    named = f"experiments {', '.join(most)} and {last} were" if most else f"experiment {last} was"
+    return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
+
+
+def after_a_slip(history: History, *, robust: bool = False) -> str:
+    """Return a sentence on the best, which is not the winner of the answers."""
+    best, winner = ((index or 0) + 1 for index in (history.incumbent, history.by_answers))
+    if robust:
+        return f"Experiment {best} is the best so far of those that hold, though {winner} won."
+    return (
+        f"Experiment {best} is the best so far, though {winner} won: all answers together speak "
+        f"for {best}, so one of them is probably a slip."
+    )
+
+
+def foreseen(chance: float | None, index: int | None) -> str:
+    """Return a sentence on what the next experiment can bring, by the answers before it.
+
+    Args:
+        chance: Chance that it is noticeably better; None if the KPIs do not explain the answers.
+        index: Index of the experiment; None if it is not proposed yet.
+    """
+    if chance is None:
+        return "The KPIs do not explain your answers well enough to say how likely the next run is better."
+    which = "the next run" if index is None else f"experiment {index + 1}"
+    better = f"{which} is noticeably better than the best is {100 * chance:.0f} %"
+    return f"By the answers so far, the chance that {better}."
+
+
+def outlook(
+    promise: str,
+    best: Float[np.ndarray, " n"],
+    space: KnobSpace,
+    place: str,
+    state: State,
+    *,
+    missed: Sequence[str] = (),
+    helps: Callable[[int, bool], bool],
+) -> Outlook:
+    """Return the outlook of a study.
+
+    Args:
+        promise: Sentence on what simulated θ or the next experiment promise; empty if unknown.
+        best: Best θ, physical, shape (n,).
+        space: Knobs with their searched ranges.
+        place: Path of the study file; ":memory:" if there is none.
+        state: State of the study.
+        missed: Titles of the KPIs whose objectives the best experiment misses.
+        helps: Function of the number of a knob at its end, and whether it is the upper end, that
+            returns whether going further is expected to help.
+    """
+    why = _missed(missed)
+    ends = [(knob, up) for knob, up in at_end(space, best) if helps(space.knobs.index(knob), up)]
+    if not ends:
+        return Outlook(promise, missed=why)
+    several = len(ends) > 1
+    verb, whose = ("are", "their ranges") if several else ("is", "its range")
+    listed = _listed([knob.name for knob, _ in ends])
+    sentence = f"{listed} of the best θ {verb} near the end of {whose}"
+    within = promise and f"Within the present ranges, {promise[0].lower()}{promise[1:]}"
+    if place == ":memory:":
+        end = f"{sentence}; if your plant allows it, widen {whose}."
+        return Outlook(within, end, missed=why)
+    return Outlook(
+        within,
+        f"{sentence}; if your plant allows it, widen {whose}, for example with:",
+        _command(ends, space, place, str(state.configuration["scenario"])),
+        missed=why,
+    )
+
+
+def _missed(titles: Sequence[str]) -> str:
+    """Return a sentence on missed objectives; empty if there are none."""
+    if not titles:
+        return ""
+    which = "objectives" if len(titles) > 1 else "objective"
+    return (
+        f"The best experiment misses the {which} for {_listed(titles)}: continue or, if more "
+        "experiments do not help, widen the ranges or change the controller."
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    *most, last = names
+    return " and ".join([", ".join(most), last] if most else [last])
+
+
+def at_end(space: KnobSpace, theta: Float[np.ndarray, " n"]) -> list[tuple[Knob, bool]]:
+    """Return the knobs of θ at an end of their searched range, and whether it is the upper end.
+
+    Frozen knobs are left out.
+    """
+    found = []
+    for knob, (low, high), value in zip(space, space.within, theta.tolist(), strict=True):
+        start, end, here = knob.encode(low), knob.encode(high), knob.encode(value)
+        share = (here - start) / (end - start) if end > start else 0.5
+        if not _AT_END < share < 1 - _AT_END:
+            found.append((knob, share >= 1 - _AT_END))
+    return found
+
+
+def falls_outward(
+    cost: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]],
+    space: KnobSpace,
+    best: Float[np.ndarray, " n"],
+    knob: int,
+    upper: bool,
+) -> bool:
+    """Return whether a learned cost of physical θ falls toward an end of the range of a knob."""
+    inward = space.encode(best).copy()
+    inward[knob] += -_INWARD if upper else _INWARD
+    here, there = cost(np.array([best, space.decode(np.clip(inward, 0.0, 1.0))]))
+    return bool(here < there)
+
+
+def _command(ends: list[tuple[Knob, bool]], space: KnobSpace, place: str, scenario: str) -> str:
+    words = ["prefcal", "studies", "respace", study_name(place)]
+    if not is_built_in(scenario):
+        words += ["--scenario", scenario]
+    within = dict(zip(space.names, space.within, strict=True))
+    for knob, upper in ends:
+        low, high = within[knob.name]
+        low, high = (low, _beyond(knob, low, high)) if upper else (_beyond(knob, high, low), high)
+        words += ["--knob", f"{knob.name.replace(' ', '_')}={low:g}:{high:g}"]
+    return shlex.join(words)
+
+
+def _beyond(knob: Knob, other: float, end: float) -> float:
+    """Return a value beyond `end`, seen from the `other` end; positive numbers stay positive."""
+    if knob.scale == "log10":
+        return float(f"{end * (end / other) ** _WIDER:.3g}")
+    beyond = end + _WIDER * (end - other)
+    if end > 0 >= beyond:
+        beyond = end / 2
+    if knob.integer:
+        return float(np.ceil(beyond) if end > other else max(floor(beyond), min(end, 1)))
+    return float(f"{beyond:.3g}")
+
+
+def study_name(place: str) -> str:
+    """Return the name of the study file at `place` for the command line."""
+    path = Path(place)
+    return path.stem if path.parent == data_folder() else place

@@ -1,1 +1,0 @@
-"""Summarize a study: counts, consistency, and outlook."""

@@ -1,1 +1,0 @@
-"""Serve the query window: socket, security, static files."""

@@ -1,0 +1,469 @@
+"""Key performance indicators (KPIs): what they are, formulas of a run's signals, and tracking KPIs."""
+
+import ast
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial, reduce
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import ScenarioError
+from prefcal_env.wording import did_you_mean
+
+from .experiment import OF_INPUT, OF_OUTPUT, Channel, Channels, Experiment, Kind, kinds_of
+from .panels import output_called, plot_called
+
+# ----------------------------------------------------------------------------------------------------
+# Compute a KPI by a formula of a run's signals, such as "max(level) - ref(level)".
+
+_LONGEST = 300  # characters; this also limits how deeply a formula nests
+_OPERATORS: Mapping[type, Callable[..., Any]] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+    ast.Pow: np.power,
+    ast.USub: np.negative,
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+}
+_NUMBERS: Mapping[str, Callable[..., Any]] = {
+    "max": np.max,
+    "min": np.min,
+    "sum": np.sum,
+    "first": lambda x: x[0],
+    "last": lambda x: x[-1],
+    "peak_to_peak": np.ptp,
+}
+"""Functions of the samples of a curve, shape (M,), that return a number."""
+_OVER_TIME: Mapping[str, Callable[..., Any]] = {
+    "integral": lambda x, dt: x @ dt,
+    "mean": lambda x, dt: x @ dt / dt.sum(),
+    "rms": lambda x, dt: np.sqrt(x**2 @ dt / dt.sum()),
+}
+"""Functions of values and how long each is held, shape (M,): until the next one, as in tracking_kpis."""
+_CURVES: Mapping[str, Any] = {"abs": np.abs, "sqrt": np.sqrt, "diff": lambda x: np.diff(x, prepend=x[:1])}
+"""Functions of a curve that return a curve of the same length."""
+_ALL = (*_NUMBERS, *_OVER_TIME)
+_FUNCTIONS = (*_ALL, *_CURVES, "ref")
+_ROUNDING = 1e-9
+"""Share of a run's duration by which an instant may miss the end of a window."""
+
+
+@dataclass(frozen=True, slots=True)
+class Formula:
+    """A formula, or a part of one; `formula_of` reads it.
+
+    Args:
+        compute: Function of an experiment with a record: a number, or a curve of shape (K,).
+        curve: Whether it is a curve of a signal.
+        names: Functions of channels and keys of signals that find what it names, or raise ScenarioError.
+    """
+
+    compute: Callable[[Experiment], Any]
+    curve: bool = False
+    names: tuple[Callable[[Channels, Collection[str]], Any], ...] = ()
+
+
+@lru_cache(maxsize=256)
+def formula_of(text: str) -> Formula:
+    """Return the formula that `text` says; nothing in it is ever executed as Python.
+
+    Raises:
+        ScenarioError: If it is no number made of signals by what docs/outcomes.md lists.
+    """
+    if not isinstance(text, str) or len(text) > _LONGEST:
+        raise ScenarioError(f"a formula must be at most {_LONGEST} characters of text, got {text!r:.80}")
+    try:
+        found = _read(ast.parse(text.strip(), mode="eval").body)
+    except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError) as error:
+        raise ScenarioError(f"formula {text!r:.80}: {getattr(error, 'msg', error)}") from error
+    if found.curve or not (found.names or "time" in text):
+        why = "is a curve: take its max(...), mean(...) or last(...)" if found.curve else "holds no signal"
+        raise ScenarioError(f"formula {text!r:.80} {why}")
+    return found
+
+
+def value_of(text: str, experiment: Experiment) -> float:
+    """Return the value of a formula in an experiment that has a record; NaN means unknown.
+
+    Raises ScenarioError if the experiment lacks a signal, or an output whose reference is needed.
+    """
+    with np.errstate(all="ignore"):
+        return float(np.atleast_1d(formula_of(text).compute(experiment))[-1])
+
+
+def _read(node: ast.AST) -> Formula:
+    """Return the part of a formula at a node of its syntax tree: this list is all that is known."""
+    match node:
+        case ast.Constant(int() | float() as number) if not isinstance(number, bool):
+            constant = np.float64(number)  # unlike an int, a power of it cannot grow without limit
+            return Formula(lambda run: constant)
+        case ast.Name("time"):
+            return Formula(lambda run: run.t - run.t[0], True)
+        case ast.Name(name) | ast.Constant(str(name)):
+            find = partial(plot_called, name)
+            return Formula(lambda run: _values(name, run), True, (find,))
+        case ast.Call(ast.Name("ref"), [ast.Name(name) | ast.Constant(str(name))], []):
+            place = partial(output_called, name)
+            # Beside a curve it is one, too; beside a number its last value counts.
+            return Formula(lambda run: run.reference(place(run.channels)), False, (place,))
+        case ast.UnaryOp(op=op) | ast.BinOp(op=op) | ast.Compare(ops=[op]) if type(op) in _OPERATORS:
+            operands = [_read(each) for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr)]
+            return _joined(_OPERATORS[type(op)], operands)
+        case ast.Call(ast.Name(name), arguments, words):
+            return _called(name, [*map(_read, arguments)], {word.arg: _read(word.value) for word in words})
+    raise ScenarioError(
+        f"it cannot hold {ast.unparse(node)!r:.60}: write numbers, names of signals (in quotes if "
+        f"they hold more than letters, digits and _), + - * / **, <, >, and {', '.join(_FUNCTIONS)}"
+    )
+
+
+def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, Formula]) -> Formula:
+    """Return the call of one of the functions but `ref`."""
+    if name not in _FUNCTIONS:
+        hint = did_you_mean(name, _FUNCTIONS)
+        raise ScenarioError(f"there is no function {name!r}.{hint} Expected one of {', '.join(_FUNCTIONS)}")
+    if name in ("max", "min") and len(parts) > 1 and not window:
+        return _joined(np.maximum if name == "max" else np.minimum, parts)
+    one = len(parts) == 1 and (parts[0].curve or name in ("abs", "sqrt"))
+    if one and name in _CURVES and not window:
+        return _joined(_CURVES[name], parts)
+    timed = window.keys() <= {"after", "before"} and not any(end.curve for end in window.values())
+    if not one or name not in _ALL or not timed:
+        raise ScenarioError(f"{name} takes one signal; {', '.join(_ALL)} take after= and before=, too")
+
+    def compute(run: Experiment) -> Any:
+        ends = {word: float(np.atleast_1d(end.compute(run))[-1]) for word, end in window.items()}
+        span = ends.get("after", -np.inf), ends.get("before", np.inf)
+        return _in_window(name, parts[0].compute(run), run.t - run.t[0], *span)
+
+    return replace(_joined(np.add, [*parts, *window.values()]), compute=compute, curve=False)
+
+
+def _values(name: str, run: Experiment) -> Any:
+    """Return the curve of a signal; of an output what is measured, also where a state has its name."""
+    outputs = [channel.name for channel in run.channels.y]
+    measured = run.output(outputs.index(name)) if name in outputs else None
+    return plot_called(name, run.channels, run.signals).values(run) if measured is None else measured
+
+
+def _in_window(name: str, x: Any, t: Any, after: float, before: float) -> Any:
+    """Return a function of curve x, shape (K,), at the instants t from `after` to `before`."""
+    slack = _ROUNDING * t[-1]
+    kept = (after - slack <= t) & (t <= before + slack)
+    if name in _OVER_TIME:
+        held = np.diff(np.clip(t, after, before))
+        counts = held > 0
+        if counts.any():
+            return _OVER_TIME[name](x[:-1][counts], held[counts])
+        if name == "integral":
+            return 0.0 if kept.any() else np.nan
+        return _OVER_TIME[name](x[kept][:1], np.ones(1)) if kept.any() else np.nan
+    return _NUMBERS[name](x[kept]) if kept.any() else np.nan
+
+
+def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
+    """Return the formula that applies `function` to its part, or from the first of several to the last."""
+
+    def compute(run: Experiment) -> Any:
+        first, *others = (part.compute(run) for part in parts)
+        return np.asarray(reduce(function, others, first) if others else function(first), dtype=float)
+
+    names = tuple(name for part in parts for name in part.names)
+    return Formula(compute, any(part.curve for part in parts), names)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Key performance indicators (KPIs): what they are called, when they are good, and how they are read.
+
+_DIGITS = 4
+"""Significant digits that a number is shown with."""
+
+
+def as_read(
+    values: Float[np.ndarray, "*shape"] | float, step: Float[np.ndarray, " k"] | float = 0.0
+) -> Float[np.ndarray, "*shape"]:
+    """Return values as they are shown: multiples of `step`, in four significant digits.
+
+    Args:
+        values: Values of a KPI, in its unit; infinite and NaN stay.
+        step: Smallest difference that is shown, in the same unit; 0 if only the digits limit it. It
+            may be one for each column of `values`, shape (k,).
+    """
+    found = np.array(values, dtype=float)
+    known = np.isfinite(found) & (found != 0)
+    some, steps = found[known], np.broadcast_to(step, found.shape)[known]
+    some = np.where(steps == 0, some, np.round(some / np.where(steps == 0, 1.0, steps)) * steps)
+    size = np.abs(np.where(some == 0, 1.0, some))
+    # Integers of any size keep all their digits, and a power of 10 above 300 would overflow.
+    places = 10.0 ** np.clip(_DIGITS - 1 - np.floor(np.log10(size)), 0, 300)
+    found[known] = np.round(some * places) / places + 0.0
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class KPI:
+    """A key performance indicator (KPI): a number that people read off an experiment.
+
+    Args:
+        name: Key in `Experiment.kpis`.
+        title: Title for people.
+        unit: Unit of the values and limits.
+        at_most: Largest value that meets the objective, in `unit`.
+        at_least: Smallest value that meets the objective, in `unit`.
+        better: Direction of improvement if there is no objective. Without a direction or an
+            objective, the KPI is informational and the agent does not learn from it (for
+            example, a score that a person would not write down).
+        about: One sentence that explains the KPI to people.
+        resolution: Smallest difference that people can see, in `unit`: values are shown, and
+            simulated ones learned from, as its multiples. None for a hundredth of an objective's
+            range, rounded down to a power of 10, and for 0.01 of a KPI in %; others are shown with
+            four significant digits.
+        formula: Formula that computes it from the signals of a run, such as "max(level) - ref(level)"
+            (see docs/outcomes.md); "" if the run returns it.
+
+    Attributes:
+        goal: Direction of improvement; "target" is the middle of the objective's range; None if
+            there is no direction.
+        step: Smallest difference that is shown, in `unit`; 0 if only digits limit it.
+
+    Raises:
+        ScenarioError: If `better` is not "lower", "higher" or None, if `at_least` is above
+            `at_most`, `resolution` is not above 0, or `formula` cannot be read.
+    """
+
+    name: str
+    title: str
+    unit: str = ""
+    at_most: float = np.inf
+    at_least: float = -np.inf
+    better: Literal["lower", "higher"] | None = None
+    about: str = ""
+    resolution: float | None = None
+    formula: str = ""
+    goal: Literal["lower", "higher", "target"] | None = field(init=False, repr=False, compare=False)
+    step: float = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.formula, str):
+            raise ScenarioError(f"formula of KPI {self.name!r} must be a text, got {self.formula!r}")
+        if self.formula:
+            formula_of(self.formula)
+        if self.resolution is not None and not 0 < self.resolution < np.inf:
+            raise ScenarioError(
+                f"resolution of KPI {self.name!r} must be above 0 and finite, "
+                f"got {self.resolution} {self.unit}".rstrip()
+            )
+        if self.better not in ("lower", "higher", None):
+            raise ScenarioError(
+                f"better of KPI {self.name!r} must be lower, higher or None, got {self.better!r}"
+            )
+        if not self.at_least <= self.at_most:
+            raise ScenarioError(
+                f"KPI {self.name!r}: at_least must not be above at_most, "
+                f"got {self.at_least} and {self.at_most} {self.unit}".rstrip()
+            )
+        object.__setattr__(self, "goal", self._goal())
+        object.__setattr__(self, "step", self._step())
+
+    def _goal(self) -> Literal["lower", "higher", "target"] | None:
+        if self.better is not None:
+            return self.better
+        if np.isfinite(self.at_most) and np.isfinite(self.at_least):
+            return "target"
+        if np.isfinite(self.at_most):
+            return "lower"
+        return "higher" if np.isfinite(self.at_least) else None
+
+    def _step(self) -> float:
+        if self.resolution is not None:
+            return self.resolution
+        width = self.at_most - self.at_least
+        if np.isfinite(width) and width > 0:
+            return float(10.0 ** np.floor(np.log10(width / 100)))
+        return 0.01 if self.unit == "%" else 0.0
+
+    def read(self, value: float) -> float:
+        """Return `value` as it is shown: in multiples of `step`, with four significant digits."""
+        return float(as_read(value, self.step))
+
+    def judged(self, value: float) -> float:
+        """Return how bad `value` looks: equal for values that read the same or meet a target."""
+        if self.goal == "target" and self.met(value):
+            return 0.0
+        return float(self.badness(self.read(value)))
+
+    def badness(self, values: Float[np.ndarray, "*shape"] | float) -> Float[np.ndarray, "*shape"] | float:
+        """Return values so that lower is better, in the same shape; NaN if one could not be measured."""
+        if self.goal == "target":
+            return np.abs(values - (self.at_most + self.at_least) / 2)
+        found = np.negative(values) if self.goal == "higher" else values
+        return np.where(np.equal(found, -np.inf), np.nan, found)[()]  # nothing is infinitely good
+
+    def met(self, value: float) -> bool | None:
+        """Return whether `value`, as read, meets the objective; None if there is no objective."""
+        if np.isinf(self.at_most) and np.isinf(self.at_least):
+            return None
+        return bool(self.at_least <= self.read(value) <= self.at_most)
+
+    def met_by(self, experiment: Experiment) -> bool | None:
+        """Return whether an experiment meets the objective; None without one or a value."""
+        value = experiment.kpis.get(self.name)
+        return None if value is None else self.met(value)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Tracking KPIs: those of any experiment with references, errors of outputs and moves of inputs.
+#
+# An agent learns which of them matter to a person (`Answer.outcomes`); none is a cost by itself.
+
+_MOST = 10
+"""Number of found KPIs that people still read."""
+_SHOWN = ("settling time", "overshoot", "integrated error", "total move")
+"""Kinds of KPIs that are found, in the order in which they are shown."""
+_DROPPED = ("integrated error", "overshoot", "total move")
+"""Kinds that are left out, in this order, if there are too many KPIs to read."""
+BAND = 0.03  # share of the largest error, for channels without a band
+_NOTHING = 1e-3  # share of the largest error below which an error is invisible
+
+
+def tracking_kpis(experiment: Experiment) -> dict[str, float]:
+    """Return generic KPIs by name, lower is better, in the units of the experiment's channels.
+
+    For each recorded output with a reference (see `Experiment.output`): the integrated error, the
+    integrated error weighted with time, the time of the last entry into the band (3 % of the
+    largest error if the channel has none; infinite means never), the overshoot, and the final
+    error beyond a thousandth of the largest. For each input: the total, largest and root mean
+    square move. An experiment without a record has no KPIs.
+    """
+    if len(experiment.t) < 2:
+        return {}
+    found: dict[str, float] = {}
+    for channel, error in _errors(experiment):
+        found |= _of_error(channel, experiment.t - experiment.t[0], error)
+    for j, channel in enumerate(experiment.channels.u):
+        moves = np.abs(np.diff(experiment.u_control[:, j]))
+        if len(moves):
+            sizes = moves.sum(), moves.max(), np.sqrt(np.mean(moves**2))
+            found |= _named(OF_INPUT, channel, sizes)
+    return found
+
+
+def _named(kinds: Sequence[Kind], channel: Channel, values: Iterable[float]) -> dict[str, float]:
+    """Return the values of a channel's kinds, in their order, by name."""
+    names = (f"{kind} of {channel.name}" for kind, *_ in kinds)
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
+
+
+def _errors(experiment: Experiment) -> Iterator[tuple[Channel, Float[np.ndarray, " K"]]]:
+    """Yield channel and error of each output with a reference, on the dense grid."""
+    for j, channel in enumerate(experiment.channels.y):
+        reference = experiment.reference(j)
+        curve = experiment.output(j)
+        if curve is not None and np.isfinite(reference).all() and np.isfinite(curve).all():
+            yield channel, np.asarray(curve - reference)
+
+
+def _of_error(
+    channel: Channel, t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"]
+) -> dict[str, float]:
+    dt, size = np.diff(t), np.abs(error)
+    largest = float(size.max())
+    # An overshoot lies on the other side of the reference than the start.
+    beyond = -np.sign(error[0]) * error if error[0] else size
+    values = (
+        size[:-1] @ dt,
+        (size * t)[:-1] @ dt,
+        entered(t, error, band_of(channel, error)),
+        max(beyond.max(), 0.0),
+        max(size[-1] - _NOTHING * largest, 0.0),
+    )
+    return _named(OF_OUTPUT, channel, values)
+
+
+def band_of(channel: Channel, error: Float[np.ndarray, " K"]) -> float:
+    """Return the band in which an error counts as settled, in the channel's unit."""
+    return BAND * float(np.abs(error).max()) if channel.band is None else channel.band
+
+
+def entered(t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], band: float) -> float:
+    """Return the instant of the last entry of an error into the band; infinite for never."""
+    outside = np.flatnonzero(np.abs(error) > band)
+    last = int(outside[-1]) if len(outside) else -1
+    return float(t[last + 1]) if last + 1 < len(t) else np.inf
+
+
+def every_tracking_kpi(channels: Channels) -> dict[str, KPI]:
+    """Return the tracking KPIs that channels allow, by name, as if all outputs had references."""
+    return {
+        name: KPI(name, name, unit, better="lower", about=about) for name, unit, about in kinds_of(channels)
+    }
+
+
+def found_kpis(channels: Channels, measured: Iterable[str] | None = None) -> tuple[KPI, ...]:
+    """Return the few tracking KPIs to show to people, the most important first.
+
+    Args:
+        channels: Channels of the experiments.
+        measured: KPIs of an experiment: only these are found. With None, those of the outputs
+            with a target, and of the inputs.
+    """
+    aimed = tuple(c for c in channels.y if c.target is not None or measured is not None)
+    every = every_tracking_kpi(Channels((), channels.u, aimed, channels.time_unit))
+    there = [n for n in every if measured is None or n in measured]
+    if not any(name.startswith(tuple(kind for kind, *_ in OF_OUTPUT)) for name in there):
+        return ()  # nothing is tracked: moves alone would ask for a controller that does nothing
+    kinds = list(_SHOWN)
+    for kind in ("", *_DROPPED):
+        kinds = [k for k in kinds if k != kind]
+        names = [n for k in kinds for n in there if n.startswith(f"{k} of ")]
+        if len(names) <= _MOST:
+            break
+    return tuple(every[name] for name in names)
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """Function that returns the KPIs of an experiment, and its tracking KPIs.
+
+    Args:
+        names: KPIs that every complete experiment has, NaN if it could not be measured.
+    """
+
+    names: tuple[str, ...] = ()
+
+    @classmethod
+    def promised(cls, channels: Channels | None, names: Sequence[str]) -> "Tracking":
+        """Promise those of `names` that channels allow, since others lack a target; all if unknown."""
+        there = names if channels is None else {kpi.name for kpi in found_kpis(channels)}
+        return cls(tuple(name for name in names if name in there))
+
+    def __call__(self, experiment: Experiment) -> Mapping[str, float]:
+        """Return the KPIs of an experiment by name; its own count."""
+        unknown = {} if experiment.end.interrupted else dict.fromkeys(self.names, np.nan)
+        return {**unknown, **tracking_kpis(experiment), **experiment.kpis}
+
+
+@dataclass(frozen=True, slots=True)
+class Formulas:
+    """Function that returns the KPIs of an experiment, and those of formulas: pairs of name and text."""
+
+    texts: tuple[tuple[str, str], ...]
+
+    def __call__(self, experiment: Experiment) -> Mapping[str, float]:
+        """Return the KPIs of an experiment by name; the formulas count, if there is a record.
+
+        Raises ScenarioError if the experiment lacks what a formula names.
+        """
+        found = dict(experiment.kpis)
+        for name, text in self.texts if len(experiment.t) else ():
+            try:
+                found[name] = value_of(text, experiment)
+            except ScenarioError as error:
+                raise ScenarioError(f"formula of KPI {name!r}: {error}") from error
+        return found

@@ -1,0 +1,622 @@
+"""Choose operating point, steps, sampling time and duration for a plant to control."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import permutations
+from math import floor, log10
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.linalg import eigvals
+from scipy.optimize import least_squares, root
+
+from prefcal_env.controllers.margins import minimal
+from prefcal_env.controllers.pid import ProcessModel, Tuning
+from prefcal_env.envs.plant_env import dead_times
+from prefcal_env.errors import PlantError, ScenarioError
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.jacobians import D, U, X
+from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems import LinearSystem, local_system, motion, rates_of
+from prefcal_env.wording import did_you_mean
+
+# ----------------------------------------------------------------------------------------------------
+# Find a steady state of a plant, near the middle of the range of its inputs.
+
+_STEADY = 1e-7
+"""Largest movement in the time constant of the plant, relative to the size of the states."""
+_DOUBLINGS = 60
+_STEPS, _PRECISE = 10, 1e-12
+"""Largest number of Newton steps, and the size of the last one, relative to the states."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OperatingPoint:
+    """A steady state: states (n_x,), inputs (n_u,) and measured disturbances (n_d,)."""
+
+    x: X
+    u: Float[np.ndarray, " n_u"]
+    d: Float[np.ndarray, " n_d"]
+
+
+def operating_point(plant: Plant) -> OperatingPoint:
+    """Return a steady state of `plant`, at the middle of its inputs' ranges if possible.
+
+    If the plant has `x0`, the search starts there; otherwise in the middle of the states' limits,
+    at 0 and at 1. A steady state to which the plant settles by itself comes first. If there is
+    none for these inputs, as for a tank that integrates its flows, the inputs may move.
+
+    Raises:
+        ScenarioError: If there is no steady state within the limits.
+    """
+    held = Held(plant, _middles(plant.inputs), _middles(plant.disturbances))
+    guesses = list(_guesses(plant))
+    for find in (held.rest, held.settled, held.root):
+        for guess in guesses:
+            x = find(guess)
+            if x is not None and _inside(plant, x):
+                return OperatingPoint(x, held.u, held.d)
+    for guess in guesses:
+        found = _joint(held, guess)
+        if found is not None and _inside(plant, found.x):
+            return found
+    raise ScenarioError(
+        f"no steady state of plant {plant.name!r} was found within the limits of its states and "
+        "inputs: widen the limits, or give the plant an x0 near one"
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Held:
+    """A plant with inputs u and disturbances d held; its methods look for a state of rest."""
+
+    plant: Plant
+    u: Float[np.ndarray, " n_u"]
+    d: Float[np.ndarray, " n_d"]
+
+    def settled(self, x: X) -> X | None:
+        """Return the state to which the plant settles from x, shape (n_x,); None if it does not."""
+        rates = self._rates(x)
+        if rates is None:
+            return None
+        T = 1 / max(float(rates.max(initial=0.0)), 1e-9)
+        now = x
+        for _ in range(_DOUBLINGS):
+            try:
+                now = self.plant.hold(now, self.u, self.d, np.array([T]))[-1]
+            except (ArithmeticError, ValueError, PlantError):
+                return None
+            if not np.isfinite(now).all() or _size(now) > 1e9 * (1 + _size(x)):
+                return None
+            if self.rest(now) is not None:
+                better = self._polished(now)
+                near = better is not None and np.allclose(better, now, rtol=1e-3, atol=1e-6)
+                return better if near else now
+            T *= 1.5
+        return None
+
+    def rest(self, x: X) -> X | None:
+        """Return x if the plant rests there: it hardly moves within its slowest time constant."""
+        f, rates = self._motion(x)[0], self._rates(x)
+        if rates is None or not np.isfinite(f).all():
+            return None
+        moving = rates[rates > 1e-9 * max(float(rates.max(initial=0.0)), 1e-300)]
+        slowest = float(moving.min()) if len(moving) else 1.0
+        size = np.abs(x).max(initial=1.0)
+        return x if np.abs(f).max(initial=0.0) <= _STEADY * slowest * size else None
+
+    def root(self, x: X) -> X | None:
+        """Return a solution of f(x, u, d) = 0 for x near the given one, or None."""
+        try:
+            with np.errstate(all="ignore"):
+                return self.rest(np.asarray(root(self._motion, x, jac=True).x, dtype=float))
+        except (ArithmeticError, ValueError):
+            return None
+
+    def _polished(self, x: X) -> X | None:
+        """Return the steady state beside x by Newton's method, which needs no scipy, or None."""
+        now = x
+        for _ in range(_STEPS):
+            try:
+                step = np.linalg.solve(*self._motion(now)[::-1])
+            except np.linalg.LinAlgError:  # an integrator
+                break
+            now = now - step
+            if not _size(step) > _PRECISE * _size(now):
+                return self.rest(now) if np.isfinite(now).all() else None
+        return self.root(x)
+
+    def _motion(self, x: X) -> tuple[X, Float[np.ndarray, "n_x n_x"]]:
+        return motion(self.plant, x, self.u, self.d)
+
+    def _rates(self, x: X) -> X | None:
+        """Return the magnitude of the eigenvalues at a point; None if f is not finite there."""
+        try:
+            A = self._motion(x)[1]
+        except (ArithmeticError, ValueError):
+            return None
+        return np.abs(np.linalg.eigvals(A)) if np.isfinite(A).all() else None
+
+
+def _joint(held: Held, x: X) -> OperatingPoint | None:
+    """Return a solution of f(x, u, d) = 0 near x and u, within their limits, or None."""
+    plant, d, n = held.plant, held.d, len(x)
+    low, high = _limits((*plant.states, *plant.inputs))
+    start = np.clip(np.concatenate([x, held.u]), low, high)
+    try:
+        with np.errstate(all="ignore"):
+            found = least_squares(
+                lambda v: motion(plant, v[:n], v[n:], d)[0],
+                start,
+                bounds=(low, high),
+                xtol=1e-14,
+                ftol=1e-14,
+                gtol=1e-14,
+            )
+    except (ArithmeticError, ValueError):
+        return None
+    point = OperatingPoint(found.x[:n], found.x[n:], d)
+    return None if Held(plant, point.u, d).rest(point.x) is None else point
+
+
+def _size(x: X) -> float:
+    """Return the largest magnitude in x, shape (n_x,); 0 for a plant without states."""
+    return float(np.abs(x).max(initial=0.0))
+
+
+def _limits(channels: tuple[Channel, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and upper limits, each shape (n,)."""
+    return np.array([c.low for c in channels]), np.array([c.high for c in channels])
+
+
+def _middles(channels: tuple[Channel, ...]) -> Float[np.ndarray, " n"]:
+    """Return the middle of each range; without one, what is in it and nearest to 0."""
+    low, high = _limits(channels)
+    whole = np.isfinite(low) & np.isfinite(high)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(whole, (low + high) / 2, np.clip(0.0, low, high)))
+
+
+def _guesses(plant: Plant) -> Iterator[X]:
+    start = getattr(plant, "x0", None)
+    if start is not None and np.shape(start) == (len(plant.states),):
+        yield np.array(start, dtype=float)
+    yield _middles(plant.states)
+    for value in (0.0, 1.0):
+        yield np.clip(np.full(len(plant.states), value), *_limits(plant.states))
+
+
+def _inside(plant: Plant, x: X) -> bool:
+    (low, high), margin = _limits(plant.states), 1e-9 * (1 + np.abs(x))
+    return bool(np.all((low - margin <= x) & (x <= high + margin)))
+
+
+# ----------------------------------------------------------------------------------------------------
+# What limits the control of a linear process: its gain, lags, dead time and unstable parts.
+
+_INTEGRATES = 1e-6
+"""A pole this small relative to the largest one integrates."""
+_ROUNDING = 1e-12
+"""Rounding spreads k equal poles over a circle whose radius is the k-th root of about this."""
+_AT_ZERO = 1e-3
+"""Magnitude below which a discrete pole counts as one at 0."""
+
+
+def process_of(J: LinearSystem, delay: float = 0.0) -> ProcessModel:
+    """Return the process from one input to one output, by its linearization.
+
+    The rules are for continuous processes: poles and zeros of a discrete one count as those with
+    the same decay, and the samples in which its impulse response is still 0 as dead time.
+
+    Args:
+        J: Linear system with one input and one output.
+        delay: Dead time.
+    """
+    M = minimal(J)
+    waiting = _waiting(M)
+    poles = M.rates[np.argsort(M.rates.real)][waiting:]
+    poles = poles[np.argsort(np.abs(poles))]
+    integrators = integrators_of(poles, M.dt)
+    others = poles[integrators:]
+    swinging = others[np.abs(others.imag) > 1e-6 * np.abs(others)]
+    zeros = _zeros(M)
+    return ProcessModel(
+        gain=_gain(M, poles, integrators),
+        integrators=integrators,
+        lags=tuple(sorted((1 / np.abs(others)).tolist(), reverse=True)),
+        inverse=tuple((1 / np.abs(zeros[zeros.real > 0])).tolist()),
+        delay=delay + waiting * M.dt,
+        unstable=bool((others.real > 0).any()),
+        damping=float((-swinging.real / np.abs(swinging)).min(initial=1.0)),
+    )
+
+
+def integrators_of(rates: Complex[np.ndarray, " n"], dt: float) -> int:
+    """Return how many poles integrate.
+
+    Args:
+        rates: Poles as rates, shape (n,), the smallest first.
+        dt: Sample time; 0 if the system is continuous.
+    """
+    sizes = np.abs(rates)
+    relative = int(np.count_nonzero(sizes <= _INTEGRATES * sizes.max(initial=0.0)))
+    if not dt:
+        return relative
+    for k in range(len(rates), relative, -1):
+        # Equal poles are spread around their true place; slow lags lie on one side of it.
+        radius = _ROUNDING ** (1 / k)
+        aside = abs(complex(rates[:k].mean())) * dt
+        if sizes[k - 1] * dt <= radius and aside <= max(0.01 * radius, _ROUNDING):
+            return k
+    return relative
+
+
+def _waiting(M: LinearSystem) -> int:
+    """Return the samples of dead time in a discrete system: its pure delays, poles at 0."""
+    if not M.dt or M.D.any():
+        return 0
+    x, size = M.B[:, 0], float(np.abs(M.B).max(initial=0.0) * np.abs(M.C).max(initial=0.0))
+    for samples in range(len(M.A)):
+        if abs(float(M.C[0] @ x)) > 1e-9 * size:
+            return min(samples, _at_zero(M))  # lags also make a response start late
+        x = M.A @ x
+    return 0
+
+
+def _at_zero(M: LinearSystem) -> int:
+    """Return how many poles of a discrete system are at 0."""
+    sizes = np.sort(np.abs(np.linalg.eigvals(M.A)))
+    radii = np.maximum(_AT_ZERO, _ROUNDING ** (1 / np.arange(1, len(sizes) + 1)))
+    return int(np.flatnonzero(sizes <= radii).max(initial=-1)) + 1
+
+
+def _gain(M: LinearSystem, poles: Complex[np.ndarray, " k"], integrators: int) -> float:
+    """Return the limit of s^n G(s) for s to 0, by its value at a very small s."""
+    if not len(M.A):
+        return float(M.D[0, 0])
+    sizes = np.abs(poles)
+    s = 1e-4 * (sizes.max(initial=0.0) or 1.0) * (1e-2 if not integrators else 1.0)
+    if integrators < len(poles) or M.dt:
+        slowest = sizes[integrators] if integrators < len(poles) else 1 / M.dt
+        # Nearer to 0 than rounding has put an integrator, the response is that of a lag.
+        rounded = 30 * sizes[:integrators].max(initial=0.0)
+        s = min(max(1e-3 * slowest, rounded), 0.1 * slowest)
+    return float((M.at(1j * s)[0, 0] * (1j * s) ** integrators).real)
+
+
+def _zeros(M: LinearSystem) -> Complex[np.ndarray, " k"]:
+    """Return the finite zeros, as rates: generalized eigenvalues of the system matrix."""
+    n = len(M.A)
+    if not n:
+        return np.zeros(0, dtype=complex)
+    pencil = np.block([[M.A, M.B], [M.C, M.D]])
+    mass = np.zeros_like(pencil)
+    mass[:n, :n] = np.eye(n)
+    alpha, beta = eigvals(pencil, mass, homogeneous_eigvals=True)
+    finite = np.abs(beta) > 1e-9 * (np.abs(alpha) + np.abs(beta))
+    zeros = np.asarray(alpha[finite] / beta[finite], dtype=complex)
+    if M.dt:
+        zeros = zeros[zeros.real > 0]  # the others come from sampling
+    rates = rates_of(zeros, M.dt)
+    fastest = float(np.abs(M.rates).max())
+    return np.asarray(rates[np.abs(rates) < 1e3 * max(fastest, 1e-300)])
+
+
+# ----------------------------------------------------------------------------------------------------
+# Choose operating point, steps, sampling time and duration for a plant to control.
+
+SAMPLES = 5
+"""Samples in the effective dead time or the shortest time constant that matters."""
+_SHARE = 0.2
+"""Share of the input's range that a default step needs at rest."""
+_PATIENCE = 2.2
+"""Duration of a phase, in the time that the tuning in the middle takes to settle."""
+_MOST = 1200
+"""Largest number of samples in an experiment."""
+_SETTLED = 0.02
+"""Band of a step of 1 in which the tuning in the middle counts as settled."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Single:
+    """One loop: which output and input, its process, its target and its load.
+
+    Args:
+        output: Index of the output.
+        input: Index of the input.
+        channel: Channel of the input, with finite limits.
+        start: Output at the start.
+        target: Reference after the step.
+        process: What limits its control.
+        load: Load disturbance at the input.
+        phase: Time that a step or a load takes with the tuning in the middle.
+        tunings: Tunings of its PID by name: "robust", in the middle of the ranges, and rules.
+    """
+
+    output: int
+    input: int
+    channel: Channel
+    start: float
+    target: float
+    process: ProcessModel
+    load: float = 0.0
+    phase: float = 0.0
+    tunings: Mapping[str, Tuning] = field(default_factory=dict)
+
+    @property
+    def step(self) -> float:
+        """Change of the reference."""
+        return self.target - self.start
+
+    def settling(self, time: float, peak: float) -> "Single":
+        """Return the loop with phase and load for a tuning that settles in `time`.
+
+        The load moves the output by about a third of the step, within the actuator.
+
+        Args:
+            time: Time until step and load have settled.
+            peak: Peak of the output after a load of 1.
+        """
+        span = 0.15 * (self.channel.high - self.channel.low)
+        load = nice(min(span, 0.35 * abs(self.step) / peak) if peak > 0 else span)
+        return replace(self, load=load, phase=_PATIENCE * time)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """What was chosen for a plant: operating point, sampling time and loops.
+
+    `middle` is the tuning in the middle of the ranges, if it is not one of each loop.
+    """
+
+    point: OperatingPoint
+    J: LinearSystem
+    delay: Float[np.ndarray, "n_y n_u"]
+    T_s: float
+    loops: tuple[Single, ...]
+    middle: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def phase(self) -> float:
+        """Duration of each phase: one step for each loop, then the loads."""
+        return max(loop.phase for loop in self.loops)
+
+    def around(self, plant: Plant, x: X, u: U, d: D) -> "Design":
+        """Return the same choices for another plant, linearized where it starts."""
+        J, delay = local_system(plant, x, u, d), dead_times(plant)
+        return replace(self, point=OperatingPoint(x, u, d), J=J, delay=delay)
+
+    def suffix(self, loop: int) -> str:
+        """Return the end of the names of knobs and KPIs of a loop: none if there is only one."""
+        return "" if len(self.loops) == 1 else f"_{loop + 1}"
+
+
+def design(
+    plant: Plant,
+    tuned: Callable[[Plant, Design], Design],
+    reference: Mapping[str, float] | None = None,
+    horizon: float | None = None,
+) -> Design:
+    """Return what was chosen for `plant`; `reference` and `horizon` are used as they are.
+
+    Args:
+        plant: Plant.
+        tuned: Function that adds what follows from tuning the controller: loads and phases.
+        reference: Reference by output.
+        horizon: Duration of an experiment.
+
+    Raises:
+        ScenarioError: If there is no steady state, an output does not exist, a reference equals the
+            start, or `tuned` finds no controller.
+    """
+    point = operating_point(plant)
+    try:
+        J = local_system(plant, point.x, point.u, point.d)
+    except PlantError as error:
+        raise ScenarioError(
+            f"plant {plant.name!r} has no derivative at its steady state {point.x}: {error}"
+        ) from error
+    delay = dead_times(plant)
+    pairs = pairs_of(plant, J, _chosen(plant, reference))
+    processes = [process_of(J.part([i], [j]), float(delay[i, j])) for i, j in pairs]
+    T_s = _sampling_time(plant, processes)
+    for _ in range(3):
+        loops = tuple(
+            _single(plant, point, T_s, i, j, process, reference or {})
+            for (i, j), process in zip(pairs, processes, strict=True)
+        )
+        found = tuned(plant, Design(point, J, delay, T_s, loops))
+        if horizon is not None:
+            share = horizon / (len(loops) + 1)
+            return replace(found, loops=tuple(replace(loop, phase=share) for loop in found.loops))
+        samples = found.phase * (len(loops) + 1) / T_s
+        if samples <= _MOST:
+            break
+        T_s = _allowed(plant, T_s * samples / (0.6 * _MOST))
+    return found
+
+
+def settling(
+    M: Float[np.ndarray, "n n"], drive: Float[np.ndarray, "n 2"], rows: Float[np.ndarray, "2 n"], T_s: float
+) -> tuple[float, float, float]:
+    """Return the time until step and load have settled, the load's peak and the largest input.
+
+    Args:
+        M: Closed loop, x⁺ = M x.
+        drive: What a unit step of the reference and a unit load add to x in each sample.
+        rows: Output and input as functions of x.
+        T_s: Sampling time.
+
+    Raises:
+        FloatingPointError: If the loop does not settle.
+    """
+    count = 200
+    while count <= 25_600:
+        x, found = np.zeros(drive.shape), np.zeros((count, 2, 2))
+        for k in range(count):
+            found[k] = rows @ x
+            x = M @ x + drive
+        step, load = found[:, 0].T
+        if not np.isfinite(step).all():
+            break
+        peak = float(np.abs(load).max())
+        late = np.flatnonzero((np.abs(step - 1) > _SETTLED) | (np.abs(load) > 5 * _SETTLED * peak))
+        last = int(late[-1]) if len(late) else 0
+        if last < 0.7 * count:
+            return (last + 1) * T_s, peak, float(np.abs(found[:, 1, 0]).max())
+        count *= 2
+    raise FloatingPointError("the loop does not settle")
+
+
+def pairs_of(plant: Plant, J: LinearSystem, outputs: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
+    """Return (output, input) of each loop, paired by the relative gain array near rest.
+
+    Of all pairings with positive relative gains, the one whose gains are closest to 1.
+
+    Source: Bristol (1966), On a new measure of interaction for multivariable process control,
+    IEEE Trans. Automatic Control 11.
+
+    Raises:
+        ScenarioError: If there are more outputs than inputs.
+    """
+    n_u, names = len(plant.inputs), [plant.outputs[i].name for i in outputs]
+    if len(outputs) == n_u == 1:
+        return ((outputs[0], 0),)
+    if len(outputs) > n_u:
+        raise ScenarioError(
+            f"{n_u} inputs cannot control {len(names)} outputs, {names}, each with a PID of its "
+            f"own: name at most {n_u} of them, for example --reference {names[0]}=1"
+        )
+    # Near rest: far below all poles that are not integrators.
+    rates = J.rates[np.argsort(np.abs(J.rates))]
+    moving = np.abs(rates[integrators_of(rates, J.dt) :])
+    G = J.at(1e-3j * (float(moving[0]) if len(moving) else 1 / (J.dt or 1.0)))[list(outputs)]
+    best, closest = None, np.inf
+    for chosen in permutations(range(n_u), len(outputs)):
+        square = G[:, chosen]
+        if np.linalg.matrix_rank(square) < len(outputs):
+            continue
+        gains = np.diag(square * np.linalg.inv(square).T).real
+        distance = float(np.abs(gains - 1).sum()) + 1e3 * int((gains <= 0).sum())
+        if distance < closest:
+            best, closest = chosen, distance
+    if best is None:
+        raise ScenarioError(
+            f"the inputs of plant {plant.name!r} cannot move its outputs {names} independently "
+            "near the operating point: name one output to control"
+        )
+    return tuple(zip(outputs, best, strict=True))
+
+
+def nice(value: float, *, up: bool = False) -> float:
+    """Return `value` rounded down (or up) to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** floor(log10(value))
+    steps = [m * power for m in (1, 2, 5, 10)]
+    if up:
+        return float(f"{next(s for s in steps if s >= value * (1 - 1e-9)):.1g}")
+    return float(f"{[s for s in steps if s <= value * (1 + 1e-9)][-1]:.1g}")
+
+
+def _chosen(plant: Plant, reference: Mapping[str, float] | None) -> tuple[int, ...]:
+    """Return the outputs to control: those with a reference, or a target, or all."""
+    names = [c.name for c in plant.outputs]
+    for name in reference or ():
+        if name not in names:
+            raise ScenarioError(
+                f"no output of plant {plant.name!r} is called {name!r}."
+                f"{did_you_mean(name, names)} Expected one of {names}"
+            )
+    if reference:
+        return tuple(names.index(name) for name in reference)
+    aimed = tuple(i for i, c in enumerate(plant.outputs) if c.target is not None)
+    every = tuple(range(len(names))) if len(names) <= len(plant.inputs) else (0,)
+    return aimed or every
+
+
+def _sampling_time(plant: Plant, processes: list[ProcessModel]) -> float:
+    scales = [scale for scale in map(_scale, processes) if scale > 0]
+    dt = float(getattr(plant, "sample_time", 0.0))
+    # Nothing limits a plant that only integrates: its unit of time is as good as any other.
+    return _allowed(plant, (min(scales) if scales else max(1.0, 10 * dt)) / SAMPLES)
+
+
+def _allowed(plant: Plant, T_s: float) -> float:
+    """Return a round sampling time near `T_s`, a multiple of the plant's own if it has one."""
+    dt = float(getattr(plant, "sample_time", 0.0))
+    return max(round(T_s / dt), 1) * dt if dt else nice(T_s * 1.3)
+
+
+def _scale(process: ProcessModel) -> float:
+    """Return the time that limits control: dead time and small lags, or a share of large ones."""
+    lags = [np.inf] * process.integrators + list(process.lags)
+    small = process.delay + sum(process.inverse) + sum(lags[3:]) + (lags[2] / 2 if lags[2:] else 0)
+    shares = [small] + [s * T for s, T in zip((0.03, 0.1), lags[:2], strict=False) if np.inf > T]
+    if len(lags) == 1 and lags[0] < np.inf:
+        shares.append(0.1 * lags[0])
+    return max((s for s in shares if s < np.inf), default=0.0)
+
+
+def _single(
+    plant: Plant,
+    point: OperatingPoint,
+    T_s: float,
+    i: int,
+    j: int,
+    process: ProcessModel,
+    reference: Mapping[str, float],
+) -> Single:
+    """Return the loop from input j to output i: its target, and limits of its input.
+
+    The target is given, or what a fifth of the input's range achieves; without limits, the input
+    gets ten times what the step needs.
+    """
+    y, u = plant.outputs[i], plant.inputs[j]
+    start = float(plant.g(point.x, point.u, point.d)[i])
+    target = reference.get(y.name, y.target)
+    if target is None or abs(target - start) <= 1e-6 * max(abs(target), abs(start), 1e-300):
+        if y.name in reference:
+            raise ScenarioError(
+                f"the reference of {y.name!r}, {target:g} {y.unit}, is where the experiment "
+                "starts: give another one, so that there is a step"
+            )
+        target = _target(y, start, _default_step(plant, point, i, j, process, start))
+    slow = max(process.lags, default=0.0) or process.delay or 10 * T_s
+    gain = process.gain
+    need = abs((target - start) / gain) / slow**process.integrators if gain else 1.0
+    reach, rest = nice(10 * max(need, 1e-12), up=True), float(point.u[j])
+    low = u.low if np.isfinite(u.low) else min(rest, u.high) - reach
+    high = u.high if np.isfinite(u.high) else max(rest, u.low) + reach
+    channel = replace(u, low=float(low), high=float(high))
+    return Single(i, j, channel, start, float(target), process)
+
+
+def _target(y: Channel, start: float, size: float) -> float:
+    """Return a round reference about `size` away from the start, where there is room for it."""
+    above, below = y.high - start, y.low - start
+    sign = 1.0 if size <= 0.8 * above or above >= -below else -1.0
+    step = nice(min(size, 0.5 * max(above, -below)))
+    rounded = round(start + sign * step, 1 - floor(log10(step)))
+    return rounded if abs(rounded - start) > step / 2 else start + sign * step
+
+
+def _default_step(
+    plant: Plant, point: OperatingPoint, i: int, j: int, process: ProcessModel, start: float
+) -> float:
+    output, channel = plant.outputs[i], plant.inputs[j]
+    span = channel.high - channel.low
+    if not np.isfinite(span):
+        return 0.1 * abs(start) if abs(start) > 1e-6 else 1.0
+    least = abs(process.gain) * _SHARE / 2 * span
+    if process.integrators:
+        if np.isfinite(output.high - output.low):
+            return _SHARE * (output.high - output.low)
+        slow = max(process.lags, default=0.0) or process.delay or 1.0
+        return max(least * slow**process.integrators, 1e-12)
+    if not process.unstable:
+        u = point.u.copy()
+        u[j] = min(u[j] + _SHARE * span, channel.high - 0.1 * span)
+        x = Held(plant, u, point.d).settled(point.x)
+        moved = 0.0 if x is None else abs(float(plant.g(x, u, point.d)[i]) - start)
+        if moved > 1e-9 * (1 + abs(start)):
+            return moved
+    return max(least, 1e-12)

@@ -1,1 +1,0 @@
-"""What a PID scenario decides by itself: operating point, step, ranges, times and KPIs."""

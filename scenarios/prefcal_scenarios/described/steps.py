@@ -1,0 +1,317 @@
+"""The scenario of a plant whose references step one after the other, then loads act, and its KPIs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Protocol, Self
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.controllers.stored import as_data
+from prefcal_env.envs.closed_loop import ClosedLoop
+from prefcal_env.envs.plant_env import PlantEnv
+from prefcal_env.envs.task import StepSignal, Task
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import Channel, Controller, Experiment
+from prefcal_env.experiments.kpis import entered
+from prefcal_env.experiments.panels import Panel
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.plants.plant import Disturbed, Plant
+from prefcal_env.wording import did_you_mean
+from prefcal_scenarios.scenario import KPI, Scenario
+
+from .design import Design, Single
+
+# ----------------------------------------------------------------------------------------------------
+# KPIs of loops: steps of the references, then loads on the inputs.
+
+_BAND = 0.05
+"""Band of settling and recovery, as a share of the step."""
+_ROBUST = 2.0
+"""Largest sensitivity peak that is usual: a gain margin of 2 and a phase margin of 29 degrees."""
+
+
+class Laws(Protocol):
+    """The controllers of all θ, physical, shape (n,), and their linearized loops."""
+
+    def make(self, theta: Float[np.ndarray, " n"]) -> Controller:
+        """Return the controller of a θ."""
+
+    def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
+        """Return the sensitivity peak of the loop of a θ."""
+
+    def around(self, plant: Plant, found: Design) -> Self:
+        """Return the same controllers around another plant, which is linearized in `found`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measure:
+    """Function of an experiment that returns its KPIs.
+
+    Args:
+        design: What was chosen for the plant.
+        laws: Controllers of all θ.
+    """
+
+    design: Design
+    laws: Laws
+
+    def around(self, plant: Plant, task: Task) -> "Measure":
+        """Return the same KPIs of another plant, which starts as `task` says."""
+        found = self.design.around(plant, task.x0, task.u0, task.disturbance(0.0))
+        return replace(self, design=found, laws=self.laws.around(plant, found))
+
+    def __call__(self, experiment: Experiment) -> dict[str, float]:
+        """Return the KPIs by name; an infinite time means never."""
+        found: dict[str, float] = {}
+        for k, loop in enumerate(self.design.loops):
+            if len(experiment.t) > 1:
+                end = self.design.suffix(k)
+                found |= {f"{n}{end}": v for n, v in self._values(experiment, loop, k).items()}
+        return found | {"M_s": self.laws.sensitivity(experiment.theta)}
+
+    def _values(self, e: Experiment, loop: Single, k: int) -> dict[str, float]:
+        """Return the values of loop k, whose step is after k phases; then the loads come."""
+        y, t, phase = e.output(loop.output), e.t, self.design.phase
+        assert y is not None
+        loads = len(self.design.loops) * phase
+        own, late = (t >= k * phase) & (t < (k + 1) * phase), t >= loads
+        error = (y - loop.target) / loop.step
+        arrived = bool(np.all(np.abs(error[~late][-1:]) <= _BAND))  # or a load may seem to help
+        peak = abs(loop.step) * float(np.abs(error[late]).max()) if late.any() else np.inf
+        rest = self.design.point.u[loop.input]  # the first move starts there
+        moves = np.diff(e.u_control[:, loop.input], prepend=rest)
+        return {
+            "settling_time": _until(t, error, own, k * phase, (k + 1) * phase),
+            "overshoot": 100 * max(float(error[own].max(initial=0.0)), 0.0),
+            "disturbance_peak": peak,
+            "recovery": _until(t, error, late, loads, loads + phase) if arrived else np.inf,
+            "total_move": float(np.abs(moves).sum()),
+        }
+
+
+def _until(
+    t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], part: np.ndarray, start: float, end: float
+) -> float:
+    """Return the time from `start` on until the error stays in the band; infinite for never."""
+    if not part.any() or t[-1] < end * (1 - 1e-6) - 1e-9:
+        return np.inf
+    return entered(t[part], error[part], _BAND) - start
+
+
+_ROWS = (
+    (
+        "settling_time",
+        "settling time of {y} (within ±5 %)",
+        "{time}",
+        "Time after which it stays close to its reference.",
+    ),
+    ("overshoot", "overshoot of {y}", "%", "How far it goes beyond its reference, as a share of the step."),
+    (
+        "disturbance_peak",
+        "peak error of {y} under the load",
+        "{unit}",
+        "Largest distance from the reference after the load sets in.",
+    ),
+    (
+        "recovery",
+        "recovery time of {y} (within ±5 %)",
+        "{time}",
+        "Time from the load until it stays close to its reference again; never, if it was not close when "
+        "the load came.",
+    ),
+    ("total_move", "total move of {u}", "{u_unit}", "Sum of all changes of the input: wear of the actuator."),
+)
+"""Name, title, unit and meaning of the KPIs of each loop."""
+
+
+def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
+    """Return the KPIs, in order of importance; all are better if lower.
+
+    Args:
+        design: What was chosen for the plant.
+        outputs: Outputs of the plant.
+        time: Unit of time.
+        robust: Sensitivity peak in the middle of the ranges. It has an objective if it is met here.
+    """
+    found: list[KPI] = []
+    for k, loop in enumerate(design.loops):
+        y, u = outputs[loop.output], loop.channel
+        words = {"y": y.name, "unit": y.unit, "time": time, "u": u.name, "u_unit": u.unit}
+        for name, title, unit, about in _ROWS:
+            more = {"resolution": 0.1} if name == "overshoot" else {}
+            end = design.suffix(k)
+            found.append(_lower(f"{name}{end}", title.format(**words), unit.format(**words), about, **more))
+    about = (
+        "Largest amplification of disturbances at any frequency, by the linearized loop: 1.2 to 2 "
+        "is usual, a large one is close to instability."
+    )
+    limit = _ROBUST if robust <= _ROBUST else np.inf
+    peak = _lower("M_s", "sensitivity peak M_s", "", about, at_most=limit, resolution=0.01)
+    return (*found, peak)
+
+
+def _lower(name: str, title: str, unit: str, about: str, **more: Any) -> KPI:
+    return KPI(name, title, unit, better="lower", about=about, **more)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Make the scenario of a plant whose references step one after the other, then loads act.
+
+_AWAY = 10.0
+"""Distance from the start, in steps, at which an output has run away."""
+
+
+def plant_of(plant: Any, horizon: float | None) -> Plant:
+    """Return a plant or linear system as a plant, for experiments of a duration.
+
+    Raises:
+        PlantError: If it is neither.
+        ScenarioError: If the duration is not above 0.
+    """
+    found: Plant = plant
+    if not all(hasattr(plant, name) for name in ("hold", "inputs", "outputs", "states")):
+        found = Plant.of(plant)
+    if horizon is not None and not 0 < horizon < np.inf:
+        raise ScenarioError(f"horizon must be above 0 {found.time_unit}, got {horizon}")
+    return found
+
+
+def space_of(knobs: Sequence[Knob], own: Sequence[Knob], kind: str) -> KnobSpace:
+    """Return the space of `knobs`, where those of the same name in `own` replace them.
+
+    Raises:
+        ScenarioError: If an own knob has another name.
+    """
+    names, given = [knob.name for knob in knobs], {knob.name: knob for knob in own}
+    for name in given:
+        if name not in names:
+            raise ScenarioError(
+                f"no knob of this {kind} is called {name!r}.{did_you_mean(name, names)} "
+                f"Expected one of {names}"
+            )
+    chosen = [(given.get(knob.name, knob), knob.about) for knob in knobs]
+    return KnobSpace([replace(knob, about=knob.about or about) for knob, about in chosen])
+
+
+def theta_of(space: KnobSpace, values: Sequence[float]) -> Float[np.ndarray, " n"]:
+    """Return values of the knobs, rounded and moved into their ranges, shape (n,)."""
+    pairs = zip(space, values, strict=True)
+    return np.array([knob.round(min(max(v, knob.low), knob.high)) for knob, v in pairs])
+
+
+def scenario_of_steps(plant: Plant, found: Design, laws: Laws, space: KnobSpace, **said: Any) -> Scenario:
+    """Return the scenario of a plant and its controllers.
+
+    Args:
+        plant: Plant.
+        found: What was chosen for it.
+        laws: Controllers of all θ.
+        space: Knobs of θ.
+        said: Name, title, references and brief of the scenario; an empty brief is found, and the
+            first reference is the middle of the ranges.
+    """
+    middle, inputs = next(iter(said["references"].values())), list(plant.inputs)
+    for loop in found.loops:
+        inputs[loop.input] = loop.channel
+    loaded = Disturbed(plant, on_inputs=range(len(inputs)), inputs=tuple(inputs))
+    env = PlantEnv(loaded, _task(plant, found))
+    return Scenario(
+        space=space,
+        run=ClosedLoop(env, laws.make, Measure(found, laws)),
+        kpis=kpis_of(found, plant.outputs, plant.time_unit, laws.sensitivity(middle)),
+        panels=_panels(plant, found),
+        controller=laws.make,
+        settings=partial(_data, laws),
+        simulated=True,
+        **(said | {"brief": said["brief"] or _brief(plant, found)}),
+    )
+
+
+def _data(laws: Laws, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
+    """Return the controller of a physical θ, shape (n,), as data, from which it can be made again."""
+    return as_data(laws.make(theta))
+
+
+def _task(plant: Plant, found: Design) -> Task:
+    """Return the task: loop k steps after k phases, then the loads act."""
+    n, phase, loads = len(found.loops), found.phase, np.zeros(len(plant.inputs))
+    y_ref = np.full((n, len(plant.outputs)), np.nan)
+    for k, loop in enumerate(found.loops):
+        y_ref[:k, loop.output], y_ref[k:, loop.output] = loop.start, loop.target
+        loads[loop.input] = loop.load
+    # A sampling instant may lie a rounding error before its time.
+    starts = [(k - 1e-9) * phase for k in range(1, n + 1)]
+    at_rest, loaded = (np.concatenate([found.point.d, part]) for part in (0 * loads, loads))
+    return Task(
+        x0=found.point.x,
+        u0=found.point.u,
+        y_ref=StepSignal(y_ref[0], tuple(zip(starts, y_ref[1:], strict=False))) if n > 1 else y_ref[0],
+        d=StepSignal(at_rest, ((starts[-1], loaded),)),
+        horizon=(n + 1) * phase,
+        T_s=found.T_s,
+        dense_step=found.T_s,
+        unsafe=RunsAway(plant, found),
+        tracked=tuple(loop.output for loop in found.loops),
+    )
+
+
+class RunsAway:
+    """Function of a state that tells whether an output has run away or a state left its limits.
+
+    Args:
+        plant: Plant.
+        design: What was chosen for it. States that start at or beyond a limit have none.
+    """
+
+    def __init__(self, plant: Plant, design: Design) -> None:
+        self._plant, self._point = plant, design.point
+        self._limits = [
+            (k, c.low, c.high)
+            for k, (c, start) in enumerate(zip(plant.states, design.point.x, strict=True))
+            if c.low < start < c.high and (np.isfinite(c.low) or np.isfinite(c.high))
+        ]
+        self._outputs = [(loop.output, loop.start, _AWAY * abs(loop.step)) for loop in design.loops]
+
+    def __call__(self, x: Float[np.ndarray, " n_x"]) -> bool:
+        """Return whether the experiment ends."""
+        # A few numbers at every instant: faster than array operations.
+        if not all(low <= x[k] <= high for k, low, high in self._limits):
+            return True
+        y = self._plant.g(x, self._point.u, self._point.d).tolist()
+        return any(abs(y[k] - start) > reach for k, start, reach in self._outputs)
+
+
+def _panels(plant: Plant, found: Design) -> tuple[Panel, ...]:
+    """Return a panel for each output and input; limits far from the step would dwarf it."""
+    panels = []
+    for loop in found.loops:
+        c, room = plant.outputs[loop.output], 2 * abs(loop.step)
+        low = c.low if abs(c.low - loop.target) <= room else -np.inf
+        high = c.high if abs(c.high - loop.target) <= room else np.inf
+        panels.append(Panel(c.name, kind="y", low=low, high=high, target=loop.target))
+    return (*panels, *(Panel(loop.channel.name, kind="u") for loop in found.loops))
+
+
+def _brief(plant: Plant, design: Design) -> str:
+    """Return the brief: steps, loads, what was assumed, and what to judge by."""
+    time, phase, said = plant.time_unit, design.phase, []
+    for k, loop in enumerate(design.loops):
+        y, when = plant.outputs[loop.output], f"at {k * phase:.4g} {time}" if k else "at the start"
+        target = f"{loop.target:.4g} {y.unit}".rstrip()
+        said.append(f"The reference of {y.name} steps from {loop.start:.4g} to {target} {when}.")
+    loads = [(f"{p.load:g} {p.channel.unit}".rstrip(), p.channel.name) for p in design.loops]
+    acting = ", ".join(f"{load} on {name}" for load, name in loads)
+    said.append(f"From {len(design.loops) * phase:.4g} {time} on a load acts: {acting}.")
+    said.append(f"The controller moves every {design.T_s:g} {time}.")
+    for loop in design.loops:
+        c, own = loop.channel, plant.inputs[loop.input]
+        if (own.low, own.high) != (c.low, c.high):
+            limits = f"{c.low:g} to {c.high:g} {c.unit}".rstrip()
+            said.append(f"The plant does not limit {c.name}; {limits} is assumed.")
+    said.append(
+        "Good control reaches the reference soon, without overshoot or oscillation, rejects the "
+        "load, and spares the actuator. What counts more is up to you."
+    )
+    return " ".join(said)

@@ -1,1 +1,0 @@
-"""People's own files: loading them, checking them, and naming the line of an error."""

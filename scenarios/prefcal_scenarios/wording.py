@@ -1,0 +1,250 @@
+"""Numbers, names and PIDs as people read them, and the folder that a report goes to."""
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, floor, inf, isfinite, isinf, log10
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup, escape
+
+from prefcal_env.disk import whole_file
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.wording import labeled as labeled
+
+from .scenario import KPI
+
+# ----------------------------------------------------------------------------------------------------
+# Format numbers and names for terminals, HTML and plots.
+
+_SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
+
+MISSING = "–"
+"""Text of a value that is not known."""
+
+
+def number(value: float | None) -> str:
+    """Return a number with four significant digits and a typographic minus; a dash if missing."""
+    if value is None or value != value:
+        return MISSING
+    if not isfinite(value):
+        return "∞" if value > 0 else "−∞"
+    text = f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+    return "0" if text == "-0" else text.replace("-", "−")
+
+
+def knob_number(knob: Knob, value: float) -> str:
+    """Return a knob's value, rounded to its resolution or else to a thousandth of its range.
+
+    Values that read the same are indistinguishable to the person who sets the knob.
+    """
+    if knob.integer:
+        return number(float(value))
+    if knob.scale == "log10":
+        return number(float(f"{value:.3g}"))
+    step = knob.resolution
+    digits = _decimals(step) if step else floor(-log10((knob.high - knob.low) / 1000))
+    digits = max(digits, 0)
+    text = f"{round(float(value), digits) + 0.0:.{digits}f}"
+    return (text.rstrip("0").rstrip(".") if digits else text).replace("-", "−")
+
+
+def _decimals(step: float) -> int:
+    """Return the decimal places that tell neighbors apart, and any more that `step` has."""
+    least = ceil(-log10(step) - 1e-9)
+    return next((k for k in (least, least + 1) if abs(round(step, k) - step) < 1e-9), least)
+
+
+def measured(kpi: KPI, experiment: Experiment) -> str:
+    """Return the value of a KPI as text; an infinite time is "never"."""
+    return measured_texts([kpi], experiment)[0]
+
+
+def measured_texts(kpis: Sequence[KPI], experiment: Experiment) -> list[str]:
+    """Return the values of many KPIs as text, as `measured` does of one."""
+    values = [experiment.kpis.get(kpi.name) for kpi in kpis]
+    read = [v if v is None else kpi.read(v) for kpi, v in zip(kpis, values, strict=True)]
+    times = [kpi.unit == experiment.channels.time_unit for kpi in kpis]
+    return ["never" if time and v == inf else number(v) for time, v in zip(times, read, strict=True)]
+
+
+def objective(kpi: KPI) -> str:
+    """Return the objective of a KPI as text; empty if there is none."""
+    limits = (("≥", kpi.at_least), ("≤", kpi.at_most))
+    return " and ".join(f"{sign} {number(limit)}" for sign, limit in limits if not isinf(limit))
+
+
+def limits_text(kpi: KPI) -> str:
+    """Return the objective of a KPI with its unit; empty if there is none."""
+    words = objective(kpi)
+    return f"{words} {kpi.unit}".strip() if words else ""
+
+
+INTERRUPTED = "unsafe: run interrupted"
+"""Text for an experiment that counts as unsafe although no person marked it."""
+
+
+CUT_SHORT = "run cut short, it could no longer win"
+"""Text for an experiment whose run was cut short."""
+
+
+def ended_text(experiment: Experiment) -> str:
+    """Return why an experiment ended; after what time if it was cut short."""
+    if experiment.end is not End.CUT_SHORT:
+        return str(experiment.end.value)
+    after = quantity(experiment.duration, experiment.channels.time_unit)
+    return f"cut short after {after}: could no longer win"
+
+
+def mark_text(mark: Mark, *, automatic: bool = False) -> str:
+    """Return a mark as in the tables, which name the challenger first."""
+    words = mark.value.replace("challenger ", "first: ").replace("incumbent ", "second: ")
+    words = words.replace("cut short", CUT_SHORT)
+    return words.replace("unsafe", INTERRUPTED) if automatic else words
+
+
+def marks_text(answer: Answer) -> list[str]:
+    """Return the marks of an answer, with the reason for automatic ones."""
+    return [mark_text(mark, automatic=mark in answer.automatic) for mark in answer.marks]
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """Return a number with its unit."""
+    return with_unit(number(value), unit)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Return a formatted number with its unit; words such as "never" have none."""
+    return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-−+0123456789" else text
+
+
+def printable(text: object) -> str:
+    """Return `text` without control characters, since a study may come from another person."""
+    return "".join(c if c.isprintable() else " " for c in str(text))
+
+
+def printable_lines(text: str) -> str:
+    """Return `text` of several lines without other control characters."""
+    return "\n".join(map(printable, text.split("\n")))
+
+
+def theta_text(space: KnobSpace, theta: object) -> str:
+    """Return θ on one line: name, value and unit of each knob."""
+    values = space.named(theta)  # type: ignore[arg-type]
+    return " · ".join(f"{k.name} {with_unit(knob_number(k, values[k.name]), k.unit)}" for k in space)
+
+
+def mathtext(name: str) -> str:
+    """Return `name` for matplotlib, with the part after an underscore as a subscript."""
+    return _SUBSCRIPTED.sub(lambda m: f"${m[1]}_{{{m[2].replace('_', ' ')}}}$", name.replace("$", r"\$"))
+
+
+def with_subscripts(name: str) -> Markup:
+    """Return `name` for HTML, escaped, with the part after an underscore as a subscript."""
+    # On plain text: Markup would escape the tags that are inserted.
+    return Markup(_SUBSCRIPTED.sub(r"\1<sub>\2</sub>", str(escape(name))))
+
+
+def knob_axis(knob: Knob) -> str:
+    """Return the axis label of a knob in mathtext."""
+    return labeled(mathtext(knob.name), knob.unit)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Give a PID in the forms in which control systems ask for it.
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """Parameter of a PID in one form."""
+
+    form: str  # forms that have it
+    name: str  # symbol
+    value: float  # value; an infinite integral time is no integral action
+    unit: str  # unit of the value
+    derived: str = ""  # how it follows from parameters of the ISA form; empty if it is one of them
+
+
+ISA, PARALLEL, BOTH = "ISA (standard)", "parallel", "both"
+"""Forms: K_p (e + 1/T_i ∫e dt + T_d de/dt), and K_p e + K_i ∫e dt + K_d de/dt."""
+
+
+def pid_forms(settings: Mapping[str, Any], space: KnobSpace, time_unit: str) -> tuple[Parameter, ...]:
+    """Return the parameters of the PIDs that `settings` describe, ISA and parallel; () for others.
+
+    Args:
+        settings: Settings of the controller, as `prefcal_env.controllers` describes it.
+        space: Knobs of the study; the unit of K_p is that of the knob of this name.
+        time_unit: Unit of time.
+    """
+    kind = settings.get("controller")
+    pids = [settings] if kind == "PID" else settings["pids"] if kind == "Decentralized" else []
+    units = {knob.name: knob.unit for knob in space}
+    found: list[Parameter] = []
+    for number, pid in enumerate(pids, start=1):
+        end = f"_{number}" if len(pids) > 1 else ""
+        found += _forms(pid, end, units.get(f"K_p{end}", ""), time_unit)
+    return tuple(found)
+
+
+def _forms(pid: Mapping[str, Any], end: str, gain: str, time: str) -> Iterator[Parameter]:
+    K_p, T_d, N = pid["K_p"], pid["T_d"], pid["N"]
+    T_i = inf if pid["T_i"] is None else pid["T_i"]  # None in plain data, for no integral action
+    plain = gain or "1"
+    yield Parameter(BOTH, f"K_p{end}", K_p, gain)
+    yield Parameter(ISA, f"T_i{end}", T_i, time)
+    yield Parameter(ISA, f"T_d{end}", T_d, time)
+    yield Parameter(PARALLEL, f"K_i{end}", K_p / T_i, f"{plain}/{time}", "K_p/T_i")
+    yield Parameter(PARALLEL, f"K_d{end}", K_p * T_d, f"{gain} {time}".strip(), "K_p T_d")
+    yield Parameter(BOTH, f"T_f{end} (filter of the derivative)", T_d / N, time, "T_d/N")
+    yield Parameter(BOTH, f"b{end} (set-point weight of K_p)", pid["b"], "")
+    yield Parameter(BOTH, f"c{end} (set-point weight of T_d)", pid["c"], "")
+    yield Parameter(BOTH, f"T_s{end} (sampling time)", pid["T_s"], time)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Make the folder of a report, check the file of a picture, and write them.
+
+
+def folder_for(path: str | Path) -> Path:
+    """Return the folder `path`, created with its parents if necessary.
+
+    Raises:
+        SettingsError: If it is a file, or cannot be created or written to.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise SettingsError(f"--out must be a folder, but {error.filename!r} is a file") from error
+    except OSError as error:
+        raise SettingsError(f"cannot make the folder {path!s}: {error.strerror}") from error
+    if not os.access(folder, os.W_OK):
+        raise SettingsError(f"cannot write into the folder {path!s}")
+    return folder
+
+
+def picture_at(path: str | Path) -> Path:
+    """Return the file of a picture, whose folder must exist: a report has many files, this is one.
+
+    Raises:
+        SettingsError: If it is no PNG, or its folder does not exist or cannot be written to.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".png":
+        raise SettingsError(f"out must be a file that ends in .png, got {str(path)!r}")
+    if not target.parent.is_dir():
+        raise SettingsError(f"out must be in an existing folder, got {str(path)!r}")
+    folder_for(target.parent)
+    return target
+
+
+def put(path: Path, content: bytes) -> None:
+    """Write a file atomically: an interruption never leaves a partial file."""
+    with whole_file(path) as part:
+        part.write_bytes(content)
