@@ -9,8 +9,7 @@ from jaxtyping import Float
 
 from .errors import PlantError, PrefcalError, SettingsError
 
-# ----------------------------------------------------------------------------------------------------
-# Check the numbers and arrays that settings hold: one message for each mistake.
+# --- Check the numbers and arrays that settings hold: one message for each mistake.
 
 
 def is_integer(value: object, low: float = -np.inf) -> bool:
@@ -114,8 +113,7 @@ def weights(
     return np.ascontiguousarray(Q)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Checks of the values that a caller passes to an environment.
+# --- Checks of the values that a caller passes to an environment.
 
 
 def plant_vector(value: Any, n: int, what: str, *, finite: bool = True) -> Float[np.ndarray, " n"]:

@@ -12,8 +12,7 @@ from .errors import SettingsError
 from .experiments.experiment import Experiment
 from .preferences.answer import Answer, Calibrator, Preference
 
-# ----------------------------------------------------------------------------------------------------
-# A person as a calibrator, asked through a function of two experiments.
+# --- A person as a calibrator, asked through a function of two experiments.
 
 Ask = Callable[[Experiment, Experiment], Any]
 
@@ -69,8 +68,7 @@ def _turned(answer: Answer) -> Answer:
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Calibrators that judge by a cost, and their errors: noise, or a share of wrong answers.
+# --- Calibrators that judge by a cost, and their errors: noise, or a share of wrong answers.
 
 
 @runtime_checkable
@@ -228,8 +226,7 @@ class LatentCost:
         return error if tuple(a) < tuple(b) else -error
 
 
-# ----------------------------------------------------------------------------------------------------
-# A calibrator with priorities: the first criterion that separates two experiments decides.
+# --- A calibrator with priorities: the first criterion that separates two experiments decides.
 
 
 @dataclass(frozen=True, slots=True)

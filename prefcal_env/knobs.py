@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float
 
 from .errors import KnobError
 
-# ----------------------------------------------------------------------------------------------------
-# A θ as a key of dictionaries.
+# --- A θ as a key of dictionaries.
 
 
 def theta_key(theta: Float[np.ndarray, " n"] | Sequence[float]) -> bytes:
@@ -24,8 +23,7 @@ def theta_keys(thetas: Float[np.ndarray, "m n"]) -> list[bytes]:
     return [theta.tobytes() for theta in thetas + 0.0]  # -0.0 + 0.0 is 0.0
 
 
-# ----------------------------------------------------------------------------------------------------
-# A knob: one tunable number, its resolution, and its place in the unit interval.
+# --- A knob: one tunable number, its resolution, and its place in the unit interval.
 
 Scale = Literal["linear", "log10"]
 
@@ -277,8 +275,7 @@ def _digits(step: float) -> int:
     return max(2, 2 - floor(log10(step)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Known constraints on θ: rule out experiments that are known not to work.
+# --- Known constraints on θ: rule out experiments that are known not to work.
 
 Values = Mapping[str, Any]
 """Maps a knob name to its physical value: a number, or an array (m,) if `vectorized`."""
@@ -417,8 +414,7 @@ def checked(constraints: object, names: tuple[str, ...]) -> tuple[AnyConstraint,
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
-# A space of knobs: the one place where the unit cube meets physical units.
+# --- A space of knobs: the one place where the unit cube meets physical units.
 
 _TOUCHING = 1e-6  # tolerance in steps: neighbors on the grid are one step apart, up to rounding
 _NARROWEST = 1e-9  # narrowest part of a knob's range that can be searched, in the unit cube
@@ -766,8 +762,7 @@ def _parts(
     return tuple(found.values())
 
 
-# ----------------------------------------------------------------------------------------------------
-# Change a space of knobs without losing any θ that was tried.
+# --- Change a space of knobs without losing any θ that was tried.
 
 
 def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None) -> KnobSpace:

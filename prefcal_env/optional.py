@@ -13,8 +13,7 @@ from typing import Any
 from .errors import MissingExtraError, SettingsError
 from .wording import did_you_mean
 
-# ----------------------------------------------------------------------------------------------------
-# Find what other distributions add to prefcal: agents, people who answer, scenarios and commands.
+# --- Find what other distributions add to prefcal: agents, people who answer, scenarios and commands.
 #
 # They are listed as entry points of installed distributions. Looking for them takes some 20 ms, so this
 # happens only when something unknown is asked for.
@@ -35,8 +34,7 @@ def command(name: str) -> EntryPoint | None:
     return next(iter(entry_points(group="prefcal.commands", name=name)), None)
 
 
-# ----------------------------------------------------------------------------------------------------
-# The optional worlds: what prefcal can do with other software, each in a module of its own.
+# --- The optional worlds: what prefcal can do with other software, each in a module of its own.
 #
 # `optional.toml` declares them. Others ask here, and import a world when it is used.
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from .errors import PrefcalError
 
-# ----------------------------------------------------------------------------------------------------
-# Conversion between typed objects and plain data as in JSON, by msgspec.
+# --- Conversion between typed objects and plain data as in JSON, by msgspec.
 
 T = TypeVar("T")
 
@@ -70,8 +69,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is not plain data")
 
 
-# ----------------------------------------------------------------------------------------------------
-# Check plain data that people write, such as a TOML file, against the keys of a table.
+# --- Check plain data that people write, such as a TOML file, against the keys of a table.
 
 Table = TypeVar("Table")
 Hint = Callable[[str, Iterable[str]], str]

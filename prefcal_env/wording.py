@@ -11,8 +11,7 @@ from pathlib import Path
 
 from .errors import PrefcalError, ScenarioError
 
-# ----------------------------------------------------------------------------------------------------
-# Phrase messages for people: the name that was probably meant, its unit, and how many more there are.
+# --- Phrase messages for people: the name that was probably meant, its unit, and how many more there are.
 
 _ALIKE = 0.6  # difflib's own threshold: "Ts" finds "T_s", "nowhere" finds nothing
 
@@ -67,8 +66,7 @@ def _plain(name: str) -> str:
     return "".join(name.casefold().split()).replace("_", "").replace("-", "")
 
 
-# ----------------------------------------------------------------------------------------------------
-# Find the line of a user's own code that raised an error, so that they can fix it.
+# --- Find the line of a user's own code that raised an error, so that they can fix it.
 
 
 def own_line(error: BaseException) -> str:

@@ -19,8 +19,7 @@ from prefcal_env.preferences.history import History, Sample, representative, und
 from .lessons import Remembered
 from .search import Tried, capacity
 
-# ----------------------------------------------------------------------------------------------------
-# Check and save settings; each error says the name, the value and what was expected.
+# --- Check and save settings; each error says the name, the value and what was expected.
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,7 @@ def choice(name: str, value: Any, options: Collection[str]) -> None:
         raise SettingsError(f"{name} must be one of {sorted(options)}, got {value!r}")
 
 
-# ----------------------------------------------------------------------------------------------------
-# Use θ that a person already has, such as the current tuning, as the first samples.
+# --- Use θ that a person already has, such as the current tuning, as the first samples.
 
 Points = tuple[tuple[float, ...], ...]
 """Points of the cube, each of length n."""
@@ -101,8 +99,7 @@ def start_points(space: KnobSpace, start: Start | None, n_max: int) -> Points:
     return tuple(points.values())
 
 
-# ----------------------------------------------------------------------------------------------------
-# What stays the same during a study.
+# --- What stays the same during a study.
 
 SettingsT = TypeVar("SettingsT")
 
@@ -141,8 +138,7 @@ class Setup(Generic[SettingsT]):
             raise SettingsError(f"n_max must not be below n_init, got {self.n_max} below {self.n_init}")
 
 
-# ----------------------------------------------------------------------------------------------------
-# Save the whole state of an agent as plain data that JSON keeps exactly.
+# --- Save the whole state of an agent as plain data that JSON keeps exactly.
 
 _SAME_PLACE = 1e-6
 """Maximum difference of θ and the θ of z in a saved sample, as a share of a knob's range."""
@@ -271,8 +267,7 @@ def _frozen(value: Any) -> Any:
     return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
 
 
-# ----------------------------------------------------------------------------------------------------
-# What every agent shares: the record, and what is asked after it.
+# --- What every agent shares: the record, and what is asked after it.
 
 Pair = tuple[int, int]
 """Two known samples to compare: the later one, which is the challenger, and the earlier one."""

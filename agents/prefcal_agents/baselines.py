@@ -12,14 +12,13 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.history import History
 
 from .agent import Agent, Settings, choice
-from .lessons import Preferences, cube_of, scores_of
+from .lessons import Preferences, cube_of, normalized, scores_of
 from .people import Bank, columns_of
 from .screening.bank import Simulating
 from .search import Tried, latin_hypercube, new_minimum, random_points
 from .surrogate import RADIAL_FUNCTIONS, squared_distances
 
-# ----------------------------------------------------------------------------------------------------
-# Interpolate known values by radial basis functions, with leave-one-out errors.
+# --- Interpolate known values by radial basis functions, with leave-one-out errors.
 
 POSITIVE_DEFINITE = ("gaussian", "inverse_quadratic")
 """Radial functions with a positive definite matrix over all pairs of samples."""
@@ -95,23 +94,7 @@ def best_interpolant(
     return interpolate(samples, values, best.epsilon, rbf)[0]
 
 
-def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:
-    """Return `values` as shares of their range: 0 for the best, 1 for the worst; all 0 if equal.
-
-    Values more than `ceiling` (median - best) above the median are capped there first.
-    """
-    largest = float(np.abs(values).max())
-    shares = values / (largest if largest > 0 else 1.0)  # differences of huge values overflow
-    ordered, middle = np.sort(shares), len(shares) // 2
-    best, median = ordered[0], 0.5 * (ordered[middle] + ordered[-1 - middle])
-    if median > best:
-        shares = np.minimum(shares, median + ceiling * (median - best))
-    spread = float(np.ptp(shares))
-    return np.asarray((shares - best) / (spread if spread > 0 else 1.0))
-
-
-# ----------------------------------------------------------------------------------------------------
-# Compute the acquisition of GLIS, which rewards low, uncertain and distant points.
+# --- Compute the acquisition of GLIS, which rewards low, uncertain and distant points.
 #
 # Source: A. Bemporad, "Global optimization via inverse distance weighting and radial basis functions",
 # Computational Optimization and Applications 77 (2020), equations 7 to 10.
@@ -207,8 +190,7 @@ class ValueAcquisition:
         return value, np.asarray(2 * (slope - self.alpha * of_s - self.delta * of_z))
 
 
-# ----------------------------------------------------------------------------------------------------
-# GLIS: optimization of a known score, with radial basis functions and IDW exploration.
+# --- GLIS: optimization of a known score, with radial basis functions and IDW exploration.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -308,8 +290,7 @@ class GLIS(Agent):
         return self._interpolant(self.history)[0](2 * z - 1)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Provide screening without learning: show the simulated θ in the order of their mean rank.
+# --- Provide screening without learning: show the simulated θ in the order of their mean rank.
 
 
 @final
@@ -354,8 +335,7 @@ def _ranks(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[places])
 
 
-# ----------------------------------------------------------------------------------------------------
-# Provide an agent that spreads all experiments as one Latin hypercube and learns nothing.
+# --- Provide an agent that spreads all experiments as one Latin hypercube and learns nothing.
 
 
 @final
@@ -373,8 +353,7 @@ class LatinHypercube(Agent):
         return np.asarray(design[history.answered])
 
 
-# ----------------------------------------------------------------------------------------------------
-# Provide random search: a baseline agent that learns nothing.
+# --- Provide random search: a baseline agent that learns nothing.
 
 
 @final
@@ -392,8 +371,7 @@ class RandomSearch(Agent):
         return Tried(self.space, history).fresh(self.space.scaled(rng.random((1, len(self.space))))[0], rng)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Provide a local search: a baseline agent that steps away from the best θ and models nothing.
+# --- Provide a local search: a baseline agent that steps away from the best θ and models nothing.
 
 _FIRST, _WIDEST = 0.2, 0.5
 """Standard deviation of a step at the start, and the largest one, in the unit cube."""

@@ -9,12 +9,10 @@ from jaxtyping import Float
 
 from prefcal_env.preferences.history import History
 
-from .baselines import normalized
-from .lessons import Preferences, filled_kpis
+from .lessons import Preferences, filled_kpis, normalized
 from .surrogate import Constraints, Learning, fit
 
-# ----------------------------------------------------------------------------------------------------
-# The KPIs of all samples, each from 0 for the best to 1 for the worst.
+# --- The KPIs of all samples, each from 0 for the best to 1 for the worst.
 
 CEILING = 2.0  # see `normalized`: an interrupted run must not flatten the other differences
 
@@ -71,8 +69,7 @@ def _shares(values: Float[np.ndarray, " K"]) -> tuple[Float[np.ndarray, " K"], t
     return shares, (best, worst)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Learn the score behind a person's answers as a weighted sum of KPIs.
+# --- Learn the score behind a person's answers as a weighted sum of KPIs.
 
 _SOFT = Learning(sigma=1.0, lam=0.1)
 """Soft margins, since some answers contradict any sum of KPIs: a slack costs ten margins."""

@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float, Int
 from prefcal_env.preferences.answer import Answer, Mark, Outcome
 from prefcal_env.preferences.history import Comparison, History
 
-# ----------------------------------------------------------------------------------------------------
-# Extract training data from a history: preferences, scores, KPIs and marks, as arrays.
+# --- Extract training data from a history: preferences, scores, KPIs and marks, as arrays.
 
 _GOOD = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
 
@@ -275,8 +274,22 @@ def _filled(
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Work out what is known after a record, answer by answer, and remember it.
+def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:
+    """Return `values` as shares of their range: 0 for the best, 1 for the worst; all 0 if equal.
+
+    Values more than `ceiling` (median - best) above the median are capped there first.
+    """
+    largest = float(np.abs(values).max())
+    shares = values / (largest if largest > 0 else 1.0)  # differences of huge values overflow
+    ordered, middle = np.sort(shares), len(shares) // 2
+    best, median = ordered[0], 0.5 * (ordered[middle] + ordered[-1 - middle])
+    if median > best:
+        shares = np.minimum(shares, median + ceiling * (median - best))
+    spread = float(np.ptp(shares))
+    return np.asarray((shares - best) / (spread if spread > 0 else 1.0))
+
+
+# --- Work out what is known after a record, answer by answer, and remember it.
 
 _REMEMBERED = 40
 """Number of stages in memory, up to about a megabyte each."""

@@ -15,8 +15,7 @@ from prefcal_env.preferences.history import History
 from .lessons import Preferences, kpis_of
 from .surrogate import matern, predicted, squares
 
-# ----------------------------------------------------------------------------------------------------
-# θ whose KPIs are known: simulated ones that Screening chooses from, or experiments.
+# --- θ whose KPIs are known: simulated ones that Screening chooses from, or experiments.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -97,8 +96,7 @@ def columns_of(outcomes: Sequence[Mapping[str, float]]) -> dict[str, Float[np.nd
     return {name: np.array([outcome.get(name, np.nan) for outcome in outcomes]) for name in names}
 
 
-# ----------------------------------------------------------------------------------------------------
-# What a person may want from a closed loop: random orders of its KPIs, and random trade-offs.
+# --- What a person may want from a closed loop: random orders of its KPIs, and random trade-offs.
 #
 # Source: none. Half of the draws are orders of some KPIs, each with a limit or none below which all
 # values are equally good, and with a just noticeable difference: the first KPI that differs noticeably
@@ -426,8 +424,7 @@ def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     return np.asarray(ndtr(_SHARP * (gain - 1.0)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Learn from answers: draw costs by how well they explain them, and ask whether they do.
+# --- Learn from answers: draw costs by how well they explain them, and ask whether they do.
 #
 # A person may judge by something that no KPI measures. Then a model over θ explains the answers better.
 
@@ -563,8 +560,7 @@ def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -
     return bool(predicted(Preferences.of(history), _ERROR) <= by_kpis + _MARGIN)
 
 
-# ----------------------------------------------------------------------------------------------------
-# What KPIs may be on the plant, given what was measured, and a simulation if there is one.
+# --- What KPIs may be on the plant, given what was measured, and a simulation if there is one.
 #
 # Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of another
 # plant than the one that runs is a rough model of it, a twin: then the process is the difference between
@@ -762,8 +758,7 @@ class _Belief:
         return np.asarray(paths.T)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Which simulated θ is worth showing, and whether any still is.
+# --- Which simulated θ is worth showing, and whether any still is.
 
 _CLEAR = (0.1, 0.25)
 """Smallest difference that is clear: a share of the larger value, and one of the middle half of

@@ -13,8 +13,7 @@ from prefcal_env.preferences.history import History
 
 from .people import Bank, Lessons, Scale, Utilities, overtaking, worth
 
-# ----------------------------------------------------------------------------------------------------
-# Draws of a whole study at once: what other answers would teach, with nothing drawn again.
+# --- Draws of a whole study at once: what other answers would teach, with nothing drawn again.
 #
 # The draws after the last answer lie where that record is likely. What would follow from another one
 # needs draws elsewhere: those from before the answers, and those after each of them.
@@ -119,8 +118,7 @@ def _joined(draws: Sequence[Utilities]) -> Utilities:
     return Utilities(*(np.concatenate([getattr(u, f.name) for u in draws]) for f in fields(Utilities)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Which answers carry the result, and what the open question can still change.
+# --- Which answers carry the result, and what the open question can still change.
 #
 # The result of another record is what its answers say, unless the draws, weighted again, hold another
 # experiment for noticeably better. Nothing is fitted again.
@@ -223,8 +221,7 @@ def _result(pool: Pool, history: History) -> tuple[int, bool]:
     return int(np.argmax(np.where(rivals > 0, value, -np.inf))), False
 
 
-# ----------------------------------------------------------------------------------------------------
-# A menu of three: the result, and two candidates that people like this one might prefer to it.
+# --- A menu of three: the result, and two candidates that people like this one might prefer to it.
 
 _OTHERS = 2
 _PERHAPS = 0.25
@@ -312,8 +309,7 @@ def between(
     return (one, *dict.fromkeys(middle), other)
 
 
-# ----------------------------------------------------------------------------------------------------
-# The smallest change that is as good as the result: its knobs are put back to where they were.
+# --- The smallest change that is as good as the result: its knobs are put back to where they were.
 
 _WORSE = 0.05
 """Probability of being noticeably worse than the result up to which a knob is put back."""
@@ -365,8 +361,7 @@ def smaller_change(
     return SmallerChange(tuple(theta.tolist()), tuple(np.flatnonzero(theta == before).tolist()), chance)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Which KPIs a person wanted better, with how sure that is.
+# --- Which KPIs a person wanted better, with how sure that is.
 #
 # It is a statement about verdicts, not about the form of a draw, so that orders and trade-offs agree or
 # not: whether a worse value would be noticed.

@@ -18,8 +18,7 @@ from prefcal_env.preferences.history import History
 from .lessons import MOST, Marks, cube_of
 from .surrogate import RADIAL_FUNCTIONS, PreferenceGP, Surrogate, squared_distances
 
-# ----------------------------------------------------------------------------------------------------
-# Count the different θ of a space.
+# --- Count the different θ of a space.
 
 _COUNTED = 100_000  # spaces with at most this many θ are checked against the constraints
 _MANY = 10**6  # a knob with more values counts as having no step
@@ -56,8 +55,7 @@ def _count(knob: Knob, low: float, high: float) -> float:
     return np.inf if last - first > _MANY else len(knob.choices(low, high))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Find points in the part of the unit cube that the constraints allow.
+# --- Find points in the part of the unit cube that the constraints allow.
 
 _BLOCKS = (300, 1_000, 4_000, 16_000)  # numbers of random points to check, block by block
 _LEADERS = 20  # points to search from if no random point is allowed
@@ -187,8 +185,7 @@ def random_points(space: KnobSpace, count: int, rng: np.random.Generator) -> Flo
     return space.scaled(rng.random((count, len(space))))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Create the initial design: a Latin hypercube.
+# --- Create the initial design: a Latin hypercube.
 
 _POOL, _POOL_SHARE = 200, 20  # allowed points to choose from: at least, and for each one chosen
 
@@ -222,8 +219,7 @@ def _moved_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int)
     return points
 
 
-# ----------------------------------------------------------------------------------------------------
-# Minimize the acquisition over the θ that have not run, by a search from several starts.
+# --- Minimize the acquisition over the θ that have not run, by a search from several starts.
 #
 # It searches the unit cube or a box in it, respects integer knobs and constraints, and takes the best
 # sample as one of its starts. Of the points it found, it returns the one with the lowest objective whose
@@ -443,8 +439,7 @@ def _anchors(space: KnobSpace, history: History) -> Float[np.ndarray, "a n"]:
     return random_points(space, _ANCHORS, np.random.default_rng(history.answered))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Score candidates: low values of the surrogate are good, and so is distance from all samples.
+# --- Score candidates: low values of the surrogate are good, and so is distance from all samples.
 
 _NEAREST = 1e-75  # squares to 1e-150: the sum of inverses stays finite on a sample
 
@@ -530,8 +525,7 @@ class Acquisition:
         return value - self.delta * away, np.asarray(slope - self.delta * of_away)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Learn from the mark "unsafe", so that proposals avoid places that are likely unsafe.
+# --- Learn from the mark "unsafe", so that proposals avoid places that are likely unsafe.
 #
 # The mark "good enough" is recorded and reported but does not change proposals, since that brought no
 # gain (docs/research/archive.md).

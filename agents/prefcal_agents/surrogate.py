@@ -17,8 +17,7 @@ from prefcal_env.qp import PIQPSolver
 
 from .lessons import Preferences
 
-# ----------------------------------------------------------------------------------------------------
-# The surrogate Ĵ: radial basis functions φ(εd) and their sum around the samples (eq. rbf).
+# --- The surrogate Ĵ: radial basis functions φ(εd) and their sum around the samples (eq. rbf).
 #
 # All φ are smooth in u = (εd)², so value and slope are functions of u; the chain rule then needs no
 # division by a distance.
@@ -136,8 +135,7 @@ class Surrogate:
         return float(np.ptp(self(self.centers)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Learn the weights β of the surrogate: the QP that reproduces the preferences.
+# --- Learn the weights β of the surrogate: the QP that reproduces the preferences.
 #
 # Source: eq. RBF-pref and eq. QP-pref. Everything here is divided by σ: with β = σ β' and slacks in units
 # of σ the margin is 1 and λ becomes λσ. The solution stays the same, without numbers near 1e-6.
@@ -299,8 +297,7 @@ def _dual(
     return (symmetric, q, upper), beta
 
 
-# ----------------------------------------------------------------------------------------------------
-# Choose the shape of φ by K-fold cross-validation on the preferences themselves.
+# --- Choose the shape of φ by K-fold cross-validation on the preferences themselves.
 #
 # Source: end of the section "Training a surrogate function from preferences" of the paper.
 
@@ -386,8 +383,7 @@ def rescale_knob(
     return shape
 
 
-# ----------------------------------------------------------------------------------------------------
-# Gaussian processes: their kernel, and fits to comparisons.
+# --- Gaussian processes: their kernel, and fits to comparisons.
 #
 # `ExpectationPropagation` learns from answers, some of which may be wrong, and `PreferenceGP` is a
 # process trained on comparisons only.

@@ -14,8 +14,7 @@ from .agent import Agent, AgentState
 from .registry import CLASSES, restore
 from .screening.bank import Simulate
 
-# ----------------------------------------------------------------------------------------------------
-# Start a study from the best θ of an earlier one, by another person or on a similar plant.
+# --- Start a study from the best θ of an earlier one, by another person or on a similar plant.
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +98,7 @@ def _nearest(knob: Knob, value: float, within: tuple[float, float]) -> float:
     return float(np.clip(np.floor(value + 0.5) if knob.integer else value, *within))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Move a running agent to a changed space without losing what it has learned.
+# --- Move a running agent to a changed space without losing what it has learned.
 
 RESPACEABLE = frozenset(name for name, row in CLASSES.items() if not row.extra)
 """Agents that can continue in a changed space; those of other packages cannot."""

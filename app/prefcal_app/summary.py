@@ -24,8 +24,7 @@ from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import limits_text, measured_texts, with_unit
 
-# ----------------------------------------------------------------------------------------------------
-# Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
+# --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 
 _FEW = 4
 """Minimum number of experiments whose spread tells what a large difference is."""
@@ -180,8 +179,7 @@ def _better(pair: _Pair) -> str | None:
     return "left" if left < right else "right"
 
 
-# ----------------------------------------------------------------------------------------------------
-# Measure how consistent a person's answers are: repeated questions, and cycles.
+# --- Measure how consistent a person's answers are: repeated questions, and cycles.
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,8 +250,7 @@ def _path(edges: Int[np.ndarray, "m 2"], start: int, end: int) -> tuple[int, ...
     return tuple(reversed(path))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Count the experiments and questions of a study; nothing else counts them.
+# --- Count the experiments and questions of a study; nothing else counts them.
 
 VERDICTS: Mapping[Preference | None, str] = {
     Preference.CHALLENGER: "newer better",
@@ -333,8 +330,7 @@ def answered(state: State) -> tuple[Comparison, ...]:
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Advise whether to continue: unbeaten experiments, and knobs at the end of their range.
+# --- Advise whether to continue: unbeaten experiments, and knobs at the end of their range.
 
 _AT_END = 0.02
 """Share of a knob's searched range, in its scale, that counts as its end."""

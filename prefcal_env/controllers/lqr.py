@@ -17,8 +17,7 @@ from prefcal_env.plants.systems import held
 
 from .stored import as_data, finite, index_of, infinite, reference_of, storable
 
-# ----------------------------------------------------------------------------------------------------
-# A plant linearized at a steady state, as plain numbers: the model of LQR and LQG.
+# --- A plant linearized at a steady state, as plain numbers: the model of LQR and LQG.
 
 _RESTS = 1e-6
 """Largest movement in one sampling period, relative to the size of the state, that is rest."""
@@ -110,8 +109,7 @@ def linearized(plant: Plant, x0: Any, u0: Any, d0: Any, T_s: float) -> Linearize
     return Linearized(J.A, J.B, J.C, J.D, x, u, np.asarray(plant.g(x, u, d)), low, high)
 
 
-# ----------------------------------------------------------------------------------------------------
-# State feedback by a linear quadratic regulator, sampled, with integral action if wanted.
+# --- State feedback by a linear quadratic regulator, sampled, with integral action if wanted.
 
 
 @storable
@@ -271,8 +269,7 @@ def _unstable(integral: tuple[int, ...]) -> SettingsError:
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# A linear quadratic regulator that estimates the state from measured outputs.
+# --- A linear quadratic regulator that estimates the state from measured outputs.
 
 
 @storable

@@ -19,8 +19,7 @@ from prefcal_env.experiments.kpis import KPI
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem, local_system
 
-# ----------------------------------------------------------------------------------------------------
-# A linear plant as a digital controller sees it: sampled, with dead time and held inputs.
+# --- A linear plant as a digital controller sees it: sampled, with dead time and held inputs.
 
 
 def sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, "n_y n_u"] | None = None) -> LinearSystem:
@@ -96,8 +95,7 @@ def _reachable(
     return basis.T @ A @ basis, basis.T @ B, C @ basis
 
 
-# ----------------------------------------------------------------------------------------------------
-# Stability margins of a sampled loop, broken at the plant's input, for any controller.
+# --- Stability margins of a sampled loop, broken at the plant's input, for any controller.
 
 Response = Callable[[Float[np.ndarray, " m"]], Complex[np.ndarray, "m n n"]]
 """Function of angular frequencies that returns the sensitivity (1 + L)^-1 at the plant's input."""

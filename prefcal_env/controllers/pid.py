@@ -15,8 +15,7 @@ from prefcal_env.plants.systems import LinearSystem
 
 from .stored import as_data, finite, from_data, index_of, infinite, outputs_of, reference_of, storable
 
-# ----------------------------------------------------------------------------------------------------
-# The law of the sampled PID, written once: for the controller that runs and for linear loops.
+# --- The law of the sampled PID, written once: for the controller that runs and for linear loops.
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,8 +133,7 @@ class LinearPIDs:
         return PIDLaw.of(*parameters, N=self.N, T_s=T_s)
 
 
-# ----------------------------------------------------------------------------------------------------
-# A PID controller of the standard form, as it runs in industry, and several side by side.
+# --- A PID controller of the standard form, as it runs in industry, and several side by side.
 
 
 @storable
@@ -336,8 +334,7 @@ def _checked(p: dict[str, Any]) -> dict[str, Any]:
     return {name: value if value is None else float(value) for name, value in p.items()}
 
 
-# ----------------------------------------------------------------------------------------------------
-# Tunings of a PID for a linear plant: by rules of the field, and by its robustness.
+# --- Tunings of a PID for a linear plant: by rules of the field, and by its robustness.
 
 
 @dataclass(frozen=True, slots=True)

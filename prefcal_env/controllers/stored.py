@@ -10,8 +10,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channel, Controller, Measurement
 from prefcal_env.plants.plant import Plant
 
-# ----------------------------------------------------------------------------------------------------
-# Controllers as plain data, for files: nothing is executed to make them again.
+# --- Controllers as plain data, for files: nothing is executed to make them again.
 
 
 class Storable(Controller, Protocol):
@@ -77,8 +76,7 @@ def infinite(name: str, value: Any) -> Any:
     return _INFINITE.get(name) if value is None else value
 
 
-# ----------------------------------------------------------------------------------------------------
-# Read what was measured, and find channels by name.
+# --- Read what was measured, and find channels by name.
 
 
 def outputs_of(m: Measurement, plant: Plant | None = None) -> Float[np.ndarray, " n_y"]:

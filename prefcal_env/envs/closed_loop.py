@@ -21,8 +21,7 @@ from prefcal_env.experiments.experiment import (
 )
 from prefcal_env.wording import brief, place_in_code
 
-# ----------------------------------------------------------------------------------------------------
-# Run one closed-loop experiment: let a controller drive an environment, and record it.
+# --- Run one closed-loop experiment: let a controller drive an environment, and record it.
 
 
 class ClosedLoopEnv(Protocol):
@@ -139,8 +138,7 @@ def _experiment(record: Record, theta: object, steps: list[tuple[int, float, boo
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# A plant and a controller as a function from θ to an experiment.
+# --- A plant and a controller as a function from θ to an experiment.
 
 EnvSource = gym.Env[Any, Any] | str | Callable[[], gym.Env[Any, Any]]
 ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]

@@ -19,8 +19,7 @@ from .closed_loop import rollout
 from .plant_env import PlantEnv, dead_times
 from .task import Task
 
-# ----------------------------------------------------------------------------------------------------
-# Linear controllers: as a sampled control law, and closed around a plant without sampling.
+# --- Linear controllers: as a sampled control law, and closed around a plant without sampling.
 
 _SINGULAR = 1e12
 """Condition number from which on an algebraic loop is taken to have no solution."""
@@ -162,8 +161,7 @@ def closed_loop(plant: LinearPlant, law: Law) -> Closed:
     return Closed(A, B, np.vstack([y_z, U]), np.vstack([y_w, V]))
 
 
-# ----------------------------------------------------------------------------------------------------
-# A run of a plant with a linear controller, or with any other.
+# --- A run of a plant with a linear controller, or with any other.
 
 Reference = float | Sequence[float] | Mapping[str, float] | np.ndarray | Callable[[float], Any]
 _INSTANTS = 501

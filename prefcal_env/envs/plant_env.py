@@ -29,8 +29,7 @@ from prefcal_env.plants.plant import Plant
 from .canvas import Canvas, DrawnCurve, check_render_mode
 from .task import Period, Task
 
-# ----------------------------------------------------------------------------------------------------
-# Check that a plant fits a task, and derive the properties of the combination.
+# --- Check that a plant fits a task, and derive the properties of the combination.
 
 _PARTS = ("f", "g", "hold", "states", "inputs", "outputs", "disturbances")
 """What an environment needs of a plant."""
@@ -147,8 +146,7 @@ def check_rate(plant: Plant, x: X, u: U, d: Float[np.ndarray, "*n_d"]) -> None:
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Dead time of inputs, outputs and measurements, exact for any length and sampling time.
+# --- Dead time of inputs, outputs and measurements, exact for any length and sampling time.
 
 _SAME_INSTANT = 1e-10
 """Share of a sampling period below which two instants count as one."""
@@ -275,8 +273,7 @@ class DeadTime:
         return np.asarray((g or self._plant.g)(x, u, d), dtype=float)
 
 
-# ----------------------------------------------------------------------------------------------------
-# A plant and a task as a Gymnasium environment: one step is one sampling period.
+# --- A plant and a task as a Gymnasium environment: one step is one sampling period.
 
 Array = np.ndarray[Any, Any]
 _RESET_OPTIONS = ("T_s", "x0")

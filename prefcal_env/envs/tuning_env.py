@@ -17,8 +17,7 @@ from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
 from .canvas import Canvas, DrawnCurve, check_render_mode
 
-# ----------------------------------------------------------------------------------------------------
-# Tuning as an environment: each step is a complete closed-loop experiment.
+# --- Tuning as an environment: each step is a complete closed-loop experiment.
 
 Array = np.ndarray[Any, Any]
 
@@ -179,8 +178,7 @@ experiment_vector = partial(same_step_vector, "prefcal/Experiment-v0")
 """Make several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# Preferences as a reward, for learners that only understand rewards.
+# --- Preferences as a reward, for learners that only understand rewards.
 
 
 class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.RecordConstructorArgs):

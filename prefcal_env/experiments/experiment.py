@@ -16,8 +16,7 @@ from jaxtyping import Float, Int
 from prefcal_env.errors import ExperimentError, ScenarioError
 from prefcal_env.wording import brief, labeled, place_in_code
 
-# ----------------------------------------------------------------------------------------------------
-# Why an experiment ended. Besides the KPIs, this is all that an agent learns about a run.
+# --- Why an experiment ended. Besides the KPIs, this is all that an agent learns about a run.
 
 
 class End(Enum):
@@ -39,8 +38,7 @@ BEST_FIRST = (End.SETTLED, End.TIME_UP, End.CUT_SHORT, End.UNSAFE, End.FAILED)
 """Ends of a run, from the best to the worst."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# Kinds of tracking KPIs: their names, units and meanings, which need no experiment.
+# --- Kinds of tracking KPIs: their names, units and meanings, which need no experiment.
 
 Kind = tuple[str, str, str]
 """Name of a kind of KPI, its unit for a channel with {unit} and for {time}, and its meaning."""
@@ -69,8 +67,7 @@ def kinds_of(channels: Any) -> Iterator[tuple[str, str, str]]:
                 yield f"{kind} of {channel.name}", plain.strip(), about
 
 
-# ----------------------------------------------------------------------------------------------------
-# The data that an environment and a controller exchange once every sampling period.
+# --- The data that an environment and a controller exchange once every sampling period.
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +118,7 @@ class Controller(Protocol):
         """Decide the input for the next sampling period."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# The record of one closed-loop run of one θ, frozen.
+# --- The record of one closed-loop run of one θ, frozen.
 
 
 @dataclass(frozen=True, slots=True)
@@ -454,8 +450,7 @@ def _same(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Hand an experiment to a notebook: as a DataFrame, and as HTML with a picture and its KPIs.
+# --- Hand an experiment to a notebook: as a DataFrame, and as HTML with a picture and its KPIs.
 
 _MOST = 2000
 """Largest number of points of a curve in the picture."""
@@ -550,8 +545,7 @@ def _picture(experiment: Experiment) -> str:
     return f"<img alt='curves of the experiment' src='data:image/png;base64,{data}'>"
 
 
-# ----------------------------------------------------------------------------------------------------
-# The trajectory of a running episode, on a fixed grid and at the sampling instants.
+# --- The trajectory of a running episode, on a fixed grid and at the sampling instants.
 
 _SAME_INSTANT = 1e-9
 """Share of the grid's step below which two instants count as one."""

@@ -15,8 +15,7 @@ from prefcal_env.wording import did_you_mean
 from .experiment import OF_INPUT, OF_OUTPUT, Channel, Channels, Experiment, Kind, kinds_of
 from .panels import output_called, plot_called
 
-# ----------------------------------------------------------------------------------------------------
-# Compute a KPI by a formula of a run's signals, such as "max(level) - ref(level)".
+# --- Compute a KPI by a formula of a run's signals, such as "max(level) - ref(level)".
 
 _LONGEST = 300  # characters; this also limits how deeply a formula nests
 _OPERATORS: Mapping[type, Callable[..., Any]] = {
@@ -178,8 +177,7 @@ def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
     return Formula(compute, any(part.curve for part in parts), names)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Key performance indicators (KPIs): what they are called, when they are good, and how they are read.
+# --- Key performance indicators (KPIs): what they are called, when they are good, and how they are read.
 
 _DIGITS = 4
 """Significant digits that a number is shown with."""
@@ -317,8 +315,7 @@ class KPI:
         return None if value is None else self.met(value)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Tracking KPIs: those of any experiment with references, errors of outputs and moves of inputs.
+# --- Tracking KPIs: those of any experiment with references, errors of outputs and moves of inputs.
 #
 # An agent learns which of them matter to a person (`Answer.outcomes`); none is a cost by itself.
 

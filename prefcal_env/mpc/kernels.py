@@ -6,8 +6,7 @@ from prefcal_env.jit import inlined, inner, kernel
 from prefcal_env.plants._dop853 import call
 from prefcal_env.qp._active_set import SOLVED, TOLERANCE, nearest, residuals
 
-# ----------------------------------------------------------------------------------------------------
-# The exact zero-order hold of an affine model, compiled.
+# --- The exact zero-order hold of an affine model, compiled.
 #
 # The code loops over numbers and uses no slices: a single assignment to a slice takes 4 s to compile,
 # while the user waits (see `prefcal_env.compiling`).
@@ -86,8 +85,7 @@ def multiply(X, Y):  # type: ignore[no-untyped-def]
     return out
 
 
-# ----------------------------------------------------------------------------------------------------
-# The prediction model of one MPC step, compiled: eq. mathcalS linearized and discretized.
+# --- The prediction model of one MPC step, compiled: eq. mathcalS linearized and discretized.
 #
 # x⁺ = A[k] x + B[k] u + c[k] and y_k = C[k] x + D[k] u + e[k], with x and u relative to the present state
 # and the last input, and y absolute. k runs from 0 to N_p - 1 for the states and from 0 to N_p for the
@@ -218,8 +216,7 @@ def _unpack(packed, at, matrix):  # type: ignore[no-untyped-def]
     return at
 
 
-# ----------------------------------------------------------------------------------------------------
-# The unconstrained optimal feedback of eq. MPC, compiled: a square-root Riccati recursion.
+# --- The unconstrained optimal feedback of eq. MPC, compiled: a square-root Riccati recursion.
 #
 # Powers of A would fail here: the frozen CSTR grows by e^60 and more over the horizon. Powers of A lose,
 # in each row, everything that is not along the growing mode, and give a Hessian of condition 1e24.
@@ -401,8 +398,7 @@ def _add_move_cost(M, top, root, n_x):  # type: ignore[no-untyped-def]
     return top + root.shape[0]
 
 
-# ----------------------------------------------------------------------------------------------------
-# The plan of one MPC step, compiled: inputs and states as affine functions of the variables.
+# --- The plan of one MPC step, compiled: inputs and states as affine functions of the variables.
 #
 # The code loops over numbers, uses no slices, and each argument has one type: the user waits while all of
 # this compiles (see `prefcal_env.compiling`).
@@ -478,8 +474,7 @@ def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
     return U, X, unit
 
 
-# ----------------------------------------------------------------------------------------------------
-# The limits of eq. MPC_constraints as rows low <= G z <= high of the QP, compiled.
+# --- The limits of eq. MPC_constraints as rows low <= G z <= high of the QP, compiled.
 
 _LARGEST_TRUSTED_GROWTH = 1e9
 
@@ -626,8 +621,7 @@ def _largest(cube, first, last):  # type: ignore[no-untyped-def]
     return largest
 
 
-# ----------------------------------------------------------------------------------------------------
-# One MPC step, compiled from the measurement to the plan.
+# --- One MPC step, compiled from the measurement to the plan.
 
 DECIDED, OPEN, NOT_TRUSTED, NOT_FINITE = range(4)
 

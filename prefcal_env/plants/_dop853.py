@@ -13,8 +13,7 @@ from numba.extending import intrinsic
 
 from prefcal_env.jit import callback, inlined, inner, kernel
 
-# ----------------------------------------------------------------------------------------------------
-# How compiled kernels call the equations of a plant: through the addresses of C functions.
+# --- How compiled kernels call the equations of a plant: through the addresses of C functions.
 #
 # So one kernel serves every plant, and is compiled once. `void f(x, u, d, p, out)`, all pointers to
 # doubles, writes ẋ, y, or the matrices A, B, C, D (row by row, one after the other) to `out`.
@@ -29,7 +28,7 @@ equation = partial(callback, SIGNATURE)
 """Decorator, used as `@equation()`, that compiles one equation of a plant."""
 
 
-@_intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic
 def call(typing: Any, address: Any, x: Any, u: Any, d: Any, p: Any, out: Any) -> Any:
     """Call the equation at `address` with the data of five arrays."""
     arrays = (x, u, d, p, out)
@@ -49,8 +48,7 @@ def call(typing: Any, address: Any, x: Any, u: Any, d: Any, p: Any, out: Any) ->
     return types.void(address, *arrays), generate
 
 
-# ----------------------------------------------------------------------------------------------------
-# The Runge-Kutta method of order 8 by Dormand and Prince, compiled once for all plants.
+# --- The Runge-Kutta method of order 8 by Dormand and Prince, compiled once for all plants.
 #
 # Source: Hairer, Nørsett, Wanner, "Solving Ordinary Differential Equations I" (1993), section II.5:
 # DOP853 with its errors of order 5 and 3, its dense output of order 7, and its test of stiffness.

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex, Float
 
-# ----------------------------------------------------------------------------------------------------
-# The arrays that a plant takes and returns, and the derivatives of its equations at one point.
+# --- The arrays that a plant takes and returns, and the derivatives of its equations at one point.
 
 X = Float[np.ndarray, " n_x"]
 U = Float[np.ndarray, " n_u"]
@@ -41,8 +40,7 @@ class ExactEquation:
         raise NotImplementedError
 
 
-# ----------------------------------------------------------------------------------------------------
-# Derivatives of a function that is given as code.
+# --- Derivatives of a function that is given as code.
 
 _TINY = 1e-30
 """Complex step: so small that its square is negligible."""

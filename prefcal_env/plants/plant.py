@@ -18,8 +18,7 @@ from prefcal_env.experiments.experiment import Channel
 from .jacobians import D, States, Times, U, X, Y
 from .jacobians import Jacobians as Jacobians
 
-# ----------------------------------------------------------------------------------------------------
-# The interface of a plant: eq. mathcalS with measured disturbances, and its exact Jacobians.
+# --- The interface of a plant: eq. mathcalS with measured disturbances, and its exact Jacobians.
 
 if TYPE_CHECKING:
     from .systems import LinearPlant
@@ -91,8 +90,7 @@ class Plant(Protocol, metaclass=_PlantType):
         """Return the states at `times` (increasing, above 0) after x, with u and d held."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# The equations of a plant for compiled kernels: its own compiled ones, or its Python methods.
+# --- The equations of a plant for compiled kernels: its own compiled ones, or its Python methods.
 
 _NONE = np.zeros(0, dtype=np.int64)
 
@@ -274,8 +272,7 @@ def equations_of(plant: Plant) -> Equations:
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# A plant with constant disturbances of its outputs and inputs: loads, known or to be estimated.
+# --- A plant with constant disturbances of its outputs and inputs: loads, known or to be estimated.
 
 _OPTIONAL = ("input_delay", "output_delay", "entry_delay", "sample_time", "has_named_states")
 """What a plant may have beside the attributes of `Plant`; these disturbances have no dead time."""
@@ -368,8 +365,7 @@ def _selection(name: str, chosen: Sequence[int], n: int) -> Float[np.ndarray, "n
     return np.eye(n)[:, list(chosen)]
 
 
-# ----------------------------------------------------------------------------------------------------
-# How plants are simulated: by a compiled adaptive integrator, or if they are stiff by scipy's.
+# --- How plants are simulated: by a compiled adaptive integrator, or if they are stiff by scipy's.
 
 _EVALUATIONS = 10_000
 """Evaluations of ẋ after which the implicit method gives up."""

@@ -18,8 +18,7 @@ from prefcal_env.optional import WORLDS, world_of
 
 from .jacobians import D, Jacobians, States, Times, U, X, Y
 
-# ----------------------------------------------------------------------------------------------------
-# A, B, C and D of any linear system: of SciPy, plain arrays, or an optional world.
+# --- A, B, C and D of any linear system: of SciPy, plain arrays, or an optional world.
 
 LIBRARIES = " or ".join([*(world.system for world in WORLDS if world.system), "scipy.signal"])
 """What makes linear systems, for messages."""
@@ -312,8 +311,7 @@ def _matrix(name: str, value: Any) -> np.ndarray:
     return numbers(value.real if real else value, name, PlantError)
 
 
-# ----------------------------------------------------------------------------------------------------
-# A linear plant, continuous or discrete, with dead time.
+# --- A linear plant, continuous or discrete, with dead time.
 
 Named = str | Channel | Sequence[str | Channel]
 """One name or channel, or one for each signal."""

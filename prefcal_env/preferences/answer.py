@@ -20,8 +20,7 @@ from prefcal_env.knobs import KnobSpace, is_number, theta_key
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.workers import ATTEMPTS
 
-# ----------------------------------------------------------------------------------------------------
-# Outcome of an experiment as an agent sees it: KPIs without trajectories.
+# --- Outcome of an experiment as an agent sees it: KPIs without trajectories.
 
 _NUMBERS: Mapping[Any, float] = {"inf": np.inf, "-inf": -np.inf}
 
@@ -90,8 +89,7 @@ def _float(name: str, value: Any) -> float:
         raise PreferenceError(f"KPI {name!r} must be a number, got one too large") from error
 
 
-# ----------------------------------------------------------------------------------------------------
-# What people read off KPIs: numbers in steps, targets reached or not, objectives met or missed.
+# --- What people read off KPIs: numbers in steps, targets reached or not, objectives met or missed.
 #
 # A difference that nobody can read is none: neither for what agents learn nor for what is said.
 
@@ -132,8 +130,7 @@ class Reading:
         return np.asarray(np.count_nonzero(kpis > most, axis=1))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Define questions and answers, which an agent and a person or program exchange.
+# --- Define questions and answers, which an agent and a person or program exchange.
 #
 # Source: the preference function is eq. pref_fun, its vector of answers eq. pref-vector.
 
@@ -369,8 +366,7 @@ class Calibrator(Protocol[ExperimentT]):
         """Return which one is better: -1, 0 or 1 as in eq. pref_fun, or None to abstain."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run the experiments of a loop: one after the other, or several at once.
+# --- Run the experiments of a loop: one after the other, or several at once.
 
 R = TypeVar("R")
 Theta = Float[np.ndarray, " n"]
@@ -479,8 +475,7 @@ def _told(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-# ----------------------------------------------------------------------------------------------------
-# The loop of a study: ask, run, answer, tell. You can stop it after any answer.
+# --- The loop of a study: ask, run, answer, tell. You can stop it after any answer.
 
 
 def counts_as_unsafe(experiment: Experiment) -> bool:

@@ -13,8 +13,7 @@ from prefcal_env.knobs import KnobSpace, carried
 
 from .answer import Answer, Mark, Outcome, Preference
 
-# ----------------------------------------------------------------------------------------------------
-# Determine the best experiment from the whole record of answers.
+# --- Determine the best experiment from the whole record of answers.
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +166,7 @@ def _components(edges: Int[np.ndarray, "m 2"]) -> Int[np.ndarray, " N"]:
     return np.asarray(labels, dtype=np.int64)
 
 
-# ----------------------------------------------------------------------------------------------------
-# The record of a study: samples and answers, and the rules that follow from them.
+# --- The record of a study: samples and answers, and the rules that follow from them.
 #
 # The agent, the study file, the report and the benchmark hold the same `History`. It is frozen: every
 # change returns a new one.

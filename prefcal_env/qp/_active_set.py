@@ -6,8 +6,7 @@ import numpy as np
 
 from prefcal_env.jit import inlined, inner, kernel
 
-# ----------------------------------------------------------------------------------------------------
-# The compiled check after a solve; in numpy it costs as much as the solve itself.
+# --- The compiled check after a solve; in numpy it costs as much as the solve itself.
 #
 # It loops over numbers only: whole-array expressions take several times as long to compile.
 
@@ -68,8 +67,7 @@ def residuals(P, q, G, lower, upper, z, y):  # type: ignore[no-untyped-def]
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# A compiled dual active-set method for the nearest point to the origin within linear limits.
+# --- A compiled dual active-set method for the nearest point to the origin within linear limits.
 #
 # Source: Goldfarb, Idnani (1983), A numerically stable dual method for solving strictly convex quadratic
 # programs, Mathematical Programming 27, with the identity as Hessian: an MPC in deviations from its

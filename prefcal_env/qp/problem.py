@@ -8,8 +8,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import QPError, SettingsError
 
-# ----------------------------------------------------------------------------------------------------
-# Dense quadratic programs and their solutions.
+# --- Dense quadratic programs and their solutions.
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +97,7 @@ class Solution:
         return cls(np.full(len(qp.q), np.nan), np.full(len(qp.lower), np.nan), iterations, False)
 
 
-# ----------------------------------------------------------------------------------------------------
-# PIQP, a proximal interior-point solver: the QP solver, and the only import of piqp.
+# --- PIQP, a proximal interior-point solver: the QP solver, and the only import of piqp.
 #
 # PIQP reports few errors: rows without a bound only print a message, NaN and an indefinite P pass
 # unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is a view into memory that

@@ -18,8 +18,7 @@ from prefcal_env.experiments.kpis import formula_of
 from prefcal_env.experiments.panels import MEAN, check_channels, check_name, combined, named
 from prefcal_env.knobs import Knob, KnobSpace
 
-# ----------------------------------------------------------------------------------------------------
-# A run is one experiment under way: what it asks of a person, and how far it is.
+# --- A run is one experiment under way: what it asks of a person, and how far it is.
 
 
 class Stage(Enum):
@@ -172,8 +171,7 @@ class Whole(Run):
         return self._run()
 
 
-# ----------------------------------------------------------------------------------------------------
-# Whatever turns θ into an experiment, behind the same calls.
+# --- Whatever turns θ into an experiment, behind the same calls.
 
 Asks = Literal["", "record", "confirm"]
 """What a run asks of a person: nothing, the record of a run that they did, or a confirmation."""
@@ -389,8 +387,7 @@ def formula_problems(kpis: Iterable[Any], channels: Channels, signals: Collectio
                 yield f"formula of KPI {kpi.name!r}: {error}"
 
 
-# ----------------------------------------------------------------------------------------------------
-# A function of θ as a source.
+# --- A function of θ as a source.
 
 
 class Function(Source):
@@ -437,8 +434,7 @@ def function_of(run: Any) -> Any:
     return None if isinstance(run, Source) else run
 
 
-# ----------------------------------------------------------------------------------------------------
-# Let one θ perform several maneuvers.
+# --- Let one θ perform several maneuvers.
 
 
 class Maneuvers(Source):

@@ -22,8 +22,7 @@ from .file import StudyFile, complete_file, connect, existing, told, vacant
 from .fold import AnyEvent, Recorded, Shown, State, begin, decode, from_text, pack, step, unpack
 from .tables import AnyStudy, Column, answers_of, experiments_of, finished, trajectory_of
 
-# ----------------------------------------------------------------------------------------------------
-# Write the tables of a study as CSV or Parquet, with a dictionary of their columns.
+# --- Write the tables of a study as CSV or Parquet, with a dictionary of their columns.
 
 _TRAJECTORY = re.compile(r"experiment-\d{3,}\.csv")
 _Key = tuple[str, str, str, int]
@@ -183,8 +182,7 @@ def _cell(value: Any) -> Any:
     return "" if value is None else value
 
 
-# ----------------------------------------------------------------------------------------------------
-# Find damage in a study file.
+# --- Find damage in a study file.
 
 
 def verify(path: Path | str) -> tuple[str, ...]:
@@ -247,8 +245,7 @@ def _event_findings(rows: list[tuple[Any, ...]]) -> Iterator[str]:
         yield str(error)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Convert a study to one JSON text and back, for other programs, other machines and backups.
+# --- Convert a study to one JSON text and back, for other programs, other machines and backups.
 
 FORMAT = 2
 """Format number of the text."""

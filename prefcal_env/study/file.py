@@ -42,8 +42,7 @@ from .fold import (
 )
 from .tables import frame_of, html_of
 
-# ----------------------------------------------------------------------------------------------------
-# Define the tables of a study file, the number of their format, and the checksums of events.
+# --- Define the tables of a study file, the number of their format, and the checksums of events.
 
 APPLICATION = 0x70726663
 """Marks an SQLite file as a study: "prfc"."""
@@ -189,8 +188,7 @@ def _checksum(seq: int, at: bytes, body: bytes, size: int | None, before: int) -
     return crc32(b"%d\n%b\n%d\n%b" % (seq, at, -1 if size is None else size, body), before)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Connect to study files, put them safely on the disk, and say in words what went wrong.
+# --- Connect to study files, put them safely on the disk, and say in words what went wrong.
 
 _DAMAGED = "it is damaged: use an earlier copy or an export"
 _WORDS = {
@@ -408,8 +406,7 @@ def save_copy(content: bytes, path: Path) -> Path:
     raise AssertionError("numbers never end")
 
 
-# ----------------------------------------------------------------------------------------------------
-# Locate, remove and rename studies: by path, or by name in the user's data folder.
+# --- Locate, remove and rename studies: by path, or by name in the user's data folder.
 
 SUFFIX = ".prefcal"
 SIMULATED = b"prefcal simulated 1 "
@@ -533,8 +530,7 @@ def _remove_logs(path: Path) -> None:
         path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Store a study in an SQLite file, to which events are appended durably and never changed.
+# --- Store a study in an SQLite file, to which events are appended durably and never changed.
 
 Entry = Event | tuple[Finished, Experiment]
 Rows = list[tuple[Recorded, Experiment | None]]

@@ -19,8 +19,7 @@ from prefcal_env.plain import UNREADABLE, canonical, to_plain
 from prefcal_env.preferences.answer import Answer, Outcome
 from prefcal_env.preferences.history import Comparison, History, Sample
 
-# ----------------------------------------------------------------------------------------------------
-# Encode experiments as bytes: a JSON header, then little-endian arrays. Nothing is pickled.
+# --- Encode experiments as bytes: a JSON header, then little-endian arrays. Nothing is pickled.
 
 MAGIC = b"prefcal1"
 _MOST = 1 << 30
@@ -227,8 +226,7 @@ def _channel(words: _Words, numbers: Sequence[float]) -> Channel:
     return Channel(name, unit, low, high, target, band, symbol)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Define the events of a study as frozen data, and convert them to and from JSON.
+# --- Define the events of a study as frozen data, and convert them to and from JSON.
 #
 # A new event needs a class here and a rule in `fold.py`.
 
@@ -460,8 +458,7 @@ def from_text(text: str) -> Event:
         raise StudyError(f"an event cannot be read: {error}") from error
 
 
-# ----------------------------------------------------------------------------------------------------
-# Convert the knobs of a study to and from its configuration.
+# --- Convert the knobs of a study to and from its configuration.
 
 
 class _Stored(msgspec.Struct, frozen=True):
@@ -504,8 +501,7 @@ def space_of(configuration: Mapping[str, Any]) -> KnobSpace:
         raise StudyError(f"the knobs of the study cannot be read: {error}") from error
 
 
-# ----------------------------------------------------------------------------------------------------
-# Compute the state of a study from its events, one by one, without side effects.
+# --- Compute the state of a study from its events, one by one, without side effects.
 
 
 @dataclass(frozen=True, slots=True)

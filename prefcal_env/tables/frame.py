@@ -18,8 +18,7 @@ from prefcal_env.wording import and_more
 from .recorded import Limits, bridged, recorded
 from .sheet import SECONDS, Sheet, Table, almost_a_number, parts_of, sheet_of
 
-# ----------------------------------------------------------------------------------------------------
-# Find the time of a table, turn it into numbers, and find steps that lead back or skip rows.
+# --- Find the time of a table, turn it into numbers, and find steps that lead back or skip rows.
 
 MAX_GAP = 10.0
 """Longest step of time that is no gap, in median steps."""
@@ -196,8 +195,7 @@ def _usual(t: Float[np.ndarray, " K"]) -> float:
     return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
 
 
-# ----------------------------------------------------------------------------------------------------
-# Reduce the rows of a long table: to a grid, or to what a plot and KPIs need.
+# --- Reduce the rows of a long table: to a grid, or to what a plot and KPIs need.
 
 
 def period_of(resample: Any, unit: str) -> float:
@@ -252,8 +250,7 @@ def extreme_rows(columns: Sequence[Float[np.ndarray, " K"]], most: int) -> Int[n
     return np.asarray(found[np.linspace(0, len(found) - 1, min(most, len(found))).astype(int)])
 
 
-# ----------------------------------------------------------------------------------------------------
-# Make an experiment of a table: a DataFrame, a CSV or a Parquet file.
+# --- Make an experiment of a table: a DataFrame, a CSV or a Parquet file.
 
 ALLOWED = ("unsorted", "duplicates", "missing", "gaps")
 """Flaws of a table that can be allowed; see `TableColumns`."""

@@ -14,8 +14,7 @@ from prefcal_env.experiments.experiment import Channel, Channels, End, Experimen
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.wording import did_you_mean
 
-# ----------------------------------------------------------------------------------------------------
-# Recorded curves with time bases of their own, checked and brought to common instants.
+# --- Recorded curves with time bases of their own, checked and brought to common instants.
 
 _SAME_INSTANT = 1e-9
 """Share of the duration below which two instants count as one."""
@@ -350,8 +349,7 @@ def _decided(
     return np.flatnonzero(np.concatenate([np.ones(min(len(t), 1), dtype=bool), changed]))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Make an experiment of recorded curves: whatever a simulator, a logger or a table returned.
+# --- Make an experiment of recorded curves: whatever a simulator, a logger or a table returned.
 
 Limits = tuple[float | None, float | None]
 _Look = tuple[Mapping[str, str], Mapping[str, Limits], Mapping[str, float]]

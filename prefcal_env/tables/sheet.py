@@ -16,8 +16,7 @@ from jaxtyping import Float, Int
 from prefcal_env.errors import MissingExtraError, RecordError
 from prefcal_env.wording import and_more, did_you_mean
 
-# ----------------------------------------------------------------------------------------------------
-# Read the units of columns from their headings, and compare units.
+# --- Read the units of columns from their headings, and compare units.
 
 SECONDS = {
     **dict.fromkeys(("ns",), 1e-9),
@@ -57,8 +56,7 @@ def _plain(unit: str) -> str:
     return spelled.translate(str.maketrans("\u00b2\u00b3", "23"))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Find the headings, the separator and the rows of a CSV, whatever its encoding.
+# --- Find the headings, the separator and the rows of a CSV, whatever its encoding.
 
 _SPACES = r"\s+"
 """The separator of a table that is aligned with spaces."""
@@ -229,8 +227,7 @@ def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
-# Load pyarrow, which reads and writes Parquet; nothing else of prefcal needs it.
+# --- Load pyarrow, which reads and writes Parquet; nothing else of prefcal needs it.
 
 
 def pyarrow() -> ModuleType:
@@ -247,8 +244,7 @@ def pyarrow() -> ModuleType:
     return pyarrow  # type: ignore[no-any-return]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Read a table: CSV, Parquet, text or a DataFrame, with the place of each row.
+# --- Read a table: CSV, Parquet, text or a DataFrame, with the place of each row.
 
 Table = Any
 """A DataFrame, the path of a CSV or Parquet file, its content, the text of a CSV, or a `Sheet`."""

@@ -22,8 +22,7 @@ from prefcal_env.errors import RunError
 
 from .inside import Kind, Message, receive, send
 
-# ----------------------------------------------------------------------------------------------------
-# Start, use and end one worker process, with everything that its code started.
+# --- Start, use and end one worker process, with everything that its code started.
 
 GRACE = 2.0
 """Seconds for the user's code to stop its plant (finally, with) before it is killed."""
@@ -208,8 +207,7 @@ class Process:
         return f" ({last[-300:]})" if last else ""
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run requests in a process that may die, hang or be stopped, and that is replaced then.
+# --- Run requests in a process that may die, hang or be stopped, and that is replaced then.
 
 ATTEMPTS = 2
 """Number of processes that a request may cost: the first may have been killed from outside."""

@@ -24,8 +24,7 @@ from .catalog import load
 from .names import is_own
 from .scenario import Scenario, with_ranges
 
-# ----------------------------------------------------------------------------------------------------
-# Run a user's own scenario in any worker process: each loads the user's file itself.
+# --- Run a user's own scenario in any worker process: each loads the user's file itself.
 
 _BEYOND = 30.0
 """Seconds after the time limit when the process ends itself, in case prefcal is gone."""
@@ -104,8 +103,7 @@ def _source_of(scenario: Scenario, ranges: Ranges) -> Source:
     return with_ranges(scenario, KnobSpace(by_now.knobs, constraints, within=within)).source
 
 
-# ----------------------------------------------------------------------------------------------------
-# Move the run of a scenario into worker processes that load the user's file.
+# --- Move the run of a scenario into worker processes that load the user's file.
 
 DEFAULT_LIMIT = 3600.0
 """Default time limit of a run in seconds, longer than most simulations."""

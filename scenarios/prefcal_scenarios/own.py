@@ -22,8 +22,7 @@ from prefcal_env.errors import PrefcalError, ScenarioError
 from prefcal_env.optional import ENDINGS
 from prefcal_env.wording import last_own, ours, own_line
 
-# ----------------------------------------------------------------------------------------------------
-# Names of scenarios: a plain name, or a name followed by its configuration in JSON.
+# --- Names of scenarios: a plain name, or a name followed by its configuration in JSON.
 
 _QUOTED = re.compile(rb"""["']([^"'\r\n\0]{1,200})["']""")
 _LARGE = 10_000_000
@@ -162,8 +161,7 @@ def _parsed(text: str, what: str) -> dict[str, Any]:
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
-# Load a user's own Python file, named on the command line.
+# --- Load a user's own Python file, named on the command line.
 
 SAYS = logging.getLogger("prefcal.loading")
 """What says that a file takes long, at the level INFO; the command line listens."""

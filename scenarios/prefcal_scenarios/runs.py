@@ -30,8 +30,7 @@ from .catalog import load
 from .own import module_at
 from .scenario import KPI, Scenario
 
-# ----------------------------------------------------------------------------------------------------
-# What an agent can learn about an experiment besides θ: the scenario's KPIs and generic ones.
+# --- What an agent can learn about an experiment besides θ: the scenario's KPIs and generic ones.
 
 INTERRUPTED = "interrupted"
 """Name of the KPI that is 1 for a run that was stopped or failed, and 0 otherwise."""
@@ -179,8 +178,7 @@ def _without_objective(kpi: KPI) -> KPI:
     return replace(kpi, name=name, at_most=np.inf, at_least=-np.inf, better=better)
 
 
-# ----------------------------------------------------------------------------------------------------
-# What remains of one experiment of many: its KPIs, or why there are none.
+# --- What remains of one experiment of many: its KPIs, or why there are none.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -263,8 +261,7 @@ def _frozen(theta: Any) -> Float[np.ndarray, " n"]:
     return copy
 
 
-# ----------------------------------------------------------------------------------------------------
-# The task of a worker: run one θ, and keep what is wanted. It is sent to the worker once.
+# --- The task of a worker: run one θ, and keep what is wanted. It is sent to the worker once.
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,8 +375,7 @@ def _files(content: bytes) -> Iterator[tuple[str, str]]:
             yield name, str(Path(path).absolute())
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run many experiments of one scenario on all cores.
+# --- Run many experiments of one scenario on all cores.
 
 _AHEAD, _AHEAD_WHOLE = 10_000, 200
 """Number of results that may be waiting for an earlier one: without and with trajectories."""

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# ----------------------------------------------------------------------------------------------------
-# A scenario: one calibration task described as data.
+# --- A scenario: one calibration task described as data.
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,8 +200,7 @@ def with_ranges(scenario: Scenario, space: KnobSpace) -> Scenario:
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Check a scenario: its parts before anything runs, and its results after one experiment.
+# --- Check a scenario: its parts before anything runs, and its results after one experiment.
 
 _ROUNDED = 0.1
 """Largest rounding of θ by a plant, as a share of the knob's range."""

@@ -19,8 +19,7 @@ from prefcal_env.wording import labeled as labeled
 
 from .scenario import KPI
 
-# ----------------------------------------------------------------------------------------------------
-# Format numbers and names for terminals, HTML and plots.
+# --- Format numbers and names for terminals, HTML and plots.
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
 
@@ -155,8 +154,7 @@ def knob_axis(knob: Knob) -> str:
     return labeled(mathtext(knob.name), knob.unit)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Give a PID in the forms in which control systems ask for it.
+# --- Give a PID in the forms in which control systems ask for it.
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,8 +205,7 @@ def _forms(pid: Mapping[str, Any], end: str, gain: str, time: str) -> Iterator[P
     yield Parameter(BOTH, f"T_s{end} (sampling time)", pid["T_s"], time)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Make the folder of a report, check the file of a picture, and write them.
+# --- Make the folder of a report, check the file of a picture, and write them.
 
 
 def folder_for(path: str | Path) -> Path:

@@ -43,8 +43,7 @@ from .fits import (
     trust,
 )
 
-# ----------------------------------------------------------------------------------------------------
-# Propose GLISp's next sample: the table of what is minimized when, and the search.
+# --- Propose GLISp's next sample: the table of what is minimized when, and the search.
 
 
 class StrategyRow(NamedTuple):
@@ -126,8 +125,7 @@ def _penalty(setup: GLISpSetup, history: History) -> Penalty | None:
     return unsafe_penalty(history, setup.settings.unsafe_weight, setup.settings.least_safe)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Follow-up questions: which two known samples to compare before the next one is proposed.
+# --- Follow-up questions: which two known samples to compare before the next one is proposed.
 
 _APART = 10
 """Number of experiments between two questions that are only based on a suspicion."""
@@ -294,8 +292,7 @@ def final_question(history: History) -> tuple[int, int] | None:
     return None
 
 
-# ----------------------------------------------------------------------------------------------------
-# What the next experiment can bring, for people and plants unlike the draws, too.
+# --- What the next experiment can bring, for people and plants unlike the draws, too.
 #
 # The draws' own chance is too sure. So it enters a formula with how the answers went, which was fitted to
 # simulated people of eleven kinds, and checked on other loops and people (docs/research/certificate.md).
@@ -344,8 +341,7 @@ def lost_since(history: History) -> int:
     return won.index(True) if True in won else len(won)
 
 
-# ----------------------------------------------------------------------------------------------------
-# GLISp: preference-based optimization with radial basis functions and IDW exploration.
+# --- GLISp: preference-based optimization with radial basis functions and IDW exploration.
 
 _STREAM = 4
 """Stream of random numbers."""

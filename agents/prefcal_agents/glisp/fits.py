@@ -54,8 +54,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.history import History, contradictory
 
-# ----------------------------------------------------------------------------------------------------
-# Define the settings of GLISp, checked on creation, including those of the paper.
+# --- Define the settings of GLISp, checked on creation, including those of the paper.
 
 EVERY_STEP: Literal["every step"] = "every step"
 EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
@@ -170,8 +169,7 @@ def _counts(name: str, values: Any) -> None:
         integer(f"each of {name}", value, low=1)
 
 
-# ----------------------------------------------------------------------------------------------------
-# What GLISp learns from KPIs and proposes by them: draws of what the person wants.
+# --- What GLISp learns from KPIs and proposes by them: draws of what the person wants.
 
 _JUDGES = 256
 """Number of draws that judge θ: in each, KPIs have their own values where no experiment ran."""
@@ -353,8 +351,7 @@ def _steps(space: KnobSpace, best: tuple[float, ...], rng: np.random.Generator) 
     return np.asarray(np.clip(best + length * moved * rng.standard_normal(shape), low, high))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Test whether some answers are wrong, and choose the shape of φ that suits such answers.
+# --- Test whether some answers are wrong, and choose the shape of φ that suits such answers.
 
 MANY = 100
 """Number of experiments or comparisons from which on choosing the shape of φ is slow and hardly
@@ -433,8 +430,7 @@ def rows_of(preferences: Preferences, shape: Shape) -> Constraints:
     return Constraints.of(preferences, features, np.ones(len(preferences.b)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Select the models of GLISp after each experiment (shapes of φ, noise test), and train Ĵ.
+# --- Select the models of GLISp after each experiment (shapes of φ, noise test), and train Ĵ.
 
 FEW = 20
 """Number of experiments before the process takes turns."""

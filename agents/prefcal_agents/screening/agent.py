@@ -46,8 +46,7 @@ from prefcal_env.preferences.history import Comparison, History
 
 from .bank import ENOUGH, Growth, Simulating, Simulations, Stage
 
-# ----------------------------------------------------------------------------------------------------
-# Why a screening agent shows this experiment, as data that front ends put into words.
+# --- Why a screening agent shows this experiment, as data that front ends put into words.
 
 _DIFFERS = 0.02
 """Share of what all differences count together below which that of a KPI is left out."""
@@ -113,8 +112,7 @@ def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"
     return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))
 
 
-# ----------------------------------------------------------------------------------------------------
-# What can be said of a result: how many θ are noticeably better, for people unlike the draws, too.
+# --- What can be said of a result: how many θ are noticeably better, for people unlike the draws, too.
 #
 # The draws' own shares are too sure about people who judge by something that no draw looks at. So what
 # they say, and how the answers went, enters a formula that was fitted to simulated people of eleven
@@ -312,8 +310,7 @@ def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
     return float(held), float(predicted)
 
 
-# ----------------------------------------------------------------------------------------------------
-# The agent Screening: simulate many θ unseen, show those that the answers leave undecided.
+# --- The agent Screening: simulate many θ unseen, show those that the answers leave undecided.
 
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to

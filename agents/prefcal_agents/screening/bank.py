@@ -31,8 +31,7 @@ from prefcal_env.knobs import KnobSpace, theta_keys
 from prefcal_env.preferences.answer import Reading, numbers
 from prefcal_env.preferences.history import History
 
-# ----------------------------------------------------------------------------------------------------
-# Run simulations for an agent, each θ once, keep their KPIs, and what all such agents share.
+# --- Run simulations for an agent, each θ once, keep their KPIs, and what all such agents share.
 
 Theta = Float[np.ndarray, " n"]
 Simulate = Callable[[Theta], Mapping[str, float] | None]
@@ -296,8 +295,7 @@ class Simulating(Agent):
         return self._simulations
 
 
-# ----------------------------------------------------------------------------------------------------
-# How the bank of a screening agent grows from answer to answer.
+# --- How the bank of a screening agent grows from answer to answer.
 
 _FIRST, _SECOND, _LATER = (0.2, 0.08), (0.2, 0.12), (0.0, 0.04)
 """Shares of the simulations, over the whole space and near the leaders: before the first question,

@@ -65,8 +65,7 @@ from .choices import (
 from .options import Options
 from .studies.files import completed, existing, open_described
 
-# ----------------------------------------------------------------------------------------------------
-# Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
+# --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as in shells."""
@@ -135,8 +134,7 @@ def interruption(*, others: bool = False) -> Iterator[Interruption]:
             signal.signal(number, earlier)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Record what a report says of a study, and print its result as a table or as JSON.
+# --- Record what a report says of a study, and print its result as a table or as JSON.
 
 
 def record_of(
@@ -270,8 +268,7 @@ def plain(text: str) -> str:
     return escape(printable(text))
 
 
-# ----------------------------------------------------------------------------------------------------
-# An open study with all that works on it: its interview, its simulator and its report.
+# --- An open study with all that works on it: its interview, its simulator and its report.
 
 _KNOWN = 2.0
 """Longest wait, in seconds, for what a screening agent expects of its simulations in the end."""
@@ -508,8 +505,7 @@ def report_of(given: Mapping[str, Any]) -> None:
             work.tell(work.write())
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run `prefcal calibrate`: open the study, collect the answers, and write the report.
+# --- Run `prefcal calibrate`: open the study, collect the answers, and write the report.
 
 RUN_FAILED = 1
 """Exit code if the user's own scenario code ended an unattended study."""

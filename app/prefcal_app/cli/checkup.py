@@ -55,8 +55,7 @@ from .choices import start_of
 from .options import CheckOptions
 from .studies.files import as_text, completed
 
-# ----------------------------------------------------------------------------------------------------
-# Check a scenario with one trial run: everything about it that a study relies on.
+# --- Check a scenario with one trial run: everything about it that a study relies on.
 
 _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
 _FIRST = " (the very first run on a machine compiles for half a minute)"
@@ -425,8 +424,7 @@ def _same(a: object, b: object) -> bool:
     return bool(np.all(a == b))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run `prefcal scenarios`: the scenarios that have a name, and what one of them is about.
+# --- Run `prefcal scenarios`: the scenarios that have a name, and what one of them is about.
 
 
 def describe(name: str) -> None:

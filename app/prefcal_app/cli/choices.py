@@ -63,8 +63,7 @@ if TYPE_CHECKING:
     from prefcal_agents.agent import Agent
 
 
-# ----------------------------------------------------------------------------------------------------
-# Turn command-line values into scenarios, costs, agents, calibrators and θ.
+# --- Turn command-line values into scenarios, costs, agents, calibrators and θ.
 
 Thetas = Sequence[Float[np.ndarray, " n"]]
 
@@ -327,8 +326,7 @@ def _theta_of_study(name: str, which: str, space: KnobSpace) -> Float[np.ndarray
     return np.array(start)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Open the study that a command works on: create a new one or resume an existing one.
+# --- Open the study that a command works on: create a new one or resume an existing one.
 
 IN_MEMORY = ":memory:"
 

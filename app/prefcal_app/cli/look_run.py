@@ -28,8 +28,7 @@ from .calibrate import interruption, plain
 from .options import LookOptions, VerifyOptions
 from .studies.files import EXPERIMENT, as_text, existing, numbered, open_described
 
-# ----------------------------------------------------------------------------------------------------
-# Run `prefcal look`: read the runs, then show the page, a picture or the KPIs.
+# --- Run `prefcal look`: read the runs, then show the page, a picture or the KPIs.
 
 _SQLITE = b"SQLite format 3\0"
 
@@ -166,8 +165,7 @@ def _serve(runs: Sequence[NamedRun], options: LookOptions) -> None:
                 time.sleep(0.5)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run `prefcal verify`: vary the plant of a tuning, say and keep what came of it, ask about the worst.
+# --- Run `prefcal verify`: vary the plant of a tuning, say and keep what came of it, ask about the worst.
 
 _VERDICTS = {"y": True, "n": False}
 

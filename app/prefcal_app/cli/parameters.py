@@ -15,8 +15,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 from typer import Argument, Option
 from typer.models import ArgumentInfo, OptionInfo
 
-# ----------------------------------------------------------------------------------------------------
-# Parameters of a command, each declared once as a field of a dataclass.
+# --- Parameters of a command, each declared once as a field of a dataclass.
 #
 # A field is made by `option` or `argument`, with `Kept` if the study file keeps its value, and its line
 # under "Args" in the docstring of the dataclass is its help. The command line, the checks of the file and
@@ -250,8 +249,7 @@ def examples_of_worlds(command: str) -> list[tuple[str, str]]:
     return [(f"{command} {line}", words) for line, words in filter(None, found)]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Check that a resumed study goes on as it was started.
+# --- Check that a resumed study goes on as it was started.
 
 
 def check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:

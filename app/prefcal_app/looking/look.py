@@ -39,8 +39,7 @@ from prefcal_scenarios.wording import picture_at, printable, put, with_unit
 
 from .pair import NamedRun, aligned, aligned_view, measured_run
 
-# ----------------------------------------------------------------------------------------------------
-# Serve runs on a local page, two at a time.
+# --- Serve runs on a local page, two at a time.
 
 _KEPT = 8
 """Number of pairs whose views are kept: each can take megabytes."""
@@ -99,8 +98,7 @@ def _endpoint(view: Callable[[bytes], bytes]) -> Callable[[Request], Awaitable[R
     return answer
 
 
-# ----------------------------------------------------------------------------------------------------
-# Look at two runs: as plain data, a picture in a notebook, or the page in a browser.
+# --- Look at two runs: as plain data, a picture in a notebook, or the page in a browser.
 
 
 def look(
@@ -225,8 +223,7 @@ class SideBySide:
         )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Guess what the columns of a table are, read them as a run, and say what was taken for what.
+# --- Guess what the columns of a table are, read them as a run, and say what was taken for what.
 
 _MOST = 12
 """Number of columns shown if none are named: more panels are no longer readable."""

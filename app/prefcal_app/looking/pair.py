@@ -13,8 +13,7 @@ from prefcal_env.experiments.kpis import BAND, KPI, band_of, entered, every_trac
 from prefcal_env.experiments.panels import MEAN, Plot, by_maneuver, combined, named, plots_of
 from prefcal_env.tables.sheet import SECONDS
 
-# ----------------------------------------------------------------------------------------------------
-# Compute KPIs of any run and say their units: tracking errors, or the range of a curve.
+# --- Compute KPIs of any run and say their units: tracking errors, or the range of a curve.
 
 _KINDS = (
     "settling time",
@@ -140,8 +139,7 @@ def _statistics(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]) -> Itera
     yield "highest", float(y.max()), "Largest value."
 
 
-# ----------------------------------------------------------------------------------------------------
-# Bring two runs from anywhere to the same panels, time axis and KPIs.
+# --- Bring two runs from anywhere to the same panels, time axis and KPIs.
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,7 @@ from prefcal_scenarios.wording import knob_axis, knob_number, labeled, mathtext,
 
 from .record import StudyRecord, foremost_kpis
 
-# ----------------------------------------------------------------------------------------------------
-# Draw closed-loop runs, overlaid or side by side.
+# --- Draw closed-loop runs, overlaid or side by side.
 
 _ACROSS = 3
 """Largest number of maneuvers next to each other; more would be too narrow to read."""
@@ -348,8 +347,7 @@ def panel_title(channel: Channel, *, zoomed: bool = False) -> str:
     return f"{text} · limit{'s' * (len(limits) - 1)} {' to '.join(limits)}"
 
 
-# ----------------------------------------------------------------------------------------------------
-# Draw what was tried: KPIs of every experiment and of the best so far, and costs along each knob.
+# --- Draw what was tried: KPIs of every experiment and of the best so far, and costs along each knob.
 
 INDEX = KPI("performance index", "performance index (lower is better)", better="lower")
 """The score that the answers follow, drawn as a KPI."""
@@ -508,8 +506,7 @@ def _along(axes: Axes, knob: Knob) -> None:
     axes.set_xlim(knob.low, knob.high)
 
 
-# ----------------------------------------------------------------------------------------------------
-# List and draw the figures of a report, with captions and texts for people who cannot see them.
+# --- List and draw the figures of a report, with captions and texts for people who cannot see them.
 
 
 @dataclass(frozen=True, slots=True)

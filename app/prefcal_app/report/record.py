@@ -38,8 +38,7 @@ from prefcal_scenarios.wording import (
     pid_forms,
 )
 
-# ----------------------------------------------------------------------------------------------------
-# Reserve a folder for each study, so that a report never replaces another study's.
+# --- Reserve a folder for each study, so that a report never replaces another study's.
 
 MARKER = "study.json"
 """Name of the file in a report's folder that identifies the study."""
@@ -159,8 +158,7 @@ def _read(marker: Path) -> dict[str, object]:
     return content if isinstance(content, dict) else {}
 
 
-# ----------------------------------------------------------------------------------------------------
-# Hold the content of a report: a study's comparisons, and what follows from them.
+# --- Hold the content of a report: a study's comparisons, and what follows from them.
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 """Learned latent cost of m physical θ; lower is better, only the order has a meaning."""
@@ -372,8 +370,7 @@ class StudyRecord:
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}
 
 
-# ----------------------------------------------------------------------------------------------------
-# List the tables of the report: the result, every experiment, and every comparison, also as CSV.
+# --- List the tables of the report: the result, every experiment, and every comparison, also as CSV.
 
 _T = TypeVar("_T")
 _MOST = 3

@@ -50,8 +50,7 @@ from .record import (
     result_table,
 )
 
-# ----------------------------------------------------------------------------------------------------
-# Write report.html, a single self-contained file.
+# --- Write report.html, a single self-contained file.
 
 
 @cache
@@ -108,8 +107,7 @@ def listed(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Answer, on the acceptance sheet, what a colleague asks who has to answer for the tuning, too.
+# --- Answer, on the acceptance sheet, what a colleague asks who has to answer for the tuning, too.
 
 FILE = "acceptance.html"
 """Name of the file of the sheet."""
@@ -247,8 +245,7 @@ def refresh(folder: Path) -> None:
     put(path, _PART.sub(lambda part: section(holds, float(part[1])), text, count=1).encode())
 
 
-# ----------------------------------------------------------------------------------------------------
-# Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet.
+# --- Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet.
 
 _VERDICTS = {True: "acceptable", False: "not acceptable"}
 
@@ -363,8 +360,7 @@ def _drawn(
         yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Fill in the acceptance sheet of a study: one page, before and after, with lines to sign.
+# --- Fill in the acceptance sheet of a study: one page, before and after, with lines to sign.
 
 _MOST_ROWS, _LEAST, _FEW = 12, 8, 3
 """Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
@@ -573,8 +569,7 @@ def _curves(record: StudyRecord, *, height: float) -> bytes:
     return content.getvalue()
 
 
-# ----------------------------------------------------------------------------------------------------
-# Write the folder of a report; every file appears whole or not at all.
+# --- Write the folder of a report; every file appears whole or not at all.
 
 
 def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = ()) -> Path:

@@ -39,8 +39,7 @@ from .study import (
     to_repeat,
 )
 
-# ----------------------------------------------------------------------------------------------------
-# Hold what is thought of in advance; it can be lost at any time without changing a result.
+# --- Hold what is thought of in advance; it can be lost at any time without changing a result.
 
 LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
 """Possible answers, the most likely first."""
@@ -160,8 +159,7 @@ class Thoughts:
             self.simulator.abandon()
 
 
-# ----------------------------------------------------------------------------------------------------
-# Hold the runs of an interview: those in progress, and those that wait to begin.
+# --- Hold the runs of an interview: those in progress, and those that wait to begin.
 
 Attempt = Callable[[], Callable[[], None]]
 """Long-running function, called without the lock; it returns a function to call with the lock."""
@@ -329,8 +327,7 @@ class UnderWay:
             self.plant.is_due(run.problem)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Advance an interview from an answer to the next question.
+# --- Advance an interview from an answer to the next question.
 
 _COURTESY = 2.0
 """Seconds that a prefetched run may continue while another one is waited for: it may be almost
@@ -552,8 +549,7 @@ class Guarded:
                 run.stop("given up", within=_COURTESY)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Say which steps a person can take now, and why not the others; no screen decides it.
+# --- Say which steps a person can take now, and why not the others; no screen decides it.
 
 CLOSED = "this question is no longer open: it was already answered or undone, and nothing was recorded twice"
 """What is said of an answer to another question than the open one."""

@@ -65,8 +65,7 @@ from .study import (
     to_repeat,
 )
 
-# ----------------------------------------------------------------------------------------------------
-# Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect.
+# --- Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect.
 
 
 def open_question(flow: Flow, question: int) -> Question:
@@ -259,8 +258,7 @@ def repeat(flow: Flow) -> None:
     flow.show(Shown(again.challenger, again.incumbent, left, again.question))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Offer what a person can do in an interview.
+# --- Offer what a person can do in an interview.
 
 P = ParamSpec("P")
 
@@ -312,8 +310,7 @@ class Steps:
     go_on = _step("go_on", runs.go_on)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Say what is known of a study: its experiments and answers, what was learned, whether to continue.
+# --- Say what is known of a study: its experiments and answers, what was learned, whether to continue.
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 _LEAST = 5
@@ -546,8 +543,7 @@ class Past:
             return tuple(flow.store.compared(closed) for closed in answered(flow.state))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run an interview: an agent, a study file, and the open question.
+# --- Run an interview: an agent, a study file, and the open question.
 
 
 class Interview:

@@ -35,8 +35,7 @@ from prefcal_scenarios.scenario import Scenario, check_experiment
 from .flow import LIKELIEST, LIKELY, Attempt, Flow, refusal
 from .study import GOOD_ENOUGH, Phase, Question, Recovery, agent_of
 
-# ----------------------------------------------------------------------------------------------------
-# Let the agent choose queries in the background: it may simulate for seconds, without a lock.
+# --- Let the agent choose queries in the background: it may simulate for seconds, without a lock.
 #
 # Its functions return an `Attempt`, as the work of `runs` is.
 
@@ -206,8 +205,7 @@ def _basis(flow: Flow, twin: Agent) -> Basis | None:
         return None
 
 
-# ----------------------------------------------------------------------------------------------------
-# Preview, save and replace the records of a rig.
+# --- Preview, save and replace the records of a rig.
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,8 +349,7 @@ def _about(flow: Flow, index: int) -> list[int]:
     ]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run the experiments of an interview, handle failed and stopped runs, and end the study.
+# --- Run the experiments of an interview, handle failed and stopped runs, and end the study.
 
 UNBIDDEN = ("late", "died")
 """Reasons for a run without an experiment that neither the person nor their code gave."""

@@ -40,8 +40,7 @@ from prefcal_env.study import knobs_as_dicts as knobs_as_dicts
 from prefcal_scenarios.runs import outcome
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
-# ----------------------------------------------------------------------------------------------------
-# Define what a front end sees of a study at one moment: the phase, the question, the plant.
+# --- Define what a front end sees of a study at one moment: the phase, the question, the plant.
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
 MARKS = (UNSAFE, GOOD_ENOUGH)
@@ -229,8 +228,7 @@ class Now:
     running: int = 0
 
 
-# ----------------------------------------------------------------------------------------------------
-# Say what a study needs next: a function of its agent and its record, without input or output.
+# --- Say what a study needs next: a function of its agent and its record, without input or output.
 
 PERSON = "human"
 """Who answers, in the configuration of a study."""
@@ -427,8 +425,7 @@ def to_repeat(state: State, seed: int) -> Comparison | None:
     return left[int(rng.integers(len(left)))]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Read the experiments of a study by index, as questions show them.
+# --- Read the experiments of a study by index, as questions show them.
 
 _KEPT = 32
 """Number of recent experiments to keep in memory; a trajectory can take a megabyte."""
@@ -595,8 +592,7 @@ def _suggestion(state: State, index: int) -> Suggestion:
     return Suggestion(index, np.array(state.history.samples[index].theta))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Translate between a study file and an agent, and restore the agent from a state.
+# --- Translate between a study file and an agent, and restore the agent from a state.
 
 
 def constraint_names(space: KnobSpace) -> list[str]:

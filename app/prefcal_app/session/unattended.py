@@ -17,8 +17,7 @@ from .interview import Interview
 from .runs import UNBIDDEN
 from .study import Phase, Question
 
-# ----------------------------------------------------------------------------------------------------
-# Run an interview's experiments in a thread while a person looks at the last one.
+# --- Run an interview's experiments in a thread while a person looks at the last one.
 
 _DRAWN = 0.15
 """Seconds left for sending and drawing a new question before prefetching starts."""
@@ -61,8 +60,7 @@ class Background:
                 return
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run an interview without a person: a synthetic calibrator answers every question.
+# --- Run an interview without a person: a synthetic calibrator answers every question.
 
 _PATIENCE = 0.5
 """Longest wait for an experiment that runs elsewhere, in seconds."""

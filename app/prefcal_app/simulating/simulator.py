@@ -35,8 +35,7 @@ from prefcal_scenarios.own import fingerprint, fingerprint_of_code
 from prefcal_scenarios.runs import FailedRun, Result, Task, all_screened, has_goals, reading
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
-# ----------------------------------------------------------------------------------------------------
-# Keep the KPIs of simulated θ in a file beside the study: nothing is simulated twice.
+# --- Keep the KPIs of simulated θ in a file beside the study: nothing is simulated twice.
 
 
 @final
@@ -140,8 +139,7 @@ def key_of(
     return sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
-# ----------------------------------------------------------------------------------------------------
-# A twin: a rough model of the plant, on which θ are simulated that the plant does not run.
+# --- A twin: a rough model of the plant, on which θ are simulated that the plant does not run.
 
 
 def named_twin(configuration: Mapping[str, Any]) -> str | None:
@@ -192,8 +190,7 @@ def _kpis(scenario: Scenario) -> list[str]:
     return [kpi.name for kpi in scenario.kpis if kpi.goal is not None]
 
 
-# ----------------------------------------------------------------------------------------------------
-# What the open question was chosen from: the simulated θ, and why this one is shown.
+# --- What the open question was chosen from: the simulated θ, and why this one is shown.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -320,8 +317,7 @@ def simulates(agent: Agent) -> bool:
     return row is not None and row.simulates
 
 
-# ----------------------------------------------------------------------------------------------------
-# Simulate θ for an agent: each one once, in worker processes that leave the page its processor.
+# --- Simulate θ for an agent: each one once, in worker processes that leave the page its processor.
 
 _TELL = 0.5
 """Seconds between two reports of progress."""

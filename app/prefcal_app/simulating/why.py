@@ -17,8 +17,7 @@ from prefcal_scenarios.scenario import KPI, Scenario
 
 from .simulator import Basis, Carried
 
-# ----------------------------------------------------------------------------------------------------
-# Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
+# --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
 _MOST = 2
 """Number of KPIs named on either side of the sentence, those that matter most."""
@@ -191,8 +190,7 @@ def wanted(wishes: Mapping[str, float], scenario: Scenario) -> str:
     return f"The answers fit these wishes: {words}." if words else ""
 
 
-# ----------------------------------------------------------------------------------------------------
-# Read what a question was chosen from, for people, and when to offer to stop.
+# --- Read what a question was chosen from, for people, and when to offer to stop.
 
 _UNLIKELY, _KNOWN = 0.1, 0.5
 """Chance below which stopping is offered, and that above which something better is known."""

@@ -22,8 +22,7 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import INTERRUPTED, labeled, printable, printable_lines, with_unit
 
-# ----------------------------------------------------------------------------------------------------
-# Read what the person types: answers from a terminal, a file or a pipe, and θ in words.
+# --- Read what the person types: answers from a terminal, a file or a pipe, and θ in words.
 
 END = "x"
 
@@ -107,8 +106,7 @@ def knob_called(word: str, space: KnobSpace) -> str:
     return found[0]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Show a study in a terminal: its task, a question, answers, progress, and what a plant needs.
+# --- Show a study in a terminal: its task, a question, answers, progress, and what a plant needs.
 
 NAMES = {"left": "LEFT", "right": "RIGHT"}
 STYLES = {"left": "blue", "right": "dark_orange3"}

@@ -24,8 +24,7 @@ from prefcal_scenarios.wording import MISSING
 from . import question
 from .question import Seen, question_view, theta_texts, theta_view
 
-# ----------------------------------------------------------------------------------------------------
-# Show what a screening agent simulated, why it asks, and whether it offers to stop.
+# --- Show what a screening agent simulated, why it asks, and whether it offers to stop.
 
 _SPAN = 100.0
 """Ratio of the largest to the smallest value from which an axis is logarithmic: two decades."""
@@ -239,8 +238,7 @@ def look_view(interview: Interview, theta: tuple[float, ...], seen: Seen | None 
     return {"question": view, "time_unit": experiment.channels.time_unit}
 
 
-# ----------------------------------------------------------------------------------------------------
-# Show the end: what was gained over the experiment to beat, the report, and what to do next.
+# --- Show the end: what was gained over the experiment to beat, the report, and what to do next.
 
 FIRST, CURRENT = "first experiment", "current tuning"
 """Names of the first experiment: without and with a tuning that the person gave."""

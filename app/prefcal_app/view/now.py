@@ -23,8 +23,7 @@ from prefcal_scenarios.wording import INTERRUPTED, knob_number, marks_text, with
 from .end import outlook_view, over_view, screening_view
 from .question import Seen, knob_view, numbers_view, plant_view, question_view, theta_texts, theta_view
 
-# ----------------------------------------------------------------------------------------------------
-# List every question and answer.
+# --- List every question and answer.
 
 _WINNERS = {Preference.CHALLENGER: "new", Preference.INCUMBENT: "best", Preference.TIE: "none"}
 
@@ -88,8 +87,7 @@ def asked_view(
     }
 
 
-# ----------------------------------------------------------------------------------------------------
-# Show the current state: the phase, the open question, the pending run, and the end.
+# --- Show the current state: the phase, the open question, the pending run, and the end.
 
 
 def now_view(
@@ -240,8 +238,7 @@ def marks_of(state: State, index: int, interrupted: Set[int]) -> list[str]:
     return sorted(state.marks.get(index, ())) + counted
 
 
-# ----------------------------------------------------------------------------------------------------
-# Show the status: the best so far, what was tried and learned, and how consistent answers are.
+# --- Show the status: the best so far, what was tried and learned, and how consistent answers are.
 
 _POINTS = 81
 """Number of points of a slice through the surrogate."""

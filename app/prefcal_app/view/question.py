@@ -19,8 +19,7 @@ from prefcal_env.sources import Change, Stage
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 from prefcal_scenarios.wording import ended_text, knob_number, limits_text, measured, number, quantity
 
-# ----------------------------------------------------------------------------------------------------
-# Tables as plain data, which the page, the terminal and the report draw as they are.
+# --- Tables as plain data, which the page, the terminal and the report draw as they are.
 
 Data = dict[str, Any]
 
@@ -78,8 +77,7 @@ def judged(kpi: KPI, experiment: Experiment, kind: str = "") -> Data:
     return cell(measured(kpi, experiment), kpi.met_by(experiment), kind)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Describe the panels of a question and compute the curves to draw.
+# --- Describe the panels of a question and compute the curves to draw.
 
 _MOST = 4000
 """Maximum number of points of a curve; longer ones keep minimum and maximum of each stretch."""
@@ -197,8 +195,7 @@ def _story(channel: Channel, experiment: Experiment, y: Float[np.ndarray, " K"])
     return f"{words}, inside {target} from {since} on"
 
 
-# ----------------------------------------------------------------------------------------------------
-# Track the ranges of all experiments of a study, for axes and for KPI differences.
+# --- Track the ranges of all experiments of a study, for axes and for KPI differences.
 
 _PAD = 0.04
 """Share of an axis left free at each end."""
@@ -335,8 +332,7 @@ def _framed(channel: Channel, low: float, high: float) -> Range:
     return min(low, middle - span / 2, *near), max(high, middle + span / 2, *near)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Find when things happen in a maneuver of two experiments, and where both differ.
+# --- Find when things happen in a maneuver of two experiments, and where both differ.
 
 _STILL = 0.02
 """Share of its axis by which a curve may move while nothing happens."""
@@ -451,8 +447,7 @@ def _on(
     ]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Show two experiments beside each other: a question, and any other pair.
+# --- Show two experiments beside each other: a question, and any other pair.
 
 Draws = Callable[[Experiment, Experiment], Sequence[Plot]]
 """Function of two runs that returns the panels which show both."""
@@ -567,8 +562,7 @@ def theta_texts(space: KnobSpace, theta: Iterable[float]) -> list[str]:
     return [knob_number(k, float(v)) for k, v in zip(space.knobs, theta, strict=True)]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Preview what a person confirms: a rig's record, or what a run writes to a live plant.
+# --- Preview what a person confirms: a rig's record, or what a run writes to a live plant.
 
 
 def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
@@ -666,8 +660,7 @@ def _plain(value: float | None) -> float | None:
     return value if value is not None and isfinite(value) else None
 
 
-# ----------------------------------------------------------------------------------------------------
-# Write the briefing: the task, what its knobs and KPIs mean, and how long it takes.
+# --- Write the briefing: the task, what its knobs and KPIs mean, and how long it takes.
 
 _SECONDS = 15
 """Seconds for one comparison at a calm pace."""

@@ -44,8 +44,7 @@ from prefcal_scenarios import verification
 
 from .security import NO_COOKIE, REPORT_POLICY, Assets, cookie, same
 
-# ----------------------------------------------------------------------------------------------------
-# Say what a page can do, and check strictly what it sends: exact names and types, bounded sizes.
+# --- Say what a page can do, and check strictly what it sends: exact names and types, bounded sizes.
 
 LARGEST_NUMBER = 2**53 - 1
 """Largest whole number that JavaScript, JSON and SQLite all hold exactly."""
@@ -181,8 +180,7 @@ def bit(name: str, value: str) -> bool:
     return bool(value == "1")
 
 
-# ----------------------------------------------------------------------------------------------------
-# Build the server's responses: JSON, and errors as sentences for the person.
+# --- Build the server's responses: JSON, and errors as sentences for the person.
 
 Handler = Callable[[Request], Awaitable[Response]]
 
@@ -240,8 +238,7 @@ async def http_error(request: Request, error: Exception) -> Response:
     return PlainTextResponse(words, error.status_code)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Serve the page, its files, and the files of the finished report.
+# --- Serve the page, its files, and the files of the finished report.
 
 TYPES: Mapping[str, str] = {
     ".png": "image/png",
@@ -322,8 +319,7 @@ class Pages:
         return Response(content, headers=headers, media_type=media_type)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Verify the result on varied plants while the page of its end is open.
+# --- Verify the result on varied plants while the page of its end is open.
 
 _PATIENCE = 10.0
 """Seconds that closing waits for the runs in progress, whose result is then kept."""
@@ -453,8 +449,7 @@ def _picture(folder: Path, name: str) -> str:
     return f"/report/{name}" if (folder / name).is_file() else ""
 
 
-# ----------------------------------------------------------------------------------------------------
-# Handle the requests of the page's script.
+# --- Handle the requests of the page's script.
 
 VIEWS: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
     {"brief": brief_view, "history": history_view, "status": status_view, "simulated": map_view}

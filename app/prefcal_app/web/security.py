@@ -22,8 +22,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-# ----------------------------------------------------------------------------------------------------
-# Hold the page's files in memory; no other file can be requested.
+# --- Hold the page's files in memory; no other file can be requested.
 
 _STATIC = files("prefcal_app.web") / "static"
 _PLOTLY = "plotly-basic.min.js"
@@ -70,8 +69,7 @@ class Assets:
         return Response(self._contents[name], headers=headers, media_type=media_type)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Decide which host names may reach the window, and warn about addresses that others can reach.
+# --- Decide which host names may reach the window, and warn about addresses that others can reach.
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 
@@ -170,8 +168,7 @@ def _is_address(name: str) -> bool:
     return (ip.version == 6) == (bare is not name)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Check every request before a handler sees it, and add security headers to every response.
+# --- Check every request before a handler sees it, and add security headers to every response.
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -390,8 +387,7 @@ def _with_headers(send: Send, framed: bool) -> Send:
     return sending
 
 
-# ----------------------------------------------------------------------------------------------------
-# Limit connections that keep the window waiting, in time and in number per peer.
+# --- Limit connections that keep the window waiting, in time and in number per peer.
 
 HEAD_SECONDS = 10.0
 """Seconds within which the address and the headers of a request must arrive."""

@@ -28,8 +28,7 @@ from prefcal_env.errors import SettingsError
 from .api import ACTIONS, VIEWS, Api, JudgedRun, Nothing, Pages, Reports, Verifying, http_error
 from .security import LARGEST_HEAD, Assets, Connection, Guard, Hosts, in_link, seen_from_outside, warning
 
-# ----------------------------------------------------------------------------------------------------
-# Open the window's link in a graphical browser, if there is one.
+# --- Open the window's link in a graphical browser, if there is one.
 
 _TEXT = frozenset({"www-browser", "links", "elinks", "lynx", "w3m", "links2"})
 """Browsers that would take over the terminal and do not run scripts."""
@@ -65,8 +64,7 @@ def _is_text(browser: webbrowser.BaseBrowser) -> bool:
     return name in _TEXT or type(browser) is webbrowser.GenericBrowser
 
 
-# ----------------------------------------------------------------------------------------------------
-# Serve an application on a socket of its own, in its own thread, behind a secret link.
+# --- Serve an application on a socket of its own, in its own thread, behind a secret link.
 
 _GRACE = 1
 """Seconds to finish open requests when the site closes."""
@@ -191,8 +189,7 @@ def _in_words(error: OSError, host: str, port: int) -> str:
     return f"cannot listen on port {port} on {host}: {error.strerror or error}"
 
 
-# ----------------------------------------------------------------------------------------------------
-# Build the web application of the query window: its addresses and their handlers.
+# --- Build the web application of the query window: its addresses and their handlers.
 
 
 def make_app(
@@ -275,8 +272,7 @@ def _of_api(api: Api, verifying: Verifying) -> list[Route]:
     ]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Serve the query window of an interview.
+# --- Serve the query window of an interview.
 
 _HIDDEN = 70.0
 """Seconds that a page in a hidden tab may be silent; browsers wake it once a minute."""

@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
-from prefcal_agents.baselines import normalized
 from prefcal_agents.learned_cost import CEILING
-from prefcal_agents.lessons import Preferences, kpis_of
+from prefcal_agents.lessons import Preferences, kpis_of, normalized
 from prefcal_bench.extras import load
 from prefcal_env.preferences.history import History
 

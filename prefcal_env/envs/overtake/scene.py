@@ -14,8 +14,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.jit import inner, kernel
 from prefcal_env.plants.bicycle import KMH, Bicycle
 
-# ----------------------------------------------------------------------------------------------------
-# Overtaking of section IV-B: its constants, when to overtake, and what a state costs.
+# --- Overtaking of section IV-B: its constants, when to overtake, and what a state costs.
 #
 # Positions are those of front ends on the center line: x ahead, y to the left [m].
 
@@ -132,8 +131,7 @@ def stage_cost(
     return float(speed + lane + (steering / (np.pi / 4)) ** 2)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Options of the overtaking scene; the defaults are the paper's.
+# --- Options of the overtaking scene; the defaults are the paper's.
 
 DRIVERS = tuple(
     f"highway_env.vehicle.behavior.{name}"
@@ -211,8 +209,7 @@ def paper_scene() -> dict[str, Any]:
     return asdict(OvertakeOptions()) | {"x0": list(START)}
 
 
-# ----------------------------------------------------------------------------------------------------
-# Bodies on the road: rectangles of 4.5 x 1.8 m, each a pose (x, y [m], heading [rad]).
+# --- Bodies on the road: rectangles of 4.5 x 1.8 m, each a pose (x, y [m], heading [rad]).
 #
 # A pose is that of the front end on the center line, so the body's center is 2.25 m behind it. Headings
 # are counterclockwise from the road's direction; y is to the left.
@@ -445,8 +442,7 @@ def _to_corners(a, b, i, nearest):  # type: ignore[no-untyped-def]
     return nearest
 
 
-# ----------------------------------------------------------------------------------------------------
-# The other vehicles, and the signals of an experiment that depend on them.
+# --- The other vehicles, and the signals of an experiment that depend on them.
 
 Signal = Float[np.ndarray, " K"]
 Places = Float[np.ndarray, "K 4"]

@@ -27,8 +27,7 @@ from prefcal_env.workers import Terms, Worker
 from .model import Names, Variable, grid_of, read_model, referenced, shown, tuned
 from .simulation import FMUSimulation, Job, Reply
 
-# ----------------------------------------------------------------------------------------------------
-# Run an FMU in a worker process: it may hang or crash, and the next run goes on.
+# --- Run an FMU in a worker process: it may hang or crash, and the next run goes on.
 
 _RUNS = 1_000
 """Number of runs after which the process is replaced, so that FMUs that leak stay small."""
@@ -169,8 +168,7 @@ def _runs(pid: int) -> bool:
     return True
 
 
-# ----------------------------------------------------------------------------------------------------
-# A closed loop in an FMU as a function of θ.
+# --- A closed loop in an FMU as a function of θ.
 
 _KPIs = Callable[[Experiment], Mapping[str, float]]
 

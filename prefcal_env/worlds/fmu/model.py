@@ -18,8 +18,7 @@ from prefcal_env.knobs import Knob, is_number
 from prefcal_env.optional import world
 from prefcal_env.wording import did_you_mean
 
-# ----------------------------------------------------------------------------------------------------
-# Units in which an FMU says that its variables can be shown, and how values are converted.
+# --- Units in which an FMU says that its variables can be shown, and how values are converted.
 
 _NO_UNIT = ("", "-", "1")
 
@@ -76,8 +75,7 @@ def display_units(path: Path) -> Mapping[str, Scales]:
     }
 
 
-# ----------------------------------------------------------------------------------------------------
-# What the model description of an FMU says: variables, units, limits, times.
+# --- What the model description of an FMU says: variables, units, limits, times.
 
 _REALS = {"Real", "Float64", "Float32"}
 _NUMBERS = {
@@ -330,8 +328,7 @@ def _number(text: object) -> float | None:
         return None
 
 
-# ----------------------------------------------------------------------------------------------------
-# Check knobs, curves and times of a loop against its FMU, before anything runs.
+# --- Check knobs, curves and times of a loop against its FMU, before anything runs.
 
 _POINTS = 500
 """Number of intervals to record if neither the caller nor the FMU names a step."""

@@ -16,8 +16,7 @@ from prefcal_env.tables.recorded import bridged, recorded
 
 from .plan import Journal, LiveKnob, LivePlan, LivePlant, Role, TypedPlant, all_within, within
 
-# ----------------------------------------------------------------------------------------------------
-# Tell what happens during a run on a live plant, as frozen data.
+# --- Tell what happens during a run on a live plant, as frozen data.
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +47,7 @@ Tell = Callable[[Progress], None]
 """Function that is called after every sample."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# Turn what was read from a live plant into an experiment.
+# --- Turn what was read from a live plant into an experiment.
 
 Row = tuple[float, Mapping[str, float]]
 """A sample: seconds since the start of the record, and the value of each tag by its key."""
@@ -105,8 +103,7 @@ def never_good(rig: LivePlan, rows: Sequence[Row]) -> list[str]:
     ]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Write to a live plant within limits and rates, and notice if it comes no closer to a target.
+# --- Write to a live plant within limits and rates, and notice if it comes no closer to a target.
 
 _ROUNDING = 1e-9
 """Relative error of sums and products of doubles, with a margin."""
@@ -270,8 +267,7 @@ class Way:
         return max((1.0 / rate for rate in rates), default=0.0)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Do one run on a live plant: write, start, record, and restore whatever happens.
+# --- Do one run on a live plant: write, start, record, and restore whatever happens.
 
 _SLICE = 0.2
 """Longest sleep in seconds, so that a stop is noticed soon although the period may be long."""

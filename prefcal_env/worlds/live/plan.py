@@ -19,8 +19,7 @@ from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources.source import Change
 
-# ----------------------------------------------------------------------------------------------------
-# Define what prefcal needs of a connection to a live plant, for any protocol.
+# --- Define what prefcal needs of a connection to a live plant, for any protocol.
 
 
 class LivePlant(Protocol):
@@ -77,8 +76,7 @@ class TypedPlant(Protocol):
         """
 
 
-# ----------------------------------------------------------------------------------------------------
-# Describe the nodes of a live plant: knobs and start values that are written, and records.
+# --- Describe the nodes of a live plant: knobs and start values that are written, and records.
 
 Role = Literal["output", "input", "reference"]
 _CLOSE = 1e-5
@@ -232,8 +230,7 @@ def all_within(values: Mapping[str, float], limits: Mapping[str, tuple[float, fl
     return all(within(values[name], between) for name, between in limits.items())
 
 
-# ----------------------------------------------------------------------------------------------------
-# Keep the old values of a live plant on the disk while prefcal changes them.
+# --- Keep the old values of a live plant on the disk while prefcal changes them.
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,8 +314,7 @@ class Journal:
             yield
 
 
-# ----------------------------------------------------------------------------------------------------
-# Declare what a run on a live plant does, and check it before anything is written.
+# --- Declare what a run on a live plant does, and check it before anything is written.
 
 Limits = Mapping[str, tuple[float, float]]
 

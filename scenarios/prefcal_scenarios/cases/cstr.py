@@ -19,8 +19,7 @@ from prefcal_env.mpc import EstimatingMPC, EstimatorSettings, LinearMPC, MPCSett
 from prefcal_env.plants.cstr import CSTR
 from prefcal_scenarios.scenario import KPI, Panel, Scenario, described
 
-# ----------------------------------------------------------------------------------------------------
-# Describe the reactor for the person who compares: the task, its knobs and its KPIs.
+# --- Describe the reactor for the person who compares: the task, its knobs and its KPIs.
 
 BRIEF = (
     "A stirred-tank reactor is brought from a concentration C_A of 8.56 kgmol/m³ down to 2 "
@@ -55,8 +54,7 @@ _KPI_WORDS: Mapping[str, str] = {
 }
 
 
-# ----------------------------------------------------------------------------------------------------
-# Define the knobs of the CSTR's MPC, and build the controller of a θ (section IV-A).
+# --- Define the knobs of the CSTR's MPC, and build the controller of a θ (section IV-A).
 
 SPACE = KnobSpace(
     [Knob("T_s", 0.25, 1.5, "h"), Knob("N_p", 4, 40, integer=True), Knob("log Q_Δu", -5.0, 3.0)]
@@ -113,8 +111,7 @@ def settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> dict[s
     return mpc_settings(theta, space).named()
 
 
-# ----------------------------------------------------------------------------------------------------
-# Compute the KPIs of a CSTR experiment, and the paper's performance index.
+# --- Compute the KPIs of a CSTR experiment, and the paper's performance index.
 
 _INTERRUPTED = 1000.0
 _, _T_C_START = CSTR().steady_state_at_concentration(START)
@@ -183,8 +180,7 @@ def _band_entry(experiment: Experiment) -> float:
     return inf if last == len(experiment.t) - 1 else float(experiment.t[last + 1])
 
 
-# ----------------------------------------------------------------------------------------------------
-# Define the CSTR scenario: the steady-state switch of section IV-A.
+# --- Define the CSTR scenario: the steady-state switch of section IV-A.
 
 PANELS = (
     Panel("concentration", target=TARGET, band=BAND),

@@ -18,8 +18,7 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS, either, is_described
 from prefcal_scenarios.own import joined_source, split_source
 
-# ----------------------------------------------------------------------------------------------------
-# Read the short texts that describe a knob or a reference, in a file or on the command line.
+# --- Read the short texts that describe a knob or a reference, in a file or on the command line.
 
 KNOB_EXAMPLE = '"K_p=0.1:100:log %/m"'
 """A knob as typed on the command line, for help and messages."""
@@ -110,8 +109,7 @@ def named_numbers(texts: Iterable[str], flag: str) -> dict[str, float]:
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
-# Describe a scenario as plain data: in a TOML file, by options, or by both.
+# --- Describe a scenario as plain data: in a TOML file, by options, or by both.
 
 _MERGED = ("knobs", "reference", "kpis", "panels", "starts")
 """Tables to which options add entries; they replace any other value of a file."""
@@ -236,8 +234,7 @@ def stated(
     return entries(values, tables, where, ScenarioError, did_you_mean, known=known, partial=partial)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Write a description as options of the command line, and go on with the one that a study keeps.
+# --- Write a description as options of the command line, and go on with the one that a study keeps.
 
 FLAGS = {
     "knobs": "--knob",

@@ -20,8 +20,7 @@ from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem, local_system, motion, rates_of
 from prefcal_env.wording import did_you_mean
 
-# ----------------------------------------------------------------------------------------------------
-# Find a steady state of a plant, near the middle of the range of its inputs.
+# --- Find a steady state of a plant, near the middle of the range of its inputs.
 
 _STEADY = 1e-7
 """Largest movement in the time constant of the plant, relative to the size of the states."""
@@ -191,8 +190,7 @@ def _inside(plant: Plant, x: X) -> bool:
     return bool(np.all((low - margin <= x) & (x <= high + margin)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# What limits the control of a linear process: its gain, lags, dead time and unstable parts.
+# --- What limits the control of a linear process: its gain, lags, dead time and unstable parts.
 
 _INTEGRATES = 1e-6
 """A pole this small relative to the largest one integrates."""
@@ -302,8 +300,7 @@ def _zeros(M: LinearSystem) -> Complex[np.ndarray, " k"]:
     return np.asarray(rates[np.abs(rates) < 1e3 * max(fastest, 1e-300)])
 
 
-# ----------------------------------------------------------------------------------------------------
-# Choose operating point, steps, sampling time and duration for a plant to control.
+# --- Choose operating point, steps, sampling time and duration for a plant to control.
 
 SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""

@@ -29,8 +29,7 @@ from prefcal_scenarios.scenario import KPI, Scenario
 
 from .description import KNOB_EXAMPLE, Description, description_of, ranged_knob, stated
 
-# ----------------------------------------------------------------------------------------------------
-# Load the plant that a file, the command line or a study names: model.py:plant.
+# --- Load the plant that a file, the command line or a study names: model.py:plant.
 
 _PARTS = ("f", "g", "hold", "jacobians", "states", "inputs", "outputs")
 """What every plant has."""
@@ -72,8 +71,7 @@ def _converted(found: Any, source: str) -> Any:
         raise ScenarioError(f"{source!r} must be {_KINDS}: {error}") from error
 
 
-# ----------------------------------------------------------------------------------------------------
-# Make a rig, a plant that only a person can run, of plain data.
+# --- Make a rig, a plant that only a person can run, of plain data.
 
 _Signals = dict[str, dict[str, Any]]
 _SIGNALS: Keys = {"outputs": (_Signals, True), "inputs": (_Signals, False), "time_unit": (str, False)}
@@ -130,8 +128,7 @@ def _channel(row: Mapping[str, Any], target: float | None = None) -> Channel:
     return Channel(**{**row, "target": target, "band": row.get("band") if target is not None else None})
 
 
-# ----------------------------------------------------------------------------------------------------
-# Make a `Scenario` of its description.
+# --- Make a `Scenario` of its description.
 
 
 def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:

@@ -23,8 +23,7 @@ from prefcal_scenarios.scenario import KPI, Scenario
 
 from .design import Design, Single
 
-# ----------------------------------------------------------------------------------------------------
-# KPIs of loops: steps of the references, then loads on the inputs.
+# --- KPIs of loops: steps of the references, then loads on the inputs.
 
 _BAND = 0.05
 """Band of settling and recovery, as a share of the step."""
@@ -156,8 +155,7 @@ def _lower(name: str, title: str, unit: str, about: str, **more: Any) -> KPI:
     return KPI(name, title, unit, better="lower", about=about, **more)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Make the scenario of a plant whose references step one after the other, then loads act.
+# --- Make the scenario of a plant whose references step one after the other, then loads act.
 
 _AWAY = 10.0
 """Distance from the start, in steps, at which an output has run away."""

@@ -44,8 +44,7 @@ from .plants import (
     within,
 )
 
-# ----------------------------------------------------------------------------------------------------
-# What varies in a closed loop of any plant and controller.
+# --- What varies in a closed loop of any plant and controller.
 
 _WEAR = (-0.5, 1.0)
 """Relative change of noise."""
@@ -274,8 +273,7 @@ class Worn:
         return np.asarray(np.clip(followed, self._low, self._high))
 
 
-# ----------------------------------------------------------------------------------------------------
-# What varies in the closed loops that come with prefcal.
+# --- What varies in the closed loops that come with prefcal.
 
 _ROOM = 2.0
 """Distance of a limit from start and targets, in steps, that leaves room for other references."""
@@ -385,8 +383,7 @@ class LawController:
         return Move(u)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Find what of a source can vary: its loop, the arguments of its run, or what an optional world says.
+# --- Find what of a source can vary: its loop, the arguments of its run, or what an optional world says.
 
 RIG = "it runs on a rig or a live plant, which cannot be varied: verify a model of it"
 _OURS = ("theta", "seed", "space")

@@ -21,8 +21,7 @@ from prefcal_env.sources.source import Maneuvers, Source, WithKPIs, function_of
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.cases.loops.plants import CompiledPlant, Linear
 
-# ----------------------------------------------------------------------------------------------------
-# One thing that varies from run to run of a verification.
+# --- One thing that varies from run to run of a verification.
 
 Kind = Literal["parameter", "dead time", "sensor", "actuator", "task"]
 Values = Mapping[str, float]
@@ -149,8 +148,7 @@ def drawn(factors: Sequence[Factor], seed: int, k: int) -> dict[str, float]:
     return {f.name: f.value(share) for f, share in zip(factors, shares.tolist(), strict=True)}
 
 
-# ----------------------------------------------------------------------------------------------------
-# The steady state of a varied plant: it starts where its controller had brought it.
+# --- The steady state of a varied plant: it starts where its controller had brought it.
 
 _STEPS, _EXACT, _RESTS, _NEAR = 30, 1e-13, 1e-9, 1e-5
 """Most steps of Newton's method; what counts as rest at once, as its last step, and as rest at all."""
@@ -197,8 +195,7 @@ def at_rest(plant: Plant, x: X, u: U, d: Float[np.ndarray, " n_d"]) -> bool:
     return bool(np.abs(plant.f(x, u, d)).max(initial=0.0) <= _NEAR * (1 + np.abs(x).max(initial=0.0)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# What varies of a plant: its parameters, dead time and the ranges of its inputs.
+# --- What varies of a plant: its parameters, dead time and the ranges of its inputs.
 
 CHANGE, SIZE, NARROWER = USUAL["parameter"], USUAL["dead time"], USUAL["actuator"]
 """Relative changes: of parameters; of dead time, loads and references; of the ranges of inputs."""
@@ -372,8 +369,7 @@ def _with_numbers(value: Any, values: Values) -> Any:
     return made
 
 
-# ----------------------------------------------------------------------------------------------------
-# A scenario with what of it can vary.
+# --- A scenario with what of it can vary.
 
 
 def unknown_plant(theta: Float[np.ndarray, " n"]) -> str:

@@ -21,8 +21,7 @@ from prefcal_scenarios.wording import labeled, limits_text, number, quantity
 
 from .plants import Factor
 
-# ----------------------------------------------------------------------------------------------------
-# What came of a verification, as frozen data, and what follows from it.
+# --- What came of a verification, as frozen data, and what follows from it.
 
 CONFIDENCE = 0.95
 
@@ -245,8 +244,7 @@ def most_probable(failed: int, count: int) -> float:
     return float(betaincinv(failed + 1, count - failed, CONFIDENCE))
 
 
-# ----------------------------------------------------------------------------------------------------
-# What a verification leaves beside its best.json, as plain data for people and programs.
+# --- What a verification leaves beside its best.json, as plain data for people and programs.
 
 EFFECTS = 4
 """Number of factors that people are shown, those that hurt most."""

@@ -24,8 +24,7 @@ from .loops import RIG, subject_of
 from .plants import Factor, Ranges, Subject, Values, drawn, unknown_plant, within
 from .result import Robustness, Verification, VerifiedRun, problems_of
 
-# ----------------------------------------------------------------------------------------------------
-# The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
+# --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 
 STEPS = (2, 8, 32, 100, 300)
 """Numbers of runs after which those of a candidate end that has not kept the limits."""
@@ -112,8 +111,7 @@ def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome]) -> i
     return int(bad.argmax()) if bad.any() else len(runs)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Run a tuning on varied plants, on all cores.
+# --- Run a tuning on varied plants, on all cores.
 
 RUNS = 299
 """Runs that, if all are good, show with 95 % confidence that less than 1 % are not."""

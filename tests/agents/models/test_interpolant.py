@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 from scipy.optimize import check_grad
 
-from prefcal_agents.baselines import POSITIVE_DEFINITE, best_interpolant, interpolate, normalized
+from prefcal_agents.baselines import POSITIVE_DEFINITE, best_interpolant, interpolate
+from prefcal_agents.lessons import normalized
 
 RNG = np.random.default_rng(7)
 SAMPLES = RNG.uniform(-1, 1, (12, 3))

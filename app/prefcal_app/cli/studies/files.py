@@ -61,8 +61,7 @@ from prefcal_scenarios.names import CONTROLLERS, is_built_in, is_described, is_o
 from prefcal_scenarios.own import joined_source, split_source, with_config_of
 from prefcal_scenarios.wording import labeled, mark_text, number, printable
 
-# ----------------------------------------------------------------------------------------------------
-# Find study files, open them safely, list them, and show one.
+# --- Find study files, open them safely, list them, and show one.
 
 EXPERIMENT = re.compile(r"(.+):(\d+|best)")
 """An experiment of a study, as people name it: MINE:3, MINE:best."""
@@ -294,8 +293,7 @@ def as_text(content: Any) -> str:
     return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Complete what a user types by what a study keeps: its scenario and its cost, but no programs.
+# --- Complete what a user types by what a study keeps: its scenario and its cost, but no programs.
 
 
 def completed(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -397,8 +395,7 @@ def _trusted(name: str, named: str, source: str | None) -> str:
     return source or named
 
 
-# ----------------------------------------------------------------------------------------------------
-# Manage study files: rename, remove, export, import and check them.
+# --- Manage study files: rename, remove, export, import and check them.
 
 
 def rename(old: str, new: str) -> Path:
@@ -502,8 +499,7 @@ def _write(target: Path, text: str) -> None:
         raise StudyError(f"cannot write {target}: {error.strerror or error}") from error
 
 
-# ----------------------------------------------------------------------------------------------------
-# Change the knobs of a study: search another range, keep a knob, or add one.
+# --- Change the knobs of a study: search another range, keep a knob, or add one.
 
 _Part = tuple[float, float]
 

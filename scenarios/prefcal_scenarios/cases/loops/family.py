@@ -29,8 +29,7 @@ from .plants import (
     Tank,
 )
 
-# ----------------------------------------------------------------------------------------------------
-# What the makers of the loops share: parameters, knobs and the usual task.
+# --- What the makers of the loops share: parameters, knobs and the usual task.
 
 CASCADE = ("_outer", "_inner")
 """Suffixes of the knobs of a cascade."""
@@ -86,8 +85,7 @@ def knobs(text: str, *more: Knob) -> KnobSpace:
     return KnobSpace([*own, *more])
 
 
-# ----------------------------------------------------------------------------------------------------
-# Four textbook processes, each with a PID.
+# --- Four textbook processes, each with a PID.
 
 
 def lag(vary: Vary = nominal) -> Loop:
@@ -202,8 +200,7 @@ def unstable(vary: Vary = nominal) -> Loop:
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Four mechanical and electrical plants, with a cascade or a linear quadratic regulator.
+# --- Four mechanical and electrical plants, with a cascade or a linear quadratic regulator.
 
 
 def servo(vary: Vary = nominal) -> Loop:
@@ -348,8 +345,7 @@ def steering(vary: Vary = nominal) -> Loop:
     )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Four plants of the process industry and of buildings, with several PIDs or a staged input.
+# --- Four plants of the process industry and of buildings, with several PIDs or a staged input.
 
 
 def tank(vary: Vary = nominal) -> Loop:
@@ -521,8 +517,7 @@ def _heated_room(vary: Vary) -> tuple[Linear, tuple[float, ...], float]:
     return plant, (_ROOM, hot, walls), (hot - _ROOM) / heating
 
 
-# ----------------------------------------------------------------------------------------------------
-# Three plants of the family with an MPC: horizons, weights and sampling time are tuned.
+# --- Three plants of the family with an MPC: horizons, weights and sampling time are tuned.
 
 
 def _predictive(
@@ -589,8 +584,7 @@ PREDICTIVE = {
 """Makers of the loops with an MPC, by name."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# The named closed loops.
+# --- The named closed loops.
 
 _MAKERS = (
     *(lag, integrating, oscillatory, unstable),

@@ -21,8 +21,7 @@ from prefcal_scenarios.scenario import KPI, Panel, Scenario
 from . import plants as laws
 from .plants import CompiledPlant, advance, simulate
 
-# ----------------------------------------------------------------------------------------------------
-# Controllers that people tune: from the values of the knobs to a compiled law or a controller.
+# --- Controllers that people tune: from the values of the knobs to a compiled law or a controller.
 
 KnobValues = Mapping[str, float]
 
@@ -123,8 +122,7 @@ def _row(values: KnobValues, suffix: str, sign: float, output: tuple[float, floa
     return [*first, *output, value("stages"), value("hysteresis")]
 
 
-# ----------------------------------------------------------------------------------------------------
-# KPIs of a closed loop: a step of the reference, then a disturbance.
+# --- KPIs of a closed loop: a step of the reference, then a disturbance.
 
 _BAND = 0.05
 """Band of the settling time, as a share of the step."""
@@ -276,8 +274,7 @@ def _overshoot(error: Float[np.ndarray, " K"], step: float) -> float:
     return 100.0 * max(float((-error / step).max()), 0.0)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Describe the loops and their knobs for the person who compares.
+# --- Describe the loops and their knobs for the person who compares.
 
 _JUDGE = (
     "Good control reaches the target soon, without overshoot or oscillation, recovers from the "
@@ -333,8 +330,7 @@ def brief_of(brief: str, states: Sequence[Channel]) -> str:
     return f"{brief} {_JUDGE}{stops if bounds else ''}"
 
 
-# ----------------------------------------------------------------------------------------------------
-# A closed loop to tune: plant, controller and task as data, and how one experiment runs.
+# --- A closed loop to tune: plant, controller and task as data, and how one experiment runs.
 
 
 @dataclass(frozen=True, slots=True)

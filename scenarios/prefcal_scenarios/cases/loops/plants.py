@@ -14,8 +14,7 @@ from prefcal_env.jit import inner, kernel
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 from prefcal_env.plants.plant import Equations, compiled
 
-# ----------------------------------------------------------------------------------------------------
-# Kinds of plants: of each its parameters, and its compiled right-hand side ẋ = f(x, u, d).
+# --- Kinds of plants: of each its parameters, and its compiled right-hand side ẋ = f(x, u, d).
 #
 # A right-hand side reads the parameters by their position. The code loops over numbers and uses no
 # slices, which take seconds to compile.
@@ -230,8 +229,7 @@ def derivative(kind, p, x, u, d, dx):  # type: ignore[no-untyped-def]
         _steering(p, x, u, d, dx)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Compiled control laws: PID, cascade of two PIDs, and linear state feedback.
+# --- Compiled control laws: PID, cascade of two PIDs, and linear state feedback.
 
 PID, CASCADE, FEEDBACK = range(3)
 """Kinds of laws."""
@@ -339,8 +337,7 @@ def rounded(value, resolution):  # type: ignore[no-untyped-def]
     return resolution * math.floor(value / resolution + 0.5)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Compiled fixed-step simulation of a closed loop: dead time, noise, disturbance, saturation.
+# --- Compiled fixed-step simulation of a closed loop: dead time, noise, disturbance, saturation.
 
 
 @kernel()
@@ -506,8 +503,7 @@ def rhs(kind, p, x, u, d):  # type: ignore[no-untyped-def]
     return dx
 
 
-# ----------------------------------------------------------------------------------------------------
-# A plant of the loops: parameters with a compiled right-hand side, as a plant of `prefcal_env`.
+# --- A plant of the loops: parameters with a compiled right-hand side, as a plant of `prefcal_env`.
 
 carray: Any = numba.carray  # type: ignore[attr-defined]
 _HEAD = 6

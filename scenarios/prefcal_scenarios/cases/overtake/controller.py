@@ -26,8 +26,7 @@ from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
 from prefcal_env.plants.bicycle import Bicycle
 
-# ----------------------------------------------------------------------------------------------------
-# Combine two MPCs in one controller: lane keeping, and overtaking while an obstacle is near.
+# --- Combine two MPCs in one controller: lane keeping, and overtaking while an obstacle is near.
 
 _NONE = np.zeros(0)
 
@@ -108,8 +107,7 @@ def _ahead(settings: MPCSettings, speed: float, y: float) -> Float[np.ndarray, "
     return np.column_stack([speed * settings.T_s * k, np.full(len(k), y), np.zeros(len(k))])
 
 
-# ----------------------------------------------------------------------------------------------------
-# Define the knobs of the car's MPC, and build the controller of a θ (section IV-B).
+# --- Define the knobs of the car's MPC, and build the controller of a θ (section IV-B).
 
 SPACE = KnobSpace(
     [

@@ -26,8 +26,7 @@ from prefcal_scenarios.scenario import KPI
 
 from .controller import mpc_settings
 
-# ----------------------------------------------------------------------------------------------------
-# Read phases, obstacles and distances from the signals of an overtaking experiment.
+# --- Read phases, obstacles and distances from the signals of an overtaking experiment.
 
 _HOME = 0.1
 """|y_f| at which the car is back in its lane [m]."""
@@ -102,8 +101,7 @@ def moments(experiment: Experiment) -> list[int]:
     return [int(np.abs(t - s).argmin()) for s in np.linspace(t[begin], t[end], 5)]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Model t_comp of a car experiment on the paper's laptop: criterion (i) of section IV-B.
+# --- Model t_comp of a car experiment on the paper's laptop: criterion (i) of section IV-B.
 #
 # The time is computed from the solver's iterations and the size of its problem, so that it is repeatable.
 # `Experiment.solve_time` is measured and varies from run to run.
@@ -176,8 +174,7 @@ def overrun(experiment: Experiment) -> float:
     return max(ratio - 1.0, 0.0)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Compute the KPIs of a car experiment, for the criteria (i) to (v).
+# --- Compute the KPIs of a car experiment, for the criteria (i) to (v).
 
 SHORTEST_DISTANCE = MIN_LATERAL_DISTANCE - 0.1
 """Smallest "reasonable safety distance" beside the obstacle, criterion (iii) [m]."""
@@ -294,8 +291,7 @@ def _rms(values: Float[np.ndarray, " N"]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Build the calibrator of section IV-B: criteria (i) to (vi), with noticeable differences.
+# --- Build the calibrator of section IV-B: criteria (i) to (vi), with noticeable differences.
 
 
 def calibrator(seed: int = 0) -> Lexicographic:

@@ -21,8 +21,7 @@ from prefcal_scenarios.scenario import Panel, Picture, Scenario, described
 from .controller import PAPER, SPACE, STEERING_LIMITS, Fixed, controller, settings
 from .kpis import KPIS, calibrator, compute_kpis
 
-# ----------------------------------------------------------------------------------------------------
-# Describe the overtaking for the person who compares: the task, its knobs and its KPIs.
+# --- Describe the overtaking for the person who compares: the task, its knobs and its KPIs.
 
 BRIEF = (
     "A car keeps its lane at 50 km/h, comes up behind a slower one, overtakes it on the left and "
@@ -73,8 +72,7 @@ _KPI_WORDS: Mapping[str, str] = {
 }
 
 
-# ----------------------------------------------------------------------------------------------------
-# Define the overtaking scenario, section IV-B.
+# --- Define the overtaking scenario, section IV-B.
 
 PANELS = (
     Panel("lateral position", reference="lateral_reference"),
