@@ -133,7 +133,7 @@ def tell(flow: Flow) -> Attempt:
         try:
             return known.completed(twin) if carried else replace(known, carried=Carried.of(twin, over=over))
         except Exception:
-            failed = carried or Carried(over, None, None, {}, ())
+            failed = carried or Carried(over, None, None, {}, {})
             return replace(known, carried=replace(failed, complete=True))
 
     return _looking(flow, told)
