@@ -188,7 +188,7 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
 
 
 def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browser, screen, monkeypatch):
-    decisive = Influence(1, 0, 1, 0.3, sure=True)
+    decisive = Influence(1, 1, 0.3, sure=True)
     menu = {5: ("t_f",), 9: ("final",)}
     smaller = SmallerChange((0.5, 21.0, 1.0), (0, 2), 0.03)
     said = {"over": True, "stakes": None, "decisive": decisive, "menu": menu, "wishes": {}, "complete": False}

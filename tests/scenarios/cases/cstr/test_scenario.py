@@ -133,7 +133,6 @@ def test_the_controller_is_the_papers():
     s = cstr.settings(np.array([0.31, 26.0, -1.79]))
     json.dumps(s)
     assert s["linearization"] == "point"
-    assert "linearization" not in s
     assert (s["T_s"], s["N_p"], s["N_u"]) == (0.31, 26, 9)
     assert s["Q_du"] == ((pytest.approx(10**-1.79),),)
     assert s["Q_y"] == ((0.0, 0.0), (0.0, 1.0))
