@@ -17,7 +17,7 @@ def test_every_agent_is_made_or_says_what_is_missing(name):
     one = entry(name)
     assert one.name == name
     if one.missing:
-        assert "pip install 'prefcal[" in one.missing
+        assert "pip install 'prefcal-bench[" in one.missing
         pytest.skip(one.missing)
     agent = one.make(SPACE, 2, 4, 0, lambda theta: {"a": theta[0]})
     query = agent.ask()
@@ -30,9 +30,9 @@ def test_every_agent_is_made_or_says_what_is_missing(name):
 
 
 def test_what_is_not_installed_is_said_and_not_imported():
-    assert LACKING.missing == "Far needs not_there: pip install 'prefcal[x]'"
+    assert LACKING.missing == "Far needs not_there: pip install 'prefcal-bench[x]'"
     assert LACKING.version == ""
-    with pytest.raises(MissingExtraError, match=r"prefcal\[x\]"):
+    with pytest.raises(MissingExtraError, match=r"prefcal-bench\[x\]"):
         LACKING.make(SPACE, 1, 2, 0)
 
 

@@ -112,7 +112,7 @@ def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):
     far = Entry("Far", lambda: 1 / 0, packages={"not_there": "not"}, extra="x")
     monkeypatch.setattr("prefcal_bench.cells.roster.AGENTS", {**AGENTS, "Far": far})
     suite = replace(BOTH, agents=("GLISp", "Far"))
-    assert suite.left_out == ("Far needs not_there: pip install 'prefcal[x]'",)
+    assert suite.left_out == ("Far needs not_there: pip install 'prefcal-bench[x]'",)
     assert {c.agent for c in suite.cells} == {"GLISp"}
 
 

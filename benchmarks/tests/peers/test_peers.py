@@ -126,7 +126,7 @@ def test_optuna_goes_on_after_a_fit_that_diverged(monkeypatch):
 )
 def test_without_the_extra_the_word_is_clear(make, module, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'prefcal\[peers\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'prefcal-bench\[peers\]'"):
         make(HARTMAN.space)
 
 

@@ -81,5 +81,5 @@ def test_a_reward_is_a_rank():
 @EACH
 def test_without_the_extra_the_word_is_clear(make, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'prefcal\[rl\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'prefcal-bench\[rl\]'"):
         make(LINE)
