@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from prefcal_agents.lessons import Marks
 from prefcal_app.report import StudyRecord
 from prefcal_app.report.record import comparisons_as_csv
 from prefcal_app.report.write import page
 from prefcal_app.session import Choice, Phase
+from prefcal_app.terminal.showing import show_history, show_question
+from prefcal_app.view import history_view, now_view, status_view
 from prefcal_env.experiments.experiment import End
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.study import export_csv
@@ -70,6 +73,30 @@ def test_running_ahead_foresees_them(mark):
         now = interview.steps.answer(interview.now().question.id, Choice.SAME)
         assert now.phase is not Phase.RUNNING  # nothing was left to compute
     assert any(c.answer.automatic for c in now.state.history.comparisons)
+
+
+def test_every_view_says_so_and_why():
+    interview = studied()
+    state = interview.now().state
+    rows = history_view(interview)["answers"]
+    assert [f"first: {WORDS}" in row["marks"] for row in rows] == [
+        NEW in c.answer.automatic for c in state.answers
+    ]
+    tried = status_view(interview)["tried"]["experiments"]
+    shown = {e["number"] - 1 for e in tried if WORDS in e["marks"]}
+    assert shown == state.history.unsafe(automatic=True) != set()
+    question = interview.now().question
+    view = now_view(interview, blind=True)["question"]
+    for name in ("left", "right"):
+        assert view[name]["counts_as_unsafe"] == getattr(question, name).counts_as_unsafe
+    console = Console(file=io.StringIO(), width=200, record=True)
+    show_history(history_view(interview)["answers"], console)
+    show_question(now_view(interview), console)
+    out = console.export_text()
+    assert f"first: {WORDS}" in out
+    assert out.split("History")[1].count(f"· {WORDS}") == sum(
+        side.counts_as_unsafe for side in (question.left, question.right)
+    )
 
 
 def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):

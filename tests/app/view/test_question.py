@@ -73,6 +73,13 @@ def test_kpis_with_an_objective_come_first_with_their_verdict_in_words():
     assert (unsafe["ended"], unsafe["interrupted"], unsafe["empty"]) == ("unsafe", True, False)
 
 
+def test_marks_are_on_the_side_that_bears_them():
+    interview, now = asked()
+    interview.steps.mark(now.question.id, "right", "unsafe", True)
+    view = now_view(interview)["question"]
+    assert (view["left"]["marks"], view["right"]["marks"]) == ([], ["unsafe"])
+
+
 def test_the_overtaking_draws_the_reference_and_the_limit_that_held():
     scenario = load("overtake")
     experiment = scenario.run(scenario.references["paper, preferences"])
