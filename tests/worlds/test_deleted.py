@@ -62,9 +62,9 @@ try:
     prefcal_env.optional.world(NAME)
 except prefcal_env.PrefcalError as error:
     asked = str(error)
-lines = ("--help", "scenarios", "new --help", "calibrate --help", "calibrate loop.fmu --calibrator synthetic",
-         "calibrate tank.toml --calibrator synthetic",
-         "calibrate servo --calibrator synthetic --cost overshoot --agent random --n-max 2 --simulate 0 --out made")
+servo = "calibrate servo --calibrator synthetic --cost overshoot --agent random --n-max 2 --simulate 0"
+lines = ("--help", "scenarios", "new --help", "calibrate --help", f"{servo} --out made",
+         "calibrate loop.fmu --calibrator synthetic", "calibrate tank.toml --calibrator synthetic")
 told = {line.partition(" --c")[0]: prefcal(line) for line in lines}
 print(json.dumps([asked, dir(prefcal_env) + dir(prefcal_app), told]))
 """
