@@ -284,7 +284,8 @@ def _canonical(num: Any, den: Any) -> LinearSystem:
 
 def _is_nested(den: Any) -> bool:
     """Return whether a denominator is a list of several, which nothing of SciPy has."""
-    return isinstance(den, list) and any(isinstance(each, list | np.ndarray) for each in den)
+    rows = list | np.ndarray
+    return isinstance(den, rows) and any(isinstance(each, rows) for each in den)
 
 
 def _time_of(source: Any) -> float:

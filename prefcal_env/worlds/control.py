@@ -17,15 +17,13 @@ def linear_system(system: Any) -> LinearSystem:
         PlantError: If its sample time is not stated, or a transfer function is improper.
     """
     dt = sample_time(getattr(system, "dt", None))
-    states: tuple[str, ...] = ()
+    inputs, outputs = _names(system, "input"), _names(system, "output")
     if hasattr(system, "A"):
-        made = of_arrays([system.A, system.B, system.C, system.D], dt)
-        states = _names(system, "state")
-    else:
-        listed = hasattr(system, "num_list")  # since 0.10.1
-        num, den = (system.num_list, system.den_list) if listed else (system.num, system.den)
-        made = of_fractions(num, den, dt)
-    return replace(made, inputs=_names(system, "input"), outputs=_names(system, "output"), states=states)
+        made, states = of_arrays([system.A, system.B, system.C, system.D], dt), _names(system, "state")
+        return replace(made, inputs=inputs, outputs=outputs, states=states)
+    listed = hasattr(system, "num_list")  # since 0.10.1
+    num, den = (system.num_list, system.den_list) if listed else (system.num, system.den)
+    return replace(of_fractions(num, den, dt), inputs=inputs, outputs=outputs)
 
 
 def _names(system: Any, kind: str) -> tuple[str, ...]:

@@ -62,10 +62,9 @@ try:
     prefcal_env.optional.world(NAME)
 except prefcal_env.PrefcalError as error:
     asked = str(error)
-lines = ("--help", "scenarios", "new --help", "calibrate --help", "calibrate loop.fmu --calibrator synthetic",
-         "calibrate tank.toml --calibrator synthetic",
-         "calibrate servo --calibrator synthetic --cost overshoot --agent random --n-max 2 --simulate 0"
-         " --out made")
+servo = "calibrate servo --calibrator synthetic --cost overshoot --agent random --n-max 2 --simulate 0"
+lines = ("--help", "scenarios", "new --help", "calibrate --help", f"{servo} --out made",
+         "calibrate loop.fmu --calibrator synthetic", "calibrate tank.toml --calibrator synthetic")
 told = {line.partition(" --c")[0]: prefcal(line) for line in lines}
 print(json.dumps([asked, dir(prefcal_env) + dir(prefcal_app), told]))
 """
@@ -92,28 +91,8 @@ def ran(folder, code):
     path = [str(folder / home) for home in HOMES.values()] + [str(ROOT / "tests")]
     kept = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     words = [sys.executable, "-c", f"import sys\nsys.path[:0] = {path!r}\n{code}"]
-    told = subprocess.run(words, cwd=folder, env=kept, capture_output=True, text=True, timeout=300)
+    told = subprocess.run(words, cwd=folder, env=kept, capture_output=True, text=True, timeout=900)
     return told.returncode, told.stdout, told.stderr
-
-
-@pytest.fixture(scope="module", params=NAMES)
-def left(request, tmp_path_factory):
-    """The name of a world, and what prefcal says without it: in one process, since it loads everything."""
-    folder = without(request.param, tmp_path_factory.mktemp(request.param))
-    (folder / "tank.toml").write_text('[opcua]\nurl = "opc.tcp://127.0.0.1:4840"\n')
-    code, out, err = ran(folder, f"NAME = {request.param!r}\n{TOLD}")
-    assert code == 0, err
-    return request.param, *json.loads(out), folder
-
-
-def test_all_else_is_imported_keeps_its_contract_and_runs_a_study(left):
-    name, _, _, told, folder = left
-    for line in ("--help", "scenarios", "new --help", "calibrate --help", "calibrate servo"):
-        code, out, err = told[line]
-        assert code == 0, err
-        # Some names are words of English.
-        assert name in ("control", "live", "notebook") or not re.search(rf"\b{name}\b", out), line
-    assert (folder / "made" / "best.json").is_file()
 
 
 ASKED = {
@@ -123,20 +102,28 @@ ASKED = {
 PUBLIC = {"fmu": "FMULoop", "do_mpc": "DoMPC", "notebook": "ask"}
 
 
-def test_asking_for_it_gives_one_clear_line(left):
-    name, asked, _, told, _ = left
+@pytest.mark.parametrize("name", NAMES)
+def test_all_else_works_and_asking_for_it_gives_one_clear_line(name, tmp_path):
+    """One process for all of it, since it loads everything."""
+    folder = without(name, tmp_path)
+    (folder / "tank.toml").write_text('[opcua]\nurl = "opc.tcp://127.0.0.1:4840"\n')
+    code, out, err = ran(folder, f"NAME = {name!r}\n{TOLD}")
+    assert code == 0, err
+    asked, listed, told = json.loads(out)
+    for line in ("--help", "scenarios", "new --help", "calibrate --help", "calibrate servo"):
+        code, out, err = told[line]
+        assert code == 0, err
+        # Some names are words of English.
+        assert name in ("control", "live", "notebook") or not re.search(rf"\b{name}\b", out), line
+    assert (folder / "made" / "best.json").is_file()
     assert asked.startswith(f"no optional world is called {name!r}.")
+    assert {world for world, public in PUBLIC.items() if public not in listed} == {name} & PUBLIC.keys()
     if name in ASKED:
         line, said = ASKED[name]
         code, _, err = told[line]
         assert code == 2
         assert said in err
         assert len(err.strip().splitlines()) == 1
-
-
-def test_public_names_of_others_alone_are_listed(left):
-    name, _, listed, _, _ = left
-    assert {world for world, public in PUBLIC.items() if public not in listed} == {name} & PUBLIC.keys()
 
 
 def test_a_linear_system_of_python_control_is_refused_without_its_world(tmp_path):

@@ -203,7 +203,7 @@ def _with_paths(values: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _check_subject(found: Mapping[str, Any], where: str) -> None:
-    there = [key for key in ("controller", "rig", *_KEYS) if found.get(key) is not None]
+    there = [key for key in (*_KEYS, "controller", "rig") if found.get(key) is not None]
     if len(there) != 1:
         got = " and ".join(there) or "none"
         ways = [*(world.example for world in _WORLDS.values()), _CONTROLLER]
