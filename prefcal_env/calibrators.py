@@ -12,8 +12,6 @@ from .errors import SettingsError
 from .experiments.experiment import Experiment
 from .preferences.answer import Answer, Calibrator, Preference
 
-# --- A person as a calibrator, asked through a function of two experiments.
-
 Ask = Callable[[Experiment, Experiment], Any]
 
 
@@ -224,9 +222,6 @@ class LatentCost:
             return 0.0
         error = self.noise.draw(generator_of_pair(self.seed, a, b))
         return error if tuple(a) < tuple(b) else -error
-
-
-# --- A calibrator with priorities: the first criterion that separates two experiments decides.
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,6 @@ from prefcal_env.plants.systems import held
 
 from .stored import as_data, finite, index_of, infinite, reference_of, storable
 
-# --- A plant linearized at a steady state, as plain numbers: the model of LQR and LQG.
-
 _RESTS = 1e-6
 """Largest movement in one sampling period, relative to the size of the state, that is rest."""
 
@@ -107,9 +105,6 @@ def linearized(plant: Plant, x0: Any, u0: Any, d0: Any, T_s: float) -> Linearize
     J = plant.jacobians(x, u, d)
     low, high = (np.array([getattr(c, k) for c in plant.inputs]) for k in ("low", "high"))
     return Linearized(J.A, J.B, J.C, J.D, x, u, np.asarray(plant.g(x, u, d)), low, high)
-
-
-# --- State feedback by a linear quadratic regulator, sampled, with integral action if wanted.
 
 
 @storable
@@ -267,9 +262,6 @@ def _unstable(integral: tuple[int, ...]) -> SettingsError:
         "no state feedback with these weights stabilizes the linearized plant: weight every state "
         f"that does not decay by itself with Q above 0{more}"
     )
-
-
-# --- A linear quadratic regulator that estimates the state from measured outputs.
 
 
 @storable

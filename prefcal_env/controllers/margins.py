@@ -95,8 +95,6 @@ def _reachable(
     return basis.T @ A @ basis, basis.T @ B, C @ basis
 
 
-# --- Stability margins of a sampled loop, broken at the plant's input, for any controller.
-
 Response = Callable[[Float[np.ndarray, " m"]], Complex[np.ndarray, "m n n"]]
 """Function of angular frequencies that returns the sensitivity (1 + L)^-1 at the plant's input."""
 
@@ -374,8 +372,6 @@ def _mu(M: Complex[np.ndarray, "m n n"]) -> Float[np.ndarray, " m"]:
     scaled = scale[:, :, None] * M / scale[:, None, :]
     return np.asarray(np.linalg.svd(scaled, compute_uv=False)[:, 0])
 
-
-# Margins as KPIs.
 
 _MOST_GAIN, _MOST_PERIODS = 60.0, 1e4
 """Gain margin in dB and delay margin in sampling periods that stand for an infinite one."""

@@ -133,9 +133,6 @@ class LinearPIDs:
         return PIDLaw.of(*parameters, N=self.N, T_s=T_s)
 
 
-# --- A PID controller of the standard form, as it runs in industry, and several side by side.
-
-
 @storable
 class PID:
     """A PID of the standard (ISA) form with two degrees of freedom, sampled.

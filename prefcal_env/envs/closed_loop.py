@@ -21,8 +21,6 @@ from prefcal_env.experiments.experiment import (
 )
 from prefcal_env.wording import brief, place_in_code
 
-# --- Run one closed-loop experiment: let a controller drive an environment, and record it.
-
 
 class ClosedLoopEnv(Protocol):
     """The interface that `rollout` needs from an unwrapped environment, such as `PlantEnv`."""
@@ -137,8 +135,6 @@ def _experiment(record: Record, theta: object, steps: list[tuple[int, float, boo
         y=record.y,
     )
 
-
-# --- A plant and a controller as a function from θ to an experiment.
 
 EnvSource = gym.Env[Any, Any] | str | Callable[[], gym.Env[Any, Any]]
 ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]

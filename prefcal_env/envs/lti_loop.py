@@ -19,8 +19,6 @@ from .closed_loop import rollout
 from .plant_env import PlantEnv, dead_times
 from .task import Task
 
-# --- Linear controllers: as a sampled control law, and closed around a plant without sampling.
-
 _SINGULAR = 1e12
 """Condition number from which on an algebraic loop is taken to have no solution."""
 
@@ -160,8 +158,6 @@ def closed_loop(plant: LinearPlant, law: Law) -> Closed:
     B = np.vstack([B_u @ V + from_d, from_r + law.B_y @ y_w])
     return Closed(A, B, np.vstack([y_z, U]), np.vstack([y_w, V]))
 
-
-# --- A run of a plant with a linear controller, or with any other.
 
 Reference = float | Sequence[float] | Mapping[str, float] | np.ndarray | Callable[[float], Any]
 _INSTANTS = 501

@@ -273,8 +273,6 @@ class DeadTime:
         return np.asarray((g or self._plant.g)(x, u, d), dtype=float)
 
 
-# --- A plant and a task as a Gymnasium environment: one step is one sampling period.
-
 Array = np.ndarray[Any, Any]
 _RESET_OPTIONS = ("T_s", "x0")
 

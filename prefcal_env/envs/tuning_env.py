@@ -17,8 +17,6 @@ from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
 from .canvas import Canvas, DrawnCurve, check_render_mode
 
-# --- Tuning as an environment: each step is a complete closed-loop experiment.
-
 Array = np.ndarray[Any, Any]
 
 
@@ -176,9 +174,6 @@ def same_step_vector(env_id: str, num_envs: int = 1, **kwargs: Any) -> gym.vecto
 
 experiment_vector = partial(same_step_vector, "prefcal/Experiment-v0")
 """Make several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""
-
-
-# --- Preferences as a reward, for learners that only understand rewards.
 
 
 class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.RecordConstructorArgs):

@@ -118,9 +118,6 @@ class Controller(Protocol):
         """Decide the input for the next sampling period."""
 
 
-# --- The record of one closed-loop run of one θ, frozen.
-
-
 @dataclass(frozen=True, slots=True)
 class Channel:
     """A signal of an experiment: its name, unit, limits and target.
@@ -544,8 +541,6 @@ def _picture(experiment: Experiment) -> str:
     data = base64.b64encode(content.getvalue()).decode()
     return f"<img alt='curves of the experiment' src='data:image/png;base64,{data}'>"
 
-
-# --- The trajectory of a running episode, on a fixed grid and at the sampling instants.
 
 _SAME_INSTANT = 1e-9
 """Share of the grid's step below which two instants count as one."""

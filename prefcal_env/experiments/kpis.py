@@ -177,8 +177,6 @@ def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
     return Formula(compute, any(part.curve for part in parts), names)
 
 
-# --- Key performance indicators (KPIs): what they are called, when they are good, and how they are read.
-
 _DIGITS = 4
 """Significant digits that a number is shown with."""
 

@@ -12,8 +12,6 @@ from prefcal_env.wording import did_you_mean
 
 from .experiment import BEST_FIRST, Channel, Channels, Experiment
 
-# --- Panels: select which curve of an experiment is drawn, by its channel's name, and its look.
-
 KINDS = {"x": "states", "u": "inputs", "y": "outputs", "signal": "signals"}
 """Maps each kind of curve to the name of its group."""
 _LOOK = ("unit", "low", "high", "target", "band", "symbol")
@@ -340,8 +338,6 @@ def _data(experiment: Experiment, plot: Plot) -> Float[np.ndarray, " K"] | None:
 def _quoted(names: Collection[str]) -> str:
     return ", ".join(repr(name) for name in names)
 
-
-# --- Combine runs of one θ under different conditions, its maneuvers, into one experiment.
 
 MEAN = "mean"
 """What the mean over all maneuvers is called: "NAME (mean)". No maneuver can have this name."""

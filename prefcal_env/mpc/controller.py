@@ -16,8 +16,6 @@ from prefcal_env.qp import QP, PIQPSolver, Tolerances
 
 from . import kernels
 
-# --- Settings of an MPC of eq. MPC and eq. MPC_constraints, frozen and checked.
-
 Linearization = Literal["point", "trajectory"]
 ACTIVE_SET = "active-set"
 BACKENDS = (ACTIVE_SET, "piqp")
@@ -125,8 +123,6 @@ def control_horizon(share: float, N_p: int) -> int:
     """Return N_u = max(1, `share` of N_p, rounded half up); the paper does not say how to round."""
     return max(1, int(np.floor(share * N_p + 0.5)))
 
-
-# --- The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints.
 
 _SMALLEST_MOVE_WEIGHT = 1e-10
 _MEASURED = ("x", "u", "d", "y_ref")

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex, Float
 
-# --- The arrays that a plant takes and returns, and the derivatives of its equations at one point.
-
 X = Float[np.ndarray, " n_x"]
 U = Float[np.ndarray, " n_u"]
 D = Float[np.ndarray, " n_d"]
@@ -39,8 +37,6 @@ class ExactEquation:
         """Return the derivatives with respect to (x, u), shape (m, n_x + n_u)."""
         raise NotImplementedError
 
-
-# --- Derivatives of a function that is given as code.
 
 _TINY = 1e-30
 """Complex step: so small that its square is negligible."""

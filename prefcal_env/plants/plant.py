@@ -18,8 +18,6 @@ from prefcal_env.experiments.experiment import Channel
 from .jacobians import D, States, Times, U, X, Y
 from .jacobians import Jacobians as Jacobians
 
-# --- The interface of a plant: eq. mathcalS with measured disturbances, and its exact Jacobians.
-
 if TYPE_CHECKING:
     from .systems import LinearPlant
 
@@ -272,8 +270,6 @@ def equations_of(plant: Plant) -> Equations:
     )
 
 
-# --- A plant with constant disturbances of its outputs and inputs: loads, known or to be estimated.
-
 _OPTIONAL = ("input_delay", "output_delay", "entry_delay", "sample_time", "has_named_states")
 """What a plant may have beside the attributes of `Plant`; these disturbances have no dead time."""
 
@@ -364,8 +360,6 @@ def _selection(name: str, chosen: Sequence[int], n: int) -> Float[np.ndarray, "n
         raise SettingsError(f"{name} must be different indices below {n}, got {tuple(chosen)}")
     return np.eye(n)[:, list(chosen)]
 
-
-# --- How plants are simulated: by a compiled adaptive integrator, or if they are stiff by scipy's.
 
 _EVALUATIONS = 10_000
 """Evaluations of ẋ after which the implicit method gives up."""

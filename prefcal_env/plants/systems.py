@@ -18,8 +18,6 @@ from prefcal_env.optional import WORLDS, world_of
 
 from .jacobians import D, Jacobians, States, Times, U, X, Y
 
-# --- A, B, C and D of any linear system: of SciPy, plain arrays, or an optional world.
-
 LIBRARIES = " or ".join([*(world.system for world in WORLDS if world.system), "scipy.signal"])
 """What makes linear systems, for messages."""
 _FORMS = (
@@ -310,8 +308,6 @@ def _matrix(name: str, value: Any) -> np.ndarray:
     real = isinstance(value, np.ndarray) and value.dtype.kind == "c" and not value.imag.any()
     return numbers(value.real if real else value, name, PlantError)
 
-
-# --- A linear plant, continuous or discrete, with dead time.
 
 Named = str | Channel | Sequence[str | Channel]
 """One name or channel, or one for each signal."""

@@ -8,8 +8,6 @@ from jaxtyping import Float
 
 from prefcal_env.errors import QPError, SettingsError
 
-# --- Dense quadratic programs and their solutions.
-
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:

@@ -131,8 +131,6 @@ def stage_cost(
     return float(speed + lane + (steering / (np.pi / 4)) ** 2)
 
 
-# --- Options of the overtaking scene; the defaults are the paper's.
-
 DRIVERS = tuple(
     f"highway_env.vehicle.behavior.{name}"
     for name in ("IDMVehicle", "LinearVehicle", "AggressiveVehicle", "DefensiveVehicle")

@@ -1,4 +1,4 @@
-"""A closed loop in an FMU as a function of θ, run in a worker process."""
+"""A closed loop in an FMU as a function of θ, in a worker process that may hang or crash."""
 
 import os
 import pickle
@@ -26,8 +26,6 @@ from prefcal_env.workers import Terms, Worker
 
 from .model import Names, Variable, grid_of, read_model, referenced, shown, tuned
 from .simulation import FMUSimulation, Job, Reply
-
-# --- Run an FMU in a worker process: it may hang or crash, and the next run goes on.
 
 _RUNS = 1_000
 """Number of runs after which the process is replaced, so that FMUs that leak stay small."""
@@ -167,8 +165,6 @@ def _runs(pid: int) -> bool:
         return False
     return True
 
-
-# --- A closed loop in an FMU as a function of θ.
 
 _KPIs = Callable[[Experiment], Mapping[str, float]]
 

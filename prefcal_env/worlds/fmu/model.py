@@ -18,8 +18,6 @@ from prefcal_env.knobs import Knob, is_number
 from prefcal_env.optional import world
 from prefcal_env.wording import did_you_mean
 
-# --- Units in which an FMU says that its variables can be shown, and how values are converted.
-
 _NO_UNIT = ("", "-", "1")
 
 

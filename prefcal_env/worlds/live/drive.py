@@ -16,8 +16,6 @@ from prefcal_env.tables.recorded import bridged, recorded
 
 from .plan import Journal, LiveKnob, LivePlan, LivePlant, Role, TypedPlant, all_within, within
 
-# --- Tell what happens during a run on a live plant, as frozen data.
-
 
 @dataclass(frozen=True, slots=True)
 class Driven:
@@ -46,8 +44,6 @@ Confirm = Callable[[tuple[Change, ...]], bool]
 Tell = Callable[[Progress], None]
 """Function that is called after every sample."""
 
-
-# --- Turn what was read from a live plant into an experiment.
 
 Row = tuple[float, Mapping[str, float]]
 """A sample: seconds since the start of the record, and the value of each tag by its key."""
@@ -266,8 +262,6 @@ class Way:
         rates = [self.written[n].rate for n in self.targets if self.written[n].knob.integer]
         return max((1.0 / rate for rate in rates), default=0.0)
 
-
-# --- Do one run on a live plant: write, start, record, and restore whatever happens.
 
 _SLICE = 0.2
 """Longest sleep in seconds, so that a stop is noticed soon although the period may be long."""

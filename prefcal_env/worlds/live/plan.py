@@ -19,8 +19,6 @@ from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources.source import Change
 
-# --- Define what prefcal needs of a connection to a live plant, for any protocol.
-
 
 class LivePlant(Protocol):
     """Connection to a live plant whose values have a node address each.
@@ -230,9 +228,6 @@ def all_within(values: Mapping[str, float], limits: Mapping[str, tuple[float, fl
     return all(within(values[name], between) for name, between in limits.items())
 
 
-# --- Keep the old values of a live plant on the disk while prefcal changes them.
-
-
 @dataclass(frozen=True, slots=True)
 class Journal:
     """File that holds the old values of a plant from before the first write until they are back.
@@ -313,8 +308,6 @@ class Journal:
                 ) from error
             yield
 
-
-# --- Declare what a run on a live plant does, and check it before anything is written.
 
 Limits = Mapping[str, tuple[float, float]]
 
