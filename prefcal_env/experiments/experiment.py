@@ -249,7 +249,7 @@ class Experiment:
     maneuver: str = ""
 
     def __post_init__(self) -> None:
-        for name, dtype in _ARRAYS.items():
+        for name, dtype in ARRAYS.items():
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
         if self.y is not None:
             object.__setattr__(self, "y", _frozen(self.y, float))
@@ -262,25 +262,16 @@ class Experiment:
     def _check(self) -> None:
         n_x, n_u, n_y = (len(c) for c in (self.channels.x, self.channels.u, self.channels.y))
         dense, steps = len(np.atleast_1d(self.t)), len(np.atleast_1d(self.t_control))
-        expected = {
-            "t": (dense,),
-            "x": (dense, n_x),
-            "u": (dense, n_u),
-            "t_control": (steps,),
-            "u_control": (steps, n_u),
-            "y_ref": (steps, n_y),
-            "iterations": (steps,),
-            "solve_time": (steps,),
-            "solved": (steps,),
-        }
+        expected: dict[str, tuple[int, ...]] = {"t": (dense,), "x": (dense, n_x), "u": (dense, n_u)}
+        expected |= {"t_control": (steps,), "u_control": (steps, n_u), "y_ref": (steps, n_y)}
+        expected |= dict.fromkeys(("iterations", "solve_time", "solved"), (steps,))
         if self.y is not None:
             expected["y"] = (dense, n_y)
-        shapes = {name: np.shape(getattr(self, name)) for name in expected}
-        expected |= {f"signals[{k!r}]": (dense,) for k in self.signals}
-        shapes |= {f"signals[{k!r}]": np.shape(v) for k, v in self.signals.items()}
-        for name, shape in expected.items():
-            if shapes[name] != shape:
-                raise ExperimentError(f"{name} must have shape {shape}, got {shapes[name]}")
+        arrays = {name: getattr(self, name) for name in expected}
+        for name, array in (arrays | {f"signals[{k!r}]": v for k, v in self.signals.items()}).items():
+            shape = expected.get(name, (dense,))
+            if np.shape(array) != shape:
+                raise ExperimentError(f"{name} must have shape {shape}, got {np.shape(array)}")
         for name in ("theta", "t", "x", "u", "t_control", "u_control"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ExperimentError(f"{name} must be finite, even in a run that was stopped")
@@ -335,8 +326,7 @@ class Experiment:
         for i, state in enumerate(self.channels.x):
             if (state.name, state.unit) == (channel.name, channel.unit):
                 return np.asarray(self.x[:, i])
-        found: Float[np.ndarray, " K"] | None = self.signals.get(channel.name)
-        return found
+        return self.signals.get(channel.name)
 
     def reference(self, index: int) -> Float[np.ndarray, " K"]:
         """Return the reference of output `index` (from 0), held from step to step, shape (K,).
@@ -354,13 +344,29 @@ class Experiment:
         Columns are the outputs, states, inputs and signals. `from_frame` reads the
         curves back if you name the inputs.
         """
+        import pandas as pd
 
-        return frame_of(self)
+        columns = {}
+        for j, channel in enumerate(self.channels.y):
+            values = self.output(j)
+            if values is not None:
+                columns[channel.label] = values
+        for group, values in ((self.channels.x, self.x), (self.channels.u, self.u)):
+            columns |= {c.label: values[:, i] for i, c in enumerate(group) if c.label not in columns}
+        columns |= {k: v for k, v in self.signals.items() if k not in columns}
+        unit = self.channels.time_unit
+        return pd.DataFrame(columns, index=pd.Index(self.t, name=f"time [{unit}]" if unit else "time"))
 
     def _repr_html_(self) -> str:
-        """Return a picture of the curves and the KPIs, for notebooks."""
-
-        return html_of(self)
+        """Return the end, a picture of the curves and a table of the KPIs as HTML, for notebooks."""
+        theta = ", ".join(f"{value:.4g}" for value in self.theta)
+        rows = list(_with_units(self))
+        table = table_of(("KPI", "value"), rows) if rows else ""
+        words = (
+            f"Experiment: θ = ({theta}), {self.duration:.4g} "
+            f"{escape(self.channels.time_unit)}, {escape(self.end.value)}"
+        )
+        return f"<div><p>{words}</p>{_picture(self)}{table}</div>"
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Experiment):
@@ -373,18 +379,9 @@ class Experiment:
 
 KPIs = Callable[[Experiment], Mapping[str, float]]
 """Function of an experiment that returns its KPIs by name."""
-_ARRAYS: dict[str, Any] = {
-    "theta": float,
-    "t": float,
-    "x": float,
-    "u": float,
-    "t_control": float,
-    "u_control": float,
-    "y_ref": float,
-    "iterations": np.int64,
-    "solve_time": float,
-    "solved": bool,
-}
+_NAMES = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
+ARRAYS: dict[str, Any] = dict.fromkeys(_NAMES, float) | {"iterations": np.int64, "solved": bool}
+"""Types of the arrays of an experiment, by name."""
 
 
 def _mapping(name: str, value: object) -> Mapping[str, Any]:
@@ -451,37 +448,6 @@ def _same(a: Any, b: Any) -> bool:
 
 _MOST = 2000
 """Largest number of points of a curve in the picture."""
-
-
-def frame_of(experiment: Experiment) -> Any:
-    """Return the curves as a DataFrame; see `Experiment.to_frame`."""
-    import pandas as pd
-
-    channels = experiment.channels
-    columns = {}
-    for j, channel in enumerate(channels.y):
-        values = experiment.output(j)
-        if values is not None:
-            columns[channel.label] = values
-    groups = ((channels.x, experiment.x), (channels.u, experiment.u))
-    for group, values in groups:
-        columns |= {c.label: values[:, i] for i, c in enumerate(group) if c.label not in columns}
-    columns |= {k: v for k, v in experiment.signals.items() if k not in columns}
-    unit = channels.time_unit
-    index = pd.Index(experiment.t, name=f"time [{unit}]" if unit else "time")
-    return pd.DataFrame(columns, index=index)
-
-
-def html_of(experiment: Experiment) -> str:
-    """Return the end, a picture of the curves and a table of the KPIs as HTML."""
-    theta = ", ".join(f"{value:.4g}" for value in experiment.theta)
-    rows = list(_with_units(experiment))
-    table = table_of(("KPI", "value"), rows) if rows else ""
-    words = (
-        f"Experiment: θ = ({theta}), {experiment.duration:.4g} "
-        f"{escape(experiment.channels.time_unit)}, {escape(experiment.end.value)}"
-    )
-    return f"<div><p>{words}</p>{_picture(experiment)}{table}</div>"
 
 
 def _with_units(experiment: Experiment) -> Iterable[tuple[str, str]]:
@@ -603,11 +569,11 @@ class Trajectory:
 
     def record(self, channels: Channels, end: End | None) -> Record:
         """Return everything so far; before the first step, one instant and no step."""
-        n_steps, n_u, n_y = len(self._u), len(channels.u), len(channels.y)
+        n_steps = len(self._u)
         t = np.concatenate([np.zeros(1), *self._t])
         lengths = np.array([len(period) for period in self._t], dtype=int)
         starts = np.concatenate([[0], np.cumsum(lengths)])  # index of every period's start in t
-        u_control = np.concatenate([np.zeros(0), *self._u]).reshape(n_steps, n_u)
+        u_control = np.concatenate([np.zeros(0), *self._u]).reshape(n_steps, len(channels.u))
         u = np.repeat(u_control, lengths, axis=0)  # each period's input, until before its end
         last = self._u[-1] if n_steps else self.u0
         return Record(
@@ -616,7 +582,7 @@ class Trajectory:
             u=np.concatenate([u, last[None]]),
             t_control=t[starts[:n_steps]],
             u_control=u_control,
-            y_ref=np.concatenate([np.zeros(0), *self._y_ref]).reshape(n_steps, n_y),
+            y_ref=np.concatenate([np.zeros(0), *self._y_ref]).reshape(n_steps, len(channels.y)),
             channels=channels,
             end=end,
         )
