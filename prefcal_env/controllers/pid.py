@@ -415,12 +415,6 @@ def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: f
 ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
 """Largest sensitivities, from the recommended range to what difficult plants allow."""
 
-_INTEGRAL_TIMES = (0.18, 0.35, 0.7, 1.4, 2.8, 5.6, 11.0, 22.0)
-"""Integral times to try, times the crossover frequency; plants that are all dead time need the
-short ones."""
-_DERIVATIVE_TIMES = (0.05, 0.15, 0.4, 1.0, 2.0)
-"""Derivative times to try, likewise."""
-
 
 def robust(
     plant: LinearSystem,
@@ -446,7 +440,9 @@ def robust(
         N: Filter of the derivative, as in `PID`.
     """
     T_s = plant.dt
-    shapes = [(i, d) for i in _INTEGRAL_TIMES for d in _DERIVATIVE_TIMES]
+    # T_i and T_d times the crossover frequency; plants that are all dead time need the short T_i.
+    integral, derivative = (0.18, 0.35, 0.7, 1.4, 2.8, 5.6, 11.0, 22.0), (0.05, 0.15, 0.4, 1.0, 2.0)
+    shapes = [(i, d) for i in integral for d in derivative]
     w = np.repeat(crossover, len(shapes))
     T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
     unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)

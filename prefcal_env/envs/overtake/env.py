@@ -33,19 +33,18 @@ KINDS = {
     "action": ("SpeedSteeringAction", "ContinuousAction", "DiscreteAction"),
 }
 """Types that a configuration can name; the first one is ours, the others are highway-env's."""
+# v and δ_s last; y_f and θ; gap, lateral offset and phase
 _OBSERVED = np.array(
     [
         (40 * KMH, 70 * KMH),
-        (-np.pi / 4, np.pi / 4),  # v and δ_s last
-        (-3.0, 7.0),
-        (-np.pi / 2, np.pi / 2),  # y_f, θ
-        (-30.0, 30.0),
-        (-7.0, 7.0),
-        (0.0, 1.0),  # gap, lateral offset, phase
+        (-np.pi / 4, np.pi / 4),
+        (-3, 7),
+        (-np.pi / 2, np.pi / 2),
+        (-30, 30),
+        (-7, 7),
+        (0, 1),
     ]
 )
-_FREQUENCIES = (1 / T_S_RANGE[1], 1 / T_S_RANGE[0])
-_BESIDE = 6.6667  # m, total width shown beside the road
 
 
 class OvertakeObservation(ObservationType):  # type: ignore[misc]
@@ -88,7 +87,7 @@ class RoadViewer(EnvViewer):  # type: ignore[misc]
     def __init__(self, env: Any) -> None:
         right, left = env.options.road
         height = env.config["screen_height"]
-        height = height or round(env.config["scaling"] * (left - right + _BESIDE))
+        height = height or round(env.config["scaling"] * (left - right + 6.6667))  # m beside the road
         super().__init__(env, env.config | {"screen_height": height})
         self.enabled = True  # it draws on a surface, which no video driver concerns
 
@@ -184,7 +183,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             if not isinstance(kind, dict) or kind.get("type") not in kinds:
                 raise SettingsError(f'{what} must be like {{"type": ...}}, one of {kinds}, got {kind!r}')
         if wanted["T_s"] is None:
-            T_s = 1 / number_in(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
+            frequencies = (1 / T_S_RANGE[1], 1 / T_S_RANGE[0])
+            T_s = 1 / number_in(wanted["policy_frequency"], frequencies, "policy_frequency")
         else:
             T_s = number_in(wanted["T_s"], T_S_RANGE, "T_s")
         super().configure(config)  # called last, so that a refused configuration changes nothing

@@ -369,7 +369,7 @@ def kept(x, road, margin):  # type: ignore[no-untyped-def]
 
 @kernel()
 def surely_apart(x, others):  # type: ignore[no-untyped-def]
-    """Return whether `geometry.first_contact` rules out a contact at first sight.
+    """Return whether `first_contact` rules out a contact at first sight.
 
     Args:
         x: States at the M + 1 instants, shape (M + 1, n_x); the first ones are the pose.
@@ -497,8 +497,9 @@ def signals_of(
     if road != ROAD:
         named["road_left"] = np.full(len(t), road[1])
     overtaking = phases == Phase.OVERTAKING
+    ahead = np.array([other[:, 0] for other in others]) - poses[:, 0]
     return named | {
-        "gap": _nearest_gap(poses[:, 0], np.array([other[:, 0] for other in others])),
+        "gap": gap(0.0, ahead[np.abs(ahead).argmin(axis=0), np.arange(len(t))]),
         "lateral_distance": _smallest([lateral_distance(poses, other) for other in others]),
         "separation": _smallest([separation(poses, other) for other in others]),
         "outside": outside(poses, road),
@@ -522,12 +523,6 @@ def _lateral_reference(x_f: Signal, others: list[Poses], overtaking: Bool[np.nda
     known = np.maximum.accumulate(np.where(np.isfinite(line), np.arange(len(line)), -1))
     held = np.where(known >= 0, line[known], 0.0)
     return np.where(overtaking, held + MIN_LATERAL_DISTANCE, 0.0)
-
-
-def _nearest_gap(x_f: Signal, x_o: Float[np.ndarray, "n K"]) -> Signal:
-    """Return `gap` to the obstacle whose front end is nearest along the road [m], shape (K,)."""
-    nearest = np.abs(x_o - x_f).argmin(axis=0)
-    return np.asarray(gap(0.0, x_o[nearest, np.arange(len(x_f))] - x_f))
 
 
 def _smallest(values: list[Signal]) -> Signal:
