@@ -79,10 +79,7 @@ class Solution:
         The conditions are feasibility, stationarity and the duality gap, each relative to the size
         of its terms. `z` and `multipliers` are copied.
         """
-        from ._active_set import (
-            TOLERANCE,
-            residuals,  # imported here: they load the compiler
-        )
+        from ._active_set import TOLERANCE, residuals  # imported here: they load the compiler
 
         z, y = z.copy(), multipliers.copy()
         primal, reach, dual, force, gap, value = residuals(qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y)
@@ -136,8 +133,7 @@ class PIQPSolver:
             solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G[bounded]), lower, upper)
         else:
             solver.setup(P, qp.q)
-        solved = solver.solve() == self._is_solved
-        result = solver.result
+        solved, result = solver.solve() == self._is_solved, solver.result
         iterations = int(result.info.iter)
         if not solved:
             return Solution.none(qp, iterations)

@@ -33,16 +33,15 @@ KINDS = {
     "action": ("SpeedSteeringAction", "ContinuousAction", "DiscreteAction"),
 }
 """Types that a configuration can name; the first one is ours, the others are highway-env's."""
-# v and δ_s last; y_f and θ; gap, lateral offset and phase
 _OBSERVED = np.array(
     [
         (40 * KMH, 70 * KMH),
-        (-np.pi / 4, np.pi / 4),
-        (-3, 7),
-        (-np.pi / 2, np.pi / 2),
-        (-30, 30),
-        (-7, 7),
-        (0, 1),
+        (-np.pi / 4, np.pi / 4),  # v and δ_s last
+        (-3.0, 7.0),
+        (-np.pi / 2, np.pi / 2),  # y_f, θ
+        (-30.0, 30.0),
+        (-7.0, 7.0),
+        (0.0, 1.0),  # gap, lateral offset, phase
     ]
 )
 
