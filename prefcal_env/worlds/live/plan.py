@@ -77,8 +77,6 @@ class TypedPlant(Protocol):
 # --- Describe the nodes of a live plant: knobs and start values that are written, and records.
 
 Role = Literal["output", "input", "reference"]
-_CLOSE = 1e-5
-"""Relative difference of equal values: many controllers store single precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +111,7 @@ class LiveKnob:
     def same(self, one: float, other: float) -> bool:
         """Return whether two values are equal up to single precision."""
         size = max(abs(one), abs(other))
-        return abs(one - other) <= _CLOSE * size + 1e-9 * (self.knob.high - self.knob.low)
+        return abs(one - other) <= 1e-5 * size + 1e-9 * (self.knob.high - self.knob.low)
 
     def step(self, elapsed: float, period: float) -> float:
         """Return the largest change now, in the knob's unit.
@@ -362,20 +360,21 @@ class LivePlan:
 
     def _check_names(self) -> None:
         written = (*self.knobs, *self.start)
+        references = [tag.name for tag in self.tags if tag.role == "reference"]
         for what, found in (
             ("name of a knob or start value", [w.knob.name for w in written]),
             ("node that is written to", [w.node for w in written]),
             ("output or input", [tag.name for tag in self.tags if tag.role != "reference"]),
-            ("reference", [tag.name for tag in self.tags if tag.role == "reference"]),
+            ("reference", references),
         ):
             twice = sorted({each for each in found if found.count(each) > 1})
             if twice:
                 raise SettingsError(f"each {what} may be given once, got {twice[0]!r} twice")
         outputs = {tag.name for tag in self.tags if tag.role == "output"}
-        for tag in self.tags:
-            if tag.role == "reference" and tag.name not in outputs:
+        for name in references:
+            if name not in outputs:
                 raise SettingsError(
-                    f"a reference must have the name of an output, {sorted(outputs)}, got {tag.name!r}"
+                    f"a reference must have the name of an output, {sorted(outputs)}, got {name!r}"
                 )
 
     @property

@@ -180,10 +180,6 @@ class LiveRig(LivePlan, Source):
         return Drive(self, values, self._kept, hands)
 
 
-_DRAWN = 400
-"""Largest number of samples that a live curve shows."""
-
-
 class _Followed(Run):
     """A run that can be followed while another thread drives the plant."""
 
@@ -196,7 +192,7 @@ class _Followed(Run):
     @property
     def recorded(self) -> tuple[tuple[float, ...], tuple[RunCurve, ...]]:
         with self._lock:
-            rows = self._rows[:: max(1, -(-len(self._rows) // _DRAWN))]
+            rows = self._rows[:: max(1, -(-len(self._rows) // 400))]  # so many are drawn at most
         tags = self._rig.tags
         referenced = {tag.name for tag in tags if tag.role == "reference"}
         curves = tuple(
