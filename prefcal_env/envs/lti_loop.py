@@ -51,13 +51,9 @@ class Law:
 
 
 def law_of(system: LinearSystem, n_y: int, n_u: int, free: Bool[np.ndarray, " n_y"]) -> Law:
-    """Return a controller that acts on r - y, or on r and y, as a law.
+    """Return a controller with n_y inputs, the errors r - y, or 2 n_y, first r and then y, as a law.
 
-    Args:
-        system: Controller with n_y inputs, the errors r - y, or 2 n_y, first r and then y.
-        n_y: Number of outputs of the plant.
-        n_u: Number of inputs of the plant.
-        free: Whether an output has no reference; then r = y, shape (n_y,).
+    `free` says which outputs have no reference; then r = y.
 
     Raises:
         SettingsError: If the controller has another number of inputs or outputs.

@@ -165,12 +165,6 @@ class DeadTime:
 
     A sampling period is divided where a delayed input changes, so that dead times need not be
     multiples of the sampling time. Before the start, the plant is at its initial state and input.
-
-    Args:
-        plant: Plant whose inputs are delayed.
-        x0: State at time 0, shape (n_x,).
-        u0: Input before time 0, shape (n_u,).
-        d0: Measured disturbances at time 0, shape (n_d,).
     """
 
     def __init__(self, plant: Plant, x0: X, u0: U, d0: D) -> None:

@@ -95,7 +95,7 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True, slots=True)
 class Equations:
-    """Addresses of C functions `void(x, u, d, p, out)`, see `_calls`; `p` are the parameters.
+    """Addresses of C functions `void(x, u, d, p, out)`, see `_dop853`; `p` are the parameters.
 
     A plant that has compiled equations returns them as its attribute `equations`; then its
     simulation and its MPC never wait for Python.
@@ -142,13 +142,9 @@ class Equations:
 
 
 def compiled(f: Any, g: Any, jacobians: Any, parameters: Float[np.ndarray, " _"]) -> Equations:
-    """Return equations `(x, u, d, p, out)`, made by `_calls.equation` or in plain Python.
+    """Return equations `(x, u, d, p, out)`, made by `_dop853.equation` or in plain Python.
 
-    Args:
-        f: Function that writes ẋ.
-        g: Function that writes y; None means y = x.
-        jacobians: Function that writes A, B, C and D, row by row.
-        parameters: The parameters p.
+    They write ẋ; y, where None means y = x; and A, B, C and D, row by row. p are the `parameters`.
     """
     made = [e if hasattr(e, "address") or e is None else _native(e) for e in (f, g, jacobians)]
     rates, outputs, matrices = (0 if e is None else e.address for e in made)

@@ -105,9 +105,6 @@ class PIQPSolver:
 
     It never raises for an unsolvable QP: read `Solution.solved`. Later solves do not change a
     solution.
-
-    Args:
-        tolerances: When to stop; None for the default.
     """
 
     def __init__(self, tolerances: Tolerances | None = None) -> None:

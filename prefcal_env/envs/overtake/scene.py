@@ -80,15 +80,9 @@ def next_phase(phase: Phase, x_f: float, obstacles: Float[np.ndarray, "n 3"]) ->
 
 
 def beside(x_f: float, obstacles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 3"]:
-    """Return the obstacles to keep `MIN_LATERAL_DISTANCE` from: right lane, within 10 m.
+    """Return the obstacles to keep `MIN_LATERAL_DISTANCE` from: right lane, 10 m ahead or behind.
 
-    Args:
-        x_f: Front end of the ego vehicle [m].
-        obstacles: As in `next_phase`, shape (n, 3).
-
-    Returns:
-        Rows of the obstacles in the right lane at most 10 m ahead or behind, shape (m, 3); m may
-        be 0.
+    `x_f` and `obstacles` are as in `next_phase`; there may be none.
     """
     near = [
         gap(x_f, x_o) < SAFETY_DISTANCE and clearance(x_f, x_o) <= SAFETY_DISTANCE and y_o < LANE_WIDTH / 2

@@ -2,7 +2,7 @@
 
 In highway-env y points down and a vehicle's position is its center; in ours the position is the
 front end and y points to the left. Only this module converts between them. We find contacts
-ourselves, exactly and between two instants (`geometry`), and switch off highway-env's own search,
+ourselves, exactly and between two instants (`first_contact`), and switch off highway-env's own search,
 which pushes vehicles apart.
 """
 
@@ -160,12 +160,8 @@ class Drivers:
     """The drivers on a road, who react to each other; they decide several times per period.
 
     In a period of T_s they decide and drive n times T_s/n, where n is the smallest number that
-    respects the simulation frequency; so every T_s is driven to its end.
-
-    Args:
-        options: Options of the scene.
-        x: Initial state of the ego plant, shape (3,).
-        rng: Random generator of the episode.
+    respects the simulation frequency; so every T_s is driven to its end. `x` is the initial state of
+    the ego plant.
     """
 
     def __init__(

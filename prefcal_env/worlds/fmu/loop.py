@@ -36,9 +36,7 @@ _PREFIX = "prefcal-fmu-"
 class FMUProcess:
     """A process that simulates an FMU; it starts with the first run and is kept for the next.
 
-    Args:
-        job: What to simulate.
-        limit: Time limit of a run in seconds; infinite for none.
+    `limit` is the time limit of a run in seconds; infinite for none.
     """
 
     def __init__(self, job: Job, limit: float) -> None:

@@ -119,11 +119,7 @@ class _Known:
 class Writer:
     """Writer of one plant. Every value that reaches the plant passes `_write`, which checks it.
 
-    Args:
-        plant: Plant to write to.
-        written: Nodes that may be written to, by name.
-        period: Sampling period in seconds.
-        clock: Function that returns the time in seconds.
+    `written` are the nodes that may be written to, by name; period and clock are in seconds.
     """
 
     def __init__(
@@ -276,14 +272,7 @@ class _EndedError(Exception):
 
 
 class Drive:
-    """One run, as mutable state; `run` does all of it.
-
-    Args:
-        rig: What is done, and on which plant.
-        theta: New value of each knob, by name.
-        journal: File for the old values.
-        hands: Clock, confirmation, stop and progress.
-    """
+    """One run, as mutable state; `run` does all of it. `theta` is the new value of each knob, by name."""
 
     def __init__(self, rig: LivePlan, theta: Mapping[str, float], journal: Journal, hands: Hands) -> None:
         self.rig, self.theta, self.journal, self.hands = rig, theta, journal, hands

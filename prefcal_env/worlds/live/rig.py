@@ -220,12 +220,7 @@ class _Followed(Run):
 
 
 class LiveRun(_Followed):
-    """A run of θ: it looks at the plant, waits until a person confirms the changes, and drives.
-
-    Args:
-        rig: Live rig.
-        theta: Physical θ, shape (n,).
-    """
+    """A run of θ: it looks at the plant, waits until a person confirms the changes, and drives."""
 
     def __init__(self, rig: LiveRig, theta: Float[np.ndarray, " n"]) -> None:
         super().__init__(rig)
