@@ -50,8 +50,7 @@ class CasadiEquation(ExactEquation):
         if found not in (sizes, sizes[:2]) or function.n_out() < 1:
             raise PlantError(
                 f"CasADi function {function.name()!r} must have the inputs x of {sizes[0]}, u of "
-                f"{sizes[1]} and d of {sizes[2]} elements (without d if there is none), got "
-                f"{list(found)}"
+                f"{sizes[1]} and d of {sizes[2]} elements (without d if there is none), got {list(found)}"
             )
         if function.has_free():
             raise PlantError(
