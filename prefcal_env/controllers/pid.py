@@ -64,13 +64,7 @@ class PIDLaw:
 class LinearPIDs:
     """Sets of PIDs to check together: m sets, each with p PIDs side by side.
 
-    PID i of a set goes from output i to input i of a square plant.
-
-    Args:
-        K_p: Gains, shape (m, p).
-        T_i: Integral times, shape (m, p).
-        T_d: Derivative times, shape (m, p).
-        N: Filter of the derivatives, as in `PID`.
+    PID i of a set goes from output i to input i of a square plant; the parameters are as in `PID`.
     """
 
     K_p: Float[np.ndarray, "m p"]
@@ -336,25 +330,15 @@ def _checked(p: dict[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class ProcessModel:
-    """What the rules need to know of a process of one input and one output.
+    """What the rules need to know of a process of one input and one output."""
 
-    Args:
-        gain: Lim s^n G(s) for s to 0, n the number of integrators.
-        integrators: Number of integrators.
-        lags: Time constants 1/|p| of the other poles, decreasing.
-        inverse: Time constants 1/z of the zeros in the right half plane.
-        delay: Dead time, with half of the sampling time.
-        unstable: Whether a pole is in the right half plane.
-        damping: Smallest damping of a pair of poles; 1 if there is none.
-    """
-
-    gain: float
-    integrators: int
-    lags: tuple[float, ...]
-    inverse: tuple[float, ...]
-    delay: float
-    unstable: bool = False
-    damping: float = 1.0
+    gain: float  # lim s^n G(s) for s to 0, n the number of integrators
+    integrators: int  # number of integrators
+    lags: tuple[float, ...]  # time constants 1/|p| of the other poles, decreasing
+    inverse: tuple[float, ...]  # time constants 1/z of the zeros in the right half plane
+    delay: float  # dead time, with half of the sampling time
+    unstable: bool = False  # whether a pole is in the right half plane
+    damping: float = 1.0  # smallest damping of a pair of poles; 1 if there is none
 
 
 def simc(process: ProcessModel, *, derivative: bool = True) -> Tuning | None:
@@ -396,10 +380,8 @@ def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: f
     Source: Ziegler, Nichols (1942), Optimum settings for automatic controllers, Trans. ASME 64,
     759-768.
 
-    Args:
-        plant: LinearSystem plant of one input and one output, stable or integrating.
-        omega: Increasing angular frequencies to search, shape (m,).
-        sign: Sign of the controller's gain.
+    The plant has one input and one output, and is stable or integrating; `omega` are increasing
+    angular frequencies to search, and `sign` is that of the controller's gain.
     """
     G = sign * plant.at(1j * omega)[:, 0, 0]
     crossing = np.flatnonzero((G.imag[:-1] < 0) & (G.imag[1:] >= 0) & (G.real[1:] < 0))

@@ -53,16 +53,11 @@ _FUNCTIONS = (*_ALL, *_CURVES, "ref")
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """A formula, or a part of one; `formula_of` reads it.
+    """A formula, or a part of one; `formula_of` reads it."""
 
-    Args:
-        compute: Function of an experiment with a record: a number, or a curve of shape (K,).
-        curve: Whether it is a curve of a signal.
-        names: Functions of channels and keys of signals that find what it names, or raise ScenarioError.
-    """
-
-    compute: Callable[[Experiment], Any]
-    curve: bool = False
+    compute: Callable[[Experiment], Any]  # of one with a record: a number, or a curve of shape (K,)
+    curve: bool = False  # whether it is a curve of a signal
+    # Functions of channels and keys of signals that find what it names, or raise ScenarioError.
     names: tuple[Callable[[Channels, Collection[str]], Any], ...] = ()
 
 

@@ -20,23 +20,14 @@ _LOOK = ("unit", "low", "high", "target", "band", "symbol")
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """One curve and its look: a `Panel` whose channel has been found.
+    """One curve and its look: a `Panel` whose channel has been found."""
 
-    Args:
-        channel: Title, unit, limits, target and band, all as drawn.
-        kind: Kind of the curve: "x", "u", "y" or "signal".
-        name: Name of the channel or signal in the experiment.
-        nth: Position among the channels of the same name, from 0.
-        scale: Factor from the experiment's unit to the unit of `channel`.
-        reference: See `Panel`, as are the two limits; "" for none.
-    """
-
-    channel: Channel
-    kind: str
-    name: str
-    nth: int = 0
-    scale: float = 1.0
-    reference: str = ""
+    channel: Channel  # title, unit, limits, target and band, all as drawn
+    kind: str  # "x", "u", "y" or "signal"
+    name: str  # of the channel or signal in the experiment
+    nth: int = 0  # position among the channels of the same name
+    scale: float = 1.0  # factor from the experiment's unit to the unit of `channel`
+    reference: str = ""  # see `Panel`, as are the two limits; "" for none
     low_signal: str = ""
     high_signal: str = ""
 
@@ -61,17 +52,10 @@ class Plot:
 
 
 class PanelCurves(NamedTuple):
-    """The curves of one panel on `t` of an experiment, in the panel's unit, each of shape (K,).
+    """The curves of one panel on `t` of an experiment, in the panel's unit, each of shape (K,)."""
 
-    Args:
-        values: The curve; NaN if the experiment lacks it.
-        reference: Reference that changes; None if there is none, as for the limits.
-        low: Lower limit that changes.
-        high: Upper limit that changes.
-    """
-
-    values: Float[np.ndarray, " K"]
-    reference: Float[np.ndarray, " K"] | None
+    values: Float[np.ndarray, " K"]  # NaN if the experiment lacks the curve
+    reference: Float[np.ndarray, " K"] | None  # one that changes, as the limits
     low: Float[np.ndarray, " K"] | None
     high: Float[np.ndarray, " K"] | None
 
@@ -216,14 +200,9 @@ class Panel:
 def plot_called(
     name: str, channels: Channels, signals: Collection[str], kind: str = "", *, what: str = "signal"
 ) -> Plot:
-    """Find a curve by its name, or else by its symbol.
+    """Find a curve by its name, or else by its symbol; without a kind, everywhere.
 
-    Args:
-        name: Name or symbol of a channel, or key of a signal.
-        channels: Available states, inputs and outputs.
-        signals: Keys of the available signals.
-        kind: Where to look: "x", "u", "y" or "signal"; everywhere if empty.
-        what: What has this name, for messages.
+    `what` says what has this name, for messages.
 
     Raises:
         ScenarioError: If no channel or signal, or more than one, has this name.

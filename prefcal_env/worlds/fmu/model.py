@@ -21,15 +21,10 @@ from prefcal_env.wording import did_you_mean
 
 @dataclass(frozen=True, slots=True)
 class UnitScale:
-    """Conversion of a value from an FMU's unit: factor · value + offset.
+    """Conversion of a value from an FMU's unit: factor · value + offset."""
 
-    Args:
-        factor: Value of one unit of the FMU in the other unit, not 0.
-        offset: What 0 in the FMU's unit is in the other unit.
-    """
-
-    factor: float = 1.0
-    offset: float = 0.0
+    factor: float = 1.0  # value of one unit of the FMU in the other unit, not 0
+    offset: float = 0.0  # what 0 in the FMU's unit is in the other unit
 
     def shown(self, value: Any) -> Any:
         """Return a value of the FMU, or an array of them, in the other unit."""
@@ -90,26 +85,16 @@ class Variable(Channel):
 
     Its name, unit and limits are those of the FMU; without a unit or a limit there, they are empty
     or infinite.
-
-    Args:
-        reference: Value reference.
-        type: Type as in FMI, "Real" or "Float64" for example.
-        causality: For example "parameter", "input", "output" or "local".
-        variability: For example "tunable", "fixed" or "continuous".
-        start: Start value, in `unit`; None if the FMU declares none.
-        about: Description.
-        units: Other units in which the FMU says that it can be given.
-        scale: Conversion from the FMU's unit, if `unit` is another one.
     """
 
-    reference: int
-    type: str
-    causality: str
-    variability: str
-    start: float | None = None
-    about: str = ""
-    units: Scales = field(default_factory=dict)
-    scale: UnitScale = AS_IT_IS
+    reference: int  # value reference
+    type: str  # as in FMI, "Real" or "Float64" for example
+    causality: str  # for example "parameter", "input", "output" or "local"
+    variability: str  # for example "tunable", "fixed" or "continuous"
+    start: float | None = None  # start value, in `unit`; None if the FMU declares none
+    about: str = ""  # description
+    units: Scales = field(default_factory=dict)  # others in which the FMU says that it can be given
+    scale: UnitScale = AS_IT_IS  # conversion from the FMU's unit, if `unit` is another one
 
     def __post_init__(self) -> None:
         """Accept any limits: an FMU may declare equal ones, and only what is shown must have a range."""
@@ -150,29 +135,17 @@ class Variable(Channel):
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """The model description of an FMU that can be simulated on this computer.
-
-    Args:
-        path: File.
-        name: Name of the model.
-        about: Description of the model.
-        variables: Scalar numeric variables by name.
-        start_time: Start of the default experiment, in seconds.
-        stop_time: End of the default experiment, in seconds; None if the FMU declares none.
-        step: Preferred time between two communications, in seconds; None if none is declared.
-        tolerance: Relative tolerance of the FMU's solver; None if the FMU declares none.
-        variable_step: Whether the time between two communications may vary.
-    """
+    """The model description of an FMU that can be simulated on this computer; times are in seconds."""
 
     path: Path
     name: str
     about: str
-    variables: Mapping[str, Variable]
-    start_time: float
-    stop_time: float | None
-    step: float | None
-    tolerance: float | None
-    variable_step: bool
+    variables: Mapping[str, Variable]  # scalar numeric ones, by name
+    start_time: float  # of the default experiment
+    stop_time: float | None  # likewise; None if the FMU declares none
+    step: float | None  # preferred time between two communications; None if none is declared
+    tolerance: float | None  # relative one of the FMU's solver; None if the FMU declares none
+    variable_step: bool  # whether the time between two communications may vary
 
     @property
     def parameters(self) -> tuple[Variable, ...]:

@@ -28,39 +28,23 @@ _STATUS = {2: "discarded the step", 3: "returned an error", 4: "returned a fatal
 
 
 class Job(NamedTuple):
-    """What to simulate.
+    """What to simulate."""
 
-    Args:
-        path: The .fmu file; in the process, the folder with its contents.
-        knobs: Type and value reference of each parameter that θ sets.
-        shown: Type and value reference of each variable to record.
-        instants: Start, communication instants and end, in seconds, shape (M,).
-        every: Every how many communications the variables are recorded; the end always is.
-        tolerance: Relative tolerance of the FMU's solver; None for its own.
-    """
-
-    path: str
-    knobs: tuple[tuple[str, int], ...]
-    shown: tuple[tuple[str, int], ...]
-    instants: Any
-    every: int
-    tolerance: float | None
+    path: str  # of the .fmu file; in the process, of the folder with its contents
+    knobs: tuple[tuple[str, int], ...]  # type and value reference of each parameter that θ sets
+    shown: tuple[tuple[str, int], ...]  # the same of each variable to record
+    instants: Any  # start, communication instants and end, in seconds, shape (M,)
+    every: int  # every how many communications the variables are recorded; the end always is
+    tolerance: float | None  # relative tolerance of the FMU's solver; None for its own
 
 
 class Reply(NamedTuple):
-    """What a run gave.
+    """What a run gave."""
 
-    Args:
-        problem: What ended the run before its time; empty if nothing did.
-        t: Recorded instants, in seconds, shape (K,).
-        values: Recorded variables, shape (K, m).
-        seconds: Duration of the simulation.
-    """
-
-    problem: str
-    t: Any
-    values: Any
-    seconds: float
+    problem: str  # what ended the run before its time; empty if nothing did
+    t: Any  # recorded instants, in seconds, shape (K,)
+    values: Any  # recorded variables, shape (K, m)
+    seconds: float  # duration of the simulation
 
 
 class _Stop(Exception):

@@ -200,19 +200,12 @@ was told to end; the old values are then restored at the next start."""
 
 @dataclass(slots=True)
 class Way:
-    """Way of a plant back to its old values, as mutable state.
+    """Way of a plant back to its old values, as mutable state; times are in seconds."""
 
-    Args:
-        written: Nodes that may be written to, by name.
-        targets: Old values by name.
-        period: Sampling period of the run, in seconds.
-        since: Time of the latest progress, in seconds; at first, of the beginning.
-    """
-
-    written: Mapping[str, LiveKnob]
-    targets: Mapping[str, float]
-    period: float
-    since: float
+    written: Mapping[str, LiveKnob]  # nodes that may be written to, by name
+    targets: Mapping[str, float]  # old values by name
+    period: float  # sampling period of the run
+    since: float  # time of the latest progress; at first, of the beginning
     _steps: int = 0
     _left: dict[str, float] = field(default_factory=dict)
     _waiting: float = field(init=False)
