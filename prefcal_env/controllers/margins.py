@@ -183,11 +183,8 @@ def margins(plant: Plant, task: Task, make: Callable[[], Controller], *, settle:
 def margins_of(sensitivity: Response, omega: Float[np.ndarray, " m"]) -> Margins:
     """Return the margins of a stable loop with this sensitivity (1 + L)^-1 at the plant's input.
 
-    Crossings and peaks are found between neighbors of `omega`, and then to rounding.
-
-    Args:
-        sensitivity: Function of angular frequencies, shape (m,), that returns (m, n, n).
-        omega: Frequencies, increasing, shape (m,); the last one is Nyquist's for a sampled loop.
+    Crossings and peaks are found between neighbors of `omega`, increasing frequencies of which the last
+    one is Nyquist's for a sampled loop, and then to rounding.
     """
     S = sensitivity(omega)
     n = S.shape[-1]

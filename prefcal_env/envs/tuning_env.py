@@ -146,7 +146,7 @@ class TuningEnv(gym.Env[Array, Array]):
 
 
 def sampled_at(space: KnobSpace, T_s: float | None) -> KnobSpace:
-    """Return `space` with its knob "T_s" frozen at `T_s`; unchanged if `T_s` is None.
+    """Return `space` with its knob "T_s" frozen at `T_s`, unless that is None.
 
     Raises:
         KnobError: If the sampling time is outside the knob's range.

@@ -166,7 +166,10 @@ def system_of(system: Any) -> LinearSystem:
     if hasattr(system, "A") and hasattr(system, "D"):
         dt = sample_time(getattr(system, "dt", None))
         return of_arrays([system.A, system.B, system.C, system.D], dt)
-    if hasattr(system, "num") and hasattr(system, "den") and not _is_nested(system.den):
+    den = getattr(system, "den", None)
+    # Nothing of SciPy has several denominators.
+    nested = isinstance(den, list) and any(isinstance(each, list | np.ndarray) for each in den)
+    if hasattr(system, "num") and hasattr(system, "den") and not nested:
         rows = np.atleast_2d(system.num)  # of scipy: one denominator for all outputs of one input
         dt = sample_time(getattr(system, "dt", None))
         return of_fractions([[row] for row in rows], [[system.den]] * len(rows), dt)
@@ -275,11 +278,6 @@ def _canonical(num: Any, den: Any) -> LinearSystem:
     if n:
         A[0] = -a[1:]
     return LinearSystem(A, np.eye(n, 1), (b[1:] - b[0] * a[1:])[None], b[:1, None])
-
-
-def _is_nested(den: Any) -> bool:
-    """Return whether a denominator is a list of several, which nothing of SciPy has."""
-    return isinstance(den, list) and any(isinstance(each, list | np.ndarray) for each in den)
 
 
 def sample_time(dt: Any) -> float:
@@ -540,18 +538,15 @@ def _shared(delay: Any, n_y: int, n_u: int) -> tuple[Any, Float[np.ndarray, "row
 
 
 def _listed(named: Named | None) -> list[str | Channel]:
-    if named is None:
-        return []
-    return [named] if isinstance(named, str | Channel) else list(named)
+    return [named] if isinstance(named, str | Channel) else list(() if named is None else named)
 
 
 def _channels(
     what: str, given: Named | None, names: Sequence[str] | None, n: int, symbol: str
 ) -> tuple[Channel, ...]:
     """Return one channel for each of `n` signals, by what is given, their names, or numbers."""
-    found = _listed(given) or list(names or ())
-    if not found:
-        found = [symbol] if n == 1 else [f"{symbol}{i + 1}" for i in range(n)]
+    numbered = [symbol] if n == 1 else [f"{symbol}{i + 1}" for i in range(n)]
+    found = _listed(given) or list(names or numbered)
     if len(found) != n:
         raise PlantError(f"{what}: expected {n} names or channels, got {len(found)}: {found}")
     strangers = [f for f in found if not isinstance(f, str | Channel)]

@@ -22,11 +22,7 @@ def is_function(equation: object) -> bool:
 
 
 def equation(function: Any, sizes: tuple[int, int, int]) -> Any:
-    """Return a CasADi `Function` as an equation of a plant, and anything else unchanged.
-
-    Raises:
-        PlantError: As `CasadiEquation` does.
-    """
+    """Return a CasADi `Function` as an equation; else `function`. Raises as `CasadiEquation` does."""
     return CasadiEquation(function, sizes) if is_function(function) else function
 
 

@@ -107,13 +107,9 @@ def stage_cost(
     """Return the cost of a period, 1/s: (Δv/20 km/h)² + mean of (Δy/3 m)² + (δ_s/45°)².
 
     Δv and Δy are the distances from 50 km/h and the ego lane, or while overtaking from 60 km/h and
-    3 m to the left of it. Multiplied by the duration, the cost does not depend on T_s.
-
-    Args:
-        t: Instants of the period, with both ends [s], shape (M,).
-        y: y_f at `t` [m], shape (M,).
-        u: Held v [m/s] and δ_s [rad].
-        phase: Phase at the start of the period.
+    3 m to the left of it. Multiplied by the duration, the cost does not depend on T_s. `t` are the
+    instants of the period, with both ends [s], `y` is y_f then [m], `u` are the held v [m/s] and
+    δ_s [rad], `phase` is that of its start.
     """
     overtaking = phase is Phase.OVERTAKING
     v_ref = OVERTAKING_SPEED if overtaking else KEEPING_SPEED

@@ -50,9 +50,6 @@ def display_units(path: Path) -> Mapping[str, Scales]:
     """Return the display units that an FMU defines for each of its units.
 
     FMPy does not tell which display units of FMI 3 are inverse. These are left out.
-
-    Args:
-        path: The .fmu file, which FMPy could read.
     """
     with zipfile.ZipFile(path) as content:
         root = ElementTree.fromstring(content.read("modelDescription.xml"))

@@ -78,9 +78,6 @@ class FMUSimulation:
     that out: if the same θ then gives the same record, the instance is reset between runs.
     Otherwise each run gets a new instance.
 
-    Args:
-        job: What to simulate.
-
     Raises:
         PlantError: If the FMU cannot be started.
     """
