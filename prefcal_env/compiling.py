@@ -38,17 +38,11 @@ class Kernel:
     types: Any  # of its arguments
 
 
-_TYPES = {
-    "equations": "Tuple((i8, i8, i8, vector, i8[::1], i8[::1]))",
-    "vector": "f8[::1]",
-    "matrix": "f8[:,::1]",
-    "cube": "f8[:,:,::1]",
-}
-"""Words for types in signatures; the others are those of numba."""
-
-
 def _kernel(title: str, function: Any, signature: str) -> Kernel:
-    for word, meaning in _TYPES.items():
+    """Return a kernel whose signature has the types of numba, and these words for some."""
+    words = {"vector": "f8[::1]", "matrix": "f8[:,::1]", "cube": "f8[:,:,::1]"}
+    signature = signature.replace("equations", "Tuple((i8, i8, i8, vector, i8[::1], i8[::1]))")
+    for word, meaning in words.items():
         signature = signature.replace(word, meaning)
     return Kernel(title, function, f"({signature},)")
 

@@ -446,9 +446,6 @@ def _same(a: Any, b: Any) -> bool:
 
 # --- Hand an experiment to a notebook: as a DataFrame, and as HTML with a picture and its KPIs.
 
-_MOST = 2000
-"""Largest number of points of a curve in the picture."""
-
 
 def _with_units(experiment: Experiment) -> Iterable[tuple[str, str]]:
     """Yield the name of each KPI, and its value with its unit if the channels tell that."""
@@ -489,7 +486,7 @@ def _picture(experiment: Experiment) -> str:
     if not shown:
         return ""
     references = {c.label: experiment.y_ref[:, j] for j, c in enumerate(channels.y)}
-    rows = np.unique(np.linspace(0, len(experiment.t) - 1, _MOST).astype(int))
+    rows = np.unique(np.linspace(0, len(experiment.t) - 1, 2000).astype(int))  # points, at most
     figure = Figure(figsize=(6.0, 0.5 + 1.3 * len(shown)), layout="constrained")
     grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (channel, values) in zip(grid, reversed(shown.values()), strict=True):
@@ -508,16 +505,12 @@ def _picture(experiment: Experiment) -> str:
     return f"<img alt='curves of the experiment' src='data:image/png;base64,{data}'>"
 
 
-_SAME_INSTANT = 1e-9
-"""Share of the grid's step below which two instants count as one."""
-
-
 def instants(t: float, end: float, dense_step: float) -> Float[np.ndarray, " M"]:
     """Return the instants to record: `t`, the multiples of `dense_step` in between, and `end`.
 
     Multiples that coincide with `t` or `end` are left out, so that no instant appears twice.
     """
-    close = _SAME_INSTANT * dense_step
+    close = 1e-9 * dense_step
     first = floor((t + close) / dense_step) + 1
     last = ceil((end - close) / dense_step)
     return np.array([t, *(k * dense_step for k in range(first, last)), end])

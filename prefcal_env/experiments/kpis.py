@@ -170,10 +170,6 @@ def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
     return Formula(compute, any(part.curve for part in parts), names)
 
 
-_DIGITS = 4
-"""Significant digits that a number is shown with."""
-
-
 def as_read(
     values: Float[np.ndarray, "*shape"] | float, step: Float[np.ndarray, " k"] | float = 0.0
 ) -> Float[np.ndarray, "*shape"]:
@@ -190,7 +186,7 @@ def as_read(
     some = np.where(steps == 0, some, np.round(some / np.where(steps == 0, 1.0, steps)) * steps)
     size = np.abs(np.where(some == 0, 1.0, some))
     # Integers of any size keep all their digits, and a power of 10 above 300 would overflow.
-    places = 10.0 ** np.clip(_DIGITS - 1 - np.floor(np.log10(size)), 0, 300)
+    places = 10.0 ** np.clip(3 - np.floor(np.log10(size)), 0, 300)
     found[known] = np.round(some * places) / places + 0.0
     return found
 
@@ -304,7 +300,6 @@ class KPI:
 # An agent learns which of them matter to a person (`Answer.outcomes`); none is a cost by itself.
 
 BAND = 0.03  # share of the largest error, for channels without a band
-_NOTHING = 1e-3  # share of the largest error below which an error is invisible
 
 
 def tracking_kpis(experiment: Experiment) -> dict[str, float]:
@@ -355,7 +350,7 @@ def _of_error(
         (size * t)[:-1] @ dt,
         entered(t, error, band_of(channel, error)),
         max(beyond.max(), 0.0),
-        max(size[-1] - _NOTHING * largest, 0.0),
+        max(size[-1] - 1e-3 * largest, 0.0),  # less is invisible
     )
     return _named(OF_OUTPUT, channel, values)
 

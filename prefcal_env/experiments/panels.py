@@ -14,8 +14,6 @@ from .experiment import ARRAYS, BEST_FIRST, Channel, Channels, Experiment
 
 KINDS = {"x": "states", "u": "inputs", "y": "outputs", "signal": "signals"}
 """Maps each kind of curve to the name of its group."""
-_LOOK = ("unit", "low", "high", "target", "band", "symbol")
-"""Attributes that a panel may override."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +188,8 @@ class Panel:
 
     def _look(self, channel: Channel) -> Channel:
         """Return `channel` with the attributes that this panel overrides."""
-        given = {n: getattr(self, n) for n in _LOOK if getattr(self, n) is not None}
+        look = ("unit", "low", "high", "target", "band", "symbol")
+        given = {n: getattr(self, n) for n in look if getattr(self, n) is not None}
         try:
             return replace(channel, **given, name=self.title or channel.name)
         except ExperimentError as error:

@@ -354,7 +354,13 @@ class LivePlan:
         if self.after not in ("restore", "keep"):
             raise SettingsError(f"after must be restore or keep, got {self.after!r}")
         self.keyed(self.ready), self.keyed(self.done)
-        object.__setattr__(self, "channels", self._channels())
+        groups = {
+            role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
+            for role in ("output", "input")
+        }
+        aimed = {tag.name for tag in self.tags if tag.role == "reference"}
+        y = tuple(channel for channel in groups["output"] if channel.name in aimed)
+        object.__setattr__(self, "channels", Channels((), groups["input"], y))
         kept = "the old values are restored" if self.after == "restore" else "the new θ stays"
         object.__setattr__(self, "afterward", kept)
 
@@ -381,16 +387,6 @@ class LivePlan:
     def space(self) -> KnobSpace:
         """Space of the knobs."""
         return KnobSpace([live.knob for live in self.knobs])
-
-    def _channels(self) -> Channels:
-        """Return the channels; those in `y` are the outputs with a recorded reference."""
-        by_role = {
-            role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
-            for role in ("output", "input")
-        }
-        aimed = {tag.name for tag in self.tags if tag.role == "reference"}
-        y = tuple(channel for channel in by_role["output"] if channel.name in aimed)
-        return Channels((), by_role["input"], y)
 
     def keyed(self, limits: Limits) -> dict[str, tuple[float, float]]:
         """Return conditions by the key of their tag."""
