@@ -12,10 +12,6 @@ from .errors import SettingsError
 from .experiments.experiment import Experiment
 from .preferences.answer import Answer, Calibrator, Preference
 
-# --- A person as a calibrator, asked through a function of two experiments.
-
-Ask = Callable[[Experiment, Experiment], Any]
-
 
 @dataclass
 class HumanCalibrator:
@@ -35,17 +31,16 @@ class HumanCalibrator:
         PreferenceError: If the answer to `prefer` is not valid.
     """
 
-    ask: Ask
+    ask: Callable[[Experiment, Experiment], Any]
     shuffle: int | None = None
     _rng: np.random.Generator | None = field(init=False, repr=False, default=None)
 
     def __post_init__(self) -> None:
         if not callable(self.ask):
             raise SettingsError(f"ask must be a function of two experiments, got {self.ask!r}")
-        if self.shuffle is None:
-            return
-        integer("shuffle", self.shuffle, low=0)
-        self._rng = np.random.default_rng(self.shuffle)
+        if self.shuffle is not None:
+            integer("shuffle", self.shuffle, low=0)
+            self._rng = np.random.default_rng(self.shuffle)
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Answer | Preference | None:
         """Ask the person, and mirror their answer if the sides were swapped."""
@@ -224,9 +219,6 @@ class LatentCost:
             return 0.0
         error = self.noise.draw(generator_of_pair(self.seed, a, b))
         return error if tuple(a) < tuple(b) else -error
-
-
-# --- A calibrator with priorities: the first criterion that separates two experiments decides.
 
 
 @dataclass(frozen=True, slots=True)

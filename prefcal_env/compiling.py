@@ -31,30 +31,18 @@ class Compiling:
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """A function to compile.
+    """A function to compile."""
 
-    Args:
-        title: Its purpose in a few words.
-        function: The function as wrapped by numba.
-        types: Types of its arguments.
-    """
-
-    title: str
-    function: Any
-    types: Any
-
-
-_TYPES = {
-    "equations": "Tuple((i8, i8, i8, vector, i8[::1], i8[::1]))",
-    "vector": "f8[::1]",
-    "matrix": "f8[:,::1]",
-    "cube": "f8[:,:,::1]",
-}
-"""Words for types in signatures; the others are those of numba."""
+    title: str  # its purpose in a few words
+    function: Any  # as wrapped by numba
+    types: Any  # of its arguments
 
 
 def _kernel(title: str, function: Any, signature: str) -> Kernel:
-    for word, meaning in _TYPES.items():
+    """Return a kernel whose signature has the types of numba, and these words for some."""
+    words = {"vector": "f8[::1]", "matrix": "f8[:,::1]", "cube": "f8[:,:,::1]"}
+    signature = signature.replace("equations", "Tuple((i8, i8, i8, vector, i8[::1], i8[::1]))")
+    for word, meaning in words.items():
         signature = signature.replace(word, meaning)
     return Kernel(title, function, f"({signature},)")
 
@@ -101,14 +89,6 @@ def kernels() -> Iterator[Kernel]:
             yield from each()
 
 
-def _of_the_solver() -> Iterator[Kernel]:
-    """Yield what PIQP needs; other controllers need them only if a step is not solved."""
-    from .qp import _active_set
-
-    arguments = "matrix, vector, matrix, vector, vector, vector, vector"
-    yield _kernel("check of the solution", _active_set.residuals, arguments)
-
-
 def _of_the_mpc() -> Iterator[Kernel]:
     from .mpc.kernels import decide, discretize, inputs, triangularize
     from .qp import _active_set
@@ -134,8 +114,7 @@ def of_the_filter() -> Iterator[Kernel]:
     yield _kernel("linearized plant", _filter.linearize, f"{point}, i8")
     ahead = "equations, matrix, vector, vector, matrix, matrix, f8, i8"
     yield _kernel("prediction of the estimator", _filter.carried, ahead)
-    update = f"{point}, matrix, matrix, vector"
-    yield _kernel("correction of the estimator", _filter.updated, update)
+    yield _kernel("correction of the estimator", _filter.updated, f"{point}, matrix, matrix, vector")
 
 
 def _of_the_reactor() -> Iterator[Kernel]:
@@ -147,11 +126,13 @@ def _of_the_reactor() -> Iterator[Kernel]:
 
 
 def _of_the_road() -> Iterator[Kernel]:
-    from prefcal_env.plants.bicycle import compiled_hold
-
     from .envs.overtake import scene
+    from .plants.bicycle import compiled_hold
+    from .qp import _active_set
 
-    yield from _of_the_solver()
+    # What PIQP needs; other controllers need it only if a step is not solved.
+    arguments = "matrix, vector, matrix, vector, vector, vector, vector"
+    yield _kernel("check of the solution", _active_set.residuals, arguments)
     yield _kernel("car", compiled_hold(), "f8, f8, f8, f8, f8, f8, vector")
     yield _kernel("edge of the road", scene.kept, "matrix, UniTuple(f8, 2), f8")
     yield _kernel("contacts", scene.surely_apart, "matrix, cube")

@@ -37,8 +37,6 @@ inlined: Any = partial(numba.njit, inline="always")
 """Decorator of a function that is called in one place: it takes no compilation of its own."""
 
 _OURS = "prefcal_"
-_KEPT = 3
-"""Number of older versions of a module whose code is kept, for other environments."""
 
 
 class _KernelFolder(_CacheLocator):
@@ -124,7 +122,7 @@ def _remove_old(folder: Path) -> None:
     """Remove the code of older versions of the module of `folder`, except the latest ones."""
     module = folder.name.rpartition("-")[0]
     others = sorted(folder.parent.glob(f"{module}-*"), key=lambda each: each.stat().st_mtime)
-    for old in others[:-_KEPT]:
+    for old in others[:-3]:  # the others may serve other environments
         shutil.rmtree(old, ignore_errors=True)
 
 

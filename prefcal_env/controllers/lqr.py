@@ -17,11 +17,6 @@ from prefcal_env.plants.systems import held
 
 from .stored import as_data, finite, index_of, infinite, reference_of, storable
 
-# --- A plant linearized at a steady state, as plain numbers: the model of LQR and LQG.
-
-_RESTS = 1e-6
-"""Largest movement in one sampling period, relative to the size of the state, that is rest."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearized:
@@ -54,22 +49,13 @@ class Linearized:
 
     def __post_init__(self) -> None:
         n_x, n_u, n_y = np.size(self.x0), np.size(self.u0), np.size(self.y0)
-        shapes = {
-            "A": (n_x, n_x),
-            "B": (n_x, n_u),
-            "C": (n_y, n_x),
-            "D": (n_y, n_u),
-            "x0": (n_x,),
-            "u0": (n_u,),
-            "y0": (n_y,),
-            "low": (n_u,),
-            "high": (n_u,),
-        }
-        for field in fields(self):
+        matrices = (n_x, n_x), (n_x, n_u), (n_y, n_x), (n_y, n_u)
+        vectors = (n_x,), (n_u,), (n_y,), (n_u,), (n_u,)
+        for field, shape in zip(fields(self), (*matrices, *vectors), strict=True):
             name = field.name
             array = np.array(getattr(self, name), dtype=float)
-            if array.shape != shapes[name]:
-                raise SettingsError(f"{name} must have shape {shapes[name]}, got {array.shape}")
+            if array.shape != shape:
+                raise SettingsError(f"{name} must have shape {shape}, got {array.shape}")
             limit = name in ("low", "high")
             if np.isnan(array).any() or (not limit and np.isinf(array).any()):
                 raise SettingsError(f"{name} must be finite, got {array.tolist()}")
@@ -99,7 +85,8 @@ def linearized(plant: Plant, x0: Any, u0: Any, d0: Any, T_s: float) -> Linearize
         )
     )
     rate = np.asarray(plant.f(x, u, d), dtype=float)
-    if not np.abs(rate).max(initial=0.0) * T_s <= _RESTS * (1 + np.abs(x).max(initial=0.0)):
+    # At rest, it moves in a sampling period by at most a millionth of the size of the state.
+    if not np.abs(rate).max(initial=0.0) * T_s <= 1e-6 * (1 + np.abs(x).max(initial=0.0)):
         raise SettingsError(
             f"plant {plant.name!r} does not rest at x0={x.tolist()}, u0={u.tolist()}: its state "
             f"changes by {rate.tolist()} per {plant.time_unit}; give a steady state"
@@ -107,9 +94,6 @@ def linearized(plant: Plant, x0: Any, u0: Any, d0: Any, T_s: float) -> Linearize
     J = plant.jacobians(x, u, d)
     low, high = (np.array([getattr(c, k) for c in plant.inputs]) for k in ("low", "high"))
     return Linearized(J.A, J.B, J.C, J.D, x, u, np.asarray(plant.g(x, u, d)), low, high)
-
-
-# --- State feedback by a linear quadratic regulator, sampled, with integral action if wanted.
 
 
 @storable
@@ -267,9 +251,6 @@ def _unstable(integral: tuple[int, ...]) -> SettingsError:
         "no state feedback with these weights stabilizes the linearized plant: weight every state "
         f"that does not decay by itself with Q above 0{more}"
     )
-
-
-# --- A linear quadratic regulator that estimates the state from measured outputs.
 
 
 @storable

@@ -95,29 +95,18 @@ def _reachable(
     return basis.T @ A @ basis, basis.T @ B, C @ basis
 
 
-# --- Stability margins of a sampled loop, broken at the plant's input, for any controller.
-
 Response = Callable[[Float[np.ndarray, " m"]], Complex[np.ndarray, "m n n"]]
 """Function of angular frequencies that returns the sensitivity (1 + L)^-1 at the plant's input."""
 
 UNCONSTRAINED = "the unconstrained law, linearized at the operating point"
 """What margins hold for."""
-_POINTS = 1500
-"""Number of frequencies between the slowest and the fastest one that matter."""
 _SMALL = 1e-4
 """Size of the impulse, as a share of the input's range: far from limits, and above rounding."""
-_LEFT = 1e-9
-"""Share of its peak below which a response has died out."""
 _LOOKS = tuple(64 * 2**k for k in range(9))
 """Numbers of samples after which to look whether a response has died out. After the last one, a
 slow loop counts as stable if the response still shrinks; its slowest part is cut off."""
-_SHRINKS = 0.99
-"""Ratio of its late peak to the one before below which a response shrinks."""
-_BEYOND = 1e5
-"""Multiple of the impulse beyond which a response grows without limit."""
 _NOTHING = 1e-6
 """Loop gain below which its phase is rounding: no gain that matters brings it to -1."""
-_BALANCINGS = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,17 +177,14 @@ def margins(plant: Plant, task: Task, make: Callable[[], Controller], *, settle:
         return np.moveaxis(np.asarray(values), -1, 0)
 
     # From a tenth of what so many samples can tell to Nyquist's frequency.
-    return margins_of(response, np.geomspace(0.2 * np.pi / (length * T_s), np.pi / T_s, _POINTS))
+    return margins_of(response, np.geomspace(0.2 * np.pi / (length * T_s), np.pi / T_s, 1500))
 
 
 def margins_of(sensitivity: Response, omega: Float[np.ndarray, " m"]) -> Margins:
     """Return the margins of a stable loop with this sensitivity (1 + L)^-1 at the plant's input.
 
-    Crossings and peaks are found between neighbors of `omega`, and then to rounding.
-
-    Args:
-        sensitivity: Function of angular frequencies, shape (m,), that returns (m, n, n).
-        omega: Frequencies, increasing, shape (m,); the last one is Nyquist's for a sampled loop.
+    Crossings and peaks are found between neighbors of `omega`, increasing frequencies of which the last
+    one is Nyquist's for a sampled loop, and then to rounding.
     """
     S = sensitivity(omega)
     n = S.shape[-1]
@@ -210,7 +196,7 @@ def margins_of(sensitivity: Response, omega: Float[np.ndarray, " m"]) -> Margins
             return complex(_loop(sensitivity(np.array([frequency]))[:, i, i])[0])
 
         gains += [-1 / value for value in _phase_crossings(at, omega, L)]
-        for crossing in _crossings(at, _over_one, omega, L):
+        for crossing in _crossings(at, lambda L: np.abs(L) - 1, omega, L):
             lag = float(np.angle(-at(crossing))) % (2 * np.pi)  # phase lag until the loop is at -1
             phases.append(min(lag, 2 * np.pi - lag))
             delays.append(lag / crossing)
@@ -269,14 +255,14 @@ class _Start:
         rows: list[np.ndarray] = []
         for up, down in zip(*both, strict=True):
             rows.append((up - down) / (2 * size))
-            if not np.abs(rows[-1]).max() < _BEYOND:
-                return None
+            if not np.abs(rows[-1]).max() < 1e5:
+                return None  # it grows without limit
             if len(rows) in _LOOKS:
                 quarters = np.array_split(np.abs(rows).max(axis=1), 4)
                 first, _, before, late = (float(part.max()) for part in quarters)
-                if late <= _LEFT * max(before, first):
+                if late <= 1e-9 * max(before, first):
                     break
-                if len(rows) == _LOOKS[-1] and not late < _SHRINKS * before:
+                if len(rows) == _LOOKS[-1] and not late < 0.99 * before:
                     return None
         return np.array(rows)
 
@@ -310,10 +296,6 @@ def _phase_crossings(at: Callable[[float], complex], omega: np.ndarray, L: np.nd
             yield value.real
     if L.real[-1] < -_NOTHING and abs(L.imag[-1]) <= 1e-9 * abs(L.real[-1]):
         yield float(L.real[-1])
-
-
-def _over_one(L: Any) -> Any:
-    return np.abs(L) - 1
 
 
 def _crossings(
@@ -362,7 +344,7 @@ def _mu(M: Complex[np.ndarray, "m n n"]) -> Float[np.ndarray, " m"]:
     """
     n, balanced = M.shape[-1], np.abs(M) ** 2
     scale = np.ones(M.shape[:2])
-    for _ in range(_BALANCINGS if n > 1 else 0):
+    for _ in range(30 if n > 1 else 0):
         for i in range(n):
             others = np.arange(n) != i
             row = balanced[:, i, others].sum(axis=1) + 1e-300
@@ -375,10 +357,6 @@ def _mu(M: Complex[np.ndarray, "m n n"]) -> Float[np.ndarray, " m"]:
     return np.asarray(np.linalg.svd(scaled, compute_uv=False)[:, 0])
 
 
-# Margins as KPIs.
-
-_MOST_GAIN, _MOST_PERIODS = 60.0, 1e4
-"""Gain margin in dB and delay margin in sampling periods that stand for an infinite one."""
 _KPIS = (
     ("gain_margin", "gain margin", "dB", 0.01, "Smallest change of the gain, up or down, that is too much."),
     ("phase_margin", "phase margin", "°", 0.1, "Phase that the loop may lose before it is unstable."),
@@ -429,8 +407,8 @@ class MarginKPIs:
         gain = min(found.gain, 1 / found.gain_reduction if found.gain_reduction else np.inf)
         return {
             **experiment.kpis,
-            "gain_margin": min(float(20 * np.log10(gain)), _MOST_GAIN),
+            "gain_margin": min(float(20 * np.log10(gain)), 60.0),
             "phase_margin": found.phase,
-            "delay_margin": min(found.delay, _MOST_PERIODS * make().T_s),
+            "delay_margin": min(found.delay, 1e4 * make().T_s),
             "disk_margin": found.disk,
         }

@@ -64,13 +64,7 @@ class PIDLaw:
 class LinearPIDs:
     """Sets of PIDs to check together: m sets, each with p PIDs side by side.
 
-    PID i of a set goes from output i to input i of a square plant.
-
-    Args:
-        K_p: Gains, shape (m, p).
-        T_i: Integral times, shape (m, p).
-        T_d: Derivative times, shape (m, p).
-        N: Filter of the derivatives, as in `PID`.
+    PID i of a set goes from output i to input i of a square plant; the parameters are as in `PID`.
     """
 
     K_p: Float[np.ndarray, "m p"]
@@ -131,9 +125,6 @@ class LinearPIDs:
         """Return the law of each PID, shape (m, p); with `each` for every frequency, (m, 1, p)."""
         parameters = (v[:, None] if each else v for v in (self.K_p, self.T_i, self.T_d))
         return PIDLaw.of(*parameters, N=self.N, T_s=T_s)
-
-
-# --- A PID controller of the standard form, as it runs in industry, and several side by side.
 
 
 @storable
@@ -339,25 +330,15 @@ def _checked(p: dict[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class ProcessModel:
-    """What the rules need to know of a process of one input and one output.
+    """What the rules need to know of a process of one input and one output."""
 
-    Args:
-        gain: Lim s^n G(s) for s to 0, n the number of integrators.
-        integrators: Number of integrators.
-        lags: Time constants 1/|p| of the other poles, decreasing.
-        inverse: Time constants 1/z of the zeros in the right half plane.
-        delay: Dead time, with half of the sampling time.
-        unstable: Whether a pole is in the right half plane.
-        damping: Smallest damping of a pair of poles; 1 if there is none.
-    """
-
-    gain: float
-    integrators: int
-    lags: tuple[float, ...]
-    inverse: tuple[float, ...]
-    delay: float
-    unstable: bool = False
-    damping: float = 1.0
+    gain: float  # lim s^n G(s) for s to 0, n the number of integrators
+    integrators: int  # number of integrators
+    lags: tuple[float, ...]  # time constants 1/|p| of the other poles, decreasing
+    inverse: tuple[float, ...]  # time constants 1/z of the zeros in the right half plane
+    delay: float  # dead time, with half of the sampling time
+    unstable: bool = False  # whether a pole is in the right half plane
+    damping: float = 1.0  # smallest damping of a pair of poles; 1 if there is none
 
 
 def simc(process: ProcessModel, *, derivative: bool = True) -> Tuning | None:
@@ -399,10 +380,8 @@ def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: f
     Source: Ziegler, Nichols (1942), Optimum settings for automatic controllers, Trans. ASME 64,
     759-768.
 
-    Args:
-        plant: LinearSystem plant of one input and one output, stable or integrating.
-        omega: Increasing angular frequencies to search, shape (m,).
-        sign: Sign of the controller's gain.
+    The plant has one input and one output, and is stable or integrating; `omega` are increasing
+    angular frequencies to search, and `sign` is that of the controller's gain.
     """
     G = sign * plant.at(1j * omega)[:, 0, 0]
     crossing = np.flatnonzero((G.imag[:-1] < 0) & (G.imag[1:] >= 0) & (G.real[1:] < 0))
@@ -417,12 +396,6 @@ def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: f
 
 ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
 """Largest sensitivities, from the recommended range to what difficult plants allow."""
-
-_INTEGRAL_TIMES = (0.18, 0.35, 0.7, 1.4, 2.8, 5.6, 11.0, 22.0)
-"""Integral times to try, times the crossover frequency; plants that are all dead time need the
-short ones."""
-_DERIVATIVE_TIMES = (0.05, 0.15, 0.4, 1.0, 2.0)
-"""Derivative times to try, likewise."""
 
 
 def robust(
@@ -449,7 +422,9 @@ def robust(
         N: Filter of the derivative, as in `PID`.
     """
     T_s = plant.dt
-    shapes = [(i, d) for i in _INTEGRAL_TIMES for d in _DERIVATIVE_TIMES]
+    # T_i and T_d times the crossover frequency; plants that are all dead time need the short T_i.
+    integral, derivative = (0.18, 0.35, 0.7, 1.4, 2.8, 5.6, 11.0, 22.0), (0.05, 0.15, 0.4, 1.0, 2.0)
+    shapes = [(i, d) for i in integral for d in derivative]
     w = np.repeat(crossover, len(shapes))
     T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
     unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)

@@ -27,8 +27,6 @@ class Storable(Controller, Protocol):
 Kind = TypeVar("Kind", bound=type[Storable])
 KINDS: dict[str, type[Storable]] = {}
 """Controllers that `from_data` makes, by the names of their classes."""
-_INFINITE = {"T_i": np.inf, "low": -np.inf, "high": np.inf}
-"""Numbers that may be infinite, which are None in the data."""
 
 
 def storable(kind: Kind) -> Kind:
@@ -73,7 +71,7 @@ def finite(value: float | None) -> float | None:
 
 def infinite(name: str, value: Any) -> Any:
     """Return the value of the number called `name` in the data, where None may mean infinite."""
-    return _INFINITE.get(name) if value is None else value
+    return {"T_i": np.inf, "low": -np.inf, "high": np.inf}.get(name) if value is None else value
 
 
 # --- Read what was measured, and find channels by name.

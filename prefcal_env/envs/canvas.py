@@ -11,7 +11,6 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channel
 
 Make = TypeVar("Make", bound=Callable[..., Any])
-_INCHES, _DPI = (7.2, 2.4), 100
 _CURVE, _LIMIT, _TARGET, _BAND = "#0b62c4", "#b3261e", "#2b2b2b", "#2e7d32"
 
 
@@ -72,9 +71,8 @@ class Canvas:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        width, height = _INCHES
-        height = height * max(self.panels, 1) + 0.4
-        self._figure = Figure((width, height), dpi=_DPI)
+        height = 2.4 * max(self.panels, 1) + 0.4  # inches
+        self._figure = Figure((7.2, height), dpi=100)
         FigureCanvasAgg(self._figure)
         # Use fixed margins: an automatic layout moves the panels from frame to frame.
         self._figure.subplots_adjust(

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -20,8 +21,6 @@ from prefcal_env.experiments.experiment import (
     Record,
 )
 from prefcal_env.wording import brief, place_in_code
-
-# --- Run one closed-loop experiment: let a controller drive an environment, and record it.
 
 
 class ClosedLoopEnv(Protocol):
@@ -118,27 +117,15 @@ def _sampling_time(controller: Controller) -> object:
 
 
 def _experiment(record: Record, theta: object, steps: list[tuple[int, float, bool]]) -> Experiment:
-    assert record.end is not None
     iterations, solve_time, solved = zip(*steps, strict=True)
     return Experiment(
         theta=np.array(theta, dtype=float),
-        t=record.t,
-        x=record.x,
-        u=record.u,
-        t_control=record.t_control,
-        u_control=record.u_control,
-        y_ref=record.y_ref,
         iterations=np.array(iterations),
         solve_time=np.array(solve_time),
         solved=solved,
-        channels=record.channels,
-        end=record.end,
-        signals=record.signals,
-        y=record.y,
+        **{field.name: getattr(record, field.name) for field in fields(record)},
     )
 
-
-# --- A plant and a controller as a function from θ to an experiment.
 
 EnvSource = gym.Env[Any, Any] | str | Callable[[], gym.Env[Any, Any]]
 ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]
@@ -174,13 +161,13 @@ class ClosedLoop:
     @property
     def channels(self) -> Channels | None:
         """Channels of the experiments; None if the environment does not define them."""
-        found = getattr(self._env.unwrapped, "channels", None)
+        found = getattr(self.env, "channels", None)
         return found if isinstance(found, Channels) else None
 
     @property
     def signals(self) -> tuple[str, ...] | None:
         """Keys of the experiments' signals; None if the environment does not define them."""
-        return getattr(self._env.unwrapped, "signals", None)
+        return getattr(self.env, "signals", None)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run a physical θ, shape (n,)."""

@@ -19,11 +19,6 @@ from .closed_loop import rollout
 from .plant_env import PlantEnv, dead_times
 from .task import Task
 
-# --- Linear controllers: as a sampled control law, and closed around a plant without sampling.
-
-_SINGULAR = 1e12
-"""Condition number from which on an algebraic loop is taken to have no solution."""
-
 
 @dataclass(frozen=True, eq=False)
 class Law:
@@ -56,13 +51,9 @@ class Law:
 
 
 def law_of(system: LinearSystem, n_y: int, n_u: int, free: Bool[np.ndarray, " n_y"]) -> Law:
-    """Return a controller that acts on r - y, or on r and y, as a law.
+    """Return a controller with n_y inputs, the errors r - y, or 2 n_y, first r and then y, as a law.
 
-    Args:
-        system: Controller with n_y inputs, the errors r - y, or 2 n_y, first r and then y.
-        n_y: Number of outputs of the plant.
-        n_u: Number of inputs of the plant.
-        free: Whether an output has no reference; then r = y, shape (n_y,).
+    `free` says which outputs have no reference; then r = y.
 
     Raises:
         SettingsError: If the controller has another number of inputs or outputs.
@@ -139,7 +130,7 @@ def closed_loop(plant: LinearPlant, law: Law) -> Closed:
     n_y, n_x = s.sizes[2], len(s.A)
     B_u, B_d, D_u, D_d = s.B[:, :n_u], s.B[:, n_u:], s.D[:, :n_u], s.D[:, n_u:]
     loop = np.eye(n_u) - law.D_y @ D_u
-    if np.linalg.cond(loop) > _SINGULAR:
+    if np.linalg.cond(loop) > 1e12:
         raise SettingsError(
             "this loop is algebraic and has no solution: plant and controller both pass a jump on "
             "at once, with a loop gain of 1; give the controller a filter"
@@ -161,13 +152,9 @@ def closed_loop(plant: LinearPlant, law: Law) -> Closed:
     return Closed(A, B, np.vstack([y_z, U]), np.vstack([y_w, V]))
 
 
-# --- A run of a plant with a linear controller, or with any other.
-
 Reference = float | Sequence[float] | Mapping[str, float] | np.ndarray | Callable[[float], Any]
 _INSTANTS = 501
 """Instants of a record: as many as of a `PlantEnv` by default."""
-_SAMPLES = 1000
-"""Samples of a run in which a continuous controller has to be sampled."""
 
 
 class LTILoop:
@@ -228,7 +215,7 @@ class LTILoop:
             raise SettingsError(
                 f"controller must be a function of θ that returns a controller, got {controller!r}"
             )
-        self.space = _space(knobs)
+        self.space = knobs if isinstance(knobs, KnobSpace) else KnobSpace(list(knobs)) if knobs else None
         if T_s is not None and not (isinstance(T_s, Real) and 0 < T_s < np.inf):
             raise SettingsError(f"T_s must be above 0 {self.plant.time_unit}, got {T_s!r}")
         self.kpis, self._controller, self._T_s = kpis, controller, T_s
@@ -250,13 +237,12 @@ class LTILoop:
             sizes = len(self.plant.outputs), len(self.plant.inputs)
             law = law_of(system_of(controller), *sizes, free)
             if self._is_exact(law):
-                return self._finished(self._exact(theta, law))
-            controller = LTIController(law.sampled(self._sampling_time()))
+                return self._exact(theta, law).with_kpis(self.kpis)
+            own = self._T_s or float(getattr(self.plant, "sample_time", 0.0))
+            controller = LTIController(law.sampled(own or self._env.task.horizon / 1000))
         found = rollout(self._env, controller, theta, seed=seed)
-        return self._finished(replace(found, x=found.x[:, : len(self.channels.x)], channels=self.channels))
-
-    def _finished(self, experiment: Experiment) -> Experiment:
-        return experiment.with_kpis(self.kpis)
+        shown = replace(found, x=found.x[:, : len(self.channels.x)], channels=self.channels)
+        return shown.with_kpis(self.kpis)
 
     def _task(
         self,
@@ -316,10 +302,6 @@ class LTILoop:
             raise SettingsError(f"there is no output {name!r}; the outputs are {names}")
         return names.index(name)
 
-    def _sampling_time(self) -> float:
-        own = self._T_s or float(getattr(self.plant, "sample_time", 0.0))
-        return own or self._env.task.horizon / _SAMPLES
-
     def _is_exact(self, law: Law) -> bool:
         plant = self.plant
         limits = [limit for c in plant.inputs for limit in (c.low, c.high)]
@@ -370,9 +352,3 @@ def _numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:
         return plant_numbers(what, value, n)
     except PlantError as error:
         raise SettingsError(str(error)) from error
-
-
-def _space(knobs: Sequence[Knob] | KnobSpace) -> KnobSpace | None:
-    if isinstance(knobs, KnobSpace):
-        return knobs
-    return KnobSpace(list(knobs)) if knobs else None

@@ -31,9 +31,6 @@ from .task import Period, Task
 
 # --- Check that a plant fits a task, and derive the properties of the combination.
 
-_PARTS = ("f", "g", "hold", "states", "inputs", "outputs", "disturbances")
-"""What an environment needs of a plant."""
-
 
 def channels_of(plant: Plant, task: Task) -> Channels:
     """Return the plant's channels; a constant reference becomes the target of its output."""
@@ -86,7 +83,8 @@ def _reach(channel: Channel, start: float, aim: float) -> tuple[float, float]:
 
 def check_fit(plant: Plant, task: Task) -> None:
     """Raise SettingsError if shapes, ranges or limits of plant and task do not fit."""
-    if not isinstance(task, Task) or not all(hasattr(plant, part) for part in _PARTS):
+    parts = ("f", "g", "hold", "states", "inputs", "outputs", "disturbances")
+    if not isinstance(task, Task) or not all(hasattr(plant, part) for part in parts):
         raise SettingsError(f"needs a plant and a Task, got {plant!r:.60} and {task!r:.60}")
     n_x, n_u, n_y, n_d = map(len, (plant.states, plant.inputs, plant.outputs, plant.disturbances))
     tracked = tracked_of(task)
@@ -148,15 +146,11 @@ def check_rate(plant: Plant, x: X, u: U, d: Float[np.ndarray, "*n_d"]) -> None:
 
 # --- Dead time of inputs, outputs and measurements, exact for any length and sampling time.
 
-_SAME_INSTANT = 1e-10
-"""Share of a sampling period below which two instants count as one."""
-
 
 def delays_of(plant: Plant) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the dead times of inputs and outputs in the plant's unit of time; 0 if it has none."""
-    given = getattr(plant, "input_delay", ()), getattr(plant, "output_delay", ())
-    n_u, n_y = len(plant.inputs), len(plant.outputs)
-    return (tuple(given[0]) or (0.0,) * n_u, tuple(given[1]) or (0.0,) * n_y)
+    inputs, outputs = getattr(plant, "input_delay", ()), getattr(plant, "output_delay", ())
+    return tuple(inputs) or (0.0,) * len(plant.inputs), tuple(outputs) or (0.0,) * len(plant.outputs)
 
 
 def dead_times(plant: Plant) -> Float[np.ndarray, "n_y n_u"]:
@@ -171,12 +165,6 @@ class DeadTime:
 
     A sampling period is divided where a delayed input changes, so that dead times need not be
     multiples of the sampling time. Before the start, the plant is at its initial state and input.
-
-    Args:
-        plant: Plant whose inputs are delayed.
-        x0: State at time 0, shape (n_x,).
-        u0: Input before time 0, shape (n_u,).
-        d0: Measured disturbances at time 0, shape (n_d,).
     """
 
     def __init__(self, plant: Plant, x0: X, u0: U, d0: D) -> None:
@@ -192,7 +180,7 @@ class DeadTime:
     def hold(self, x: X, u: U, d: D, t: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M1 n_x"]:
         """Decide u at `t[0]` and hold it until `t[-1]`; return the states at `t[1:]`."""
         start, end = float(t[0]), float(t[-1])
-        self._tolerance = _SAME_INSTANT * (end - start)
+        self._tolerance = 1e-10 * (end - start)  # instants that are closer count as one
         self._given_at.append(start)
         self._given.append(u)
         changes = self._changes(start, end)
@@ -255,11 +243,8 @@ class DeadTime:
 
     def _reaching(self, t: float) -> Float[np.ndarray, " n_u"]:
         """Return the inputs that act on the plant from `t` on, shape (n_u,)."""
-        chosen = [
-            self._given[bisect_right(self._given_at, t - delay + self._tolerance) - 1][i]
-            for i, delay in enumerate(self._delays)
-        ]
-        return np.array(chosen, dtype=float)
+        last = [bisect_right(self._given_at, t - delay + self._tolerance) - 1 for delay in self._delays]
+        return np.array([self._given[k][i] for i, k in enumerate(last)], dtype=float)
 
     def _output(self, t: float, g: Callable[..., Any] | None = None) -> np.ndarray:
         """Return the outputs of the plant at `t`, or what `g` makes of its state."""
@@ -273,10 +258,7 @@ class DeadTime:
         return np.asarray((g or self._plant.g)(x, u, d), dtype=float)
 
 
-# --- A plant and a task as a Gymnasium environment: one step is one sampling period.
-
 Array = np.ndarray[Any, Any]
-_RESET_OPTIONS = ("T_s", "x0")
 
 
 class PlantEnv(gym.Env[Array, Array]):
@@ -366,7 +348,7 @@ class PlantEnv(gym.Env[Array, Array]):
             PlantError: If the initial state has the wrong shape, is not finite, or is unsafe.
         """
         super().reset(seed=seed)
-        options = known_options(options, _RESET_OPTIONS)
+        options = known_options(options, ("T_s", "x0"))
         T_s = self._sampling_time(options.get("T_s", self.task.T_s))
         x0 = plant_vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
         if self.task.unsafe(x0):
@@ -375,8 +357,7 @@ class PlantEnv(gym.Env[Array, Array]):
         self._t, self._x, self._u = 0.0, x0, self.task.u0
         self._episode = Trajectory(x0, self.task.u0)
         if self._delayed:
-            start = x0, self.task.u0, self.task.disturbance(0.0)
-            self._dead_time = DeadTime(self.plant, *start)
+            self._dead_time = DeadTime(self.plant, x0, self.task.u0, self.task.disturbance(0.0))
         self._draw_noise()
         return self.observe(), self._info()
 
@@ -547,6 +528,8 @@ class PlantEnv(gym.Env[Array, Array]):
             return []
         record, span = self.record(), (0.0, self.task.horizon)
         assert record.y is not None
-        shown = [(self.channels.y[i], record.y[:, i], False) for i in self._tracked]
-        shown += [(channel, u, True) for channel, u in zip(self.channels.u, record.u.T, strict=True)]
-        return [DrawnCurve(channel, record.t, values, held, span) for channel, values, held in shown]
+        pairs = zip(self.channels.u, record.u.T, strict=True)
+        return [
+            *(DrawnCurve(self.channels.y[i], record.t, record.y[:, i], False, span) for i in self._tracked),
+            *(DrawnCurve(channel, record.t, u, True, span) for channel, u in pairs),
+        ]

@@ -11,8 +11,6 @@ from prefcal_env.arrays import numbers
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import is_number
 
-# --- A reference or a disturbance that steps: what most tasks need, as data.
-
 Values = Sequence[float] | np.ndarray
 """The n values of a signal."""
 
@@ -44,8 +42,6 @@ class StepSignal:
             found[t >= time] = values
         return found
 
-
-# --- The task of a plant, as data: where an episode starts, what it aims at and how it ends.
 
 Vector = Float[np.ndarray, " _"]
 Signal = Vector | Callable[[float], Vector]

@@ -17,8 +17,6 @@ from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
 from .canvas import Canvas, DrawnCurve, check_render_mode
 
-# --- Tuning as an environment: each step is a complete closed-loop experiment.
-
 Array = np.ndarray[Any, Any]
 
 
@@ -139,8 +137,11 @@ class TuningEnv(gym.Env[Array, Array]):
             return self._canvas.frame([])
         named = self.space.named(self._experiment.theta)
         note = ", ".join(f"{name} = {value:.4g}" for name, value in named.items())
-        self._canvas.time_label = f"time [{self._experiment.channels.time_unit}]"
-        return self._canvas.frame(_curves(self._experiment, self._panels), note)
+        e, panels = self._experiment, self._panels
+        self._canvas.time_label = f"time [{e.channels.time_unit}]"
+        found = [p.plot(e) if len(e.t) else p.absent() for p in panels or ()]
+        plots = plots_of(e.channels) if panels is None else found
+        return self._canvas.frame([DrawnCurve(p.channel, e.t, p.values(e), p.held) for p in plots], note)
 
     def close(self) -> None:
         """Release the figure."""
@@ -148,18 +149,12 @@ class TuningEnv(gym.Env[Array, Array]):
 
 
 def sampled_at(space: KnobSpace, T_s: float | None) -> KnobSpace:
-    """Return `space` with its knob "T_s" frozen at `T_s`; unchanged if `T_s` is None.
+    """Return `space` with its knob "T_s" frozen at `T_s`, unless that is None.
 
     Raises:
         KnobError: If the sampling time is outside the knob's range.
     """
     return space if T_s is None else space.narrowed({"T_s": (T_s, T_s)})
-
-
-def _curves(experiment: Experiment, panels: Sequence[Panel] | None) -> list[DrawnCurve]:
-    e, t = experiment, experiment.t
-    plots = plots_of(e.channels) if panels is None else [p.plot(e) if len(t) else p.absent() for p in panels]
-    return [DrawnCurve(p.channel, t, p.values(e), held=p.held) for p in plots]
 
 
 def same_step_vector(env_id: str, num_envs: int = 1, **kwargs: Any) -> gym.vector.SyncVectorEnv:
@@ -176,9 +171,6 @@ def same_step_vector(env_id: str, num_envs: int = 1, **kwargs: Any) -> gym.vecto
 
 experiment_vector = partial(same_step_vector, "prefcal/Experiment-v0")
 """Make several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""
-
-
-# --- Preferences as a reward, for learners that only understand rewards.
 
 
 class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.RecordConstructorArgs):

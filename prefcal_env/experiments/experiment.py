@@ -118,9 +118,6 @@ class Controller(Protocol):
         """Decide the input for the next sampling period."""
 
 
-# --- The record of one closed-loop run of one θ, frozen.
-
-
 @dataclass(frozen=True, slots=True)
 class Channel:
     """A signal of an experiment: its name, unit, limits and target.
@@ -252,7 +249,7 @@ class Experiment:
     maneuver: str = ""
 
     def __post_init__(self) -> None:
-        for name, dtype in _ARRAYS.items():
+        for name, dtype in ARRAYS.items():
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
         if self.y is not None:
             object.__setattr__(self, "y", _frozen(self.y, float))
@@ -265,25 +262,16 @@ class Experiment:
     def _check(self) -> None:
         n_x, n_u, n_y = (len(c) for c in (self.channels.x, self.channels.u, self.channels.y))
         dense, steps = len(np.atleast_1d(self.t)), len(np.atleast_1d(self.t_control))
-        expected = {
-            "t": (dense,),
-            "x": (dense, n_x),
-            "u": (dense, n_u),
-            "t_control": (steps,),
-            "u_control": (steps, n_u),
-            "y_ref": (steps, n_y),
-            "iterations": (steps,),
-            "solve_time": (steps,),
-            "solved": (steps,),
-        }
+        expected: dict[str, tuple[int, ...]] = {"t": (dense,), "x": (dense, n_x), "u": (dense, n_u)}
+        expected |= {"t_control": (steps,), "u_control": (steps, n_u), "y_ref": (steps, n_y)}
+        expected |= dict.fromkeys(("iterations", "solve_time", "solved"), (steps,))
         if self.y is not None:
             expected["y"] = (dense, n_y)
-        shapes = {name: np.shape(getattr(self, name)) for name in expected}
-        expected |= {f"signals[{k!r}]": (dense,) for k in self.signals}
-        shapes |= {f"signals[{k!r}]": np.shape(v) for k, v in self.signals.items()}
-        for name, shape in expected.items():
-            if shapes[name] != shape:
-                raise ExperimentError(f"{name} must have shape {shape}, got {shapes[name]}")
+        arrays = {name: getattr(self, name) for name in expected}
+        for name, array in (arrays | {f"signals[{k!r}]": v for k, v in self.signals.items()}).items():
+            shape = expected.get(name, (dense,))
+            if np.shape(array) != shape:
+                raise ExperimentError(f"{name} must have shape {shape}, got {np.shape(array)}")
         for name in ("theta", "t", "x", "u", "t_control", "u_control"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ExperimentError(f"{name} must be finite, even in a run that was stopped")
@@ -338,8 +326,7 @@ class Experiment:
         for i, state in enumerate(self.channels.x):
             if (state.name, state.unit) == (channel.name, channel.unit):
                 return np.asarray(self.x[:, i])
-        found: Float[np.ndarray, " K"] | None = self.signals.get(channel.name)
-        return found
+        return self.signals.get(channel.name)
 
     def reference(self, index: int) -> Float[np.ndarray, " K"]:
         """Return the reference of output `index` (from 0), held from step to step, shape (K,).
@@ -357,13 +344,29 @@ class Experiment:
         Columns are the outputs, states, inputs and signals. `from_frame` reads the
         curves back if you name the inputs.
         """
+        import pandas as pd
 
-        return frame_of(self)
+        columns = {}
+        for j, channel in enumerate(self.channels.y):
+            values = self.output(j)
+            if values is not None:
+                columns[channel.label] = values
+        for group, values in ((self.channels.x, self.x), (self.channels.u, self.u)):
+            columns |= {c.label: values[:, i] for i, c in enumerate(group) if c.label not in columns}
+        columns |= {k: v for k, v in self.signals.items() if k not in columns}
+        unit = self.channels.time_unit
+        return pd.DataFrame(columns, index=pd.Index(self.t, name=f"time [{unit}]" if unit else "time"))
 
     def _repr_html_(self) -> str:
-        """Return a picture of the curves and the KPIs, for notebooks."""
-
-        return html_of(self)
+        """Return the end, a picture of the curves and a table of the KPIs as HTML, for notebooks."""
+        theta = ", ".join(f"{value:.4g}" for value in self.theta)
+        rows = list(_with_units(self))
+        table = table_of(("KPI", "value"), rows) if rows else ""
+        words = (
+            f"Experiment: θ = ({theta}), {self.duration:.4g} "
+            f"{escape(self.channels.time_unit)}, {escape(self.end.value)}"
+        )
+        return f"<div><p>{words}</p>{_picture(self)}{table}</div>"
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Experiment):
@@ -376,18 +379,9 @@ class Experiment:
 
 KPIs = Callable[[Experiment], Mapping[str, float]]
 """Function of an experiment that returns its KPIs by name."""
-_ARRAYS: dict[str, Any] = {
-    "theta": float,
-    "t": float,
-    "x": float,
-    "u": float,
-    "t_control": float,
-    "u_control": float,
-    "y_ref": float,
-    "iterations": np.int64,
-    "solve_time": float,
-    "solved": bool,
-}
+_NAMES = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
+ARRAYS: dict[str, Any] = dict.fromkeys(_NAMES, float) | {"iterations": np.int64, "solved": bool}
+"""Types of the arrays of an experiment, by name."""
 
 
 def _mapping(name: str, value: object) -> Mapping[str, Any]:
@@ -452,40 +446,6 @@ def _same(a: Any, b: Any) -> bool:
 
 # --- Hand an experiment to a notebook: as a DataFrame, and as HTML with a picture and its KPIs.
 
-_MOST = 2000
-"""Largest number of points of a curve in the picture."""
-
-
-def frame_of(experiment: Experiment) -> Any:
-    """Return the curves as a DataFrame; see `Experiment.to_frame`."""
-    import pandas as pd
-
-    channels = experiment.channels
-    columns = {}
-    for j, channel in enumerate(channels.y):
-        values = experiment.output(j)
-        if values is not None:
-            columns[channel.label] = values
-    groups = ((channels.x, experiment.x), (channels.u, experiment.u))
-    for group, values in groups:
-        columns |= {c.label: values[:, i] for i, c in enumerate(group) if c.label not in columns}
-    columns |= {k: v for k, v in experiment.signals.items() if k not in columns}
-    unit = channels.time_unit
-    index = pd.Index(experiment.t, name=f"time [{unit}]" if unit else "time")
-    return pd.DataFrame(columns, index=index)
-
-
-def html_of(experiment: Experiment) -> str:
-    """Return the end, a picture of the curves and a table of the KPIs as HTML."""
-    theta = ", ".join(f"{value:.4g}" for value in experiment.theta)
-    rows = list(_with_units(experiment))
-    table = table_of(("KPI", "value"), rows) if rows else ""
-    words = (
-        f"Experiment: θ = ({theta}), {experiment.duration:.4g} "
-        f"{escape(experiment.channels.time_unit)}, {escape(experiment.end.value)}"
-    )
-    return f"<div><p>{words}</p>{_picture(experiment)}{table}</div>"
-
 
 def _with_units(experiment: Experiment) -> Iterable[tuple[str, str]]:
     """Yield the name of each KPI, and its value with its unit if the channels tell that."""
@@ -526,7 +486,7 @@ def _picture(experiment: Experiment) -> str:
     if not shown:
         return ""
     references = {c.label: experiment.y_ref[:, j] for j, c in enumerate(channels.y)}
-    rows = np.unique(np.linspace(0, len(experiment.t) - 1, _MOST).astype(int))
+    rows = np.unique(np.linspace(0, len(experiment.t) - 1, 2000).astype(int))  # points, at most
     figure = Figure(figsize=(6.0, 0.5 + 1.3 * len(shown)), layout="constrained")
     grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (channel, values) in zip(grid, reversed(shown.values()), strict=True):
@@ -545,18 +505,12 @@ def _picture(experiment: Experiment) -> str:
     return f"<img alt='curves of the experiment' src='data:image/png;base64,{data}'>"
 
 
-# --- The trajectory of a running episode, on a fixed grid and at the sampling instants.
-
-_SAME_INSTANT = 1e-9
-"""Share of the grid's step below which two instants count as one."""
-
-
 def instants(t: float, end: float, dense_step: float) -> Float[np.ndarray, " M"]:
     """Return the instants to record: `t`, the multiples of `dense_step` in between, and `end`.
 
     Multiples that coincide with `t` or `end` are left out, so that no instant appears twice.
     """
-    close = _SAME_INSTANT * dense_step
+    close = 1e-9 * dense_step
     first = floor((t + close) / dense_step) + 1
     last = ceil((end - close) / dense_step)
     return np.array([t, *(k * dense_step for k in range(first, last)), end])
@@ -608,11 +562,11 @@ class Trajectory:
 
     def record(self, channels: Channels, end: End | None) -> Record:
         """Return everything so far; before the first step, one instant and no step."""
-        n_steps, n_u, n_y = len(self._u), len(channels.u), len(channels.y)
+        n_steps = len(self._u)
         t = np.concatenate([np.zeros(1), *self._t])
         lengths = np.array([len(period) for period in self._t], dtype=int)
         starts = np.concatenate([[0], np.cumsum(lengths)])  # index of every period's start in t
-        u_control = np.concatenate([np.zeros(0), *self._u]).reshape(n_steps, n_u)
+        u_control = np.concatenate([np.zeros(0), *self._u]).reshape(n_steps, len(channels.u))
         u = np.repeat(u_control, lengths, axis=0)  # each period's input, until before its end
         last = self._u[-1] if n_steps else self.u0
         return Record(
@@ -621,7 +575,7 @@ class Trajectory:
             u=np.concatenate([u, last[None]]),
             t_control=t[starts[:n_steps]],
             u_control=u_control,
-            y_ref=np.concatenate([np.zeros(0), *self._y_ref]).reshape(n_steps, n_y),
+            y_ref=np.concatenate([np.zeros(0), *self._y_ref]).reshape(n_steps, len(channels.y)),
             channels=channels,
             end=end,
         )

@@ -49,22 +49,15 @@ _CURVES: Mapping[str, Any] = {"abs": np.abs, "sqrt": np.sqrt, "diff": lambda x: 
 """Functions of a curve that return a curve of the same length."""
 _ALL = (*_NUMBERS, *_OVER_TIME)
 _FUNCTIONS = (*_ALL, *_CURVES, "ref")
-_ROUNDING = 1e-9
-"""Share of a run's duration by which an instant may miss the end of a window."""
 
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """A formula, or a part of one; `formula_of` reads it.
+    """A formula, or a part of one; `formula_of` reads it."""
 
-    Args:
-        compute: Function of an experiment with a record: a number, or a curve of shape (K,).
-        curve: Whether it is a curve of a signal.
-        names: Functions of channels and keys of signals that find what it names, or raise ScenarioError.
-    """
-
-    compute: Callable[[Experiment], Any]
-    curve: bool = False
+    compute: Callable[[Experiment], Any]  # of one with a record: a number, or a curve of shape (K,)
+    curve: bool = False  # whether it is a curve of a signal
+    # Functions of channels and keys of signals that find what it names, or raise ScenarioError.
     names: tuple[Callable[[Channels, Collection[str]], Any], ...] = ()
 
 
@@ -153,7 +146,7 @@ def _values(name: str, run: Experiment) -> Any:
 
 def _in_window(name: str, x: Any, t: Any, after: float, before: float) -> Any:
     """Return a function of curve x, shape (K,), at the instants t from `after` to `before`."""
-    slack = _ROUNDING * t[-1]
+    slack = 1e-9 * t[-1]  # by which an instant may miss the end of the window
     kept = (after - slack <= t) & (t <= before + slack)
     if name in _OVER_TIME:
         held = np.diff(np.clip(t, after, before))
@@ -177,12 +170,6 @@ def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
     return Formula(compute, any(part.curve for part in parts), names)
 
 
-# --- Key performance indicators (KPIs): what they are called, when they are good, and how they are read.
-
-_DIGITS = 4
-"""Significant digits that a number is shown with."""
-
-
 def as_read(
     values: Float[np.ndarray, "*shape"] | float, step: Float[np.ndarray, " k"] | float = 0.0
 ) -> Float[np.ndarray, "*shape"]:
@@ -199,7 +186,7 @@ def as_read(
     some = np.where(steps == 0, some, np.round(some / np.where(steps == 0, 1.0, steps)) * steps)
     size = np.abs(np.where(some == 0, 1.0, some))
     # Integers of any size keep all their digits, and a power of 10 above 300 would overflow.
-    places = 10.0 ** np.clip(_DIGITS - 1 - np.floor(np.log10(size)), 0, 300)
+    places = 10.0 ** np.clip(3 - np.floor(np.log10(size)), 0, 300)
     found[known] = np.round(some * places) / places + 0.0
     return found
 
@@ -266,17 +253,10 @@ class KPI:
                 f"KPI {self.name!r}: at_least must not be above at_most, "
                 f"got {self.at_least} and {self.at_most} {self.unit}".rstrip()
             )
-        object.__setattr__(self, "goal", self._goal())
+        below, above = np.isfinite([self.at_most, self.at_least])
+        goal = "target" if below and above else "lower" if below else "higher" if above else None
+        object.__setattr__(self, "goal", self.better or goal)
         object.__setattr__(self, "step", self._step())
-
-    def _goal(self) -> Literal["lower", "higher", "target"] | None:
-        if self.better is not None:
-            return self.better
-        if np.isfinite(self.at_most) and np.isfinite(self.at_least):
-            return "target"
-        if np.isfinite(self.at_most):
-            return "lower"
-        return "higher" if np.isfinite(self.at_least) else None
 
     def _step(self) -> float:
         if self.resolution is not None:
@@ -319,14 +299,7 @@ class KPI:
 #
 # An agent learns which of them matter to a person (`Answer.outcomes`); none is a cost by itself.
 
-_MOST = 10
-"""Number of found KPIs that people still read."""
-_SHOWN = ("settling time", "overshoot", "integrated error", "total move")
-"""Kinds of KPIs that are found, in the order in which they are shown."""
-_DROPPED = ("integrated error", "overshoot", "total move")
-"""Kinds that are left out, in this order, if there are too many KPIs to read."""
 BAND = 0.03  # share of the largest error, for channels without a band
-_NOTHING = 1e-3  # share of the largest error below which an error is invisible
 
 
 def tracking_kpis(experiment: Experiment) -> dict[str, float]:
@@ -360,8 +333,7 @@ def _named(kinds: Sequence[Kind], channel: Channel, values: Iterable[float]) -> 
 def _errors(experiment: Experiment) -> Iterator[tuple[Channel, Float[np.ndarray, " K"]]]:
     """Yield channel and error of each output with a reference, on the dense grid."""
     for j, channel in enumerate(experiment.channels.y):
-        reference = experiment.reference(j)
-        curve = experiment.output(j)
+        reference, curve = experiment.reference(j), experiment.output(j)
         if curve is not None and np.isfinite(reference).all() and np.isfinite(curve).all():
             yield channel, np.asarray(curve - reference)
 
@@ -378,7 +350,7 @@ def _of_error(
         (size * t)[:-1] @ dt,
         entered(t, error, band_of(channel, error)),
         max(beyond.max(), 0.0),
-        max(size[-1] - _NOTHING * largest, 0.0),
+        max(size[-1] - 1e-3 * largest, 0.0),  # less is invisible
     )
     return _named(OF_OUTPUT, channel, values)
 
@@ -415,11 +387,11 @@ def found_kpis(channels: Channels, measured: Iterable[str] | None = None) -> tup
     there = [n for n in every if measured is None or n in measured]
     if not any(name.startswith(tuple(kind for kind, *_ in OF_OUTPUT)) for name in there):
         return ()  # nothing is tracked: moves alone would ask for a controller that does nothing
-    kinds = list(_SHOWN)
-    for kind in ("", *_DROPPED):
+    kinds = ["settling time", "overshoot", "integrated error", "total move"]  # as they are shown
+    for kind in ("", "integrated error", "overshoot", "total move"):  # left out until people can read them
         kinds = [k for k in kinds if k != kind]
         names = [n for k in kinds for n in there if n.startswith(f"{k} of ")]
-        if len(names) <= _MOST:
+        if len(names) <= 10:
             break
     return tuple(every[name] for name in names)
 

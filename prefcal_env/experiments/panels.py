@@ -10,35 +10,22 @@ from jaxtyping import Float
 from prefcal_env.errors import ExperimentError, ScenarioError
 from prefcal_env.wording import did_you_mean
 
-from .experiment import BEST_FIRST, Channel, Channels, Experiment
-
-# --- Panels: select which curve of an experiment is drawn, by its channel's name, and its look.
+from .experiment import ARRAYS, BEST_FIRST, Channel, Channels, Experiment
 
 KINDS = {"x": "states", "u": "inputs", "y": "outputs", "signal": "signals"}
 """Maps each kind of curve to the name of its group."""
-_LOOK = ("unit", "low", "high", "target", "band", "symbol")
-"""Attributes that a panel may override."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """One curve and its look: a `Panel` whose channel has been found.
+    """One curve and its look: a `Panel` whose channel has been found."""
 
-    Args:
-        channel: Title, unit, limits, target and band, all as drawn.
-        kind: Kind of the curve: "x", "u", "y" or "signal".
-        name: Name of the channel or signal in the experiment.
-        nth: Position among the channels of the same name, from 0.
-        scale: Factor from the experiment's unit to the unit of `channel`.
-        reference: See `Panel`, as are the two limits; "" for none.
-    """
-
-    channel: Channel
-    kind: str
-    name: str
-    nth: int = 0
-    scale: float = 1.0
-    reference: str = ""
+    channel: Channel  # title, unit, limits, target and band, all as drawn
+    kind: str  # "x", "u", "y" or "signal"
+    name: str  # of the channel or signal in the experiment
+    nth: int = 0  # position among the channels of the same name
+    scale: float = 1.0  # factor from the experiment's unit to the unit of `channel`
+    reference: str = ""  # see `Panel`, as are the two limits; "" for none
     low_signal: str = ""
     high_signal: str = ""
 
@@ -63,17 +50,10 @@ class Plot:
 
 
 class PanelCurves(NamedTuple):
-    """The curves of one panel on `t` of an experiment, in the panel's unit, each of shape (K,).
+    """The curves of one panel on `t` of an experiment, in the panel's unit, each of shape (K,)."""
 
-    Args:
-        values: The curve; NaN if the experiment lacks it.
-        reference: Reference that changes; None if there is none, as for the limits.
-        low: Lower limit that changes.
-        high: Upper limit that changes.
-    """
-
-    values: Float[np.ndarray, " K"]
-    reference: Float[np.ndarray, " K"] | None
+    values: Float[np.ndarray, " K"]  # NaN if the experiment lacks the curve
+    reference: Float[np.ndarray, " K"] | None  # one that changes, as the limits
     low: Float[np.ndarray, " K"] | None
     high: Float[np.ndarray, " K"] | None
 
@@ -159,15 +139,11 @@ class Panel:
                 f"panel {self.name!r}: the experiment does not record the output {plot.name!r}; "
                 "give the Experiment its outputs as y=..., shape (K, n_y)"
             )
-        drawn = {
-            "the reference": self.reference,
-            "the lower limit": self.low_signal,
-            "the upper limit": self.high_signal,
-        }
-        for what, key in drawn.items():
+        keys = (self.reference, self.low_signal, self.high_signal)
+        for what, key in zip(("reference", "lower limit", "upper limit"), keys, strict=True):
             if key and key not in experiment.signals:
                 raise ScenarioError(
-                    f"panel {self.name!r}: no signal is called {key!r} to draw {what}; "
+                    f"panel {self.name!r}: no signal is called {key!r} to draw the {what}; "
                     f"there are {_quoted(experiment.signals) or 'none'}"
                 )
         return plot
@@ -182,7 +158,15 @@ class Panel:
         Raises:
             ScenarioError: If no channel or signal, or more than one, has this name.
         """
-        return self._dressed(plot_called(self.name, channels, signals, self.kind, what="panel"))
+        plot = plot_called(self.name, channels, signals, self.kind, what="panel")
+        return replace(
+            plot,
+            channel=self._look(plot.channel.scaled(self.scale)),
+            scale=self.scale,
+            reference=self.reference or plot.reference,
+            low_signal=self.low_signal,
+            high_signal=self.high_signal,
+        )
 
     def _check_state_is_output(self, plot: Plot, experiment: Experiment) -> None:
         """Raise ScenarioError if a state and an output share the name but differ."""
@@ -202,20 +186,10 @@ class Panel:
         """Return a plot without values, for experiments that lack this curve."""
         return Plot(self._look(Channel(self.name)), "signal", self.name)
 
-    def _dressed(self, plot: Plot) -> Plot:
-        look = self._look(plot.channel.scaled(self.scale))
-        return replace(
-            plot,
-            channel=look,
-            scale=self.scale,
-            reference=self.reference or plot.reference,
-            low_signal=self.low_signal,
-            high_signal=self.high_signal,
-        )
-
     def _look(self, channel: Channel) -> Channel:
         """Return `channel` with the attributes that this panel overrides."""
-        given = {n: getattr(self, n) for n in _LOOK if getattr(self, n) is not None}
+        look = ("unit", "low", "high", "target", "band", "symbol")
+        given = {n: getattr(self, n) for n in look if getattr(self, n) is not None}
         try:
             return replace(channel, **given, name=self.title or channel.name)
         except ExperimentError as error:
@@ -225,14 +199,9 @@ class Panel:
 def plot_called(
     name: str, channels: Channels, signals: Collection[str], kind: str = "", *, what: str = "signal"
 ) -> Plot:
-    """Find a curve by its name, or else by its symbol.
+    """Find a curve by its name, or else by its symbol; without a kind, everywhere.
 
-    Args:
-        name: Name or symbol of a channel, or key of a signal.
-        channels: Available states, inputs and outputs.
-        signals: Keys of the available signals.
-        kind: Where to look: "x", "u", "y" or "signal"; everywhere if empty.
-        what: What has this name, for messages.
+    `what` says what has this name, for messages.
 
     Raises:
         ScenarioError: If no channel or signal, or more than one, has this name.
@@ -276,15 +245,14 @@ def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, .
     """
     found = [*_numbered("x", channels.x), *_numbered("u", channels.u)]
     outputs = list(_numbered("y", channels.y))
-    places = {(p.kind, p.name): i for i, p in enumerate(found) if p.kind == "x"}
+    places = {p.name: i for i, p in enumerate(found) if p.kind == "x"}
     for output in outputs:
-        place = places.get(("x", output.name))
-        state = None if place is None else found[place]
-        if state is None or state.channel.unit != output.channel.unit:
+        place, aim = places.get(output.name), output.channel
+        if place is None or found[place].channel.unit != aim.unit:
             found.append(output)
-            continue
-        assert place is not None
-        found[place] = replace(state, channel=_with_target(state.channel, output.channel))
+        elif found[place].channel.target is None:
+            channel = replace(found[place].channel, target=aim.target, band=aim.band)
+            found[place] = replace(found[place], channel=channel)
     if not channels.x:
         found.sort(key=lambda plot: plot.kind != "y")
     known = {p.name for p in outputs}
@@ -316,13 +284,6 @@ def _numbered(kind: str, channels: Collection[Channel]) -> Iterator[Plot]:
         names.append(channel.name)
 
 
-def _with_target(state: Channel, output: Channel) -> Channel:
-    """Return the state's channel with the target and band of the output that it equals."""
-    if state.target is not None:
-        return state
-    return replace(state, target=output.target, band=output.band)
-
-
 def _data(experiment: Experiment, plot: Plot) -> Float[np.ndarray, " K"] | None:
     """Return the curve of `plot`, shape (K,); None if the experiment lacks it."""
     if plot.kind == "signal":
@@ -341,12 +302,8 @@ def _quoted(names: Collection[str]) -> str:
     return ", ".join(repr(name) for name in names)
 
 
-# --- Combine runs of one θ under different conditions, its maneuvers, into one experiment.
-
 MEAN = "mean"
 """What the mean over all maneuvers is called: "NAME (mean)". No maneuver can have this name."""
-
-_ARRAYS = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
 
 
 def combined(
@@ -426,7 +383,7 @@ def maneuvers_of(*experiments: Experiment) -> dict[str, tuple[Experiment, ...]]:
 
 def without_record(experiment: Experiment) -> Experiment:
     """Return `experiment` with its θ and channels only: no instants, no KPIs, no runs."""
-    nothing: dict[str, Any] = {name: getattr(experiment, name)[:0] for name in _ARRAYS}
+    nothing: dict[str, Any] = {name: getattr(experiment, name)[:0] for name in ARRAYS if name != "theta"}
     return replace(experiment, **nothing, y=None, signals={}, runs=(), kpis={})
 
 
@@ -464,7 +421,13 @@ def check_name(name: object) -> None:
 
 def check_channels(declared: Mapping[str, Channels]) -> None:
     """Raise ExperimentError if maneuvers differ in the names or units of their channels."""
-    for what, part in _ALIKE.items():
+    parts: dict[str, Callable[[Channels], object]] = {
+        "states": lambda channels: [c.label for c in channels.x],
+        "inputs": lambda channels: [c.label for c in channels.u],
+        "outputs": lambda channels: [c.label for c in channels.y],
+        "unit of time": lambda channels: channels.time_unit,
+    }
+    for what, part in parts.items():
         found = {name: part(channels) for name, channels in declared.items()}
         first = next(iter(found), "")
         for name in found:
@@ -473,15 +436,6 @@ def check_channels(declared: Mapping[str, Channels]) -> None:
                     f"maneuvers must have the same {what}, got {found[first]!r} in {first!r} and "
                     f"{found[name]!r} in {name!r}"
                 )
-
-
-_ALIKE: Mapping[str, Callable[[Channels], object]] = {
-    "states": lambda channels: [c.label for c in channels.x],
-    "inputs": lambda channels: [c.label for c in channels.u],
-    "outputs": lambda channels: [c.label for c in channels.y],
-    "unit of time": lambda channels: channels.time_unit,
-}
-"""What all maneuvers have in common."""
 
 
 def _badness(

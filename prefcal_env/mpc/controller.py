@@ -16,8 +16,6 @@ from prefcal_env.qp import QP, PIQPSolver, Tolerances
 
 from . import kernels
 
-# --- Settings of an MPC of eq. MPC and eq. MPC_constraints, frozen and checked.
-
 Linearization = Literal["point", "trajectory"]
 ACTIVE_SET = "active-set"
 BACKENDS = (ACTIVE_SET, "piqp")
@@ -126,9 +124,6 @@ def control_horizon(share: float, N_p: int) -> int:
     return max(1, int(np.floor(share * N_p + 0.5)))
 
 
-# --- The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints.
-
-_SMALLEST_MOVE_WEIGHT = 1e-10
 _MEASURED = ("x", "u", "d", "y_ref")
 
 
@@ -160,13 +155,13 @@ class LinearMPC:
         n_u, n_y = len(plant.inputs), len(plant.outputs)
         Q_u = weights("Q_u", np.zeros(n_u) if settings.Q_u is None else settings.Q_u, n_u)
         Q_y, Q_du = weights("Q_y", settings.Q_y, n_y), weights("Q_du", settings.Q_du, n_u)
-        floor = _SMALLEST_MOVE_WEIGHT * max(Q_y.max(), Q_u.max(), Q_du.max())
+        floor = 1e-10 * max(Q_y.max(), Q_u.max(), Q_du.max())
         if floor <= 0:
             raise SettingsError("Q_y, Q_u and Q_du must not all be zero: there is nothing to weigh")
         if np.linalg.eigvalsh(Q_u + Q_du)[0] < floor:
             Q_du = Q_du + floor * np.eye(n_u)
         self._sizes = len(plant.states), n_u, n_y, len(plant.disturbances)
-        self._prepare(_root(Q_y), _root(Q_u), _root(Q_du), _reference("u_ref", settings.u_ref, n_u))
+        self._prepare(_root(Q_y), _root(Q_u), _root(Q_du), _input_reference(settings.u_ref, n_u))
         self._plan: Float[np.ndarray, "N_u n_u"] | None = None
         self._shapes: tuple[Any, ...] = ()
 
@@ -180,13 +175,14 @@ class LinearMPC:
         self._at_point = cube, cube, matrix, cube, cube, matrix
         horizons = float(s.T_s), s.N_p, s.N_u, s.N_p if soft else 0
         self._problem = horizons, roots, hard, (y_min, y_max, give)
+        stop = s.tolerances
         self._solver = (
             s.backend == ACTIVE_SET,
-            float(s.tolerances.absolute),
-            float(s.tolerances.relative),
-            s.tolerances.max_iterations,
+            float(stop.absolute),
+            float(stop.relative),
+            stop.max_iterations,
         )
-        self._piqp = PIQPSolver(s.tolerances)
+        self._piqp = PIQPSolver(stop)
 
     @property
     def T_s(self) -> float:
@@ -238,10 +234,8 @@ class LinearMPC:
         if shapes == self._shapes:  # those of the last step were right
             return
         n_x, n_u, n_y, n_d = self._sizes
-        for name, array, n, previews in zip(
-            _MEASURED, arrays, (n_x, n_u, n_d, n_y), (False, False, True, True), strict=True
-        ):
-            found = np.shape(array)
+        for name, array, n in zip(_MEASURED, arrays, (n_x, n_u, n_d, n_y), strict=True):
+            found, previews = np.shape(array), name in ("d", "y_ref")
             previewed = previews and len(found) == 2 and found[0] > 0 and found[1] == n
             if not (isinstance(array, np.ndarray) and (found == (n,) or previewed)):
                 raise PlantError(
@@ -314,10 +308,8 @@ def _limits(plant: Plant, s: MPCSettings) -> tuple[tuple[np.ndarray, ...], tuple
         return vector(name, np.broadcast_to(default, n) if given is None else given, n)
 
     n_u, n_y = len(plant.inputs), len(plant.outputs)
-    u_min, u_max = (
-        limit("u_min", n_u, [c.low for c in plant.inputs]),
-        limit("u_max", n_u, [c.high for c in plant.inputs]),
-    )
+    u_min = limit("u_min", n_u, [c.low for c in plant.inputs])
+    u_max = limit("u_max", n_u, [c.high for c in plant.inputs])
     du_min, du_max = limit("du_min", n_u, -np.inf), limit("du_max", n_u, np.inf)
     softness = limit("softness", n_y, 1.0)
     if np.any(u_min > u_max):
@@ -342,8 +334,8 @@ def _root(Q: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
     return np.ascontiguousarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
 
-def _reference(name: str, value: object, n: int) -> Float[np.ndarray, "k n"]:
+def _input_reference(value: object, n: int) -> Float[np.ndarray, "k n"]:
     rows = np.zeros((1, n)) if value is None else np.atleast_2d(np.array(value, dtype=float))
     if rows.ndim != 2 or rows.shape[1] != n or not np.all(np.isfinite(rows)):
-        raise SettingsError(f"{name} must be finite, shape ({n},) or (N, {n}), got {value!r}")
+        raise SettingsError(f"u_ref must be finite, shape ({n},) or (N, {n}), got {value!r}")
     return np.ascontiguousarray(rows)

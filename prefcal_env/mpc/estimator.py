@@ -17,7 +17,6 @@ from .kernels import discretize
 
 _PIECES = 4
 """Pieces of a sampling period, each linearized in its middle, for strongly nonlinear plants."""
-_LEAST_RANK = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,7 +254,7 @@ class DisturbanceEstimator:
         # Lemma 1: what stays at rest, (A - 1) v = 0, and is not seen, C v = 0, cannot be estimated.
         matrix = np.concatenate([A - np.eye(n), C])
         norms = np.linalg.norm(matrix, axis=0)
-        if np.any(norms == 0) or np.linalg.svd(matrix / norms)[1][-1] < _LEAST_RANK:
+        if np.any(norms == 0) or np.linalg.svd(matrix / norms)[1][-1] < 1e-9:
             raise SettingsError(
                 f"estimator: disturbances of {[c.name for c in self.model.offsets]} cannot be "
                 f"distinguished from the state of {self.model.plant.name!r}; choose others"

@@ -27,10 +27,7 @@ def all_compiled(f: Any, g: Any) -> bool:
 def equations_of(f: Any, g: Any, sizes: tuple[int, int, int, int]) -> Equations:
     """Return the equations ẋ = f(x, u, d) and y = g(x, u, d), or y = x if `g` is None.
 
-    Args:
-        f: Compiled function that returns an array or a tuple of floats.
-        g: Another one, or None.
-        sizes: Numbers of states, inputs, disturbances and outputs.
+    `sizes` are the numbers of states, inputs, disturbances and outputs.
     """
     return compiled(*_functions(f, g, sizes), np.zeros(0))
 

@@ -144,9 +144,7 @@ class CSTR:
         def imbalance(T: float) -> float:
             return float(self.f(np.array([T, concentration(T)]), u, d)[0])
 
-        lowest = min(d[0], T_c) - 1.0
-        highest = max(d[0], T_c) + p.H / p.rho_Cp * d[1] + 1.0
-        grid = np.linspace(lowest, highest, 2001)
+        grid = np.linspace(min(d[0], T_c) - 1.0, max(d[0], T_c) + p.H / p.rho_Cp * d[1] + 1.0, 2001)
         signs = np.sign([imbalance(T) for T in grid])
         roots = [
             scipy.optimize.brentq(imbalance, grid[i], grid[i + 1], xtol=1e-12)

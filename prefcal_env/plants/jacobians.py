@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex, Float
 
-# --- The arrays that a plant takes and returns, and the derivatives of its equations at one point.
-
 X = Float[np.ndarray, " n_x"]
 U = Float[np.ndarray, " n_u"]
 D = Float[np.ndarray, " n_d"]
@@ -40,15 +38,6 @@ class ExactEquation:
         raise NotImplementedError
 
 
-# --- Derivatives of a function that is given as code.
-
-_TINY = 1e-30
-"""Complex step: so small that its square is negligible."""
-_STEP = 1e-3
-"""Step of the differences, relative to the point: the optimum, (machine precision)^(1/5)."""
-_AGREE = 1e-4
-"""Largest deviation from the differences at which a complex-step derivative is trusted."""
-
 Vector = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
@@ -65,24 +54,24 @@ def derivative(function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]
     if exact is None:
         return rough
     scale = np.abs(rough).max(axis=1, keepdims=True)
-    believed = np.all(np.abs(exact - rough) <= _AGREE * scale + 1e-12)
+    believed = np.all(np.abs(exact - rough) <= 1e-4 * scale + 1e-12)
     return exact if believed else rough
 
 
 def _complex_step(
     function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "m n"] | None:
-    columns = []
+    columns, tiny = [], 1e-30  # its square is negligible
     for i in range(len(point)):
         p = point.astype(complex)
-        p[i] += 1j * _TINY
+        p[i] += 1j * tiny
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error", np.exceptions.ComplexWarning)
                 value = np.asarray(function(p))
         except Exception:  # compiled functions have errors of their own
             return None
-        columns.append(np.imag(value) / _TINY)
+        columns.append(np.imag(value) / tiny)
     return np.array(columns, dtype=float).T
 
 
@@ -99,6 +88,6 @@ def _differences(
 
     columns = []
     for i in range(len(point)):
-        h = _STEP * max(abs(point[i]), 1.0)
+        h = 1e-3 * max(abs(point[i]), 1.0)  # the optimum: (machine precision)^(1/5)
         columns.append((4 * central(i, h / 2) - central(i, h)) / 3)  # the h² terms cancel
     return np.array(columns, dtype=float).T

@@ -18,8 +18,6 @@ from prefcal_env.experiments.experiment import Channel
 from .jacobians import D, States, Times, U, X, Y
 from .jacobians import Jacobians as Jacobians
 
-# --- The interface of a plant: eq. mathcalS with measured disturbances, and its exact Jacobians.
-
 if TYPE_CHECKING:
     from .systems import LinearPlant
 
@@ -97,7 +95,7 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True, slots=True)
 class Equations:
-    """Addresses of C functions `void(x, u, d, p, out)`, see `_calls`; `p` are the parameters.
+    """Addresses of C functions `void(x, u, d, p, out)`, see `_dop853`; `p` are the parameters.
 
     A plant that has compiled equations returns them as its attribute `equations`; then its
     simulation and its MPC never wait for Python.
@@ -144,13 +142,9 @@ class Equations:
 
 
 def compiled(f: Any, g: Any, jacobians: Any, parameters: Float[np.ndarray, " _"]) -> Equations:
-    """Return equations `(x, u, d, p, out)`, made by `_calls.equation` or in plain Python.
+    """Return equations `(x, u, d, p, out)`, made by `_dop853.equation` or in plain Python.
 
-    Args:
-        f: Function that writes ẋ.
-        g: Function that writes y; None means y = x.
-        jacobians: Function that writes A, B, C and D, row by row.
-        parameters: The parameters p.
+    They write ẋ; y, where None means y = x; and A, B, C and D, row by row. p are the `parameters`.
     """
     made = [e if hasattr(e, "address") or e is None else _native(e) for e in (f, g, jacobians)]
     rates, outputs, matrices = (0 if e is None else e.address for e in made)
@@ -235,7 +229,7 @@ class _Views(dict[tuple[int | None, int], Float[np.ndarray, " _"]]):
 
     def __missing__(self, key: tuple[int | None, int]) -> Float[np.ndarray, " _"]:
         """Return an array of the numbers at an address."""
-        if len(self) >= _MOST_VIEWS:
+        if len(self) >= 1000:
             self.clear()
         address, n = key
         data: Any = (ctypes.c_double * n).from_address(address or 0) if n else b""
@@ -249,7 +243,6 @@ def _is_mistake(error: BaseException) -> bool:
 
 
 _TYPE = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)
-_MOST_VIEWS = 1000
 
 
 def equations_of(plant: Plant) -> Equations:
@@ -270,12 +263,6 @@ def equations_of(plant: Plant) -> Equations:
         callbacks.address(matrices, (n_x + n_y) * (n_x + n_u)),
         callbacks=callbacks,
     )
-
-
-# --- A plant with constant disturbances of its outputs and inputs: loads, known or to be estimated.
-
-_OPTIONAL = ("input_delay", "output_delay", "entry_delay", "sample_time", "has_named_states")
-"""What a plant may have beside the attributes of `Plant`; these disturbances have no dead time."""
 
 
 class Disturbed:
@@ -311,7 +298,8 @@ class Disturbed:
         self.offsets = tuple(Channel(f"disturbance of {c.name}", c.unit) for c in chosen)
         self.disturbances = (*plant.disturbances, *self.offsets)
         self._on = np.array(on_outputs, np.int64), np.array(on_inputs, np.int64)
-        for name in _OPTIONAL:
+        # What a plant may have beside the attributes of `Plant`; these disturbances have no dead time.
+        for name in ("input_delay", "output_delay", "entry_delay", "sample_time", "has_named_states"):
             if hasattr(plant, name):
                 setattr(self, name, getattr(plant, name))
 
@@ -365,12 +353,6 @@ def _selection(name: str, chosen: Sequence[int], n: int) -> Float[np.ndarray, "n
     return np.eye(n)[:, list(chosen)]
 
 
-# --- How plants are simulated: by a compiled adaptive integrator, or if they are stiff by scipy's.
-
-_EVALUATIONS = 10_000
-"""Evaluations of ẋ after which the implicit method gives up."""
-
-
 def integrate(equations: Equations, x: X, u: U, d: D, times: Times, max_step: float = np.inf) -> States:
     """Return the states at `times` after `x` at time 0, with `u` and `d` held, shape (K, n_x).
 
@@ -398,9 +380,6 @@ def _dop853() -> Any:
     return _dop853
 
 
-_Equation = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)
-
-
 class _TooManyError(Exception):
     """The implicit method needs too many evaluations."""
 
@@ -412,12 +391,12 @@ def _implicit(
     from scipy.integrate import solve_ivp  # takes half a second to import
 
     own = _dop853()
-    call, fixed, evaluations = _Equation(f), [a.ctypes.data for a in (u, d, p)], 0
+    call, fixed, evaluations = _TYPE(f), [a.ctypes.data for a in (u, d, p)], 0
 
     def rate(_: float, x: X) -> X:
         nonlocal evaluations
         evaluations += 1
-        if evaluations > _EVALUATIONS:
+        if evaluations > 10_000:
             raise _TooManyError
         point, out = np.array(x, dtype=float), np.empty(len(x))
         call(point.ctypes.data, *fixed, out.ctypes.data)
@@ -426,16 +405,8 @@ def _implicit(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # failure is told by `success`
-            found = solve_ivp(
-                rate,
-                (0.0, times[-1]),
-                x,
-                "LSODA",
-                times,
-                rtol=own.RELATIVE,
-                atol=own.ABSOLUTE,
-                max_step=max_step,
-            )
+            tolerances = {"rtol": own.RELATIVE, "atol": own.ABSOLUTE}
+            found = solve_ivp(rate, (0.0, times[-1]), x, "LSODA", times, max_step=max_step, **tolerances)
     except _TooManyError:
         return None
     return np.ascontiguousarray(found.y.T) if found.success else None

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from prefcal_env import arrays
 from prefcal_env.arrays import numbers
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
@@ -18,14 +17,8 @@ from prefcal_env.optional import WORLDS, world_of
 
 from .jacobians import D, Jacobians, States, Times, U, X, Y
 
-# --- A, B, C and D of any linear system: of SciPy, plain arrays, or an optional world.
-
 LIBRARIES = " or ".join([*(world.system for world in WORLDS if world.system), "scipy.signal"])
 """What makes linear systems, for messages."""
-_FORMS = (
-    f"a StateSpace or TransferFunction of {LIBRARIES}, arrays (A, B, C, D) or "
-    "(A, B, C, D, dt), polynomials (num, den), a gain, or a list of rows of these"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +135,7 @@ def rates_of(points: Complex[np.ndarray, " n"], dt: float) -> Complex[np.ndarray
     """Return poles or zeros as rates s per unit of time: z counts as ln(z) / dt if dt is not 0."""
     if not dt:
         return points
-    return np.log(np.where(np.abs(points) < _FASTEST, _FASTEST, points)) / dt
-
-
-_FASTEST = 1e-3
-"""Magnitude of discrete poles below which they count as this one."""
+    return np.log(np.where(np.abs(points) < 1e-3, 1e-3, points)) / dt  # smaller ones count as 1e-3
 
 
 def system_of(system: Any) -> LinearSystem:
@@ -175,10 +164,16 @@ def system_of(system: Any) -> LinearSystem:
         made: LinearSystem = world.inside("prefcal_env").linear_system(system)
         return made
     if hasattr(system, "A") and hasattr(system, "D"):
-        return of_arrays([system.A, system.B, system.C, system.D], _time_of(system))
-    if hasattr(system, "num") and hasattr(system, "den") and not _is_nested(system.den):
+        dt = sample_time(getattr(system, "dt", None))
+        return of_arrays([system.A, system.B, system.C, system.D], dt)
+    den = getattr(system, "den", None)
+    # Nothing of SciPy has several denominators.
+    rows = list | np.ndarray
+    nested = isinstance(den, rows) and any(isinstance(each, rows) for each in den)
+    if hasattr(system, "num") and hasattr(system, "den") and not nested:
         rows = np.atleast_2d(system.num)  # of scipy: one denominator for all outputs of one input
-        return of_fractions([[row] for row in rows], [[system.den]] * len(rows), _time_of(system))
+        dt = sample_time(getattr(system, "dt", None))
+        return of_fractions([[row] for row in rows], [[system.den]] * len(rows), dt)
     if hasattr(system, "to_ss"):  # zeros, poles and gain of scipy
         return system_of(system.to_ss())
     if isinstance(system, Sequence) and not isinstance(system, str):
@@ -190,7 +185,11 @@ def system_of(system: Any) -> LinearSystem:
             return of_arrays(system[:4], sample_time(system[4]) if system[4:] else 0.0)
     if isinstance(system, int | float | np.ndarray | np.number) and not isinstance(system, bool):
         return of_arrays([[], [], [], _matrix("a gain", system)], 0.0)
-    raise PlantError(f"a linear system must be {_FORMS}, got {type(system).__name__} {system!r:.80}")
+    raise PlantError(
+        f"a linear system must be a StateSpace or TransferFunction of {LIBRARIES}, arrays (A, B, C, D) or "
+        "(A, B, C, D, dt), polynomials (num, den), a gain, or a list of rows of these, "
+        f"got {type(system).__name__} {system!r:.80}"
+    )
 
 
 def of_arrays(arrays: Sequence[Any], dt: float) -> LinearSystem:
@@ -282,16 +281,6 @@ def _canonical(num: Any, den: Any) -> LinearSystem:
     return LinearSystem(A, np.eye(n, 1), (b[1:] - b[0] * a[1:])[None], b[:1, None])
 
 
-def _is_nested(den: Any) -> bool:
-    """Return whether a denominator is a list of several, which nothing of SciPy has."""
-    rows = list | np.ndarray
-    return isinstance(den, rows) and any(isinstance(each, rows) for each in den)
-
-
-def _time_of(source: Any) -> float:
-    return sample_time(getattr(source, "dt", None))
-
-
 def sample_time(dt: Any) -> float:
     """Return a sample time as a number; 0 for None, which is continuous.
 
@@ -312,18 +301,11 @@ def _matrix(name: str, value: Any) -> np.ndarray:
     return numbers(value.real if real else value, name, PlantError)
 
 
-# --- A linear plant, continuous or discrete, with dead time.
-
 Named = str | Channel | Sequence[str | Channel]
 """One name or channel, or one for each signal."""
 Numbers = float | Sequence[float] | np.ndarray
 Delay = Numbers | Sequence[Sequence[float]]
 """One dead time, one for each input, or a row for each output with one for each input."""
-
-_MOST_KEPT = 4096
-_DIGITS = 13
-"""Significant digits of a duration. Rounding is part of the result, so that no result depends on
-what was computed before; it moves an instant by less than a trillionth."""
 
 
 class LinearPlant:
@@ -464,12 +446,16 @@ class LinearPlant:
         return self.__dict__ | {"_kept": {}}
 
     def _propagator(self, t: float) -> Float[np.ndarray, "n_x n"]:
-        """Return the matrix that maps (x, u, d) to the state after `t`."""
+        """Return the matrix that maps (x, u, d) to the state after `t`.
+
+        Rounding `t` to 13 digits is part of the result, so that no result depends on what was
+        computed before; it moves an instant by less than a trillionth.
+        """
         dt = self.system.dt
-        key = float(np.floor(t / dt + 1e-6)) if dt else float(f"{t:.{_DIGITS}g}")
+        key = float(np.floor(t / dt + 1e-6)) if dt else float(f"{t:.13g}")
         found = self._kept.get(key)
         if found is None:
-            if len(self._kept) >= _MOST_KEPT:
+            if len(self._kept) >= 4096:
                 self._kept.clear()
             found = self._kept[key] = np.hstack(self.system.held(key * dt if dt else key))
         return found
@@ -553,18 +539,15 @@ def _shared(delay: Any, n_y: int, n_u: int) -> tuple[Any, Float[np.ndarray, "row
 
 
 def _listed(named: Named | None) -> list[str | Channel]:
-    if named is None:
-        return []
-    return [named] if isinstance(named, str | Channel) else list(named)
+    return [named] if isinstance(named, str | Channel) else list(() if named is None else named)
 
 
 def _channels(
     what: str, given: Named | None, names: Sequence[str] | None, n: int, symbol: str
 ) -> tuple[Channel, ...]:
     """Return one channel for each of `n` signals, by what is given, their names, or numbers."""
-    found = _listed(given) or list(names or ())
-    if not found:
-        found = [symbol] if n == 1 else [f"{symbol}{i + 1}" for i in range(n)]
+    numbered = [symbol] if n == 1 else [f"{symbol}{i + 1}" for i in range(n)]
+    found = _listed(given) or list(names or numbered)
     if len(found) != n:
         raise PlantError(f"{what}: expected {n} names or channels, got {len(found)}: {found}")
     strangers = [f for f in found if not isinstance(f, str | Channel)]
@@ -593,7 +576,7 @@ def _start(x0: Numbers, before: int, n: int) -> X:
 
 def plant_numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:
     """Return a number or `n` of them, shape (n,). Raises PlantError if they are anything else."""
-    array = arrays.numbers(value, what, PlantError)
+    array = numbers(value, what, PlantError)
     if array.ndim == 0:
         array = np.full(n, float(array))
     if array.shape != (n,) or not np.isfinite(array).all():

@@ -8,8 +8,6 @@ from jaxtyping import Float
 
 from prefcal_env.errors import QPError, SettingsError
 
-# --- Dense quadratic programs and their solutions.
-
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
@@ -81,10 +79,7 @@ class Solution:
         The conditions are feasibility, stationarity and the duality gap, each relative to the size
         of its terms. `z` and `multipliers` are copied.
         """
-        from ._active_set import (
-            TOLERANCE,
-            residuals,  # imported here: they load the compiler
-        )
+        from ._active_set import TOLERANCE, residuals  # imported here: they load the compiler
 
         z, y = z.copy(), multipliers.copy()
         primal, reach, dual, force, gap, value = residuals(qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y)
@@ -110,9 +105,6 @@ class PIQPSolver:
 
     It never raises for an unsolvable QP: read `Solution.solved`. Later solves do not change a
     solution.
-
-    Args:
-        tolerances: When to stop; None for the default.
     """
 
     def __init__(self, tolerances: Tolerances | None = None) -> None:
@@ -138,8 +130,7 @@ class PIQPSolver:
             solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G[bounded]), lower, upper)
         else:
             solver.setup(P, qp.q)
-        solved = solver.solve() == self._is_solved
-        result = solver.result
+        solved, result = solver.solve() == self._is_solved, solver.result
         iterations = int(result.info.iter)
         if not solved:
             return Solution.none(qp, iterations)

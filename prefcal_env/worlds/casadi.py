@@ -22,11 +22,7 @@ def is_function(equation: object) -> bool:
 
 
 def equation(function: Any, sizes: tuple[int, int, int]) -> Any:
-    """Return a CasADi `Function` as an equation of a plant, and anything else unchanged.
-
-    Raises:
-        PlantError: As `CasadiEquation` does.
-    """
+    """Return a CasADi `Function` as an equation; else `function`. Raises as `CasadiEquation` does."""
     return CasadiEquation(function, sizes) if is_function(function) else function
 
 
@@ -50,8 +46,7 @@ class CasadiEquation(ExactEquation):
         if found not in (sizes, sizes[:2]) or function.n_out() < 1:
             raise PlantError(
                 f"CasADi function {function.name()!r} must have the inputs x of {sizes[0]}, u of "
-                f"{sizes[1]} and d of {sizes[2]} elements (without d if there is none), got "
-                f"{list(found)}"
+                f"{sizes[1]} and d of {sizes[2]} elements (without d if there is none), got {list(found)}"
             )
         if function.has_free():
             raise PlantError(

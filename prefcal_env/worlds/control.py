@@ -6,9 +6,6 @@ from typing import Any
 
 from prefcal_env.plants.systems import LinearSystem, of_arrays, of_fractions, sample_time
 
-_DEFAULT_LABEL = re.compile(r"[uyx]\[\d+\]")
-"""Names that python-control gives to signals without a name."""
-
 
 def linear_system(system: Any) -> LinearSystem:
     """Return a StateSpace or TransferFunction as matrices, with the names of its signals.
@@ -27,6 +24,6 @@ def linear_system(system: Any) -> LinearSystem:
 
 
 def _names(system: Any, kind: str) -> tuple[str, ...]:
-    """Return names of signals, () where they are only numbered."""
+    """Return names of signals, () where they are only numbered, as python-control does by itself."""
     labels = getattr(system, f"{kind}_labels", None) or ()
-    return () if any(map(_DEFAULT_LABEL.fullmatch, labels)) else tuple(labels)
+    return () if any(re.fullmatch(r"[uyx]\[\d+\]", label) for label in labels) else tuple(labels)

@@ -156,13 +156,9 @@ class Course:
     def _period(
         self, u: Float[np.ndarray, " 2"], t: Times, others: Float[np.ndarray, "n M1 4"]
     ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, "D 3"], Mishap | None]:
-        """Drive with `u` held from the first of `t` to the last or to a mishap.
+        """Drive with `u` held from the first of `t` to the last or to a mishap, which is returned, too.
 
-        `others` are the places of the other vehicles at `t`.
-
-        Returns:
-            The instants, shape (D,), up to the one where the period ended, the states at them, and
-            the reason why it ended early; None if it did not.
+        `others` are the places of the other vehicles at `t`. The returned instants end with the period.
         """
         start, x = t[0], self.x
 

@@ -44,8 +44,6 @@ _OBSERVED = np.array(
         (0.0, 1.0),  # gap, lateral offset, phase
     ]
 )
-_FREQUENCIES = (1 / T_S_RANGE[1], 1 / T_S_RANGE[0])
-_BESIDE = 6.6667  # m, total width shown beside the road
 
 
 class OvertakeObservation(ObservationType):  # type: ignore[misc]
@@ -88,7 +86,7 @@ class RoadViewer(EnvViewer):  # type: ignore[misc]
     def __init__(self, env: Any) -> None:
         right, left = env.options.road
         height = env.config["screen_height"]
-        height = height or round(env.config["scaling"] * (left - right + _BESIDE))
+        height = height or round(env.config["scaling"] * (left - right + 6.6667))  # m beside the road
         super().__init__(env, env.config | {"screen_height": height})
         self.enabled = True  # it draws on a surface, which no video driver concerns
 
@@ -184,7 +182,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             if not isinstance(kind, dict) or kind.get("type") not in kinds:
                 raise SettingsError(f'{what} must be like {{"type": ...}}, one of {kinds}, got {kind!r}')
         if wanted["T_s"] is None:
-            T_s = 1 / number_in(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
+            frequencies = (1 / T_S_RANGE[1], 1 / T_S_RANGE[0])
+            T_s = 1 / number_in(wanted["policy_frequency"], frequencies, "policy_frequency")
         else:
             T_s = number_in(wanted["T_s"], T_S_RANGE, "T_s")
         super().configure(config)  # called last, so that a refused configuration changes nothing

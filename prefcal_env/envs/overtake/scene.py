@@ -80,15 +80,9 @@ def next_phase(phase: Phase, x_f: float, obstacles: Float[np.ndarray, "n 3"]) ->
 
 
 def beside(x_f: float, obstacles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 3"]:
-    """Return the obstacles to keep `MIN_LATERAL_DISTANCE` from: right lane, within 10 m.
+    """Return the obstacles to keep `MIN_LATERAL_DISTANCE` from: right lane, 10 m ahead or behind.
 
-    Args:
-        x_f: Front end of the ego vehicle [m].
-        obstacles: As in `next_phase`, shape (n, 3).
-
-    Returns:
-        Rows of the obstacles in the right lane at most 10 m ahead or behind, shape (m, 3); m may
-        be 0.
+    `x_f` and `obstacles` are as in `next_phase`; there may be none.
     """
     near = [
         gap(x_f, x_o) < SAFETY_DISTANCE and clearance(x_f, x_o) <= SAFETY_DISTANCE and y_o < LANE_WIDTH / 2
@@ -113,13 +107,9 @@ def stage_cost(
     """Return the cost of a period, 1/s: (Δv/20 km/h)² + mean of (Δy/3 m)² + (δ_s/45°)².
 
     Δv and Δy are the distances from 50 km/h and the ego lane, or while overtaking from 60 km/h and
-    3 m to the left of it. Multiplied by the duration, the cost does not depend on T_s.
-
-    Args:
-        t: Instants of the period, with both ends [s], shape (M,).
-        y: y_f at `t` [m], shape (M,).
-        u: Held v [m/s] and δ_s [rad].
-        phase: Phase at the start of the period.
+    3 m to the left of it. Multiplied by the duration, the cost does not depend on T_s. `t` are the
+    instants of the period, with both ends [s], `y` is y_f then [m], `u` are the held v [m/s] and
+    δ_s [rad], `phase` is that of its start.
     """
     overtaking = phase is Phase.OVERTAKING
     v_ref = OVERTAKING_SPEED if overtaking else KEEPING_SPEED
@@ -130,8 +120,6 @@ def stage_cost(
     speed = ((v - v_ref) / (20 * KMH)) ** 2
     return float(speed + lane + (steering / (np.pi / 4)) ** 2)
 
-
-# --- Options of the overtaking scene; the defaults are the paper's.
 
 DRIVERS = tuple(
     f"highway_env.vehicle.behavior.{name}"
@@ -371,7 +359,7 @@ def kept(x, road, margin):  # type: ignore[no-untyped-def]
 
 @kernel()
 def surely_apart(x, others):  # type: ignore[no-untyped-def]
-    """Return whether `geometry.first_contact` rules out a contact at first sight.
+    """Return whether `first_contact` rules out a contact at first sight.
 
     Args:
         x: States at the M + 1 instants, shape (M + 1, n_x); the first ones are the pose.
@@ -499,8 +487,9 @@ def signals_of(
     if road != ROAD:
         named["road_left"] = np.full(len(t), road[1])
     overtaking = phases == Phase.OVERTAKING
+    ahead = np.array([other[:, 0] for other in others]) - poses[:, 0]
     return named | {
-        "gap": _nearest_gap(poses[:, 0], np.array([other[:, 0] for other in others])),
+        "gap": gap(0.0, ahead[np.abs(ahead).argmin(axis=0), np.arange(len(t))]),
         "lateral_distance": _smallest([lateral_distance(poses, other) for other in others]),
         "separation": _smallest([separation(poses, other) for other in others]),
         "outside": outside(poses, road),
@@ -524,12 +513,6 @@ def _lateral_reference(x_f: Signal, others: list[Poses], overtaking: Bool[np.nda
     known = np.maximum.accumulate(np.where(np.isfinite(line), np.arange(len(line)), -1))
     held = np.where(known >= 0, line[known], 0.0)
     return np.where(overtaking, held + MIN_LATERAL_DISTANCE, 0.0)
-
-
-def _nearest_gap(x_f: Signal, x_o: Float[np.ndarray, "n K"]) -> Signal:
-    """Return `gap` to the obstacle whose front end is nearest along the road [m], shape (K,)."""
-    nearest = np.abs(x_o - x_f).argmin(axis=0)
-    return np.asarray(gap(0.0, x_o[nearest, np.arange(len(x_f))] - x_f))
 
 
 def _smallest(values: list[Signal]) -> Signal:

@@ -2,7 +2,7 @@
 
 In highway-env y points down and a vehicle's position is its center; in ours the position is the
 front end and y points to the left. Only this module converts between them. We find contacts
-ourselves, exactly and between two instants (`geometry`), and switch off highway-env's own search,
+ourselves, exactly and between two instants (`first_contact`), and switch off highway-env's own search,
 which pushes vehicles apart.
 """
 
@@ -33,7 +33,6 @@ from .scene import (
 
 OWN, OTHER, CRASHED = (64, 156, 255), (255, 176, 46), (230, 57, 70)
 """Colors of the ego vehicle, of the others, and of the ego vehicle in a collision, RGB."""
-_ROAD_START, _ROAD_END = -1e3, 1e5  # m; far beyond any position in an episode
 _PLANT, _NONE = Bicycle(), np.zeros(0)
 
 
@@ -43,7 +42,8 @@ def network_of(options: OvertakeOptions) -> RoadNetwork:
     solid, dashed, none = LineType.CONTINUOUS_LINE, LineType.STRIPED, LineType.NONE
     for n in reversed(range(options.lanes_count)):
         lines = (solid if n == options.lanes_count - 1 else dashed, solid if n == 0 else none)
-        ends = np.array([[x, -LANE_WIDTH * n] for x in (_ROAD_START, _ROAD_END)])
+        # m; far beyond any position in an episode
+        ends = np.array([[x, -LANE_WIDTH * n] for x in (-1e3, 1e5)])
         lane = StraightLane(*ends, LANE_WIDTH, lines, speed_limit=OVERTAKING_SPEED)
         network.add_lane("start", "end", lane)
     return network
@@ -160,12 +160,8 @@ class Drivers:
     """The drivers on a road, who react to each other; they decide several times per period.
 
     In a period of T_s they decide and drive n times T_s/n, where n is the smallest number that
-    respects the simulation frequency; so every T_s is driven to its end.
-
-    Args:
-        options: Options of the scene.
-        x: Initial state of the ego plant, shape (3,).
-        rng: Random generator of the episode.
+    respects the simulation frequency; so every T_s is driven to its end. `x` is the initial state of
+    the ego plant.
     """
 
     def __init__(

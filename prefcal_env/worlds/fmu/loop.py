@@ -1,4 +1,4 @@
-"""A closed loop in an FMU as a function of θ, run in a worker process."""
+"""A closed loop in an FMU as a function of θ, in a worker process that may hang or crash."""
 
 import os
 import pickle
@@ -8,7 +8,7 @@ import threading
 import time
 import weakref
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, PlantError, RunError
-from prefcal_env.experiments.experiment import Channels, End, Experiment
+from prefcal_env.experiments.experiment import Channels, End, Experiment, KPIs
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace, is_number
 from prefcal_env.tables.recorded import recorded
@@ -27,31 +27,24 @@ from prefcal_env.workers import Terms, Worker
 from .model import Names, Variable, grid_of, read_model, referenced, shown, tuned
 from .simulation import FMUSimulation, Job, Reply
 
-# --- Run an FMU in a worker process: it may hang or crash, and the next run goes on.
-
 _RUNS = 1_000
 """Number of runs after which the process is replaced, so that FMUs that leak stay small."""
-_TERMS = Terms("the simulation", "timeout", threads=None, quiet=True)
 _PREFIX = "prefcal-fmu-"
-_OLD = 24 * 3600.0
-"""Seconds after which the folder of a process that is gone is removed: a process of a container
-can look as if it were."""
 
 
 @final
 class FMUProcess:
     """A process that simulates an FMU; it starts with the first run and is kept for the next.
 
-    Args:
-        job: What to simulate.
-        limit: Time limit of a run in seconds; infinite for none.
+    `limit` is the time limit of a run in seconds; infinite for none.
     """
 
     def __init__(self, job: Job, limit: float) -> None:
         self._given = job, limit
         self._lock = threading.Lock()
         self._started = _Started(job)
-        self._worker = Worker(self._started.work, limit, _TERMS)
+        terms = Terms("the simulation", "timeout", threads=None, quiet=True)
+        self._worker = Worker(self._started.work, limit, terms)
         self._resets = True  # whether a reset of the FMU may be tried
         weakref.finalize(self, _release, self._worker, self._started)
 
@@ -71,7 +64,10 @@ class FMUProcess:
             started = self._started
             if started.runs == 1 and self._resets and self.pid is not None:
                 started.runs += 1
-                self._resets = self._bears_reset()
+                try:  # whether the process goes on after a reset was tried, whatever came of it
+                    self._resets = bool(self._worker.run(None))
+                except RunError:
+                    self._resets = False
             if started.runs > _RUNS:
                 self._worker.release()
             answer: Reply = self._worker.run(theta)
@@ -86,29 +82,14 @@ class FMUProcess:
     def __reduce__(self) -> tuple[Any, ...]:  # a copy starts a process of its own
         return type(self), self._given
 
-    def _bears_reset(self) -> bool:
-        """Return whether the process goes on after a reset was tried, whatever came of it."""
-        try:
-            return bool(self._worker.run(None))
-        except RunError:
-            return False
-
 
 class _Started:
-    """What starts each process: the files of the FMU, which are unpacked when they are needed.
-
-    Args:
-        job: What to simulate.
-
-    Attributes:
-        home: Folder of the files; None if they are not unpacked.
-        owner: Process whose files they are: this may be a fork.
-        runs: Number of runs of the present process.
-    """
+    """What starts each process: the files of the FMU, which are unpacked when they are needed."""
 
     def __init__(self, job: Job) -> None:
-        self._job, self.owner, self.runs = job, os.getpid(), 0
-        self.home: Path | None = None
+        self._job, self.runs = job, 0  # runs of the present process
+        self.owner = os.getpid()  # whose files they are: this may be a fork
+        self.home: Path | None = None  # folder of the files, once they are unpacked
 
     def work(self) -> bytes:
         """Return the work of a new process."""
@@ -155,7 +136,8 @@ def _remove_leftovers() -> None:
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*-*"):
         with suppress(OSError, ValueError):
             found = folder.lstat()
-            mine = found.st_uid == os.getuid() and time.time() - found.st_mtime > _OLD
+            # A day: the process of a container can look as if it were gone.
+            mine = found.st_uid == os.getuid() and time.time() - found.st_mtime > 24 * 3600.0
             if mine and not _runs(int(folder.name.removeprefix(_PREFIX).partition("-")[0])):
                 shutil.rmtree(folder, ignore_errors=True)
 
@@ -166,11 +148,6 @@ def _runs(pid: int) -> bool:
     except ProcessLookupError:
         return False
     return True
-
-
-# --- A closed loop in an FMU as a function of θ.
-
-_KPIs = Callable[[Experiment], Mapping[str, float]]
 
 
 @final
@@ -227,7 +204,7 @@ class FMULoop:
         *,
         output_interval: float | None = None,
         timeout: float = 60.0,
-        kpis: _KPIs | None = tracking_kpis,
+        kpis: KPIs | None = tracking_kpis,
     ) -> None:
         self.model, self.kpis = read_model(path), kpis
         self.problem = ""
@@ -242,11 +219,8 @@ class FMULoop:
         self._outputs, self._inputs = shown(self.model, outputs, inputs)
         self._numbers, self._variables = referenced(self.model, self._outputs, reference)
         self.channels: Channels = self._curveless(np.zeros(len(found)), 0.0).channels
-        self._recorded = [
-            variable
-            for group in (self._outputs, self._inputs, self._variables)
-            for variable in group.values()
-        ]
+        shows = self._outputs, self._inputs, self._variables
+        self._recorded = [variable for group in shows for variable in group.values()]
         knobs_, shown_ = (
             tuple((v.type, v.reference) for v in each) for each in (self._parameters, self._recorded)
         )
@@ -265,7 +239,8 @@ class FMULoop:
             return self.attempt(theta)
         except RunError as error:
             self.problem = str(error)
-            return self._failed(np.asarray(theta, dtype=float))
+            failed = self._curveless(np.asarray(theta, dtype=float), np.nan)  # without a record
+            return replace(failed, channels=self.channels)
 
     def attempt(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Simulate θ like a call, but raise RunError if there is no record.
@@ -332,10 +307,6 @@ class FMULoop:
         reference, end = {**self._numbers, **curves}, End.UNSAFE if self.problem else End.TIME_UP
         return self._made(theta, answer.t[:count], outputs, inputs, reference, end, self.kpis)
 
-    def _failed(self, theta: Float[np.ndarray, " n"]) -> Experiment:
-        """Return an experiment without a record."""
-        return replace(self._curveless(theta, np.nan), channels=self.channels)
-
     def _curveless(self, theta: Float[np.ndarray, " n"], value: float) -> Experiment:
         t, curve = np.array([0.0, 1.0]), np.full(2, value)
         outputs, inputs = dict.fromkeys(self._outputs, curve), dict.fromkeys(self._inputs, curve)
@@ -343,7 +314,7 @@ class FMULoop:
         return self._made(theta, t, outputs, inputs, dict(self._numbers), end, None)
 
     def _made(
-        self, theta: Any, t: Any, outputs: Any, inputs: Any, reference: Any, end: End, kpis: _KPIs | None
+        self, theta: Any, t: Any, outputs: Any, inputs: Any, reference: Any, end: End, kpis: KPIs | None
     ) -> Experiment:
         variables = {**self._outputs, **self._inputs}
         return recorded(

@@ -18,22 +18,13 @@ from prefcal_env.knobs import Knob, is_number
 from prefcal_env.optional import world
 from prefcal_env.wording import did_you_mean
 
-# --- Units in which an FMU says that its variables can be shown, and how values are converted.
-
-_NO_UNIT = ("", "-", "1")
-
 
 @dataclass(frozen=True, slots=True)
 class UnitScale:
-    """Conversion of a value from an FMU's unit: factor · value + offset.
+    """Conversion of a value from an FMU's unit: factor · value + offset."""
 
-    Args:
-        factor: Value of one unit of the FMU in the other unit, not 0.
-        offset: What 0 in the FMU's unit is in the other unit.
-    """
-
-    factor: float = 1.0
-    offset: float = 0.0
+    factor: float = 1.0  # value of one unit of the FMU in the other unit, not 0
+    offset: float = 0.0  # what 0 in the FMU's unit is in the other unit
 
     def shown(self, value: Any) -> Any:
         """Return a value of the FMU, or an array of them, in the other unit."""
@@ -52,16 +43,13 @@ Scales = Mapping[str, UnitScale]
 
 def plain(unit: str) -> str:
     """Return a unit as FMUs spell it: "degC" for "°C", and nothing for "-" and "1"."""
-    return "" if unit in _NO_UNIT else unit.replace("°", "deg")
+    return "" if unit in ("", "-", "1") else unit.replace("°", "deg")
 
 
 def display_units(path: Path) -> Mapping[str, Scales]:
     """Return the display units that an FMU defines for each of its units.
 
     FMPy does not tell which display units of FMI 3 are inverse. These are left out.
-
-    Args:
-        path: The .fmu file, which FMPy could read.
     """
     with zipfile.ZipFile(path) as content:
         root = ElementTree.fromstring(content.read("modelDescription.xml"))
@@ -94,26 +82,16 @@ class Variable(Channel):
 
     Its name, unit and limits are those of the FMU; without a unit or a limit there, they are empty
     or infinite.
-
-    Args:
-        reference: Value reference.
-        type: Type as in FMI, "Real" or "Float64" for example.
-        causality: For example "parameter", "input", "output" or "local".
-        variability: For example "tunable", "fixed" or "continuous".
-        start: Start value, in `unit`; None if the FMU declares none.
-        about: Description.
-        units: Other units in which the FMU says that it can be given.
-        scale: Conversion from the FMU's unit, if `unit` is another one.
     """
 
-    reference: int
-    type: str
-    causality: str
-    variability: str
-    start: float | None = None
-    about: str = ""
-    units: Scales = field(default_factory=dict)
-    scale: UnitScale = AS_IT_IS
+    reference: int  # value reference
+    type: str  # as in FMI, "Real" or "Float64" for example
+    causality: str  # for example "parameter", "input", "output" or "local"
+    variability: str  # for example "tunable", "fixed" or "continuous"
+    start: float | None = None  # start value, in `unit`; None if the FMU declares none
+    about: str = ""  # description
+    units: Scales = field(default_factory=dict)  # others in which the FMU says that it can be given
+    scale: UnitScale = AS_IT_IS  # conversion from the FMU's unit, if `unit` is another one
 
     def __post_init__(self) -> None:
         """Accept any limits: an FMU may declare equal ones, and only what is shown must have a range."""
@@ -154,29 +132,17 @@ class Variable(Channel):
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """The model description of an FMU that can be simulated on this computer.
-
-    Args:
-        path: File.
-        name: Name of the model.
-        about: Description of the model.
-        variables: Scalar numeric variables by name.
-        start_time: Start of the default experiment, in seconds.
-        stop_time: End of the default experiment, in seconds; None if the FMU declares none.
-        step: Preferred time between two communications, in seconds; None if none is declared.
-        tolerance: Relative tolerance of the FMU's solver; None if the FMU declares none.
-        variable_step: Whether the time between two communications may vary.
-    """
+    """The model description of an FMU that can be simulated on this computer; times are in seconds."""
 
     path: Path
     name: str
     about: str
-    variables: Mapping[str, Variable]
-    start_time: float
-    stop_time: float | None
-    step: float | None
-    tolerance: float | None
-    variable_step: bool
+    variables: Mapping[str, Variable]  # scalar numeric ones, by name
+    start_time: float  # of the default experiment
+    stop_time: float | None  # likewise; None if the FMU declares none
+    step: float | None  # preferred time between two communications; None if none is declared
+    tolerance: float | None  # relative one of the FMU's solver; None if the FMU declares none
+    variable_step: bool  # whether the time between two communications may vary
 
     @property
     def parameters(self) -> tuple[Variable, ...]:
@@ -198,16 +164,14 @@ class Model:
         if name in self.variables:
             return self.variables[name]
         bare, unit = in_unit(name)
-        if bare in self.variables:
-            found = self.variables[bare].within(unit)
-            if found is None:
-                units = self.variables[bare].every_unit
-                raise PlantError(f"the unit of {bare!r} must be {units} as in the FMU, got {unit!r}")
-            return found
-        name = bare
-        hint = did_you_mean(name, self.variables)
-        there = hint or f" Its variables are {listed(self.variables)}"
-        raise PlantError(f"FMU {self.path.name!r} has no numeric variable {name!r}.{there}")
+        if bare not in self.variables:
+            there = did_you_mean(bare, self.variables) or f" Its variables are {listed(self.variables)}"
+            raise PlantError(f"FMU {self.path.name!r} has no numeric variable {bare!r}.{there}")
+        found = self.variables[bare].within(unit)
+        if found is None:
+            units = self.variables[bare].every_unit
+            raise PlantError(f"the unit of {bare!r} must be {units} as in the FMU, got {unit!r}")
+        return found
 
 
 def read_model(path: Path | str) -> Model:
@@ -224,11 +188,9 @@ def read_model(path: Path | str) -> Model:
     path = Path(path).absolute()
     found = _description(path)
     experiment = found.defaultExperiment
-    times = [
-        _number(getattr(experiment, name, None))
-        for name in ("startTime", "stopTime", "stepSize", "tolerance")
-    ]
-    step = times[2] or _number(found.coSimulation.fixedInternalStepSize)
+    names = ("startTime", "stopTime", "stepSize", "tolerance")
+    start, stop, step, tolerance = (_number(getattr(experiment, name, None)) for name in names)
+    step = step or _number(found.coSimulation.fixedInternalStepSize)
     scalars = (v for v in found.modelVariables if v.type in _NUMBERS and not v.dimensions)
     units = display_units(path)
     return Model(
@@ -236,10 +198,10 @@ def read_model(path: Path | str) -> Model:
         name=found.modelName or path.stem,
         about=" ".join((found.description or "").split()),
         variables={v.name: _variable(v, units) for v in scalars},
-        start_time=times[0] or 0.0,
-        stop_time=times[1],
+        start_time=start or 0.0,
+        stop_time=stop,
         step=step if step and step > 0 else None,
-        tolerance=times[3],
+        tolerance=tolerance,
         variable_step=bool(found.coSimulation.canHandleVariableCommunicationStepSize),
     )
 
@@ -286,12 +248,7 @@ def _description(path: Path) -> Any:
 
 
 def _variable(v: Any, units: Mapping[str, Scales]) -> Variable:
-    """Return a variable as FMPy describes it.
-
-    Args:
-        v: Variable of FMPy's model description.
-        units: Display units by unit.
-    """
+    """Return a variable as FMPy describes it, with the display units of its unit."""
     declared = v.declaredType
     unit, low, high, relative = (
         getattr(v, name) if getattr(v, name) is not None else getattr(declared, name, None)
@@ -330,10 +287,6 @@ def _number(text: object) -> float | None:
 
 # --- Check knobs, curves and times of a loop against its FMU, before anything runs.
 
-_POINTS = 500
-"""Number of intervals to record if neither the caller nor the FMU names a step."""
-_MOST = 2_000
-"""Largest number of intervals to record, unless the caller asks for more."""
 _ROUNDING = 1e-9
 """Relative error of a ratio of times that counts as a whole number."""
 
@@ -407,17 +360,13 @@ def _tuned(model: Model, name: str, knob: Knob) -> Knob:
             f"knob {knob.name!r}: its unit must be {variable.every_unit} as in the FMU, got "
             f"{knob.unit!r}: convert its range"
         )
-    _check_range(knob, given)
+    if knob.low < given.low or knob.high > given.high:
+        range_ = f"[{knob.low:g}, {knob.high:g}]"
+        raise KnobError(f"knob {knob.name!r}: its range must lie in {given.limits}, got {range_}")
+    if given.whole and not knob.integer:
+        raise KnobError(f"knob {knob.name!r}: the FMU's type is {given.type}, so it needs integer=True")
     unit = next((u for u in (knob.unit, given.unit) if plain(u)), "")
     return replace(knob, unit=unit, about=knob.about or variable.about)
-
-
-def _check_range(knob: Knob, variable: Variable) -> None:
-    if knob.low < variable.low or knob.high > variable.high:
-        range_ = f"[{knob.low:g}, {knob.high:g}]"
-        raise KnobError(f"knob {knob.name!r}: its range must lie in {variable.limits}, got {range_}")
-    if variable.whole and not knob.integer:
-        raise KnobError(f"knob {knob.name!r}: the FMU's type is {variable.type}, so it needs integer=True")
 
 
 def referenced(
@@ -437,7 +386,14 @@ def referenced(
                 + did_you_mean(name, outputs)
             )
         if isinstance(value, str):
-            variables[name] = _alike(model.variable(value), name, outputs[name])
+            variable, unit = model.variable(value), outputs[name].unit
+            found = variable.within(unit)
+            if found is None:
+                raise PlantError(
+                    f"reference {variable.name!r} is in {variable.unit}, and {name!r} in {unit}: "
+                    "show the output in the unit of its reference, or name another variable"
+                )
+            variables[name] = found
         elif is_number(value) and isfinite(value):
             numbers[name] = float(value)
         else:
@@ -446,17 +402,6 @@ def referenced(
                 f"FMU, got {value!r}"
             )
     return numbers, variables
-
-
-def _alike(variable: Variable, name: str, output: Variable) -> Variable:
-    """Return the variable of a reference in the unit of its output."""
-    found = variable.within(output.unit)
-    if found is None:
-        raise PlantError(
-            f"reference {variable.name!r} is in {variable.unit}, and {name!r} in {output.unit}: "
-            "show the output in the unit of its reference, or name another variable"
-        )
-    return found
 
 
 def grid_of(
@@ -495,10 +440,10 @@ def grid_of(
 def _step(model: Model, length: float, interval: float | None) -> tuple[float, int]:
     """Return the time between two communications, in seconds, and every how many to record."""
     if model.step is None:
-        return (interval or length / _POINTS), 1
+        return (interval or length / 500), 1
     step = min(model.step, length)
     if interval is None:
-        return step, ceil(length / step / _MOST - _ROUNDING)
+        return step, ceil(length / step / 2_000 - _ROUNDING)  # at most so many are recorded unasked
     ratio = interval / step
     every = round(ratio)
     if every >= 1 and abs(ratio - every) <= _ROUNDING * ratio:

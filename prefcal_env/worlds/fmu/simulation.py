@@ -16,52 +16,35 @@ from prefcal_env.errors import PlantError
 
 _QUICK = 1.0
 """Longest run in seconds after which it is tried whether a reset FMU runs in the same way."""
-_TERMINATED = 3
-"""Kind of status of FMI 2: the FMU wants to end the simulation."""
-_INTEGERS = ("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
 _C_TYPES: dict[str, dict[str, Any]] = {
     "2": {"Real": ctypes.c_double, "Integer": ctypes.c_int, "Boolean": ctypes.c_int},
     "3": {"Float64": ctypes.c_double, "Float32": ctypes.c_float, "Boolean": ctypes.c_bool}
-    | {name: getattr(ctypes, f"c_{name.lower()}") for name in _INTEGERS},
+    | {
+        name: getattr(ctypes, f"c_{name.lower()}")
+        for name in ("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
+    },
 }
-_ENUMERATION = {"2": "Integer", "3": "Int64"}
 _STATUS = {2: "discarded the step", 3: "returned an error", 4: "returned a fatal error"}
 
 
 class Job(NamedTuple):
-    """What to simulate.
+    """What to simulate."""
 
-    Args:
-        path: The .fmu file; in the process, the folder with its contents.
-        knobs: Type and value reference of each parameter that θ sets.
-        shown: Type and value reference of each variable to record.
-        instants: Start, communication instants and end, in seconds, shape (M,).
-        every: Every how many communications the variables are recorded; the end always is.
-        tolerance: Relative tolerance of the FMU's solver; None for its own.
-    """
-
-    path: str
-    knobs: tuple[tuple[str, int], ...]
-    shown: tuple[tuple[str, int], ...]
-    instants: Any
-    every: int
-    tolerance: float | None
+    path: str  # of the .fmu file; in the process, of the folder with its contents
+    knobs: tuple[tuple[str, int], ...]  # type and value reference of each parameter that θ sets
+    shown: tuple[tuple[str, int], ...]  # the same of each variable to record
+    instants: Any  # start, communication instants and end, in seconds, shape (M,)
+    every: int  # every how many communications the variables are recorded; the end always is
+    tolerance: float | None  # relative tolerance of the FMU's solver; None for its own
 
 
 class Reply(NamedTuple):
-    """What a run gave.
+    """What a run gave."""
 
-    Args:
-        problem: What ended the run before its time; empty if nothing did.
-        t: Recorded instants, in seconds, shape (K,).
-        values: Recorded variables, shape (K, m).
-        seconds: Duration of the simulation.
-    """
-
-    problem: str
-    t: Any
-    values: Any
-    seconds: float
+    problem: str  # what ended the run before its time; empty if nothing did
+    t: Any  # recorded instants, in seconds, shape (K,)
+    values: Any  # recorded variables, shape (K, m)
+    seconds: float  # duration of the simulation
 
 
 class _Stop(Exception):
@@ -69,15 +52,7 @@ class _Stop(Exception):
 
 
 class _Reader:
-    """Read all variables of one type with one call.
-
-    Args:
-        fmu: FMPy's instance.
-        version: "2" or "3".
-        type_: Type of the variables.
-        references: Value references of the variables.
-        columns: Their columns in the record.
-    """
+    """Read all variables of one type with one call: their value references and columns in the record."""
 
     def __init__(self, fmu: Any, version: str, type_: str, references: list[int], columns: list[int]) -> None:
         count = len(references)
@@ -102,9 +77,6 @@ class FMUSimulation:
     A reset FMU should run as a new one does. If the first run was quick, a request without θ finds
     that out: if the same θ then gives the same record, the instance is reset between runs.
     Otherwise each run gets a new instance.
-
-    Args:
-        job: What to simulate.
 
     Raises:
         PlantError: If the FMU cannot be started.
@@ -140,9 +112,7 @@ class FMUSimulation:
         with suppress(OSError):
             os.ftruncate(2, 0)  # what it printed during earlier runs
             os.lseek(2, 0, os.SEEK_SET)
-        if theta is None:
-            return self.try_reset()
-        return self.run(theta)
+        return self.try_reset() if theta is None else self.run(theta)
 
     def run(self, theta: list[float]) -> Reply:
         """Simulate θ, one value for each knob of the job."""
@@ -158,9 +128,8 @@ class FMUSimulation:
             problem = self._told(error)
             self._resettable = self._resettable and isinstance(error, _Stop)
         taken = time.perf_counter() - begun
-        width = len(self._job.shown)
         t = np.array([row[0] for row in rows])
-        values = np.array([row[1] for row in rows]).reshape(len(rows), width)
+        values = np.array([row[1] for row in rows]).reshape(len(rows), len(self._job.shown))
         answer = Reply(problem, t, values, taken)
         self._first = self._first or (theta, answer)
         return answer
@@ -247,13 +216,14 @@ class FMUSimulation:
 
     def _wants_end(self) -> bool:
         try:
-            return bool(self._fmu.getBooleanStatus(_TERMINATED))
+            return bool(self._fmu.getBooleanStatus(3))  # it wants to end the simulation
         except Exception:  # not every FMU can tell
             return False
 
     def _named(self, type_: str) -> str:
         """Return the type as the functions of this version of FMI name it."""
-        return _ENUMERATION[self.version] if type_ == "Enumeration" else type_
+        whole = "Integer" if self.version == "2" else "Int64"
+        return whole if type_ == "Enumeration" else type_
 
     def _told(self, error: Exception) -> str:
         status = getattr(error, "status", None)

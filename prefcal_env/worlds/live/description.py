@@ -18,9 +18,6 @@ from .rig import LiveRig
 
 Range = tuple[float, float]
 Entries = dict[str, dict[str, Any]]
-_CONNECTION = ("user", "security", "timeout")
-_RIG = {field.name for field in fields(LiveRig)} - {"knobs", "start", "journal"}
-"""Keys that are arguments of `LiveRig` as they are."""
 
 
 class LiveTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,6 +61,7 @@ def live_rig(description: Mapping[str, Any], *, plant: Callable[[str], LivePlant
         MissingExtraError: If asyncua is not installed.
     """
     given = entries(description, (LiveTable,), "", SettingsError)
+    as_they_are = {field.name for field in fields(LiveRig)} - {"knobs", "start", "journal"}
     roles: tuple[tuple[Role, Entries], ...] = (
         ("output", given["outputs"]),
         ("input", given.get("inputs", {})),
@@ -79,7 +77,7 @@ def live_rig(description: Mapping[str, Any], *, plant: Callable[[str], LivePlant
         ),
         start=tuple(_start(name, entry, f"start.{name}") for name, entry in given.get("start", {}).items()),
         journal=_journal(given["journal"]) if "journal" in given else None,
-        **{name: value for name, value in given.items() if name in _RIG},
+        **{name: value for name, value in given.items() if name in as_they_are},
     )
 
 
@@ -98,7 +96,7 @@ def _start(name: str, entry: dict[str, Any], where: str) -> LiveStart:
 
 
 def _connection(given: Mapping[str, Any]) -> OPCUAPlant:
-    stated = {name: given[name] for name in _CONNECTION if name in given}
+    stated = {name: given[name] for name in ("user", "security", "timeout") if name in given}
     variable = given.get("password_variable")
     if variable:
         if variable not in os.environ:

@@ -16,8 +16,6 @@ from prefcal_env.tables.recorded import bridged, recorded
 
 from .plan import Journal, LiveKnob, LivePlan, LivePlant, Role, TypedPlant, all_within, within
 
-# --- Tell what happens during a run on a live plant, as frozen data.
-
 
 @dataclass(frozen=True, slots=True)
 class Driven:
@@ -47,8 +45,6 @@ Tell = Callable[[Progress], None]
 """Function that is called after every sample."""
 
 
-# --- Turn what was read from a live plant into an experiment.
-
 Row = tuple[float, Mapping[str, float]]
 """A sample: seconds since the start of the record, and the value of each tag by its key."""
 
@@ -61,15 +57,14 @@ def experiment_of(rig: LivePlan, theta: Float[np.ndarray, " n"], rows: Sequence[
     between samples anyway. A run in which an output or input never had a good value has failed. An
     output whose reference never had one has no reference in this run.
     """
-    read = {tag: np.array([row[tag.key] for _, row in rows]) for tag in rig.tags}
-    outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
     nothing = bool(never_good(rig, rows))
     kept = slice(0, 0) if nothing else slice(None)
+    read = {tag: np.array([row[tag.key] for _, row in rows])[kept] for tag in rig.tags}
     drawn = [tag for tag in rig.tags if tag.role != "reference"]
     t = np.array([instant for instant, _ in rows])[kept]
     curves = {
         role: {
-            tag.name: bridged(t, values[kept], held=role != "output")
+            tag.name: bridged(t, values, held=role != "output")
             for tag, values in read.items()
             if tag.role == role
         }
@@ -84,9 +79,9 @@ def experiment_of(rig: LivePlan, theta: Float[np.ndarray, " n"], rows: Sequence[
         {c.name: c.unit for c in drawn},
         {c.name: (c.low, c.high) for c in drawn},
         signals={
-            f"{name} as read": values[kept]
-            for name, values in outputs.items()
-            if np.isnan(values[kept]).any()
+            f"{tag.name} as read": values
+            for tag, values in read.items()
+            if tag.role == "output" and np.isnan(values).any()
         },
         kpis=rig.kpis,
         end=End.FAILED if nothing else end,
@@ -124,11 +119,7 @@ class _Known:
 class Writer:
     """Writer of one plant. Every value that reaches the plant passes `_write`, which checks it.
 
-    Args:
-        plant: Plant to write to.
-        written: Nodes that may be written to, by name.
-        period: Sampling period in seconds.
-        clock: Function that returns the time in seconds.
+    `written` are the nodes that may be written to, by name; period and clock are in seconds.
     """
 
     def __init__(
@@ -156,15 +147,10 @@ class Writer:
             known = self._known.get(name)
             if not isfinite(value):
                 self._known.pop(name, None)  # unknown: nothing is written until it is known
-            elif known is None or not self._explained(name, value, known):
-                self._known[name] = _Known(value, now, value)
-            else:
+            elif known and any(self._written[name].same(value, v) for v in (known.value, known.before)):
                 self._known[name] = _Known(value, known.since, known.before)
-
-    def _explained(self, name: str, value: float, known: _Known) -> bool:
-        """Return whether the plant has what was written last, or what it had before."""
-        same = self._written[name].same
-        return same(value, known.value) or same(value, known.before)
+            else:  # neither what was written last, nor what the plant had before
+                self._known[name] = _Known(value, now, value)
 
     def step(self, targets: Mapping[str, float]) -> None:
         """Move each value one step toward its target, as far as its rate allows.
@@ -207,8 +193,6 @@ class Writer:
 
 SLACK = 10
 """Additional periods that a plant may take to show a written value."""
-_STEPS = 20
-"""Number of steps in a row without progress after which a person must help."""
 _PATIENCE = 10.0
 """Seconds without progress, or without a connection, that are waited for at least once the process
 was told to end; the old values are then restored at the next start."""
@@ -216,19 +200,12 @@ was told to end; the old values are then restored at the next start."""
 
 @dataclass(slots=True)
 class Way:
-    """Way of a plant back to its old values, as mutable state.
+    """Way of a plant back to its old values, as mutable state; times are in seconds."""
 
-    Args:
-        written: Nodes that may be written to, by name.
-        targets: Old values by name.
-        period: Sampling period of the run, in seconds.
-        since: Time of the latest progress, in seconds; at first, of the beginning.
-    """
-
-    written: Mapping[str, LiveKnob]
-    targets: Mapping[str, float]
-    period: float
-    since: float
+    written: Mapping[str, LiveKnob]  # nodes that may be written to, by name
+    targets: Mapping[str, float]  # old values by name
+    period: float  # sampling period of the run
+    since: float  # time of the latest progress; at first, of the beginning
     _steps: int = 0
     _left: dict[str, float] = field(default_factory=dict)
     _waiting: float = field(init=False)
@@ -258,21 +235,13 @@ class Way:
         """Return whether there was no progress for so long that a person must help."""
         self._waiting = self._waiting if closing else now
         patience = _PATIENCE + SLACK * self.period + self._slowest()
-        stuck = self._steps >= _STEPS and now - self.since > patience
+        stuck = self._steps >= 20 and now - self.since > patience  # steps in a row without progress
         return stuck or (closing and now - self._waiting > _PATIENCE + self._slowest())
 
     def _slowest(self) -> float:
         """Return the longest time in seconds between two steps: integers cannot move by less."""
         rates = [self.written[n].rate for n in self.targets if self.written[n].knob.integer]
         return max((1.0 / rate for rate in rates), default=0.0)
-
-
-# --- Do one run on a live plant: write, start, record, and restore whatever happens.
-
-_SLICE = 0.2
-"""Longest sleep in seconds, so that a stop is noticed soon although the period may be long."""
-_RESTORING = 1.0
-"""Longest period, in seconds, at which old values are restored."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,14 +265,7 @@ class _EndedError(Exception):
 
 
 class Drive:
-    """One run, as mutable state; `run` does all of it.
-
-    Args:
-        rig: What is done, and on which plant.
-        theta: New value of each knob, by name.
-        journal: File for the old values.
-        hands: Clock, confirmation, stop and progress.
-    """
+    """One run, as mutable state; `run` does all of it. `theta` is the new value of each knob, by name."""
 
     def __init__(self, rig: LivePlan, theta: Mapping[str, float], journal: Journal, hands: Hands) -> None:
         self.rig, self.theta, self.journal, self.hands = rig, theta, journal, hands
@@ -365,10 +327,9 @@ class Drive:
         self._check_types()
         changes = tuple(w.changed(values[name], new[name]) for name, w in self.written.items())
         for change in changes:
-            name = change.name
-            if name in self.start and change.seconds >= self.rig.duration:
+            if change.name in self.start and change.seconds >= self.rig.duration:
                 raise LiveError(
-                    f"{name} takes {change.seconds:g} s from {change.old:g} to {change.new:g} "
+                    f"{change.name} takes {change.seconds:g} s from {change.old:g} to {change.new:g} "
                     f"{change.unit}, as long as the run or longer: the duration "
                     f"must be above that, got {self.rig.duration:g} s"
                 )
@@ -398,13 +359,11 @@ class Drive:
             keep: Whether to keep the knobs' new values, and take back the start values only.
         """
         targets = dict(self.old if old is None else old)
-        if not targets:
-            return True  # nothing was written
-        if keep:
+        if targets and keep:
             targets = self._without_knobs(targets)
-            if not targets:
-                return True
-        self._next, self._period = self.hands.clock(), min(self.rig.period, _RESTORING)
+        if not targets:
+            return True  # nothing was written, or nothing is to be taken back
+        self._next, self._period = self.hands.clock(), min(self.rig.period, 1.0)
         way, last = Way(self.written, targets, self.rig.period, self.hands.clock()), ""
         while not way.blocked(self.hands.clock(), closing=self.hands.closing()):
             stage = Stage.RESTORING
@@ -601,10 +560,9 @@ class Drive:
             left = self._next - hands.clock()
             if left <= 1e-9:
                 return
-            hands.sleep(min(left, _SLICE))
+            hands.sleep(min(left, 0.2))  # a stop is noticed soon, however long the period
 
     def _tell(self, stage: Stage) -> None:
         elapsed = self.rows[-1][0] if self.rows else 0.0
         values = {key: self._now[key] for key in self.tags if key in self._now}
-        told = Progress(stage, elapsed, self.rig.duration, values, self.problem)
-        self.hands.tell(told)
+        self.hands.tell(Progress(stage, elapsed, self.rig.duration, values, self.problem))

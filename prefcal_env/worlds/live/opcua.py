@@ -13,10 +13,6 @@ from prefcal_env.errors import ConnectionLostError, LiveError, SettingsError
 from prefcal_env.optional import world
 
 T = TypeVar("T")
-_MARGIN = 1.0
-"""Seconds beyond the time limit of a request, after which its thread is considered stuck."""
-_LOOK = 0.02
-"""Seconds between two looks whether a connection that is being made was closed."""
 
 
 class OPCUAPlant:
@@ -96,7 +92,7 @@ class OPCUAPlant:
         try:
             # asyncua waits for the time limit if the connection is closed at once, as a proxy or a
             # tunnel to a server that is down does: the plant would be restored that much later.
-            while not (await asyncio.wait({connecting}, timeout=_LOOK))[0]:
+            while not (await asyncio.wait({connecting}, timeout=0.02))[0]:
                 if _is_closed(client):
                     raise ConnectionError("the connection was closed at once")
             connecting.result()
@@ -156,7 +152,7 @@ class OPCUAPlant:
         """Run a request in the connection's thread; a connection that fails is dropped."""
         future = asyncio.run_coroutine_threadsafe(asyncio.wait_for(work, 2 * self._timeout), self._running())
         try:
-            return future.result(2 * self._timeout + _MARGIN)
+            return future.result(2 * self._timeout + 1.0)  # later, its thread counts as stuck
         except LiveError:
             raise
         except self._ua.UaStatusCodeError as error:

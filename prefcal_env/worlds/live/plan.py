@@ -19,8 +19,6 @@ from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources.source import Change
 
-# --- Define what prefcal needs of a connection to a live plant, for any protocol.
-
 
 class LivePlant(Protocol):
     """Connection to a live plant whose values have a node address each.
@@ -79,8 +77,6 @@ class TypedPlant(Protocol):
 # --- Describe the nodes of a live plant: knobs and start values that are written, and records.
 
 Role = Literal["output", "input", "reference"]
-_CLOSE = 1e-5
-"""Relative difference of equal values: many controllers store single precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +111,7 @@ class LiveKnob:
     def same(self, one: float, other: float) -> bool:
         """Return whether two values are equal up to single precision."""
         size = max(abs(one), abs(other))
-        return abs(one - other) <= _CLOSE * size + 1e-9 * (self.knob.high - self.knob.low)
+        return abs(one - other) <= 1e-5 * size + 1e-9 * (self.knob.high - self.knob.low)
 
     def step(self, elapsed: float, period: float) -> float:
         """Return the largest change now, in the knob's unit.
@@ -230,9 +226,6 @@ def all_within(values: Mapping[str, float], limits: Mapping[str, tuple[float, fl
     return all(within(values[name], between) for name, between in limits.items())
 
 
-# --- Keep the old values of a live plant on the disk while prefcal changes them.
-
-
 @dataclass(frozen=True, slots=True)
 class Journal:
     """File that holds the old values of a plant from before the first write until they are back.
@@ -314,8 +307,6 @@ class Journal:
             yield
 
 
-# --- Declare what a run on a live plant does, and check it before anything is written.
-
 Limits = Mapping[str, tuple[float, float]]
 
 
@@ -363,42 +354,39 @@ class LivePlan:
         if self.after not in ("restore", "keep"):
             raise SettingsError(f"after must be restore or keep, got {self.after!r}")
         self.keyed(self.ready), self.keyed(self.done)
-        object.__setattr__(self, "channels", self._channels())
+        groups = {
+            role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
+            for role in ("output", "input")
+        }
+        aimed = {tag.name for tag in self.tags if tag.role == "reference"}
+        y = tuple(channel for channel in groups["output"] if channel.name in aimed)
+        object.__setattr__(self, "channels", Channels((), groups["input"], y))
         kept = "the old values are restored" if self.after == "restore" else "the new θ stays"
         object.__setattr__(self, "afterward", kept)
 
     def _check_names(self) -> None:
         written = (*self.knobs, *self.start)
+        references = [tag.name for tag in self.tags if tag.role == "reference"]
         for what, found in (
             ("name of a knob or start value", [w.knob.name for w in written]),
             ("node that is written to", [w.node for w in written]),
             ("output or input", [tag.name for tag in self.tags if tag.role != "reference"]),
-            ("reference", [tag.name for tag in self.tags if tag.role == "reference"]),
+            ("reference", references),
         ):
             twice = sorted({each for each in found if found.count(each) > 1})
             if twice:
                 raise SettingsError(f"each {what} may be given once, got {twice[0]!r} twice")
         outputs = {tag.name for tag in self.tags if tag.role == "output"}
-        for tag in self.tags:
-            if tag.role == "reference" and tag.name not in outputs:
+        for name in references:
+            if name not in outputs:
                 raise SettingsError(
-                    f"a reference must have the name of an output, {sorted(outputs)}, got {tag.name!r}"
+                    f"a reference must have the name of an output, {sorted(outputs)}, got {name!r}"
                 )
 
     @property
     def space(self) -> KnobSpace:
         """Space of the knobs."""
         return KnobSpace([live.knob for live in self.knobs])
-
-    def _channels(self) -> Channels:
-        """Return the channels; those in `y` are the outputs with a recorded reference."""
-        by_role = {
-            role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
-            for role in ("output", "input")
-        }
-        aimed = {tag.name for tag in self.tags if tag.role == "reference"}
-        y = tuple(channel for channel in by_role["output"] if channel.name in aimed)
-        return Channels((), by_role["input"], y)
 
     def keyed(self, limits: Limits) -> dict[str, tuple[float, float]]:
         """Return conditions by the key of their tag."""

@@ -180,10 +180,6 @@ class LiveRig(LivePlan, Source):
         return Drive(self, values, self._kept, hands)
 
 
-_DRAWN = 400
-"""Largest number of samples that a live curve shows."""
-
-
 class _Followed(Run):
     """A run that can be followed while another thread drives the plant."""
 
@@ -196,7 +192,7 @@ class _Followed(Run):
     @property
     def recorded(self) -> tuple[tuple[float, ...], tuple[RunCurve, ...]]:
         with self._lock:
-            rows = self._rows[:: max(1, -(-len(self._rows) // _DRAWN))]
+            rows = self._rows[:: max(1, -(-len(self._rows) // 400))]  # so many are drawn at most
         tags = self._rig.tags
         referenced = {tag.name for tag in tags if tag.role == "reference"}
         curves = tuple(
@@ -224,12 +220,7 @@ class _Followed(Run):
 
 
 class LiveRun(_Followed):
-    """A run of θ: it looks at the plant, waits until a person confirms the changes, and drives.
-
-    Args:
-        rig: Live rig.
-        theta: Physical θ, shape (n,).
-    """
+    """A run of θ: it looks at the plant, waits until a person confirms the changes, and drives."""
 
     def __init__(self, rig: LiveRig, theta: Float[np.ndarray, " n"]) -> None:
         super().__init__(rig)
