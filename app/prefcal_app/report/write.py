@@ -183,7 +183,7 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
     assert record.best is not None
     scenario, both = record.scenario, [record.best.experiment, record.before.experiment]
     try:
-        known = verification.cases.subject_of(scenario.source, scenario.space).margins
+        known = verification.loops.subject_of(scenario.source, scenario.space).margins
         found = [known(each.theta) for each in both]
     except ScenarioError:  # such as a file that runs in a process of its own
         found = ["prefcal verify best.json computes them if the plant is known as equations"]

@@ -51,7 +51,7 @@ def pid_scenario(
     The knobs are K_p (without its sign), T_i, T_d and the set-point weight b; with several loops
     they are called K_p_1, T_i_1 and so on.
 
-    Source: see `prefcal_env.controllers.pid` and `described.pid.design.pairs_of`.
+    Source: see `prefcal_env.controllers.pid` and `described.design.pairs_of`.
 
     Args:
         plant: Plant, or a linear system that `Plant.of` takes.

@@ -27,7 +27,7 @@ KnobValues = Mapping[str, float]
 
 
 class Gains(NamedTuple):
-    """A compiled law and its gains: one row for each PID or input, with columns as in `_laws`."""
+    """A compiled law and its gains: one row for each PID or input, with columns as in `plants`."""
 
     law: int
     rows: Float[np.ndarray, "r c"]
