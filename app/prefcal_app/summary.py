@@ -33,11 +33,7 @@ NOTICED = 0.02
 
 
 class Spread:
-    """How far apart the KPIs of a study usually are.
-
-    Args:
-        known: KPIs of each experiment by name.
-    """
+    """How far apart the KPIs of a study usually are."""
 
     def __init__(self, known: Iterable[Mapping[str, float]] = ()) -> None:
         self._known = list(known)
@@ -91,25 +87,15 @@ def measured_rows(kpis: Sequence[KPI], experiment: Experiment) -> list[dict[str,
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """What people read of one KPI of two experiments, left and right.
-
-    Args:
-        kpi: The KPI.
-        objective: Its objective in words.
-        values: Values as read, in its unit; NaN where one is missing.
-        texts: Values in words.
-        met: Whether each meets the objective; None without one or a value.
-        judged: How bad each value looks, see `KPI.judged`.
-        apart: Size of the difference as read, in its unit.
-    """
+    """What people read of one KPI of two experiments, left and right."""
 
     kpi: KPI
-    objective: str
-    values: tuple[float, float]
-    texts: tuple[str, str]
-    met: tuple[bool | None, bool | None]
-    judged: tuple[float, float]
-    apart: float
+    objective: str  # its objective in words
+    values: tuple[float, float]  # values as read, in its unit; NaN where one is missing
+    texts: tuple[str, str]  # values in words
+    met: tuple[bool | None, bool | None]  # whether each meets the objective; None without one or a value
+    judged: tuple[float, float]  # how bad each value looks, see `KPI.judged`
+    apart: float  # size of the difference as read, in its unit
 
 
 def _pairs(kpis: Sequence[KPI], left: Experiment, right: Experiment) -> list[_Pair]:
@@ -184,18 +170,13 @@ def _better(pair: _Pair) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Consistency:
-    """Consistency of the answers of a study.
+    """Consistency of the answers of a study."""
 
-    Args:
-        repeated: Number of questions that were asked again.
-        agreed: Number of those with the same answer both times.
-        cycles: Cycles of experiments, by index: each is better than the next, and the last is
-            better than or as good as the first. There is one for each group of experiments whose
-            answers contradict each other.
-    """
-
-    repeated: int
-    agreed: int
+    repeated: int  # number of questions that were asked again
+    agreed: int  # number of those with the same answer both times
+    # cycles of experiments, by index: each is better than the next, and the last is
+    # better than or as good as the first. There is one for each group of experiments
+    # whose answers contradict each other
     cycles: tuple[tuple[int, ...], ...]
 
     @classmethod
@@ -264,17 +245,11 @@ older one need not be the best so far, since follow-up comparisons can be about 
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Counts of a study that every front end, the report and the JSON show.
+    """Counts of a study that every front end, the report and the JSON show."""
 
-    Args:
-        experiments: Number of experiments that ran, including that of the open question.
-        comparisons: Number of standing answers about two experiments, including follow-up
-            comparisons.
-        verdicts: Number of comparisons by preference; they add up to `comparisons`.
-    """
-
-    experiments: int
-    comparisons: int
+    experiments: int  # number of experiments that ran, including that of the open question
+    comparisons: int  # number of standing answers about two experiments, including follow-up comparisons
+    # number of comparisons by preference; they add up to `comparisons`
     verdicts: Mapping[Preference | None, int]
 
     @classmethod
@@ -294,14 +269,10 @@ class Planned:
     """How many questions a study asks: one for each experiment but the first.
 
     Follow-up questions, which only some agents ask, are called so and do not count.
-
-    Args:
-        answered: Number of questions that are answered.
-        total: Number of questions of the whole study.
     """
 
-    answered: int
-    total: int
+    answered: int  # number of questions that are answered
+    total: int  # number of questions of the whole study
 
     @classmethod
     def of(cls, agent: Agent) -> "Planned":
@@ -309,12 +280,7 @@ class Planned:
         return cls(max(agent.history.answered - 1, 0), agent.n_max - 1)
 
     def place(self, *, over: bool, further: bool) -> str:
-        """Return how far the study is, such as "question 3 of 10".
-
-        Args:
-            over: Whether the study is over.
-            further: Whether the open question is about two known experiments.
-        """
+        """Return how far the study is, such as "question 3 of 10"."""
         if over:
             done = self.answered >= self.total
             return f"{self.answered} {'' if done else f'of {self.total} '}questions answered"
@@ -342,23 +308,14 @@ _WIDER = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """Advice on what to do next.
+    """Advice on what to do next."""
 
-    Args:
-        promise: Sentence on what simulated θ or the next experiment promise; empty if unknown.
-        ends: Sentence on the knobs at the end of their range; empty if there are none.
-        command: Command that widens those ranges; empty without a study file.
-        unbeaten: Sentence on other experiments that never lost; empty if there are none.
-        missed: Sentence on the objectives that the best experiment misses; empty if it meets all.
-        result: Sentences on what was wanted, and on which answer the result rests.
-    """
-
-    promise: str = ""
-    ends: str = ""
-    command: str = ""
-    unbeaten: str = ""
-    missed: str = ""
-    result: tuple[str, ...] = ()
+    promise: str = ""  # sentence on what simulated θ or the next experiment promise; empty if unknown
+    ends: str = ""  # sentence on the knobs at the end of their range; empty if there are none
+    command: str = ""  # command that widens those ranges; empty without a study file
+    unbeaten: str = ""  # sentence on other experiments that never lost; empty if there are none
+    missed: str = ""  # sentence on the objectives that the best experiment misses; empty if it meets all
+    result: tuple[str, ...] = ()  # sentences on what was wanted, and on which answer the result rests
 
     @property
     def sentences(self) -> tuple[str, ...]:

@@ -36,12 +36,7 @@ Ranges = dict[str, Any] | None
 
 
 class OwnSource(Source):
-    """The source of a user's own scenario; when it is unpickled, the user's file is loaded.
-
-    Args:
-        path: Source of the scenario, path/to/own.py:NAME.
-        ranges: Ranges of the study; None for those of the scenario.
-    """
+    """The source of a user's own scenario; when it is unpickled, the user's file is loaded."""
 
     def __init__(self, path: str, ranges: Ranges) -> None:
         self._path, self._ranges = path, ranges
@@ -67,12 +62,7 @@ def ranges_of(space: KnobSpace | None) -> Ranges:
 
 
 def work_of(source: str, limit: float) -> Callable[[tuple[Any, int, Ranges]], bytes]:
-    """Return, in a worker, what runs θ with a seed in ranges: the bytes of its experiment.
-
-    Args:
-        source: Source of the scenario, path/to/own.py:NAME.
-        limit: Maximum number of seconds of a run.
-    """
+    """Return, in a worker, what runs θ with a seed in ranges in `limit` seconds: an experiment's bytes."""
     name = source.partition("{")[0].strip()
     sys.argv = [name.rpartition(":")[0] or name]
     scenario = load(source)
@@ -110,14 +100,7 @@ DEFAULT_LIMIT = 3600.0
 
 
 class Isolated(Source):
-    """A user's own source whose runs happen in worker processes, one each at the same time.
-
-    Args:
-        own: Source as it was loaded here; it is not run.
-        path: Source of the scenario, path/to/own.py:NAME.
-        workers: Workers that run θ.
-        space: Ranges of the study, if they were changed; those of the scenario if None.
-    """
+    """A user's own source whose runs happen in worker processes, one each at the same time."""
 
     stops = True
 

@@ -266,17 +266,11 @@ def _frozen(theta: Any) -> Float[np.ndarray, " n"]:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """How each θ is run.
+    """How each θ is run."""
 
-    Args:
-        source: Source of the scenario.
-        seed: Seed of every run.
-        trajectories: Whether results are whole experiments.
-    """
-
-    source: Source
-    seed: int
-    trajectories: bool
+    source: Source  # source of the scenario
+    seed: int  # seed of every run
+    trajectories: bool  # whether results are whole experiments
 
     def __call__(self, theta: Float[np.ndarray, " n"]) -> Simulated | Experiment:
         """Run θ, physical, shape (n,), and raise whatever the run raises."""
@@ -292,11 +286,6 @@ class Task:
 
     def pool(self, jobs: int, longest: float, terms: Terms) -> Pool:
         """Return a pool of `jobs` workers whose results are those of `here`.
-
-        Args:
-            jobs: Number of workers, 1 or more.
-            longest: Largest time limit of an experiment in seconds; infinite for none.
-            terms: On what terms the workers run.
 
         Raises:
             ScenarioError: Later, if the run cannot be sent to, or loaded in, another process.

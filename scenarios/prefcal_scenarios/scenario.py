@@ -30,21 +30,17 @@ class Picture:
     """One figure of a report.
 
     Its functions take the report's record of the study, see `report/record.py` of `prefcal_app`.
-
-    Args:
-        file: Name of its file, .png.
-        title: Heading.
-        caption: Description in a sentence or two, or a function of the record that returns it.
-        alt: Function of the record that returns a text for people who cannot see the figure.
-        draw: Function of the record that returns a figure, or the content of the file.
-        applies: Function that tells whether the study has the necessary data; by default, always.
     """
 
-    file: str
-    title: str
+    file: str  # name of its file, .png
+    title: str  # heading
+    # description in a sentence or two, or a function of the record that returns it
     caption: str | Callable[[Any], str]
+    # function of the record that returns a text for people who cannot see the figure
     alt: Callable[[Any], str]
+    # function of the record that returns a figure, or the content of the file
     draw: "Callable[[Any], Figure | bytes]"
+    # function that tells whether the study has the necessary data; by default, always
     applies: Callable[[Any], bool] = lambda record: True
 
 

@@ -144,19 +144,12 @@ def _statistics(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]) -> Itera
 
 @dataclass(frozen=True, slots=True)
 class NamedRun:
-    """A run to look at.
+    """A run to look at."""
 
-    Args:
-        name: Name, as shown to people.
-        experiment: The run.
-        kpis: Titles, units and directions of its KPIs.
-        about: Where it is from, and what was taken for what, in a sentence.
-    """
-
-    name: str
+    name: str  # name, as shown to people
     experiment: Experiment
-    kpis: tuple[KPI, ...] = ()
-    about: str = ""
+    kpis: tuple[KPI, ...] = ()  # titles, units and directions of its KPIs
+    about: str = ""  # where it is from, and what was taken for what, in a sentence
 
     def changed(self, change: Callable[[Experiment], Experiment]) -> "NamedRun":
         """Return this run with a change of its experiment, and of each of its maneuvers."""

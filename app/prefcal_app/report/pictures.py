@@ -125,12 +125,7 @@ def figure(
 
 
 def alone(scenario: Scenario, experiment: Experiment) -> Figure:
-    """Draw one experiment, a panel per signal, with a zoom on targets that have a narrow band.
-
-    Args:
-        scenario: Scenario of the experiment.
-        experiment: Experiment that left a record.
-    """
+    """Draw one experiment, a panel per signal, with a zoom on targets that have a narrow band."""
     theta = "\n".join(_theta_lines(scenario, experiment.theta))
     with style():
         curve = DrawnRun(experiment, theta, BEST, 1.9)
@@ -141,10 +136,6 @@ def overlaid(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Figure:
     """Draw experiments over each other, a panel per signal, with the references that change.
 
     Several maneuvers are drawn next to each other.
-
-    Args:
-        panels: Panels from top to bottom, the same for all experiments.
-        curves: Experiments with their labels and colors.
     """
     return _together(lambda *_: tuple(panels), curves)
 
@@ -190,15 +181,9 @@ def _together(
 def _drawn(
     blocks: Sequence[_Block], across: int, height: float, *, short: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Draw blocks next to each other; return the figure, and the first axes of each block.
+    """Draw blocks in `height` inches; return the figure, and the first axes of each block.
 
     Blocks of the same rows next to each other share their axes.
-
-    Args:
-        blocks: Blocks from left to right, then from top to bottom.
-        across: Number of blocks next to each other.
-        height: Height of the figure, in inches.
-        short: Whether titles name only the signal and its unit.
     """
     count = max(len(block.rows) for block in blocks)
     figure = canvas(height)

@@ -552,11 +552,7 @@ def _is_there(values: Float[np.ndarray, " K"], channel: Channel, *, output: bool
 
 
 def _curves(record: StudyRecord, *, height: float) -> bytes:
-    """Return a PNG of the curves before and after; empty if neither run has a record.
-
-    Args:
-        record: Record of the study.
-        height: Height of the picture in inches.
+    """Return a PNG of the curves, `height` inches high; empty if neither run has a record.
 
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.

@@ -91,15 +91,10 @@ def pid_scenario(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PIDs:
-    """Functions of θ, which holds K_p, T_i, T_d and b of each loop in turn.
+    """Functions of θ, which holds K_p, T_i, T_d and b of each loop in turn."""
 
-    Args:
-        design: What was chosen for the plant.
-        plant: Sampled linear plant, from the inputs to the outputs of the loops.
-    """
-
-    design: Design
-    plant: LinearSystem
+    design: Design  # what was chosen for the plant
+    plant: LinearSystem  # sampled linear plant, from the inputs to the outputs of the loops
 
     @classmethod
     def of(cls, found: Design) -> "PIDs":

@@ -46,15 +46,10 @@ class Laws(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measure:
-    """Function of an experiment that returns its KPIs.
+    """Function of an experiment that returns its KPIs."""
 
-    Args:
-        design: What was chosen for the plant.
-        laws: Controllers of all θ.
-    """
-
-    design: Design
-    laws: Laws
+    design: Design  # what was chosen for the plant
+    laws: Laws  # controllers of all θ
 
     def around(self, plant: Plant, task: Task) -> "Measure":
         """Return the same KPIs of another plant, which starts as `task` says."""

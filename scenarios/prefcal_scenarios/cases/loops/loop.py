@@ -163,13 +163,7 @@ _TEXTS = {
 
 
 def kpi_names(*, staged: bool, beside: bool, alarm: bool) -> tuple[str, ...]:
-    """Return the names of a loop's KPIs, in order.
-
-    Args:
-        staged: Whether the input has stages.
-        beside: Whether there is a state that the step should not move much.
-        alarm: Whether there is an alarm.
-    """
+    """Return the names of a loop's KPIs, in order."""
     there = {"switches": staged, "input_noise": not staged, "side_effect": beside, "alarm": alarm}
     return tuple(name for name in _TEXTS if there.get(name, True))
 
