@@ -204,7 +204,7 @@ def _cycles(answers: Iterable[Comparison]) -> tuple[tuple[int, ...], ...]:
     if not better:
         return ()
     edges = np.array(sorted(better | as_good))
-    groups = _groups(edges)
+    _, groups = connected_components(_graph(edges), directed=True, connection="strong")
     found = {}
     for a, b in sorted(better):
         if groups[a] == groups[b] and groups[a] not in found:
@@ -215,11 +215,6 @@ def _cycles(answers: Iterable[Comparison]) -> tuple[tuple[int, ...], ...]:
 def _graph(edges: Int[np.ndarray, "m 2"]) -> csr_array:
     size = int(edges.max()) + 1
     return csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
-
-
-def _groups(edges: Int[np.ndarray, "m 2"]) -> list[int]:
-    _, labels = connected_components(_graph(edges), directed=True, connection="strong")
-    return [int(label) for label in labels]
 
 
 def _path(edges: Int[np.ndarray, "m 2"], start: int, end: int) -> tuple[int, ...]:
@@ -256,12 +251,8 @@ class Counts:
     def of(cls, state: State) -> "Counts":
         """Return the counts of a study. A repeated question is not a new comparison."""
         given = [c.answer.preference for c in answered(state)]
-        verdicts: list[Preference | None] = [*Preference, None]
-        return cls(
-            experiments=len(state.finished),
-            comparisons=len(given),
-            verdicts={verdict: given.count(verdict) for verdict in verdicts},
-        )
+        verdicts = {verdict: given.count(verdict) for verdict in (*Preference, None)}
+        return cls(len(state.finished), len(given), verdicts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,8 +332,7 @@ def others_unbeaten(history: History, *, robust: bool = False) -> str:
     if len(indices) < 2:
         return ""
     best, *others = (str(index + 1) for index in indices)
-    *most, last = others
-    named = f"experiments {', '.join(most)} and {last} were" if most else f"experiment {last} was"
+    named = f"experiment{'s' * (len(others) > 1)} {_listed(others)} {'were' if len(others) > 1 else 'was'}"
     return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
 
 
@@ -461,9 +451,8 @@ def _command(ends: list[tuple[Knob, bool]], space: KnobSpace, place: str, scenar
     words = ["prefcal", "studies", "respace", study_name(place)]
     if not is_built_in(scenario):
         words += ["--scenario", scenario]
-    within = dict(zip(space.names, space.within, strict=True))
     for knob, upper in ends:
-        low, high = within[knob.name]
+        low, high = space.within[space.knobs.index(knob)]
         low, high = (low, _beyond(knob, low, high)) if upper else (_beyond(knob, high, low), high)
         words += ["--knob", f"{knob.name.replace(' ', '_')}={low:g}:{high:g}"]
     return shlex.join(words)

@@ -24,8 +24,6 @@ from .catalog import load
 from .names import is_own
 from .scenario import Scenario, with_ranges
 
-# --- Run a user's own scenario in any worker process: each loads the user's file itself.
-
 _BEYOND = 30.0
 """Seconds after the time limit when the process ends itself, in case prefcal is gone."""
 _LONGEST = 1e6
@@ -43,7 +41,7 @@ class OwnSource(Source):
 
     def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, physical, shape (n,), in this process."""
-        return _loaded(self._path, self._ranges).run(theta, seed=seed)
+        return self.here.run(theta, seed=seed)
 
     @property
     def here(self) -> Source:

@@ -464,28 +464,23 @@ def _results(
     jobs = jobs if total is None else min(jobs, max(total, 1))
     limit = np.inf if options.timeout is None else options.timeout
     here = options.jobs == 1 and options.timeout is None
-    checked = _checked(scenario.space, thetas)
-
-    def results() -> Generator[Result, None, None]:
-        with _shown(options.progress) as show:
-            arrived = taken = 0
-            if here:
-                for theta in checked:
-                    result, arrived = task.here(theta), arrived + 1
-                    show(arrived, total)
-                    yield result
-                return
-            pool, done = task.pool(jobs, limit, Terms(allows="timeout")), dict[int, Result]()
-            with closing(run_all(pool, checked, ahead)) as arriving:
-                for found in filter(None, arriving):
-                    arrived += len(found)
-                    show(arrived, total)
-                    done |= dict(found)
-                    while taken in done:
-                        yield done.pop(taken)
-                        taken += 1
-
-    return results()
+    checked, arrived, taken = _checked(scenario.space, thetas), 0, 0
+    with _shown(options.progress) as show:
+        if here:
+            for theta in checked:
+                result, arrived = task.here(theta), arrived + 1
+                show(arrived, total)
+                yield result
+            return
+        pool, done = task.pool(jobs, limit, Terms(allows="timeout")), dict[int, Result]()
+        with closing(run_all(pool, checked, ahead)) as arriving:
+            for found in filter(None, arriving):
+                arrived += len(found)
+                show(arrived, total)
+                done |= dict(found)
+                while taken in done:
+                    yield done.pop(taken)
+                    taken += 1
 
 
 def _loaded(scenario: Scenario | str) -> Scenario:

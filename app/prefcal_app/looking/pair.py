@@ -190,13 +190,8 @@ def aligned_view(
 ) -> dict[str, Any]:
     """Return what the page shows of two aligned runs: what `question_view` returns, without a study."""
     view = pair_view(left.experiment, right.experiment, lambda *_: panels, kpis, Seen())
-    nothing: dict[str, Any] = {
-        "number": None,
-        "role": None,
-        "marks": None,
-        "counts_as_unsafe": False,
-        "theta": [],
-    }
+    nothing: dict[str, Any] = dict.fromkeys(("number", "role", "marks"))
+    nothing |= {"counts_as_unsafe": False, "theta": []}
     for side, run in (("left", left), ("right", right)):
         view[side] |= {"name": run.name, "about": run.about, **nothing}
     unit = left.experiment.channels.time_unit
@@ -214,8 +209,7 @@ def _in_unit_of(left: NamedRun, right: NamedRun) -> tuple[NamedRun, tuple[str, .
     if wanted == given or not wanted or not given:
         return right, ()
     if wanted not in SECONDS or given not in SECONDS:
-        words = f"The times of {left.name} are in {wanted}, those of {right.name} in {given}."
-        return right, (words,)
+        return right, (f"The times of {left.name} are in {wanted}, those of {right.name} in {given}.",)
     words = f"The times of {right.name} are converted from {given} to {wanted}."
     return in_time_unit(right, wanted), (words,)
 

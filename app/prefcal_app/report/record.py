@@ -392,13 +392,13 @@ def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
     """
     order = [row["title"] for row in gain_rows(record)]
     ranked = sorted(record.kpis, key=lambda kpi: order.index(kpi.title))
-    return foremost([k for k in ranked if _tells(record, k)], room, lambda k: bool(objective(k)))
 
+    def tells(kpi: KPI) -> bool:
+        values = np.unique(record.read(kpi))
+        known = values[~np.isnan(values)]
+        return len(known) > 1 or any(kpi.met(value) is False for value in known)
 
-def _tells(record: StudyRecord, kpi: KPI) -> bool:
-    values = np.unique(record.read(kpi))
-    known = values[~np.isnan(values)]
-    return len(known) > 1 or any(kpi.met(value) is False for value in known)
+    return foremost(list(filter(tells, ranked)), room, lambda k: bool(objective(k)))
 
 
 def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:

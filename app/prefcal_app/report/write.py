@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 from importlib.resources import files
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from prefcal_scenarios import verification
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import Picture, Scenario
-from prefcal_scenarios.style import png, save, style
+from prefcal_scenarios.style import png, style
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.plants import Ranges
 from prefcal_scenarios.verification.result import BEST, Verified, VerifiedRun, WorstRun, margins_said
@@ -557,12 +556,9 @@ def _curves(record: StudyRecord, *, height: float) -> bytes:
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
-    content = BytesIO()
     with style():
-        figure = best_against(record, references=False, panels=_PANELS, most=height)
-        if figure is not None:
-            save(figure, content)
-    return content.getvalue()
+        drawn = best_against(record, references=False, panels=_PANELS, most=height)
+        return b"" if drawn is None else png(drawn)
 
 
 # --- Write the folder of a report; every file appears whole or not at all.
@@ -579,9 +575,9 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
         extra: Additional figures of the scenario.
     """
     if record.best is not None:
-        put(folder / "best.json", best_as_json(record).encode())
+        put(folder / BEST, best_as_json(record).encode())
     else:
-        (folder / "best.json").unlink(missing_ok=True)
+        (folder / BEST).unlink(missing_ok=True)
     put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
     for stale in {p.file for p in (*PICTURES, *extra)} - {d.picture.file for d in drawn}:

@@ -164,7 +164,6 @@ def _check_timeout(d: Description, where: str) -> None:
 
 
 def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
-
     assert d.controller is not None
     if d.controller not in CONTROLLERS:
         raise ScenarioError(

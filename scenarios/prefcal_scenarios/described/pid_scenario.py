@@ -73,9 +73,10 @@ def pid_scenario(
     space = space_of(made, knobs, "PID")
     # The rules that apply to every loop.
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
+    tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
     references = {
-        name: theta_of(space, [v for loop in found.loops for v in _values(loop.tunings[name])])
-        for name in named
+        name: theta_of(space, [v for t in each for v in (abs(t.K_p), t.T_i, t.T_d, 1.0)])
+        for name, each in tunings.items()
     }
     return scenario_of_steps(
         plant,
@@ -220,8 +221,3 @@ def _around(values: Sequence[float]) -> tuple[float, float]:
     middle = values[0]
     reach = max([_REACH, *(1.2 * max(v / middle, middle / v) for v in values)])
     return float(f"{middle / reach:.2g}"), float(f"{middle * reach:.2g}")
-
-
-def _values(tuning: Tuning) -> tuple[float, float, float, float]:
-    """Return the knobs' values of a tuning, with b = 1."""
-    return abs(tuning.K_p), tuning.T_i, tuning.T_d, 1.0

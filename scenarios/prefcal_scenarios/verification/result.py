@@ -161,7 +161,7 @@ class Verification:
     def effects(self) -> tuple[Effect, ...]:
         """Return what each factor does alone, the one that hurts most first."""
         pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
-        both = [(self._effect(factor, low), self._effect(factor, high)) for factor, low, high in pairs]
+        both = [[self._effect(factor, run) for run in runs] for factor, *runs in pairs]
         worse = [max(pair, key=lambda effect: effect.worsening) for pair in both]
         return tuple(sorted(worse, key=lambda effect: -effect.worsening))
 

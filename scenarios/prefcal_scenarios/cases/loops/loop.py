@@ -221,7 +221,7 @@ def compute_kpis(
     moves = np.abs(np.diff(u))
     times = [entered(t[part] - t[part][0], error[part], _BAND * abs(step)) for part, step in steps]
     found = {
-        "overshoot": max(_overshoot(error[part], step) for part, step in steps),
+        "overshoot": max(100.0 * max(float((-error[part] / step).max()), 0.0) for part, step in steps),
         "settling_time": sum(times, start=0.0) if t[-1] >= disturbed_at else np.inf,
         "error": float(np.abs(error[:-1]) @ np.diff(t)),
         "disturbance_peak": float(np.abs(error[~first]).max()) if not first.all() else np.inf,
@@ -261,11 +261,6 @@ def _errors(
     sizes = [error[0], *(target[start - 1] - target[start] for start in starts[1:])]
     parts = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
     return error, [(part, float(size)) for part, size in zip(parts, sizes, strict=True)]
-
-
-def _overshoot(error: Float[np.ndarray, " K"], step: float) -> float:
-    """Return how far the output goes beyond its target, in % of the step."""
-    return 100.0 * max(float((-error / step).max()), 0.0)
 
 
 # --- Describe the loops and their knobs for the person who compares.
