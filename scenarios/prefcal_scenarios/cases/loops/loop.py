@@ -162,44 +162,6 @@ _TEXTS = {
 """Title, unit and meaning of each KPI by its name."""
 
 
-def kpi_names(*, staged: bool, beside: bool, alarm: bool) -> tuple[str, ...]:
-    """Return the names of a loop's KPIs, in order."""
-    there = {"switches": staged, "input_noise": not staged, "side_effect": beside, "alarm": alarm}
-    return tuple(name for name in _TEXTS if there.get(name, True))
-
-
-def kpis_of(
-    names: Sequence[str],
-    y: Channel,
-    u: Channel,
-    time_unit: str,
-    *,
-    beside: Channel | None = None,
-    alarm: tuple[float, float] | None = None,
-) -> tuple[KPI, ...]:
-    """Return the KPIs with these names, all of them better if lower.
-
-    Args:
-        names: Names of the KPIs.
-        y: Output whose reference steps.
-        u: First input.
-        time_unit: Unit of time.
-        beside: State that the step should not move much; None if there is none.
-        alarm: Lowest and highest value of the output without an alarm; None if there is none.
-    """
-    words = {"y": y.name, "unit": y.unit, "time": time_unit, "u": u.name, "u_unit": u.unit}
-    if beside is not None:
-        words |= {"beside": beside.name, "beside_unit": beside.unit}
-    if alarm is not None:
-        words["alarm"] = f"{alarm[0]:.4g} to {alarm[1]:.4g} {y.unit}".rstrip()
-    found = []
-    for name in names:
-        title, unit, about = (text.format(**words).strip() for text in _TEXTS[name])
-        resolution = 0.1 if name == "overshoot" else None
-        found.append(KPI(name, title, unit, better="lower", about=about, resolution=resolution))
-    return tuple(found)
-
-
 def compute_kpis(
     experiment: Experiment, disturbed_at: float, u0: float, beside: int | None, pace: float = 1.0
 ) -> dict[str, float]:
@@ -232,14 +194,6 @@ def compute_kpis(
     if beside is not None:
         found["side_effect"] = float(np.abs(x[first, beside] - x[0, beside]).max())
     return found
-
-
-def time_outside(experiment: Experiment, low: float, high: float) -> float:
-    """Return how long the first output is outside `low` to `high`, in the unit of time."""
-    y = experiment.output(0)
-    assert y is not None
-    outside = (y < low) | (y > high)
-    return float(np.diff(experiment.t)[outside[:-1]].sum())
 
 
 def _errors(
@@ -383,23 +337,34 @@ class Loop:
         outputs = zip(plant.outputs[: self.controlled], self.target.start, strict=False)
         y = tuple(replace(channel, target=target) for channel, target in outputs)
         t = np.arange(round(self.task.horizon / step) + 1) * step
-        names = kpi_names(staged=self.staged, beside=self.beside is not None, alarm=self.alarm is not None)
+        there = {"switches": self.staged, "input_noise": not self.staged}
+        there |= {"side_effect": self.beside is not None, "alarm": self.alarm is not None}
         fixed = {
             "channels": Channels(plant.states, plant.inputs, y, plant.time_unit),
             "t": t,
             "_y_ref": self.target.over(t),
             "_d": self.disturbance.over(t),
-            "_kpi_names": names,
+            "_kpi_names": tuple(name for name in _TEXTS if there.get(name, True)),
         }
         for name, value in fixed.items():
             object.__setattr__(self, name, value)
 
     @property
     def kpis(self) -> tuple[KPI, ...]:
-        """KPIs of an experiment."""
-        beside = None if self.beside is None else self.plant.states[self.beside]
-        first, u, unit = self.channels.y[0], self.plant.inputs[0], self.plant.time_unit
-        return kpis_of(self._kpi_names, first, u, unit, beside=beside, alarm=self.alarm)
+        """KPIs of an experiment, all of them better if lower."""
+        y, u, time_unit = self.channels.y[0], self.plant.inputs[0], self.plant.time_unit
+        words = {"y": y.name, "unit": y.unit, "time": time_unit, "u": u.name, "u_unit": u.unit}
+        if self.beside is not None:
+            beside = self.plant.states[self.beside]
+            words |= {"beside": beside.name, "beside_unit": beside.unit}
+        if self.alarm is not None:
+            words["alarm"] = f"{self.alarm[0]:.4g} to {self.alarm[1]:.4g} {y.unit}".rstrip()
+        found = []
+        for name in self._kpi_names:
+            title, unit, about = (text.format(**words).strip() for text in _TEXTS[name])
+            resolution = 0.1 if name == "overshoot" else None
+            found.append(KPI(name, title, unit, better="lower", about=about, resolution=resolution))
+        return tuple(found)
 
     @property
     def target(self) -> StepSignal:
@@ -576,7 +541,10 @@ class Loop:
         pace = self.task.T_s / (hold * plant.max_step)
         values = compute_kpis(bare, self.disturbed_at, self.task.u0[0], self.beside, pace)
         if self.alarm is not None:
-            values["alarm"] = time_outside(bare, *self.alarm)
+            low, high = self.alarm
+            y = bare.output(0)
+            assert y is not None
+            values["alarm"] = float(np.diff(bare.t)[((y < low) | (y > high))[:-1]].sum())
         return bare.with_kpis({name: values[name] for name in self._kpi_names})
 
     def end(self, x: Float[np.ndarray, "V n_x"]) -> End:
