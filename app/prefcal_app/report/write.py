@@ -496,8 +496,7 @@ def limits_kept(before: Experiment, after: Experiment, u0: U | None = None) -> I
             what = "outside its limits" if output else "saturated"
             yield _row(f"{channel.name} {what}", limits, old, new)
     for i, channel in enumerate(after.channels.u):
-        start = [] if u0 is None else [float(u0[i])]
-        said = "" if start else " after the first"
+        start, said = ([], " after the first") if u0 is None else ([float(u0[i])], "")
         old, new = (number(_largest_move(e, i, start)) for e in (before, after))
         yield _row(f"{channel.name}, largest step between samples{said}", "", old, new, channel.unit)
 

@@ -328,11 +328,8 @@ class Single:
     def settling(self, time: float, peak: float) -> "Single":
         """Return the loop with phase and load for a tuning that settles in `time`.
 
-        The load moves the output by about a third of the step, within the actuator.
-
-        Args:
-            time: Time until step and load have settled.
-            peak: Peak of the output after a load of 1.
+        The load moves the output, whose peak after a load of 1 is `peak`, by about a third of the
+        step, within the actuator.
         """
         span = 0.15 * (self.channel.high - self.channel.low)
         load = nice(min(span, 0.35 * abs(self.step) / peak) if peak > 0 else span)

@@ -123,11 +123,7 @@ _ROWS = (
 def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
     """Return the KPIs, in order of importance; all are better if lower.
 
-    Args:
-        design: What was chosen for the plant.
-        outputs: Outputs of the plant.
-        time: Unit of time.
-        robust: Sensitivity peak in the middle of the ranges. It has an objective if it is met here.
+    The sensitivity peak has an objective if `robust`, that in the middle of the ranges, meets it.
     """
     found: list[KPI] = []
     for k, loop in enumerate(design.loops):

@@ -406,8 +406,10 @@ class Loop:
         hold = max(round(T_s / self.plant.max_step), 1)
         try:
             response = self._respond(values, hold, seed)
-        except np.linalg.LinAlgError:
-            response = self._nothing()
+        except np.linalg.LinAlgError:  # there is no controller: no states and no steps
+            x, u = np.zeros((0, len(self.plant.states))), np.zeros((0, len(self.plant.inputs)))
+            none = np.zeros(0)
+            response = Response(x, u, none.astype(np.int64), none, none.astype(np.bool_))
         return self._experiment(theta, response, hold)
 
     def scenario(self) -> Scenario:
@@ -449,13 +451,8 @@ class Loop:
     ) -> Response:
         """Return what `controller` does; where it does not solve its problem, the input is held.
 
-        Actuators and sensors are ideal.
-
-        Args:
-            controller: Controller whose sampling time is `hold` steps.
-            hold: Steps in a sampling period.
-            seed: Seed of the noise.
-            clock: Returns the time in seconds; only for the duration of the steps.
+        Its sampling time is `hold` steps. Actuators and sensors are ideal. Only the duration of its
+        steps needs the `clock`, which returns seconds.
         """
         plant, t, noise = self.plant, self.t, self.noise(seed)
         (low, high), measured = limits_of(plant.inputs).T, list(plant.measured)
@@ -492,12 +489,6 @@ class Loop:
         pairs = zip(self.actuators, self.plant.inputs, strict=False)
         rows = [(a.stiction, a.backlash, a.resolution, c.low) for a, c in pairs]
         return np.array(rows, dtype=float).reshape(-1, 4)
-
-    def _nothing(self) -> Response:
-        """Return no states and no steps: there was no controller."""
-        none, (n_x, n_u) = np.zeros(0), (len(self.plant.states), len(self.plant.inputs))
-        no_states, no_inputs = np.zeros((0, n_x)), np.zeros((0, n_u))
-        return Response(no_states, no_inputs, none.astype(np.int64), none, none.astype(np.bool_))
 
     def _state_panels(self) -> tuple[Panel, ...]:
         """Return the panels of the controlled states and of the one beside.
