@@ -33,11 +33,7 @@ NOTICED = 0.02
 
 
 class Spread:
-    """How far apart the KPIs of a study usually are.
-
-    Args:
-        known: KPIs of each experiment by name.
-    """
+    """How far apart the KPIs of a study usually are."""
 
     def __init__(self, known: Iterable[Mapping[str, float]] = ()) -> None:
         self._known = list(known)
@@ -91,25 +87,15 @@ def measured_rows(kpis: Sequence[KPI], experiment: Experiment) -> list[dict[str,
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """What people read of one KPI of two experiments, left and right.
-
-    Args:
-        kpi: The KPI.
-        objective: Its objective in words.
-        values: Values as read, in its unit; NaN where one is missing.
-        texts: Values in words.
-        met: Whether each meets the objective; None without one or a value.
-        judged: How bad each value looks, see `KPI.judged`.
-        apart: Size of the difference as read, in its unit.
-    """
+    """What people read of one KPI of two experiments, left and right."""
 
     kpi: KPI
-    objective: str
-    values: tuple[float, float]
-    texts: tuple[str, str]
-    met: tuple[bool | None, bool | None]
-    judged: tuple[float, float]
-    apart: float
+    objective: str  # its objective in words
+    values: tuple[float, float]  # values as read, in its unit; NaN where one is missing
+    texts: tuple[str, str]  # values in words
+    met: tuple[bool | None, bool | None]  # whether each meets the objective; None without one or a value
+    judged: tuple[float, float]  # how bad each value looks, see `KPI.judged`
+    apart: float  # size of the difference as read, in its unit
 
 
 def _pairs(kpis: Sequence[KPI], left: Experiment, right: Experiment) -> list[_Pair]:
@@ -184,18 +170,13 @@ def _better(pair: _Pair) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Consistency:
-    """Consistency of the answers of a study.
+    """Consistency of the answers of a study."""
 
-    Args:
-        repeated: Number of questions that were asked again.
-        agreed: Number of those with the same answer both times.
-        cycles: Cycles of experiments, by index: each is better than the next, and the last is
-            better than or as good as the first. There is one for each group of experiments whose
-            answers contradict each other.
-    """
-
-    repeated: int
-    agreed: int
+    repeated: int  # number of questions that were asked again
+    agreed: int  # number of those with the same answer both times
+    # cycles of experiments, by index: each is better than the next, and the last is
+    # better than or as good as the first. There is one for each group of experiments
+    # whose answers contradict each other
     cycles: tuple[tuple[int, ...], ...]
 
     @classmethod
@@ -223,7 +204,7 @@ def _cycles(answers: Iterable[Comparison]) -> tuple[tuple[int, ...], ...]:
     if not better:
         return ()
     edges = np.array(sorted(better | as_good))
-    groups = _groups(edges)
+    _, groups = connected_components(_graph(edges), directed=True, connection="strong")
     found = {}
     for a, b in sorted(better):
         if groups[a] == groups[b] and groups[a] not in found:
@@ -234,11 +215,6 @@ def _cycles(answers: Iterable[Comparison]) -> tuple[tuple[int, ...], ...]:
 def _graph(edges: Int[np.ndarray, "m 2"]) -> csr_array:
     size = int(edges.max()) + 1
     return csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
-
-
-def _groups(edges: Int[np.ndarray, "m 2"]) -> list[int]:
-    _, labels = connected_components(_graph(edges), directed=True, connection="strong")
-    return [int(label) for label in labels]
 
 
 def _path(edges: Int[np.ndarray, "m 2"], start: int, end: int) -> tuple[int, ...]:
@@ -264,29 +240,19 @@ older one need not be the best so far, since follow-up comparisons can be about 
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Counts of a study that every front end, the report and the JSON show.
+    """Counts of a study that every front end, the report and the JSON show."""
 
-    Args:
-        experiments: Number of experiments that ran, including that of the open question.
-        comparisons: Number of standing answers about two experiments, including follow-up
-            comparisons.
-        verdicts: Number of comparisons by preference; they add up to `comparisons`.
-    """
-
-    experiments: int
-    comparisons: int
+    experiments: int  # number of experiments that ran, including that of the open question
+    comparisons: int  # number of standing answers about two experiments, including follow-up comparisons
+    # number of comparisons by preference; they add up to `comparisons`
     verdicts: Mapping[Preference | None, int]
 
     @classmethod
     def of(cls, state: State) -> "Counts":
         """Return the counts of a study. A repeated question is not a new comparison."""
         given = [c.answer.preference for c in answered(state)]
-        verdicts: list[Preference | None] = [*Preference, None]
-        return cls(
-            experiments=len(state.finished),
-            comparisons=len(given),
-            verdicts={verdict: given.count(verdict) for verdict in verdicts},
-        )
+        verdicts = {verdict: given.count(verdict) for verdict in (*Preference, None)}
+        return cls(len(state.finished), len(given), verdicts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,14 +260,10 @@ class Planned:
     """How many questions a study asks: one for each experiment but the first.
 
     Follow-up questions, which only some agents ask, are called so and do not count.
-
-    Args:
-        answered: Number of questions that are answered.
-        total: Number of questions of the whole study.
     """
 
-    answered: int
-    total: int
+    answered: int  # number of questions that are answered
+    total: int  # number of questions of the whole study
 
     @classmethod
     def of(cls, agent: Agent) -> "Planned":
@@ -309,12 +271,7 @@ class Planned:
         return cls(max(agent.history.answered - 1, 0), agent.n_max - 1)
 
     def place(self, *, over: bool, further: bool) -> str:
-        """Return how far the study is, such as "question 3 of 10".
-
-        Args:
-            over: Whether the study is over.
-            further: Whether the open question is about two known experiments.
-        """
+        """Return how far the study is, such as "question 3 of 10"."""
         if over:
             done = self.answered >= self.total
             return f"{self.answered} {'' if done else f'of {self.total} '}questions answered"
@@ -342,23 +299,14 @@ _WIDER = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """Advice on what to do next.
+    """Advice on what to do next."""
 
-    Args:
-        promise: Sentence on what simulated θ or the next experiment promise; empty if unknown.
-        ends: Sentence on the knobs at the end of their range; empty if there are none.
-        command: Command that widens those ranges; empty without a study file.
-        unbeaten: Sentence on other experiments that never lost; empty if there are none.
-        missed: Sentence on the objectives that the best experiment misses; empty if it meets all.
-        result: Sentences on what was wanted, and on which answer the result rests.
-    """
-
-    promise: str = ""
-    ends: str = ""
-    command: str = ""
-    unbeaten: str = ""
-    missed: str = ""
-    result: tuple[str, ...] = ()
+    promise: str = ""  # sentence on what simulated θ or the next experiment promise; empty if unknown
+    ends: str = ""  # sentence on the knobs at the end of their range; empty if there are none
+    command: str = ""  # command that widens those ranges; empty without a study file
+    unbeaten: str = ""  # sentence on other experiments that never lost; empty if there are none
+    missed: str = ""  # sentence on the objectives that the best experiment misses; empty if it meets all
+    result: tuple[str, ...] = ()  # sentences on what was wanted, and on which answer the result rests
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -384,8 +332,7 @@ def others_unbeaten(history: History, *, robust: bool = False) -> str:
     if len(indices) < 2:
         return ""
     best, *others = (str(index + 1) for index in indices)
-    *most, last = others
-    named = f"experiments {', '.join(most)} and {last} were" if most else f"experiment {last} was"
+    named = f"experiment{'s' * (len(others) > 1)} {_listed(others)} {'were' if len(others) > 1 else 'was'}"
     return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
 
 
@@ -504,9 +451,8 @@ def _command(ends: list[tuple[Knob, bool]], space: KnobSpace, place: str, scenar
     words = ["prefcal", "studies", "respace", study_name(place)]
     if not is_built_in(scenario):
         words += ["--scenario", scenario]
-    within = dict(zip(space.names, space.within, strict=True))
     for knob, upper in ends:
-        low, high = within[knob.name]
+        low, high = space.within[space.knobs.index(knob)]
         low, high = (low, _beyond(knob, low, high)) if upper else (_beyond(knob, high, low), high)
         words += ["--knob", f"{knob.name.replace(' ', '_')}={low:g}:{high:g}"]
     return shlex.join(words)

@@ -24,8 +24,6 @@ from .catalog import load
 from .names import is_own
 from .scenario import Scenario, with_ranges
 
-# --- Run a user's own scenario in any worker process: each loads the user's file itself.
-
 _BEYOND = 30.0
 """Seconds after the time limit when the process ends itself, in case prefcal is gone."""
 _LONGEST = 1e6
@@ -36,19 +34,14 @@ Ranges = dict[str, Any] | None
 
 
 class OwnSource(Source):
-    """The source of a user's own scenario; when it is unpickled, the user's file is loaded.
-
-    Args:
-        path: Source of the scenario, path/to/own.py:NAME.
-        ranges: Ranges of the study; None for those of the scenario.
-    """
+    """The source of a user's own scenario; when it is unpickled, the user's file is loaded."""
 
     def __init__(self, path: str, ranges: Ranges) -> None:
         self._path, self._ranges = path, ranges
 
     def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, physical, shape (n,), in this process."""
-        return _loaded(self._path, self._ranges).run(theta, seed=seed)
+        return self.here.run(theta, seed=seed)
 
     @property
     def here(self) -> Source:
@@ -67,12 +60,7 @@ def ranges_of(space: KnobSpace | None) -> Ranges:
 
 
 def work_of(source: str, limit: float) -> Callable[[tuple[Any, int, Ranges]], bytes]:
-    """Return, in a worker, what runs θ with a seed in ranges: the bytes of its experiment.
-
-    Args:
-        source: Source of the scenario, path/to/own.py:NAME.
-        limit: Maximum number of seconds of a run.
-    """
+    """Return, in a worker, what runs θ with a seed in ranges in `limit` seconds: an experiment's bytes."""
     name = source.partition("{")[0].strip()
     sys.argv = [name.rpartition(":")[0] or name]
     scenario = load(source)
@@ -110,14 +98,7 @@ DEFAULT_LIMIT = 3600.0
 
 
 class Isolated(Source):
-    """A user's own source whose runs happen in worker processes, one each at the same time.
-
-    Args:
-        own: Source as it was loaded here; it is not run.
-        path: Source of the scenario, path/to/own.py:NAME.
-        workers: Workers that run θ.
-        space: Ranges of the study, if they were changed; those of the scenario if None.
-    """
+    """A user's own source whose runs happen in worker processes, one each at the same time."""
 
     stops = True
 

@@ -266,17 +266,11 @@ def _frozen(theta: Any) -> Float[np.ndarray, " n"]:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """How each θ is run.
+    """How each θ is run."""
 
-    Args:
-        source: Source of the scenario.
-        seed: Seed of every run.
-        trajectories: Whether results are whole experiments.
-    """
-
-    source: Source
-    seed: int
-    trajectories: bool
+    source: Source  # source of the scenario
+    seed: int  # seed of every run
+    trajectories: bool  # whether results are whole experiments
 
     def __call__(self, theta: Float[np.ndarray, " n"]) -> Simulated | Experiment:
         """Run θ, physical, shape (n,), and raise whatever the run raises."""
@@ -292,11 +286,6 @@ class Task:
 
     def pool(self, jobs: int, longest: float, terms: Terms) -> Pool:
         """Return a pool of `jobs` workers whose results are those of `here`.
-
-        Args:
-            jobs: Number of workers, 1 or more.
-            longest: Largest time limit of an experiment in seconds; infinite for none.
-            terms: On what terms the workers run.
 
         Raises:
             ScenarioError: Later, if the run cannot be sent to, or loaded in, another process.
@@ -475,28 +464,23 @@ def _results(
     jobs = jobs if total is None else min(jobs, max(total, 1))
     limit = np.inf if options.timeout is None else options.timeout
     here = options.jobs == 1 and options.timeout is None
-    checked = _checked(scenario.space, thetas)
-
-    def results() -> Generator[Result, None, None]:
-        with _shown(options.progress) as show:
-            arrived = taken = 0
-            if here:
-                for theta in checked:
-                    result, arrived = task.here(theta), arrived + 1
-                    show(arrived, total)
-                    yield result
-                return
-            pool, done = task.pool(jobs, limit, Terms(allows="timeout")), dict[int, Result]()
-            with closing(run_all(pool, checked, ahead)) as arriving:
-                for found in filter(None, arriving):
-                    arrived += len(found)
-                    show(arrived, total)
-                    done |= dict(found)
-                    while taken in done:
-                        yield done.pop(taken)
-                        taken += 1
-
-    return results()
+    checked, arrived, taken = _checked(scenario.space, thetas), 0, 0
+    with _shown(options.progress) as show:
+        if here:
+            for theta in checked:
+                result, arrived = task.here(theta), arrived + 1
+                show(arrived, total)
+                yield result
+            return
+        pool, done = task.pool(jobs, limit, Terms(allows="timeout")), dict[int, Result]()
+        with closing(run_all(pool, checked, ahead)) as arriving:
+            for found in filter(None, arriving):
+                arrived += len(found)
+                show(arrived, total)
+                done |= dict(found)
+                while taken in done:
+                    yield done.pop(taken)
+                    taken += 1
 
 
 def _loaded(scenario: Scenario | str) -> Scenario:

@@ -22,29 +22,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# --- A scenario: one calibration task described as data.
-
-
 @dataclass(frozen=True, slots=True)
 class Picture:
     """One figure of a report.
 
     Its functions take the report's record of the study, see `report/record.py` of `prefcal_app`.
-
-    Args:
-        file: Name of its file, .png.
-        title: Heading.
-        caption: Description in a sentence or two, or a function of the record that returns it.
-        alt: Function of the record that returns a text for people who cannot see the figure.
-        draw: Function of the record that returns a figure, or the content of the file.
-        applies: Function that tells whether the study has the necessary data; by default, always.
     """
 
-    file: str
-    title: str
+    file: str  # name of its file, .png
+    title: str  # heading
+    # description in a sentence or two, or a function of the record that returns it
     caption: str | Callable[[Any], str]
+    # function of the record that returns a text for people who cannot see the figure
     alt: Callable[[Any], str]
+    # function of the record that returns a figure, or the content of the file
     draw: "Callable[[Any], Figure | bytes]"
+    # function that tells whether the study has the necessary data; by default, always
     applies: Callable[[Any], bool] = lambda record: True
 
 
@@ -216,12 +209,14 @@ def check_parts(scenario: Scenario) -> None:
     if not isinstance(scenario.space, KnobSpace):
         raise ScenarioError(f"{where}: space must be a KnobSpace, got {scenario.space!r}")
     _check_types(scenario, where)
-    _check_simulated(scenario, where)
+    if not isinstance(scenario.simulated, bool):
+        raise ScenarioError(f"{where}: simulated must be True or False, got {scenario.simulated!r}")
+    if scenario.simulated and scenario.source.asks:
+        raise ScenarioError(f"{where}: simulated must be False for a rig, whose experiments a person runs")
     for problem in scenario.source.problems(scenario.kpis):
         raise ScenarioError(f"{where}: {problem}")
     names = [kpi.name for kpi in scenario.kpis]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
+    if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ScenarioError(f"{where}: the names of KPIs must differ, got {twice} more than once")
     for name, theta in scenario.references.items():
         try:
@@ -252,13 +247,6 @@ def _check_types(scenario: Scenario, where: str) -> None:
             raise ScenarioError(
                 f"{where}: calibrator {name!r} must be made by a function of the seed, got {make!r}"
             )
-
-
-def _check_simulated(scenario: Scenario, where: str) -> None:
-    if not isinstance(scenario.simulated, bool):
-        raise ScenarioError(f"{where}: simulated must be True or False, got {scenario.simulated!r}")
-    if scenario.simulated and scenario.source.asks:
-        raise ScenarioError(f"{where}: simulated must be False for a rig, whose experiments a person runs")
 
 
 def _check_against_run(scenario: Scenario, where: str) -> None:

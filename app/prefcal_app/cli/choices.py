@@ -210,7 +210,7 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
             "Scenario(..., simulated=True)"
         )
     if options.robust:
-        verification.cases.subject_of(model.source.elsewhere.here, model.space)
+        verification.loops.subject_of(model.source.elsewhere.here, model.space)
 
 
 def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:

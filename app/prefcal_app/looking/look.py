@@ -5,7 +5,6 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from html import escape
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -167,17 +166,15 @@ class SideBySide:
         """Return the picture of both runs over each other; references are dotted."""
         # Imported here: plotting takes half a second to import.
         from prefcal_app.report.pictures import DrawnRun, overlaid
-        from prefcal_scenarios.style import BEST, OTHERS, save, style
+        from prefcal_scenarios.style import BEST, OTHERS, png, style
 
         looks = ((BEST, "-"), (OTHERS[0], (0, (5, 1.6))))
         curves = [
             DrawnRun(run.experiment, printable(run.name).replace("$", r"\$"), color, 1.7, dashes)
             for run, (color, dashes) in zip((self.left, self.right), looks, strict=True)
         ]
-        buffer = BytesIO()
         with style():
-            save(overlaid(self.panels, curves), buffer)
-        return buffer.getvalue()
+            return png(overlaid(self.panels, curves))
 
     def save(self, path: str | Path) -> Path:
         """Write the picture of both runs to a PNG file and return its path.

@@ -144,19 +144,12 @@ def _statistics(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]) -> Itera
 
 @dataclass(frozen=True, slots=True)
 class NamedRun:
-    """A run to look at.
+    """A run to look at."""
 
-    Args:
-        name: Name, as shown to people.
-        experiment: The run.
-        kpis: Titles, units and directions of its KPIs.
-        about: Where it is from, and what was taken for what, in a sentence.
-    """
-
-    name: str
+    name: str  # name, as shown to people
     experiment: Experiment
-    kpis: tuple[KPI, ...] = ()
-    about: str = ""
+    kpis: tuple[KPI, ...] = ()  # titles, units and directions of its KPIs
+    about: str = ""  # where it is from, and what was taken for what, in a sentence
 
     def changed(self, change: Callable[[Experiment], Experiment]) -> "NamedRun":
         """Return this run with a change of its experiment, and of each of its maneuvers."""
@@ -197,13 +190,8 @@ def aligned_view(
 ) -> dict[str, Any]:
     """Return what the page shows of two aligned runs: what `question_view` returns, without a study."""
     view = pair_view(left.experiment, right.experiment, lambda *_: panels, kpis, Seen())
-    nothing: dict[str, Any] = {
-        "number": None,
-        "role": None,
-        "marks": None,
-        "counts_as_unsafe": False,
-        "theta": [],
-    }
+    nothing: dict[str, Any] = dict.fromkeys(("number", "role", "marks"))
+    nothing |= {"counts_as_unsafe": False, "theta": []}
     for side, run in (("left", left), ("right", right)):
         view[side] |= {"name": run.name, "about": run.about, **nothing}
     unit = left.experiment.channels.time_unit
@@ -221,8 +209,7 @@ def _in_unit_of(left: NamedRun, right: NamedRun) -> tuple[NamedRun, tuple[str, .
     if wanted == given or not wanted or not given:
         return right, ()
     if wanted not in SECONDS or given not in SECONDS:
-        words = f"The times of {left.name} are in {wanted}, those of {right.name} in {given}."
-        return right, (words,)
+        return right, (f"The times of {left.name} are in {wanted}, those of {right.name} in {given}.",)
     words = f"The times of {right.name} are converted from {given} to {wanted}."
     return in_time_unit(right, wanted), (words,)
 

@@ -30,27 +30,17 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tuning:
-    """A tuning with its scenario.
+    """A tuning with its scenario."""
 
-    Args:
-        scenario: Scenario, with the ranges of the study.
-        theta: Tuning, physical, shape (n,).
-        before: What it was compared with, shape (n,); None if the file does not say.
-        baseline: What that is, such as "current tuning".
-        kpis: Its KPIs in the study; those that are not finite are left out.
-        end: How its experiment in the study ended.
-        own: Whether the scenario is a person's own, whose code can do anything.
-        digest: SHA-256 of the file that it was read from, in hexadecimal digits.
-    """
-
-    scenario: Scenario
-    theta: Float[np.ndarray, " n"]
+    scenario: Scenario  # scenario, with the ranges of the study
+    theta: Float[np.ndarray, " n"]  # tuning, physical, shape (n,)
+    # what it was compared with, shape (n,); None if the file does not say
     before: Float[np.ndarray, " n"] | None
-    baseline: str
-    kpis: Mapping[str, float]
-    end: End
-    own: bool
-    digest: str
+    baseline: str  # what that is, such as "current tuning"
+    kpis: Mapping[str, float]  # its KPIs in the study; those that are not finite are left out
+    end: End  # how its experiment in the study ended
+    own: bool  # whether the scenario is a person's own, whose code can do anything
+    digest: str  # SHA-256 of the file that it was read from, in hexadecimal digits
 
 
 REBUILD = """\

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.panels import Plot, maneuvers_of
 from prefcal_env.knobs import Knob
 from prefcal_scenarios.scenario import KPI, Picture, Scenario, panels_of
-from prefcal_scenarios.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, canvas, legend, look, save, style
+from prefcal_scenarios.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, canvas, legend, look, png, style
 from prefcal_scenarios.wording import knob_axis, knob_number, labeled, mathtext, measured, number, theta_text
 
 from .record import StudyRecord, foremost_kpis
@@ -57,7 +56,7 @@ class _Block:
 
 
 def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]:
-    """Return the baseline, the references and the best run, except runs without a record."""
+    """Return the baseline, the references and the best run, except runs without any record."""
     assert record.best is not None
     first, best = record.before, record.best
     alone = {record.baseline: first.experiment}
@@ -67,7 +66,7 @@ def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]
         color, dashes = look(i)
         curves.append(DrawnRun(experiment, name, color, 1.5, dashes))
     curves.append(DrawnRun(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
-    return [curve for curve in curves if _has_record(curve.experiment)]
+    return [c for c in curves if any(len(run.t) for run in c.experiment.runs or (c.experiment,))]
 
 
 def best_against(
@@ -125,12 +124,7 @@ def figure(
 
 
 def alone(scenario: Scenario, experiment: Experiment) -> Figure:
-    """Draw one experiment, a panel per signal, with a zoom on targets that have a narrow band.
-
-    Args:
-        scenario: Scenario of the experiment.
-        experiment: Experiment that left a record.
-    """
+    """Draw one experiment, a panel per signal, with a zoom on targets that have a narrow band."""
     theta = "\n".join(_theta_lines(scenario, experiment.theta))
     with style():
         curve = DrawnRun(experiment, theta, BEST, 1.9)
@@ -141,10 +135,6 @@ def overlaid(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Figure:
     """Draw experiments over each other, a panel per signal, with the references that change.
 
     Several maneuvers are drawn next to each other.
-
-    Args:
-        panels: Panels from top to bottom, the same for all experiments.
-        curves: Experiments with their labels and colors.
     """
     return _together(lambda *_: tuple(panels), curves)
 
@@ -190,15 +180,9 @@ def _together(
 def _drawn(
     blocks: Sequence[_Block], across: int, height: float, *, short: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Draw blocks next to each other; return the figure, and the first axes of each block.
+    """Draw blocks in `height` inches; return the figure, and the first axes of each block.
 
     Blocks of the same rows next to each other share their axes.
-
-    Args:
-        blocks: Blocks from left to right, then from top to bottom.
-        across: Number of blocks next to each other.
-        height: Height of the figure, in inches.
-        short: Whether titles name only the signal and its unit.
     """
     count = max(len(block.rows) for block in blocks)
     figure = canvas(height)
@@ -222,11 +206,6 @@ def _drawn(
             _above(places[0], block.heading, 21, fontweight="bold")
         tops.append(places[0])
     return figure, tops
-
-
-def _has_record(experiment: Experiment) -> bool:
-    """Return whether an experiment, or any of its maneuvers, left a record."""
-    return any(len(run.t) for run in experiment.runs or (experiment,))
 
 
 def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str]:
@@ -528,12 +507,10 @@ def draw(record: StudyRecord, extra: Sequence[Picture] = ()) -> list[Drawn]:
         for picture in (*extra, *PICTURES):
             if picture.applies(record):
                 made = picture.draw(record)
-                if not isinstance(made, bytes):
-                    save(made, buffer := BytesIO())
-                    made = buffer.getvalue()
+                content = made if isinstance(made, bytes) else png(made)
                 words = picture.caption
                 caption = words if isinstance(words, str) else words(record)
-                drawn.append(Drawn(picture, picture.alt(record), made, caption))
+                drawn.append(Drawn(picture, picture.alt(record), content, caption))
     return drawn
 
 

@@ -47,34 +47,21 @@ _REPORT = ("report.html", "best.json", "comparisons.csv")
 
 @dataclass(frozen=True, slots=True)
 class Owner:
-    """Study that a report belongs to.
+    """Study that a report belongs to."""
 
-    Args:
-        identity: Text that is equal only for the same study.
-        study: Name of the study; None if it is not kept in a file.
-        scenario: Scenario of the study, as on the command line.
-    """
-
-    identity: str
-    study: str | None
-    scenario: str
+    identity: str  # text that is equal only for the same study
+    study: str | None  # name of the study; None if it is not kept in a file
+    scenario: str  # scenario of the study, as on the command line
 
 
 @dataclass(frozen=True, slots=True)
 class Ownership:
-    """Folder that is reserved for a study.
+    """Folder that is reserved for a study."""
 
-    Args:
-        folder: Folder of the report.
-        owner: Study that owns it.
-        marked: Whether this run wrote the marker file, rather than an earlier one.
-        made: Whether this run created the folder.
-    """
-
-    folder: Path
-    owner: Owner
-    marked: bool
-    made: bool
+    folder: Path  # folder of the report
+    owner: Owner  # study that owns it
+    marked: bool  # whether this run wrote the marker file, rather than an earlier one
+    made: bool  # whether this run created the folder
 
     def renew(self) -> None:
         """Write the marker again, in case another run of this study removed it."""
@@ -405,13 +392,13 @@ def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
     """
     order = [row["title"] for row in gain_rows(record)]
     ranked = sorted(record.kpis, key=lambda kpi: order.index(kpi.title))
-    return foremost([k for k in ranked if _tells(record, k)], room, lambda k: bool(objective(k)))
 
+    def tells(kpi: KPI) -> bool:
+        values = np.unique(record.read(kpi))
+        known = values[~np.isnan(values)]
+        return len(known) > 1 or any(kpi.met(value) is False for value in known)
 
-def _tells(record: StudyRecord, kpi: KPI) -> bool:
-    values = np.unique(record.read(kpi))
-    known = values[~np.isnan(values)]
-    return len(known) > 1 or any(kpi.met(value) is False for value in known)
+    return foremost(list(filter(tells, ranked)), room, lambda k: bool(objective(k)))
 
 
 def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:

@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 from importlib.resources import files
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from prefcal_scenarios import verification
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import Picture, Scenario
-from prefcal_scenarios.style import png, save, style
+from prefcal_scenarios.style import png, style
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.plants import Ranges
 from prefcal_scenarios.verification.result import BEST, Verified, VerifiedRun, WorstRun, margins_said
@@ -183,7 +182,7 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
     assert record.best is not None
     scenario, both = record.scenario, [record.best.experiment, record.before.experiment]
     try:
-        known = verification.cases.subject_of(scenario.source, scenario.space).margins
+        known = verification.loops.subject_of(scenario.source, scenario.space).margins
         found = [known(each.theta) for each in both]
     except ScenarioError:  # such as a file that runs in a process of its own
         found = ["prefcal verify best.json computes them if the plant is known as equations"]
@@ -497,8 +496,7 @@ def limits_kept(before: Experiment, after: Experiment, u0: U | None = None) -> I
             what = "outside its limits" if output else "saturated"
             yield _row(f"{channel.name} {what}", limits, old, new)
     for i, channel in enumerate(after.channels.u):
-        start = [] if u0 is None else [float(u0[i])]
-        said = "" if start else " after the first"
+        start, said = ([], " after the first") if u0 is None else ([float(u0[i])], "")
         old, new = (number(_largest_move(e, i, start)) for e in (before, after))
         yield _row(f"{channel.name}, largest step between samples{said}", "", old, new, channel.unit)
 
@@ -552,21 +550,14 @@ def _is_there(values: Float[np.ndarray, " K"], channel: Channel, *, output: bool
 
 
 def _curves(record: StudyRecord, *, height: float) -> bytes:
-    """Return a PNG of the curves before and after; empty if neither run has a record.
-
-    Args:
-        record: Record of the study.
-        height: Height of the picture in inches.
+    """Return a PNG of the curves, `height` inches high; empty if neither run has a record.
 
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
-    content = BytesIO()
     with style():
-        figure = best_against(record, references=False, panels=_PANELS, most=height)
-        if figure is not None:
-            save(figure, content)
-    return content.getvalue()
+        drawn = best_against(record, references=False, panels=_PANELS, most=height)
+        return b"" if drawn is None else png(drawn)
 
 
 # --- Write the folder of a report; every file appears whole or not at all.
@@ -583,9 +574,9 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
         extra: Additional figures of the scenario.
     """
     if record.best is not None:
-        put(folder / "best.json", best_as_json(record).encode())
+        put(folder / BEST, best_as_json(record).encode())
     else:
-        (folder / "best.json").unlink(missing_ok=True)
+        (folder / BEST).unlink(missing_ok=True)
     put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
     for stale in {p.file for p in (*PICTURES, *extra)} - {d.picture.file for d in drawn}:

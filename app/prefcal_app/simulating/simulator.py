@@ -368,8 +368,8 @@ class Simulator:
         own = source is not scenario.source
         self.scenario, self.reading = scenario, reading(scenario)
         directed = has_goals(scenario)
-        run = verification.perturbed.Perturbed(scenario, seed) if robust else source
-        self.holds = partial(verification.perturbed.runs_kept, self.many, self.reading) if robust else None
+        run = verification.varied_runs.Perturbed(scenario, seed) if robust else source
+        self.holds = partial(verification.varied_runs.runs_kept, self.many, self.reading) if robust else None
         self._task = Task(run, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This
         # process runs built-in scenarios, too, until the first worker is ready.

@@ -380,7 +380,7 @@ class Verifying:
             known = [] if said is None else [(each.seed, said.best) for each in said.worst]
             if folder is None or known[run : run + 1] != [(seed, best)]:
                 raise StaleError("the result was verified again since you looked")
-            report.verifying.judge(folder, run, acceptable=acceptable)
+            report.write.judge(folder, run, acceptable=acceptable)
 
     def view(self) -> dict[str, Any]:
         """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
@@ -395,13 +395,13 @@ class Verifying:
             "said": None if folder is None or said is None else _view(said, folder),
         }
 
-    def _said(self) -> "verification.verified.Verified | None":
+    def _said(self) -> "verification.result.Verified | None":
         folder = self._reports.folder
-        return None if folder is None else verification.verified.Verified.read(folder)
+        return None if folder is None else verification.result.Verified.read(folder)
 
     def _verify(self, folder: Path) -> None:
         try:
-            report.verifying.verify_best(folder / verification.verified.BEST, progress=self._progress)
+            report.write.verify_best(folder / verification.result.BEST, progress=self._progress)
         except Exception as error:
             _, self._problem, _ = refused(error)
         except SystemExit as error:
@@ -413,7 +413,7 @@ class Verifying:
             raise KeyboardInterrupt  # which a verification takes as its early end
 
 
-def _view(said: "verification.verified.Verified", folder: Path) -> dict[str, Any]:
+def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
     """Return what a verification says, for the page; pictures are in a folder."""
     return {
         "best": said.best,
@@ -428,14 +428,14 @@ def _view(said: "verification.verified.Verified", folder: Path) -> dict[str, Any
             )
             if rows
         ],
-        "effects": list(said.effects[: verification.verified.EFFECTS]),
+        "effects": list(said.effects[: verification.result.EFFECTS]),
         "worst": [
             {
                 "words": each.words,
                 "values": each.text,
                 "seed": each.seed,
                 "verdict": each.verdict,
-                "picture": _picture(folder, report.verifying.picture(k)),
+                "picture": _picture(folder, report.write.picture(k)),
             }
             for k, each in enumerate(said.worst)
         ],

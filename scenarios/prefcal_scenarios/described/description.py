@@ -285,10 +285,6 @@ def resumed_source(kept: str, source: str) -> str:
     A plant is a program, so it must be named again: a study from another person must not decide
     which program runs here. It may have moved, like the scenario's own file.
 
-    Args:
-        kept: Source that the study keeps.
-        source: Source that the user names now.
-
     Raises:
         StudyError: If they are different scenarios.
         SettingsError: If `source` states another value, or leaves out the plant.

@@ -205,10 +205,6 @@ def process_of(J: LinearSystem, delay: float = 0.0) -> ProcessModel:
 
     The rules are for continuous processes: poles and zeros of a discrete one count as those with
     the same decay, and the samples in which its impulse response is still 0 as dead time.
-
-    Args:
-        J: Linear system with one input and one output.
-        delay: Dead time.
     """
     M = minimal(J)
     waiting = _waiting(M)
@@ -230,12 +226,7 @@ def process_of(J: LinearSystem, delay: float = 0.0) -> ProcessModel:
 
 
 def integrators_of(rates: Complex[np.ndarray, " n"], dt: float) -> int:
-    """Return how many poles integrate.
-
-    Args:
-        rates: Poles as rates, shape (n,), the smallest first.
-        dt: Sample time; 0 if the system is continuous.
-    """
+    """Return how many poles, the smallest rate first, integrate; `dt` is 0 for a continuous system."""
     sizes = np.abs(rates)
     relative = int(np.count_nonzero(sizes <= _INTEGRATES * sizes.max(initial=0.0)))
     if not dt:
@@ -316,28 +307,17 @@ _SETTLED = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Single:
-    """One loop: which output and input, its process, its target and its load.
+    """One loop: which output and input, its process, its target and its load."""
 
-    Args:
-        output: Index of the output.
-        input: Index of the input.
-        channel: Channel of the input, with finite limits.
-        start: Output at the start.
-        target: Reference after the step.
-        process: What limits its control.
-        load: Load disturbance at the input.
-        phase: Time that a step or a load takes with the tuning in the middle.
-        tunings: Tunings of its PID by name: "robust", in the middle of the ranges, and rules.
-    """
-
-    output: int
-    input: int
-    channel: Channel
-    start: float
-    target: float
-    process: ProcessModel
-    load: float = 0.0
-    phase: float = 0.0
+    output: int  # index of the output
+    input: int  # index of the input
+    channel: Channel  # channel of the input, with finite limits
+    start: float  # output at the start
+    target: float  # reference after the step
+    process: ProcessModel  # what limits its control
+    load: float = 0.0  # load disturbance at the input
+    phase: float = 0.0  # time that a step or a load takes with the tuning in the middle
+    # tunings of its PID by name: "robust", in the middle of the ranges, and rules
     tunings: Mapping[str, Tuning] = field(default_factory=dict)
 
     @property
@@ -348,11 +328,8 @@ class Single:
     def settling(self, time: float, peak: float) -> "Single":
         """Return the loop with phase and load for a tuning that settles in `time`.
 
-        The load moves the output by about a third of the step, within the actuator.
-
-        Args:
-            time: Time until step and load have settled.
-            peak: Peak of the output after a load of 1.
+        The load moves the output, whose peak after a load of 1 is `peak`, by about a third of the
+        step, within the actuator.
         """
         span = 0.15 * (self.channel.high - self.channel.low)
         load = nice(min(span, 0.35 * abs(self.step) / peak) if peak > 0 else span)
@@ -396,11 +373,7 @@ def design(
 ) -> Design:
     """Return what was chosen for `plant`; `reference` and `horizon` are used as they are.
 
-    Args:
-        plant: Plant.
-        tuned: Function that adds what follows from tuning the controller: loads and phases.
-        reference: Reference by output.
-        horizon: Duration of an experiment.
+    `tuned` adds what follows from tuning the controller: loads and phases.
 
     Raises:
         ScenarioError: If there is no steady state, an output does not exist, a reference equals the

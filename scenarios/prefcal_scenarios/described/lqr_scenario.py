@@ -81,17 +81,11 @@ def lqr_scenario(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LQRs:
-    """Functions of θ: the LQR with these weights, and its linear loop with dead time.
+    """Functions of θ: the LQR with these weights, and its linear loop with dead time."""
 
-    Args:
-        design: What was chosen for the plant.
-        model: Plant near the operating point, with the limits of the loops' inputs.
-        plant: Sampled plant, from all inputs to all states and then the controlled outputs.
-    """
-
-    design: Design
-    model: Linearized
-    plant: LinearSystem
+    design: Design  # what was chosen for the plant
+    model: Linearized  # plant near the operating point, with the limits of the loops' inputs
+    plant: LinearSystem  # sampled plant, from all inputs to all states and then the controlled outputs
 
     @classmethod
     def of(cls, plant: Plant, found: Design) -> "LQRs":

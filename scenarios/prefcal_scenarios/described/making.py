@@ -81,12 +81,7 @@ _SENSOR: Keys = {"sensor": (tuple[float, float] | None, False)}
 
 
 def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str) -> Rig:
-    """Return the rig that the table [rig] describes.
-
-    Args:
-        values: Keys of the table.
-        reference: Reference of each output that has one, in its unit.
-        where: Name of the file, for messages.
+    """Return the rig that the table [rig] of the file `where` describes, with references of outputs.
 
     Raises:
         ScenarioError: If a key is unknown or missing, or has the wrong type, or a reference names
@@ -164,7 +159,6 @@ def _check_timeout(d: Description, where: str) -> None:
 
 
 def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
-
     assert d.controller is not None
     if d.controller not in CONTROLLERS:
         raise ScenarioError(

@@ -51,7 +51,7 @@ def pid_scenario(
     The knobs are K_p (without its sign), T_i, T_d and the set-point weight b; with several loops
     they are called K_p_1, T_i_1 and so on.
 
-    Source: see `prefcal_env.controllers.pid` and `described.pid.design.pairs_of`.
+    Source: see `prefcal_env.controllers.pid` and `described.design.pairs_of`.
 
     Args:
         plant: Plant, or a linear system that `Plant.of` takes.
@@ -73,9 +73,10 @@ def pid_scenario(
     space = space_of(made, knobs, "PID")
     # The rules that apply to every loop.
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
+    tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
     references = {
-        name: theta_of(space, [v for loop in found.loops for v in _values(loop.tunings[name])])
-        for name in named
+        name: theta_of(space, [v for t in each for v in (abs(t.K_p), t.T_i, t.T_d, 1.0)])
+        for name, each in tunings.items()
     }
     return scenario_of_steps(
         plant,
@@ -91,15 +92,10 @@ def pid_scenario(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PIDs:
-    """Functions of θ, which holds K_p, T_i, T_d and b of each loop in turn.
+    """Functions of θ, which holds K_p, T_i, T_d and b of each loop in turn."""
 
-    Args:
-        design: What was chosen for the plant.
-        plant: Sampled linear plant, from the inputs to the outputs of the loops.
-    """
-
-    design: Design
-    plant: LinearSystem
+    design: Design  # what was chosen for the plant
+    plant: LinearSystem  # sampled linear plant, from the inputs to the outputs of the loops
 
     @classmethod
     def of(cls, found: Design) -> "PIDs":
@@ -225,8 +221,3 @@ def _around(values: Sequence[float]) -> tuple[float, float]:
     middle = values[0]
     reach = max([_REACH, *(1.2 * max(v / middle, middle / v) for v in values)])
     return float(f"{middle / reach:.2g}"), float(f"{middle * reach:.2g}")
-
-
-def _values(tuning: Tuning) -> tuple[float, float, float, float]:
-    """Return the knobs' values of a tuning, with b = 1."""
-    return abs(tuning.K_p), tuning.T_i, tuning.T_d, 1.0

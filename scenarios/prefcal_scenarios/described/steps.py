@@ -46,15 +46,10 @@ class Laws(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measure:
-    """Function of an experiment that returns its KPIs.
+    """Function of an experiment that returns its KPIs."""
 
-    Args:
-        design: What was chosen for the plant.
-        laws: Controllers of all θ.
-    """
-
-    design: Design
-    laws: Laws
+    design: Design  # what was chosen for the plant
+    laws: Laws  # controllers of all θ
 
     def around(self, plant: Plant, task: Task) -> "Measure":
         """Return the same KPIs of another plant, which starts as `task` says."""
@@ -128,11 +123,7 @@ _ROWS = (
 def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
     """Return the KPIs, in order of importance; all are better if lower.
 
-    Args:
-        design: What was chosen for the plant.
-        outputs: Outputs of the plant.
-        time: Unit of time.
-        robust: Sensitivity peak in the middle of the ranges. It has an objective if it is met here.
+    The sensitivity peak has an objective if `robust`, that in the middle of the ranges, meets it.
     """
     found: list[KPI] = []
     for k, loop in enumerate(design.loops):

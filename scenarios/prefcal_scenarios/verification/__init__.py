@@ -1,8 +1,7 @@
 """Verification: does a tuning hold if the plant is not exactly as it was modeled?
 
-`factor` is one thing that varies, `subject` a scenario with what can vary: `loops` and `plants` are any
-closed loop, `compiled` those that come with prefcal, `cases` finds which it is. `verify` runs the
-variations on all cores, `result` is what came of them, and `verified` what is kept of it.
+`plants` has what varies of a plant, and `loops` of any closed loop or other source. `varied_runs` runs the
+variations on all cores, and `result` is what came of them and what is kept of it.
 """
 
 from typing import TYPE_CHECKING

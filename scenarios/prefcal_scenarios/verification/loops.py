@@ -86,24 +86,15 @@ class VariedLoop:
     """A closed loop whose plant, sensors, actuators and task vary, while its controller stays.
 
     A varied plant starts at rest with the outputs of the study: its controller had brought it there.
-
-    Args:
-        plant: Plant of the study.
-        task: Task of the study.
-        build: What a loop does.
-        controller: Function of θ that makes the controller.
-        wears: Whether sensors can have a resolution, and actuators backlash.
-        jitters: Whether periods can differ.
-        moves: What varies of the step: `SHIFT`, `REFERENCE`, `DIRECTION` or less.
     """
 
-    plant: Plant
-    task: Task
-    build: Build
-    controller: ControllerFactory
-    wears: bool = True
-    jitters: bool = False
-    moves: tuple[str, ...] = ()
+    plant: Plant  # plant of the study
+    task: Task  # task of the study
+    build: Build  # what a loop does
+    controller: ControllerFactory  # function of θ that makes the controller
+    wears: bool = True  # whether sensors can have a resolution, and actuators backlash
+    jitters: bool = False  # whether periods can differ
+    moves: tuple[str, ...] = ()  # what varies of the step: `SHIFT`, `REFERENCE`, `DIRECTION` or less
 
     def subject(self, *said: str) -> Subject:
         """Return what varies; `said` is what does not, beside what follows from plant and task."""
@@ -197,11 +188,9 @@ class VariedLoop:
         return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter)
 
     def _rest(self, plant: Plant, shift: float) -> tuple[X, U]:
-        """Return where a varied plant rests with the outputs of the start; the start if nowhere.
+        """Return where a plant rests with the outputs of the start, the first moved by `shift` steps.
 
-        Args:
-            plant: Varied plant.
-            shift: What the first output is moved by, in steps.
+        If there is no such state, it is the start.
         """
         start, d = (self.task.x0, self.task.u0), self.task.disturbance(0.0)
         chosen = tracked_of(self.task)[: len(plant.inputs)]
@@ -364,12 +353,7 @@ def _act(law, gains, reference, y, memory, T_s, u):  # type: ignore[no-untyped-d
 
 
 class LawController:
-    """A compiled law as a `Controller`.
-
-    Args:
-        gains: Law and its gains.
-        T_s: Sampling time, in the plant's unit of time.
-    """
+    """A compiled law as a `Controller`; `T_s` is in the plant's unit of time."""
 
     def __init__(self, gains: Gains, T_s: float) -> None:
         self._gains, self.T_s = gains, T_s

@@ -270,19 +270,12 @@ def _changed(plant: Plant, values: Values) -> Plant:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """A plant that is slower or faster by one factor, and whose inputs act more or less, or later.
-
-    Args:
-        plant: Plant.
-        speed: Factor of all rates.
-        gains: Factor of each input, shape (n_u,).
-        input_delay: Dead time of each input.
-    """
+    """A plant that is slower or faster by one factor, and whose inputs act more or less, or later."""
 
     plant: Plant
-    speed: float
-    gains: Float[np.ndarray, " n_u"]
-    input_delay: tuple[float, ...]
+    speed: float  # factor of all rates
+    gains: Float[np.ndarray, " n_u"]  # factor of each input, shape (n_u,)
+    input_delay: tuple[float, ...]  # dead time of each input
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "plant":
@@ -379,19 +372,15 @@ def unknown_plant(theta: Float[np.ndarray, " n"]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What can vary, and how a run with other values is made.
+    """What can vary, and how a run with other values is made."""
 
-    Args:
-        factors: What can vary.
-        left_out: What cannot, a sentence each.
-        at: Function of values that returns the source with them; the controller stays as designed.
-        margins: Function of a physical θ, shape (n,), that returns its margins where the nominal
-            experiment starts, or why there are none.
-    """
-
-    factors: tuple[Factor, ...]
-    left_out: tuple[str, ...]
+    factors: tuple[Factor, ...]  # what can vary
+    left_out: tuple[str, ...]  # what cannot, a sentence each
+    # function of values that returns the source with them; the controller stays as
+    # designed
     at: Callable[[Values], Source]
+    # function of a physical θ, shape (n,), that returns its margins where the nominal
+    # experiment starts, or why there are none
     margins: Callable[[Float[np.ndarray, " n"]], Margins | str] = unknown_plant
 
     def measured_as(self, source: WithKPIs) -> "Subject":

@@ -28,21 +28,13 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class VerifiedRun:
-    """One run of a tuning with other values of the factors.
+    """One run of a tuning with other values of the factors."""
 
-    Args:
-        values: Values that differ from the nominal ones, by factor.
-        seed: Seed of the run.
-        end: Why it ended.
-        kpis: KPIs by name, in their units.
-        problems: Which stated limits it did not keep; empty if it kept all.
-    """
-
-    values: Mapping[str, float]
-    seed: int
-    end: End
-    kpis: Mapping[str, float]
-    problems: tuple[str, ...] = ()
+    values: Mapping[str, float]  # values that differ from the nominal ones, by factor
+    seed: int  # seed of the run
+    end: End  # why it ended
+    kpis: Mapping[str, float]  # KPIs by name, in their units
+    problems: tuple[str, ...] = ()  # which stated limits it did not keep; empty if it kept all
 
     @property
     def words(self) -> str:
@@ -52,21 +44,13 @@ class VerifiedRun:
 
 @dataclass(frozen=True, slots=True)
 class Robustness:
-    """How one tuning fares.
+    """How one tuning fares."""
 
-    Args:
-        theta: Tuning, physical, shape (n,).
-        nominal: Run without variation.
-        margins: Margins on the nominal plant, or why there are none.
-        runs: Random runs, independent of each other.
-        time_unit: Unit of the delay margin.
-    """
-
-    theta: Float[np.ndarray, " n"]
-    nominal: VerifiedRun
-    margins: Margins | str
-    runs: tuple[VerifiedRun, ...] = ()
-    time_unit: str = ""
+    theta: Float[np.ndarray, " n"]  # tuning, physical, shape (n,)
+    nominal: VerifiedRun  # run without variation
+    margins: Margins | str  # margins on the nominal plant, or why there are none
+    runs: tuple[VerifiedRun, ...] = ()  # random runs, independent of each other
+    time_unit: str = ""  # unit of the delay margin
 
     def quantiles(self, kpi: str) -> tuple[float, float]:
         """Return the 5 and 95 % quantile of the KPI of this name; NaN without values."""
@@ -77,19 +61,13 @@ class Robustness:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What one factor does alone.
-
-    Args:
-        factor: Factor.
-        run: Run at its lowest or at its highest value, the worse of both.
-        kpi: Title of the KPI that gets worst, "" if none gets worse.
-        worsening: How much worse, as a share of the KPI's 5 to 95 % range over all runs; infinite
-            if a limit is lost.
-    """
+    """What one factor does alone."""
 
     factor: Factor
-    run: VerifiedRun
-    kpi: str
+    run: VerifiedRun  # run at its lowest or at its highest value, the worse of both
+    kpi: str  # title of the KPI that gets worst, "" if none gets worse
+    # how much worse, as a share of the KPI's 5 to 95 % range over all runs; infinite if a
+    # limit is lost
     worsening: float
 
 
@@ -183,7 +161,7 @@ class Verification:
     def effects(self) -> tuple[Effect, ...]:
         """Return what each factor does alone, the one that hurts most first."""
         pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
-        both = [(self._effect(factor, low), self._effect(factor, high)) for factor, low, high in pairs]
+        both = [[self._effect(factor, run) for run in runs] for factor, *runs in pairs]
         worse = [max(pair, key=lambda effect: effect.worsening) for pair in both]
         return tuple(sorted(worse, key=lambda effect: -effect.worsening))
 
@@ -256,22 +234,15 @@ _NAMED = 6
 
 @dataclass(frozen=True, slots=True)
 class WorstRun:
-    """One of the worst random runs.
+    """One of the worst random runs."""
 
-    Args:
-        words: Which stated limits it loses, or that it is within them.
-        values: Values that differ from the nominal ones, by name, the one that moved most within its
-            range first.
-        seed: Seed of the run.
-        verdict: "acceptable" or "not acceptable"; "" if nobody was asked.
-        units: Units of the values by name, those that have one.
-    """
-
-    words: str
+    words: str  # which stated limits it loses, or that it is within them
+    # values that differ from the nominal ones, by name, the one that moved most within
+    # its range first
     values: dict[str, float]
-    seed: int
-    verdict: str = ""
-    units: dict[str, str] = field(default_factory=dict)
+    seed: int  # seed of the run
+    verdict: str = ""  # "acceptable" or "not acceptable"; "" if nobody was asked
+    units: dict[str, str] = field(default_factory=dict)  # units of the values by name, those that have one
 
     @classmethod
     def of(cls, run: VerifiedRun, factors: Sequence[Factor]) -> "WorstRun":
@@ -295,47 +266,29 @@ class WorstRun:
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """What a verification says. Texts are as people read them; "–" is unknown.
+    """What a verification says. Texts are as people read them; "–" is unknown."""
 
-    Args:
-        statement: How sure it is that the limits are kept, in a sentence.
-        limits_kept: What the stated limits are, in a sentence.
-        share: Share of the runs that kept them; None without any.
-        bound: What the probability of not keeping them is below, with 95 % confidence.
-        runs: Number of random runs.
-        planned: Number that was asked for.
-        baseline: What the tuning is compared with, such as "current tuning"; "" if that is unknown.
-        kpis: A row for each KPI: title with unit, objective, nominal value, 5 % and 95 % quantile,
-            then the same three of the baseline, if it is known.
-        margins: A row for each margin: name with unit, value, then that of the baseline, likewise.
-            Empty if there are none.
-        basis: What the margins hold for, or why there are none, in a sentence.
-        effects: What each factor does alone, the one that hurts most first, a text each.
-        worst: The worst random runs, the worst first.
-        varied: What varied, with ranges and units, a text each.
-        left_out: What did not, a sentence each.
-        scenario: Name of the scenario.
-        version: Version of prefcal.
-        best: SHA-256 of the best.json, in hexadecimal digits.
-    """
-
-    statement: str
-    limits_kept: str
-    share: float | None
-    bound: float
-    runs: int
-    planned: int
-    baseline: str
+    statement: str  # how sure it is that the limits are kept, in a sentence
+    limits_kept: str  # what the stated limits are, in a sentence
+    share: float | None  # share of the runs that kept them; None without any
+    bound: float  # what the probability of not keeping them is below, with 95 % confidence
+    runs: int  # number of random runs
+    planned: int  # number that was asked for
+    baseline: str  # what the tuning is compared with, such as "current tuning"; "" if that is unknown
+    # A row for each KPI: title with unit, objective, nominal value, 5 % and 95 %
+    # quantile, then the same three of the baseline, if it is known
     kpis: tuple[tuple[str, ...], ...]
+    # A row for each margin: name with unit, value, then that of the baseline, likewise.
+    # empty if there are none
     margins: tuple[tuple[str, ...], ...]
-    basis: str
-    effects: tuple[str, ...]
-    worst: tuple[WorstRun, ...]
-    varied: tuple[str, ...]
-    left_out: tuple[str, ...]
-    scenario: str
-    version: str
-    best: str
+    basis: str  # what the margins hold for, or why there are none, in a sentence
+    effects: tuple[str, ...]  # what each factor does alone, the one that hurts most first, a text each
+    worst: tuple[WorstRun, ...]  # the worst random runs, the worst first
+    varied: tuple[str, ...]  # what varied, with ranges and units, a text each
+    left_out: tuple[str, ...]  # what did not, a sentence each
+    scenario: str  # name of the scenario
+    version: str  # version of prefcal
+    best: str  # SHA-256 of the best.json, in hexadecimal digits
 
     @classmethod
     def of(

@@ -39,10 +39,6 @@ class Perturbed(Source):
     """A source whose θ may end with the number of a perturbed run, 1 or more: other plant, other noise.
 
     Without one, θ runs as it does in the scenario.
-
-    Args:
-        scenario: Scenario.
-        seed: Seed of the variations.
     """
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
@@ -223,13 +219,7 @@ class _Case:
 
 
 class Variations(Source):
-    """A source whose θ is the number of a case: so the pool runs them as it runs any θ.
-
-    Args:
-        at: Function of values that returns the source with them.
-        thetas: Tunings.
-        cases: Which tuning, values and seed each number stands for.
-    """
+    """A source whose θ is the number of a case: so the pool runs them as it runs any θ."""
 
     def __init__(
         self,

@@ -34,11 +34,7 @@ _PART = re.compile(r"[A-Z]?[a-z]+\d*|[A-Z]+\d*")
 
 
 class FMURun:
-    """A run of an FMU that says why there is no experiment, so that people are told.
-
-    Args:
-        loop: Loop in the FMU.
-    """
+    """A run of an FMU that says why there is no experiment, so that people are told."""
 
     signals: tuple[str, ...] = ()
 

@@ -205,9 +205,8 @@ def unstable(vary: Vary = nominal) -> Loop:
 
 def servo(vary: Vary = nominal) -> Loop:
     """Return a servo drive with friction and backlash: position around speed."""
-    parameters = Servo(load=vary(0.02), coulomb=vary(0.05), half_gap=vary(0.01), stiffness=vary(20.0))
     plant = CompiledPlant(
-        parameters,
+        Servo(load=vary(0.02), coulomb=vary(0.05), half_gap=vary(0.01), stiffness=vary(20.0)),
         states=(
             Channel("load angle", "rad", -6, 6),
             Channel("motor speed", "rad/s"),
@@ -237,9 +236,8 @@ def servo(vary: Vary = nominal) -> Loop:
 
 def cart_pole(vary: Vary = nominal) -> Loop:
     """Return a pole that is balanced on a cart: weights of an LQR, and its sampling time."""
-    parameters = CartPole(cart=vary(1.0), pole=vary(0.2), length=vary(0.6), friction=vary(0.3))
     plant = CompiledPlant(
-        parameters,
+        CartPole(cart=vary(1.0), pole=vary(0.2), length=vary(0.6), friction=vary(0.3)),
         states=(
             Channel("position", "m", -2, 2),
             Channel("pole angle", "rad", -0.6, 0.6),
@@ -316,9 +314,8 @@ def boost_converter(vary: Vary = nominal) -> Loop:
 
 def steering(vary: Vary = nominal) -> Loop:
     """Return a vehicle that changes lanes: lateral position around heading."""
-    parameters = Steering(speed=vary(15.0), wheelbase=vary(2.8), lag=vary(0.15))
     plant = CompiledPlant(
-        parameters,
+        Steering(speed=vary(15.0), wheelbase=vary(2.8), lag=vary(0.15)),
         states=(
             Channel("lateral position", "m", -4, 8),
             Channel("heading", "rad", -1, 1),
@@ -436,13 +433,12 @@ def distillation(vary: Vary = nominal) -> Loop:
     """Return Skogestad's distillation column (LV configuration) with two PIs."""
     lag = vary(75.0)
     gains = ((0.878, -0.864), (1.082, -1.096))
-    parameters = Linear(
-        A=((-1 / lag, 0.0), (0.0, -1 / lag)),
-        B=tuple(tuple(g / lag for g in row) for row in gains),
-        E=((0.5 / lag,), (0.6 / lag,)),
-    )
     plant = CompiledPlant(
-        parameters,
+        Linear(
+            A=((-1 / lag, 0.0), (0.0, -1 / lag)),
+            B=tuple(tuple(g / lag for g in row) for row in gains),
+            E=((0.5 / lag,), (0.6 / lag,)),
+        ),
         states=(Channel("top", "%", -20, 20), Channel("bottom", "%", -20, 20)),
         inputs=(Channel("reflux", "kmol/min", -50, 50), Channel("boilup", "kmol/min", -50, 50)),
         max_step=0.5,

@@ -27,7 +27,7 @@ KnobValues = Mapping[str, float]
 
 
 class Gains(NamedTuple):
-    """A compiled law and its gains: one row for each PID or input, with columns as in `_laws`."""
+    """A compiled law and its gains: one row for each PID or input, with columns as in `plants`."""
 
     law: int
     rows: Float[np.ndarray, "r c"]
@@ -162,50 +162,6 @@ _TEXTS = {
 """Title, unit and meaning of each KPI by its name."""
 
 
-def kpi_names(*, staged: bool, beside: bool, alarm: bool) -> tuple[str, ...]:
-    """Return the names of a loop's KPIs, in order.
-
-    Args:
-        staged: Whether the input has stages.
-        beside: Whether there is a state that the step should not move much.
-        alarm: Whether there is an alarm.
-    """
-    there = {"switches": staged, "input_noise": not staged, "side_effect": beside, "alarm": alarm}
-    return tuple(name for name in _TEXTS if there.get(name, True))
-
-
-def kpis_of(
-    names: Sequence[str],
-    y: Channel,
-    u: Channel,
-    time_unit: str,
-    *,
-    beside: Channel | None = None,
-    alarm: tuple[float, float] | None = None,
-) -> tuple[KPI, ...]:
-    """Return the KPIs with these names, all of them better if lower.
-
-    Args:
-        names: Names of the KPIs.
-        y: Output whose reference steps.
-        u: First input.
-        time_unit: Unit of time.
-        beside: State that the step should not move much; None if there is none.
-        alarm: Lowest and highest value of the output without an alarm; None if there is none.
-    """
-    words = {"y": y.name, "unit": y.unit, "time": time_unit, "u": u.name, "u_unit": u.unit}
-    if beside is not None:
-        words |= {"beside": beside.name, "beside_unit": beside.unit}
-    if alarm is not None:
-        words["alarm"] = f"{alarm[0]:.4g} to {alarm[1]:.4g} {y.unit}".rstrip()
-    found = []
-    for name in names:
-        title, unit, about = (text.format(**words).strip() for text in _TEXTS[name])
-        resolution = 0.1 if name == "overshoot" else None
-        found.append(KPI(name, title, unit, better="lower", about=about, resolution=resolution))
-    return tuple(found)
-
-
 def compute_kpis(
     experiment: Experiment, disturbed_at: float, u0: float, beside: int | None, pace: float = 1.0
 ) -> dict[str, float]:
@@ -227,7 +183,7 @@ def compute_kpis(
     moves = np.abs(np.diff(u))
     times = [entered(t[part] - t[part][0], error[part], _BAND * abs(step)) for part, step in steps]
     found = {
-        "overshoot": max(_overshoot(error[part], step) for part, step in steps),
+        "overshoot": max(100.0 * max(float((-error[part] / step).max()), 0.0) for part, step in steps),
         "settling_time": sum(times, start=0.0) if t[-1] >= disturbed_at else np.inf,
         "error": float(np.abs(error[:-1]) @ np.diff(t)),
         "disturbance_peak": float(np.abs(error[~first]).max()) if not first.all() else np.inf,
@@ -238,14 +194,6 @@ def compute_kpis(
     if beside is not None:
         found["side_effect"] = float(np.abs(x[first, beside] - x[0, beside]).max())
     return found
-
-
-def time_outside(experiment: Experiment, low: float, high: float) -> float:
-    """Return how long the first output is outside `low` to `high`, in the unit of time."""
-    y = experiment.output(0)
-    assert y is not None
-    outside = (y < low) | (y > high)
-    return float(np.diff(experiment.t)[outside[:-1]].sum())
 
 
 def _errors(
@@ -267,11 +215,6 @@ def _errors(
     sizes = [error[0], *(target[start - 1] - target[start] for start in starts[1:])]
     parts = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
     return error, [(part, float(size)) for part, size in zip(parts, sizes, strict=True)]
-
-
-def _overshoot(error: Float[np.ndarray, " K"], step: float) -> float:
-    """Return how far the output goes beyond its target, in % of the step."""
-    return 100.0 * max(float((-error / step).max()), 0.0)
 
 
 # --- Describe the loops and their knobs for the person who compares.
@@ -394,23 +337,34 @@ class Loop:
         outputs = zip(plant.outputs[: self.controlled], self.target.start, strict=False)
         y = tuple(replace(channel, target=target) for channel, target in outputs)
         t = np.arange(round(self.task.horizon / step) + 1) * step
-        names = kpi_names(staged=self.staged, beside=self.beside is not None, alarm=self.alarm is not None)
+        there = {"switches": self.staged, "input_noise": not self.staged}
+        there |= {"side_effect": self.beside is not None, "alarm": self.alarm is not None}
         fixed = {
             "channels": Channels(plant.states, plant.inputs, y, plant.time_unit),
             "t": t,
             "_y_ref": self.target.over(t),
             "_d": self.disturbance.over(t),
-            "_kpi_names": names,
+            "_kpi_names": tuple(name for name in _TEXTS if there.get(name, True)),
         }
         for name, value in fixed.items():
             object.__setattr__(self, name, value)
 
     @property
     def kpis(self) -> tuple[KPI, ...]:
-        """KPIs of an experiment."""
-        beside = None if self.beside is None else self.plant.states[self.beside]
-        first, u, unit = self.channels.y[0], self.plant.inputs[0], self.plant.time_unit
-        return kpis_of(self._kpi_names, first, u, unit, beside=beside, alarm=self.alarm)
+        """KPIs of an experiment, all of them better if lower."""
+        y, u, time_unit = self.channels.y[0], self.plant.inputs[0], self.plant.time_unit
+        words = {"y": y.name, "unit": y.unit, "time": time_unit, "u": u.name, "u_unit": u.unit}
+        if self.beside is not None:
+            beside = self.plant.states[self.beside]
+            words |= {"beside": beside.name, "beside_unit": beside.unit}
+        if self.alarm is not None:
+            words["alarm"] = f"{self.alarm[0]:.4g} to {self.alarm[1]:.4g} {y.unit}".rstrip()
+        found = []
+        for name in self._kpi_names:
+            title, unit, about = (text.format(**words).strip() for text in _TEXTS[name])
+            resolution = 0.1 if name == "overshoot" else None
+            found.append(KPI(name, title, unit, better="lower", about=about, resolution=resolution))
+        return tuple(found)
 
     @property
     def target(self) -> StepSignal:
@@ -452,8 +406,10 @@ class Loop:
         hold = max(round(T_s / self.plant.max_step), 1)
         try:
             response = self._respond(values, hold, seed)
-        except np.linalg.LinAlgError:
-            response = self._nothing()
+        except np.linalg.LinAlgError:  # there is no controller: no states and no steps
+            x, u = np.zeros((0, len(self.plant.states))), np.zeros((0, len(self.plant.inputs)))
+            none = np.zeros(0)
+            response = Response(x, u, none.astype(np.int64), none, none.astype(np.bool_))
         return self._experiment(theta, response, hold)
 
     def scenario(self) -> Scenario:
@@ -495,13 +451,8 @@ class Loop:
     ) -> Response:
         """Return what `controller` does; where it does not solve its problem, the input is held.
 
-        Actuators and sensors are ideal.
-
-        Args:
-            controller: Controller whose sampling time is `hold` steps.
-            hold: Steps in a sampling period.
-            seed: Seed of the noise.
-            clock: Returns the time in seconds; only for the duration of the steps.
+        Its sampling time is `hold` steps. Actuators and sensors are ideal. Only the duration of its
+        steps needs the `clock`, which returns seconds.
         """
         plant, t, noise = self.plant, self.t, self.noise(seed)
         (low, high), measured = limits_of(plant.inputs).T, list(plant.measured)
@@ -538,12 +489,6 @@ class Loop:
         pairs = zip(self.actuators, self.plant.inputs, strict=False)
         rows = [(a.stiction, a.backlash, a.resolution, c.low) for a, c in pairs]
         return np.array(rows, dtype=float).reshape(-1, 4)
-
-    def _nothing(self) -> Response:
-        """Return no states and no steps: there was no controller."""
-        none, (n_x, n_u) = np.zeros(0), (len(self.plant.states), len(self.plant.inputs))
-        no_states, no_inputs = np.zeros((0, n_x)), np.zeros((0, n_u))
-        return Response(no_states, no_inputs, none.astype(np.int64), none, none.astype(np.bool_))
 
     def _state_panels(self) -> tuple[Panel, ...]:
         """Return the panels of the controlled states and of the one beside.
@@ -587,7 +532,10 @@ class Loop:
         pace = self.task.T_s / (hold * plant.max_step)
         values = compute_kpis(bare, self.disturbed_at, self.task.u0[0], self.beside, pace)
         if self.alarm is not None:
-            values["alarm"] = time_outside(bare, *self.alarm)
+            low, high = self.alarm
+            y = bare.output(0)
+            assert y is not None
+            values["alarm"] = float(np.diff(bare.t)[((y < low) | (y > high))[:-1]].sum())
         return bare.with_kpis({name: values[name] for name in self._kpi_names})
 
     def end(self, x: Float[np.ndarray, "V n_x"]) -> End:

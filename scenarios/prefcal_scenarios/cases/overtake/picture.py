@@ -68,10 +68,8 @@ def drawn(runs: Sequence[ShownDrive], space: KnobSpace) -> Figure:
 
 def _theta_lines(space: KnobSpace, run: ShownDrive) -> str:
     """Return θ in mathtext, on two lines."""
-    parts = [
-        f"{mathtext(k.name)} = {quantity(v, k.unit)}"
-        for k, v in zip(space, run.experiment.theta, strict=True)
-    ]
+    pairs = zip(space, run.experiment.theta, strict=True)
+    parts = [f"{mathtext(k.name)} = {quantity(v, k.unit)}" for k, v in pairs]
     return ",  ".join(parts[:3]) + "\n" + ",  ".join(parts[3:])
 
 
