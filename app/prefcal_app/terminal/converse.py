@@ -33,6 +33,8 @@ from .showing import (
     typed,
 )
 
+ANSWER = "answer"
+"""Words that ask for an answer."""
 # Letters that the page has as keys mean the same there.
 CHOICES = {
     "l": Choice.LEFT,
@@ -148,7 +150,7 @@ class _Conversation:
         return True
 
     def _said(self) -> str:
-        return self.line("answer").lower()
+        return self.line(ANSWER).lower()
 
     def _answer(self, question: int, choice: Choice) -> None:
         self.interview.steps.answer(question, choice, comment=self.comment, blind=self.blind)
